@@ -1,0 +1,1 @@
+"""Models of servo-driven mechanisms, and how they become FMUs."""

@@ -1,0 +1,61 @@
+"""The errors of the project: each names the place, what is wrong there, and the fix.
+
+ServotwinError            anything we refuse; the command line prints its one line
+├── InputError            bad input from outside (exit code 2)
+│   ├── ModelError        a model file: unknown variable, missing derivative, ...
+│   ├── TraceError        a recording: unreadable, wrong column, NaN, bad stamps
+│   ├── WiringError       wiring: unknown component or variable, units, cycles, steps
+│   ├── ScenarioError     a scenario or study file that does not fit its schema
+│   └── FmuFileError      an FMU that cannot be read, or has no binary for this platform
+├── FmuError              an FMU failed while it was used (exit code 3)
+└── IdentificationError   the data cannot answer the question that was asked (exit code 2)
+"""
+
+from __future__ import annotations
+
+
+class ServotwinError(Exception):
+    """`place` is a file or component.variable; `fix` says what to do about it."""
+
+    exit_code = 2
+
+    def __init__(self, place: object, problem: str, fix: str = "") -> None:
+        self.place, self.problem, self.fix = str(place), problem, fix
+        super().__init__(f"{place}: {problem}" + (f"; {fix}" if fix else ""))
+
+    def __reduce__(self) -> tuple[type, tuple[str, str, str]]:
+        return type(self), (self.place, self.problem, self.fix)
+
+
+class InputError(ServotwinError, ValueError):
+    """Something from outside is wrong; nothing was run or written."""
+
+
+class ModelError(InputError):
+    """A model file declares or computes something that does not fit together."""
+
+
+class TraceError(InputError):
+    """A recording cannot be read or does not hold what was asked of it."""
+
+
+class WiringError(InputError):
+    """Components, parameters and connections do not make a runnable system."""
+
+
+class ScenarioError(InputError):
+    """A scenario or study file has an unknown key, a wrong type or an impossible value."""
+
+
+class FmuFileError(InputError):
+    """An FMU file cannot be used here: no zip, bad XML, no binary for this platform."""
+
+
+class FmuError(ServotwinError, RuntimeError):
+    """An FMU returned an error status, or did not take a value."""
+
+    exit_code = 3
+
+
+class IdentificationError(InputError):
+    """The data or the settings do not allow the estimate that was asked for."""

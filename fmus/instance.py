@@ -1,0 +1,137 @@
+"""One running instance of a model in plain Python: the specification of how a model is initialised and stepped.
+
+Inputs are held over a step. Sampled states change at start + k sample_time, at the beginning of the step that reaches
+that instant, with the inputs of that instant; continuous states are integrated by the classical Runge-Kutta method
+(order 4) with equal inner steps no longer than the model's `solver_step`. The file travels inside every Python FMU.
+"""
+
+import math
+
+from .model import Model, Table, namespace, start_values
+
+
+class StepError(RuntimeError):
+    """The model cannot go on: a requirement does not hold or a state is not finite."""
+
+
+class Instance:
+    """State, inputs and parameters of one model, and the operations of a co-simulation slave on them."""
+
+    def __init__(self, model: Model, defaults: dict | None = None, tables: dict[str, Table] | None = None) -> None:
+        self.model = model
+        values = {**start_values(model), **(defaults or {})}
+        self.u = namespace({v.name: values[v.name] for v in model.of("input")})
+        self.p = namespace({v.name: values[v.name] for v in model.of("parameter")})
+        for name in model.tables:
+            setattr(self.p, name, (tables or {}).get(name) or Table(name))
+        self.x = namespace({})
+        self._continuous = [state.name for state in model.continuous]
+        self._results: dict | None = None
+        self.begin(0.0)
+
+    def begin(self, time: float) -> None:
+        """Put the states at their start values; may be called again when a parameter has changed."""
+        self.time = self.start = time
+        self.samples = 0
+        self.stepped = False
+        for state in self.model.states:
+            start = getattr(self.p, state.start) if isinstance(state.start, str) else state.start
+            setattr(self.x, state.name, float(start))
+        self._results = None
+
+    def set(self, name: str, value: float) -> None:
+        """Give an input or parameter a value; start values follow a parameter until the first step."""
+        if name in self.u.__dict__:
+            setattr(self.u, name, value)
+            self._results = None
+            return
+        setattr(self.p, name, value)
+        if self.stepped:
+            self._results = None
+        else:
+            self.begin(self.start)
+
+    def get(self, name: str) -> float:
+        """Value of any variable: input, parameter, or output at the present time."""
+        for place in (self.u, self.p, self.x):
+            if name in place.__dict__:
+                return place.__dict__[name]
+        if self._results is None:
+            assert self.model.outputs is not None
+            self._results = dict(self.model.outputs(self.time, self.x, self.u, self.p))
+        return self._results[name]
+
+    def step(self, time: float, duration: float) -> None:
+        """Advance from `time` by `duration` [s].
+
+        Raises:
+            StepError: a requirement of the model does not hold, or a state became infinite or NaN.
+        """
+        if not self.stepped:
+            self._prepare(time)
+        self._results = None
+        end = time + duration
+        now = time
+        if self.model.update and self.model.sample_time:
+            period = getattr(self.p, self.model.sample_time)
+            while (due := self.start + self.samples * period) < end - 1e-9 * period:
+                if due > now:
+                    self._integrate(now, due - now)
+                    now = due
+                self.x.__dict__.update(self.model.update(due, self.x, self.u, self.p))
+                self.samples += 1
+        self._integrate(now, end - now)
+        self.time = end
+        self._check_finite()
+
+    def snapshot(self) -> dict:
+        """Everything that changes while running, for `restore`."""
+        return {"x": dict(self.x.__dict__), "u": dict(self.u.__dict__), "time": self.time, "start": self.start,
+                "samples": self.samples, "stepped": self.stepped,
+                "p": {v.name: getattr(self.p, v.name) for v in self.model.of("parameter")}}  # fmt: skip
+
+    def restore(self, state: dict) -> None:
+        """Go back to a snapshot."""
+        for place in "xup":
+            getattr(self, place).__dict__.update(state[place])
+        self.time, self.start = state["time"], state["start"]
+        self.samples, self.stepped = state["samples"], state["stepped"]
+        self._results = None
+
+    def _prepare(self, time: float) -> None:
+        self.stepped = True
+        for requirement in self.model.requirements:
+            if not requirement.holds(time, self.x, self.u, self.p):
+                raise StepError(requirement.reason)
+        self._longest = self.model.solver_step(self.p) if self.model.solver_step else math.inf
+
+    def _integrate(self, time: float, duration: float) -> None:
+        if not self._continuous or duration <= 0:
+            return
+        count = max(1, math.ceil(duration / self._longest - 1e-9))
+        inner = duration / count
+        for i in range(count):
+            self._runge_kutta(time + i * inner, inner)
+
+    def _runge_kutta(self, t: float, h: float) -> None:
+        f, x, u, p = self.model.derivatives, self.x, self.u, self.p
+        assert f is not None
+        values = x.__dict__
+        base = [(name, values[name]) for name in self._continuous]
+        k1 = f(t, x, u, p)
+        for name, start in base:
+            values[name] = start + 0.5 * h * k1[name]
+        k2 = f(t + 0.5 * h, x, u, p)
+        for name, start in base:
+            values[name] = start + 0.5 * h * k2[name]
+        k3 = f(t + 0.5 * h, x, u, p)
+        for name, start in base:
+            values[name] = start + h * k3[name]
+        k4 = f(t + h, x, u, p)
+        for name, start in base:
+            values[name] = start + h / 6.0 * (k1[name] + 2.0 * (k2[name] + k3[name]) + k4[name])
+
+    def _check_finite(self) -> None:
+        for name, value in self.x.__dict__.items():
+            if not math.isfinite(value):
+                raise StepError(f"state '{name}' is {value} at t = {self.time:g} s")

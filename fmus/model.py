@@ -1,0 +1,163 @@
+"""How a model declares itself: its variables, its states, and up to three pure functions.
+
+    derivatives(t, x, u, p)   rates of the continuous states
+    update(t, x, u, p)        new values of the sampled states, at t = 0, sample_time, 2 sample_time, ...
+    outputs(t, x, u, p)       outputs that are not states themselves
+
+`t` is the time [s]; `x`, `u` and `p` give states, inputs and parameters by name (`x.angle`); each function returns a
+dict by name. They may call only `fmus.ops`, so that one source runs as floats and is traced as symbols. The file
+stands alone and travels inside every Python FMU.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
+Function = Callable[[Any, Any, Any, Any], Mapping[str, Any]]
+Number = float | int | bool
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One input, output or parameter, as importers see it.
+
+    Attributes:
+        unit: FMI unit name ("N.m", "rad/s"), "1" for a pure number.
+        start: default value (inputs and parameters).
+        choices: names of the values 1, 2, ... of an integer that selects.
+    """
+
+    name: str
+    unit: str
+    causality: str
+    description: str
+    start: Number | None = None
+    minimum: float | None = None
+    maximum: float | None = None
+    nominal: float | None = None
+    choices: tuple[str, ...] = ()
+
+    @property
+    def type(self) -> str:
+        if isinstance(self.start, bool):
+            return "Boolean"
+        return "Integer" if isinstance(self.start, int) else "Real"
+
+
+@dataclass(frozen=True)
+class State:
+    """A state and where it starts: at a number or at the value of the parameter of that name.
+
+    A state that has the name of an output is that output. `sampled` states change in `update`, others by `derivatives`.
+    """
+
+    name: str
+    start: str | float = 0.0
+    unit: str = "1"
+    sampled: bool = False
+    description: str = ""
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """A condition on (t, x, u, p) that must hold when the first step begins, and the reason given when it does not."""
+
+    holds: Callable[[Any, Any, Any, Any], Any]
+    reason: str
+
+
+@dataclass(frozen=True)
+class Table:
+    """Samples over time that a model plays back: linear between samples, end values outside.
+
+    Attributes:
+        time: strictly increasing instants [s].
+        values: one value an instant.
+    """
+
+    name: str
+    time: Sequence[float] = (0.0,)
+    values: Sequence[float] = (0.0,)
+
+    def __call__(self, time: float) -> float:
+        right = bisect_right(self.time, time)
+        if right == 0:
+            return self.values[0]
+        if right == len(self.time):
+            return self.values[-1]
+        t0, t1 = self.time[right - 1], self.time[right]
+        y0, y1 = self.values[right - 1], self.values[right]
+        return y0 + (y1 - y0) * (time - t0) / (t1 - t0)
+
+
+@dataclass(frozen=True)
+class Model:
+    """A model: what importers see of it, and its functions.
+
+    Attributes:
+        solver_step: (p) -> longest inner step of the fixed-step solver [s] that is accurate and stable for these
+            parameters; None for models without continuous states.
+        sample_time: name of the parameter that holds the sample period [s], for models with `update`.
+        tables: names of the tables that come as `p.<name>`.
+        references: sources of the equations.
+    """
+
+    name: str
+    description: str
+    variables: tuple[Variable, ...]
+    states: tuple[State, ...] = ()
+    derivatives: Function | None = None
+    update: Function | None = None
+    outputs: Function | None = None
+    solver_step: Callable[[Any], Any] | None = None
+    sample_time: str | None = None
+    requirements: tuple[Requirement, ...] = ()
+    tables: tuple[str, ...] = ()
+    references: tuple[str, ...] = ()
+    by_name: Mapping[str, Variable] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "by_name", {variable.name: variable for variable in self.variables})
+        if len(self.by_name) != len(self.variables):
+            raise ValueError(f"model {self.name}: two variables have one name")
+
+    def of(self, causality: str) -> tuple[Variable, ...]:
+        """Variables of one causality: "input", "output" or "parameter"."""
+        return tuple(variable for variable in self.variables if variable.causality == causality)
+
+    @property
+    def continuous(self) -> tuple[State, ...]:
+        return tuple(state for state in self.states if not state.sampled)
+
+    @property
+    def sampled(self) -> tuple[State, ...]:
+        return tuple(state for state in self.states if state.sampled)
+
+
+def parameter(name: str, unit: str, start: Number, description: str, **limits: Any) -> Variable:
+    """A parameter; limits: minimum, maximum, nominal, choices."""
+    return Variable(name, unit, "parameter", description, start, **limits)
+
+
+def input_(name: str, unit: str, description: str, start: float = 0.0, **limits: Any) -> Variable:
+    """An input with the value it has while nothing is connected."""
+    return Variable(name, unit, "input", description, start, **limits)
+
+
+def output(name: str, unit: str, description: str, **limits: Any) -> Variable:
+    """An output: a state of that name, or a result of `outputs`."""
+    return Variable(name, unit, "output", description, **limits)
+
+
+def start_values(model: Model) -> dict[str, Number]:
+    """The default of every input and parameter."""
+    return {variable.name: variable.start for variable in model.variables if variable.start is not None}
+
+
+def namespace(values: Mapping[str, Any]) -> SimpleNamespace:
+    """Values by attribute, as the model functions expect them."""
+    return SimpleNamespace(**values)

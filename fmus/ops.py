@@ -1,0 +1,133 @@
+"""The few maths functions that models may call: float, array or symbol in, the same out.
+
+The file stands alone (it travels inside every Python FMU): NumPy and SymPy are only used when a caller brings their
+values, never imported for plain floats. A model that sticks to these functions and to + - * / ** and comparisons can
+be run, vectorised and traced into C.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable
+from typing import Any
+
+Value = Any  # float, NumPy array or SymPy expression
+
+
+def _foreign(*values: Value) -> Any:
+    """The library these values belong to (numpy or sympy), None for plain numbers."""
+    for value in values:
+        if type(value) in (float, int, bool):
+            continue
+        if hasattr(value, "free_symbols"):
+            return sys.modules["sympy"]
+        if hasattr(value, "__array__"):
+            return sys.modules["numpy"]
+    return None
+
+
+def _unary(name: str, on_float: Callable[[float], float], in_sympy: str = "") -> Callable[[Value], Value]:
+    def apply(x: Value) -> Value:
+        if type(x) is float:
+            return on_float(x)
+        library = _foreign(x)
+        if library is None:
+            return on_float(x)
+        return getattr(library, in_sympy if in_sympy and library.__name__ == "sympy" else name)(x)
+
+    apply.__name__ = apply.__qualname__ = name
+    apply.__doc__ = f"{name}(x), elementwise for arrays."
+    return apply
+
+
+sin = _unary("sin", math.sin)
+cos = _unary("cos", math.cos)
+tan = _unary("tan", math.tan)
+tanh = _unary("tanh", math.tanh)
+exp = _unary("exp", math.exp)
+log = _unary("log", math.log)
+sqrt = _unary("sqrt", math.sqrt)
+floor = _unary("floor", lambda x: float(math.floor(x)))
+absolute = _unary("abs", abs, "Abs")
+
+
+def sign(x: Value) -> Value:
+    """-1, 0 or 1."""
+    library = _foreign(x)
+    return library.sign(x) if library else float((x > 0) - (x < 0))
+
+
+def where(condition: Value, if_true: Value, if_false: Value) -> Value:
+    """`if_true` where the condition holds, else `if_false`; both are evaluated."""
+    if condition is True or condition is False:
+        return if_true if condition else if_false
+    library = _foreign(condition, if_true, if_false)
+    if library is None:
+        return if_true if condition else if_false
+    if library.__name__ == "numpy":
+        return library.where(condition, if_true, if_false)
+    return library.Piecewise((if_true, condition), (if_false, True))
+
+
+def minimum(a: Value, b: Value) -> Value:
+    """The smaller of two."""
+    return where(a < b, a, b)
+
+
+def maximum(a: Value, b: Value) -> Value:
+    """The larger of two."""
+    return where(a > b, a, b)
+
+
+def clip(x: Value, low: Value, high: Value) -> Value:
+    """x held between low and high."""
+    return minimum(maximum(x, low), high)
+
+
+def both(a: Value, b: Value) -> Value:
+    """Logical and of two conditions."""
+    library = _foreign(a, b)
+    if library is None:
+        return bool(a and b)
+    return library.logical_and(a, b) if library.__name__ == "numpy" else library.And(a, b)
+
+
+def uniform(seed: Value, index: Value) -> Value:
+    """A number in (0, 1) that depends only on seed and index: two rounds of SplitMix64's finaliser.
+
+    Counter-based, so a run can be repeated, reset or entered anywhere without a stored generator state.
+    """
+    library = _foreign(seed, index)
+    if library is None:
+        return (_mix(_mix(int(seed)) ^ int(index)) >> 11) * 2.0**-53 + 2.0**-54
+    if library.__name__ == "numpy":
+        return library.vectorize(uniform, otypes=[float])(
+            library.asarray(seed, dtype=object), library.asarray(index, dtype=object)
+        )
+    return library.Function("uniform")(seed, index)
+
+
+def normal(seed: Value, index: Value) -> Value:
+    """A standard normal number that depends only on seed and index (Box-Muller on two uniforms)."""
+    radius = sqrt(-2.0 * log(uniform(seed, 2 * index)))
+    return radius * cos(2.0 * math.pi * uniform(seed, 2 * index + 1))
+
+
+def _mix(z: int) -> int:
+    mask = 0xFFFFFFFFFFFFFFFF
+    z = (z + 0x9E3779B97F4A7C15) & mask
+    z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & mask
+    z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & mask
+    return z ^ (z >> 31)
+
+
+def playback(table: Value, time: Value) -> Value:
+    """Value of a `model.Table` at a time, by linear interpolation; its end values outside.
+
+    A symbolic time gives an undefined function named after the table, for the code generator to fill in.
+    """
+    library = _foreign(time)
+    if library is not None and library.__name__ == "sympy":
+        return library.Function(f"playback_{table.name}")(time)
+    return table(time)

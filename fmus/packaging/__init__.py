@@ -1,0 +1,1 @@
+"""From model files to FMUs, and calibrated values back into FMUs."""

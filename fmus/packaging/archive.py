@@ -1,0 +1,65 @@
+"""FMU archives: written so that equal contents give equal bytes, read with path and size checks."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+
+from fmus.errors import FmuFileError
+
+LARGEST_UNPACKED = 4 << 30
+_EPOCH = (1980, 1, 1, 0, 0, 0)
+
+
+def write(path: Path, files: Mapping[str, bytes]) -> None:
+    """A zip of `files` (archive name -> contents), sorted, without dates; written beside and renamed."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+            for entry in sorted(files):
+                info = zipfile.ZipInfo(entry, _EPOCH)
+                info.compress_type = zipfile.ZIP_DEFLATED
+                info.external_attr = 0o644 << 16
+                archive.writestr(info, files[entry])
+        Path(name).chmod(0o644)
+        Path(name).replace(path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
+
+
+def read(path: Path) -> dict[str, bytes]:
+    """Every file of an archive, by name.
+
+    Raises:
+        FmuFileError: no such file, no zip, a path that leaves the archive, or more than 4 GiB inside.
+    """
+    with opened(path) as archive:
+        return {info.filename: archive.read(info) for info in archive.infolist() if not info.is_dir()}
+
+
+def opened(path: Path) -> zipfile.ZipFile:
+    """The archive, open for reading and seen to be safe to unpack.
+
+    Raises:
+        FmuFileError: as for `read`.
+    """
+    if not path.is_file():
+        raise FmuFileError(path, "no such file", "check the path")
+    try:
+        archive = zipfile.ZipFile(path)
+    except (zipfile.BadZipFile, OSError) as error:
+        raise FmuFileError(path, f"is not a zip archive ({error})", "export the FMU again") from error
+    for info in archive.infolist():
+        parts = info.filename.replace("\\", "/").split("/")
+        if ".." in parts or info.filename.startswith(("/", "\\")) or ":" in parts[0]:
+            archive.close()
+            raise FmuFileError(path, f"holds the path '{info.filename}' that leaves the archive", "do not trust it")
+    if sum(info.file_size for info in archive.infolist()) > LARGEST_UNPACKED:
+        archive.close()
+        raise FmuFileError(path, "unpacks to more than 4 GiB", "do not trust it")
+    return archive

@@ -1,0 +1,1 @@
+"""Running FMUs together: traces, wiring, stepping, scenarios, the command line."""

@@ -1,0 +1,165 @@
+"""The stepping loop in plain Python: the specification of how a system advances.
+
+At tick k, for each component that is due, in the plan's order: its inputs are set from the values that hold, it steps,
+and its outputs are read. Instant outputs hold from now on; the others from the tick at which its step ends. Row k of
+the record has outputs as they are reported at t_k (left limits) and inputs as they act from t_k on (right limits).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from time import perf_counter
+
+import numpy as np
+
+from fmus.errors import FmuError
+from orchestrator.engine.plan import CycleSettings
+from orchestrator.slave import Component
+from orchestrator.trace import FloatArray
+
+
+@dataclass
+class Statistics:
+    """What stepping one component took: calls of its step function and the time in them and around them [s]."""
+
+    calls: int = 0
+    seconds: float = 0.0
+
+
+@dataclass
+class Node:
+    """A component in the loop: where its inputs come from and its outputs go to in the vector of values.
+
+    Attributes:
+        sources: for each input the slot it takes its value from.
+        scale: for each input factor and offset, None where no input needs them.
+        first: slot of its first output; the others follow.
+        instant: for each output whether it holds at once.
+        every: communication step [ticks].
+        duration: communication step [s].
+    """
+
+    component: Component
+    sources: Sequence[int]
+    scale: Sequence[tuple[float, float]] | None
+    first: int
+    instant: Sequence[bool]
+    every: int
+    duration: float
+    statistics: Statistics = field(default_factory=Statistics)
+
+    def inputs(self, values: Sequence[float]) -> list[float]:
+        if self.scale is None:
+            return [values[slot] for slot in self.sources]
+        return [factor * values[slot] + offset for slot, (factor, offset) in zip(self.sources, self.scale, strict=True)]
+
+
+@dataclass
+class Loop:
+    """A system ready to step.
+
+    Attributes:
+        groups: nodes in stepping order; a group of several is a cycle to be iterated.
+        values: current value of each slot: outputs of all nodes, then stimuli, then constants.
+        stimuli: (K, s) values of the stimuli at each tick, and the slot of the first.
+        time: tick -> time [s].
+        record_slots, record_inputs: what each row of the record takes: slots, and (node, input) pairs.
+    """
+
+    groups: Sequence[Sequence[Node]]
+    values: list[float]
+    stimuli: FloatArray
+    first_stimulus: int
+    time: Callable[[int], float]
+    cycles: CycleSettings
+    record_slots: Sequence[int]
+    record_inputs: Sequence[tuple[Node, int]]
+    iterations: int = 0
+    _pending: dict[int, list[tuple[int, float]]] = field(default_factory=dict)
+
+    def run(self, first: int, last: int, record_every: int, rows: FloatArray) -> None:
+        """Step from tick `first` to tick `last`, filling rows[k // record_every] at recorded ticks; the row of the
+        final tick of the run is filled by `record` afterwards."""
+        for tick in range(first, last):
+            self.arrive(tick)
+            recorded = rows[tick // record_every] if tick % record_every == 0 else None
+            if recorded is not None:
+                recorded[: len(self.record_slots)] = [self.values[slot] for slot in self.record_slots]
+            for group in self.groups:
+                due = [node for node in group if tick % node.every == 0]
+                if len(group) > 1:
+                    self._iterate(due, tick)
+                else:
+                    for node in due:
+                        self._advance(node, tick)
+            if recorded is not None:
+                self._record_inputs(recorded)
+
+    def record(self, tick: int, row: FloatArray) -> None:
+        """Fill the row of a tick from which no step is taken."""
+        self.arrive(tick)
+        row[: len(self.record_slots)] = [self.values[slot] for slot in self.record_slots]
+        self._record_inputs(row)
+
+    def arrive(self, tick: int) -> None:
+        """Let the values in that hold from this tick on: finished steps and stimuli."""
+        for slot, value in self._pending.pop(tick, ()):
+            self.values[slot] = value
+        if self.stimuli.shape[1]:
+            self.values[self.first_stimulus : self.first_stimulus + self.stimuli.shape[1]] = self.stimuli[tick].tolist()
+
+    def _advance(self, node: Node, tick: int) -> None:
+        begun = perf_counter()
+        outputs = self._step(node, tick)
+        later = []
+        for offset, (value, instant) in enumerate(zip(outputs, node.instant, strict=True)):
+            if instant:
+                self.values[node.first + offset] = value
+            else:
+                later.append((node.first + offset, value))
+        if later:
+            self._pending.setdefault(tick + node.every, []).extend(later)
+        node.statistics.calls += 1
+        node.statistics.seconds += perf_counter() - begun
+
+    def _step(self, node: Node, tick: int) -> Sequence[float]:
+        component = node.component
+        if node.sources:
+            component.write(node.inputs(self.values))
+        component.step(self.time(tick), node.duration)
+        return component.read()
+
+    def _iterate(self, nodes: Sequence[Node], tick: int) -> None:
+        """Repeat the step of a cycle from one saved state until its instant outputs stay put."""
+        saved = [node.component.save() for node in nodes]
+        try:
+            for _ in range(self.cycles.limit):
+                before = list(self.values)
+                for node in nodes:
+                    outputs = self._step(node, tick)
+                    for offset, value in enumerate(outputs):
+                        if node.instant[offset]:
+                            self.values[node.first + offset] = value
+                self.iterations += 1
+                for node, state in zip(nodes, saved, strict=True):
+                    node.component.restore(state)
+                if self._settled(before):
+                    break
+            else:
+                names = ", ".join(node.component.name for node in nodes)
+                raise FmuError(names, f"the cycle did not settle in {self.cycles.limit} iterations at "
+                               f"t = {self.time(tick):g} s", "shorten the step, or relax its tolerance")  # fmt: skip
+        finally:
+            for node, state in zip(nodes, saved, strict=True):
+                node.component.drop(state)
+        for node in nodes:
+            self._advance(node, tick)
+
+    def _settled(self, before: Sequence[float]) -> bool:
+        change = np.abs(np.subtract(self.values, before))
+        return bool(np.all(change <= self.cycles.tolerance * (1.0 + np.abs(self.values))))
+
+    def _record_inputs(self, row: FloatArray) -> None:
+        for column, (node, number) in enumerate(self.record_inputs, start=len(self.record_slots)):
+            row[column] = node.inputs(self.values)[number]

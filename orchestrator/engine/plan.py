@@ -1,0 +1,145 @@
+"""In which order and at which ticks the components of a system are stepped.
+
+Gauss-Seidel: a component whose outputs react at once runs before those that use them, so nothing is delayed that is
+not delayed in reality; outputs that are states of dynamics are passed on as they were at the beginning of the step.
+Jacobi: every output is passed on as it was at the beginning of the step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from fractions import Fraction
+from graphlib import CycleError, TopologicalSorter
+
+from fmus.errors import WiringError
+from orchestrator.rational import common_divisor, multiples
+from orchestrator.system import Part, System
+
+
+class Order(StrEnum):
+    """How outputs travel within a communication step."""
+
+    GAUSS_SEIDEL = "gauss-seidel"
+    JACOBI = "jacobi"
+
+
+@dataclass(frozen=True)
+class CycleSettings:
+    """What to do with cycles of direct feed-through: refuse them, or iterate each step to a fixed point.
+
+    Attributes:
+        iterate: iterate instead of refusing.
+        tolerance: largest change of a value between iterations, relative to 1 + |value|.
+        limit: iterations before the run fails.
+    """
+
+    iterate: bool = False
+    tolerance: float = 1e-10
+    limit: int = 50
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Ticks and order of a run.
+
+    Attributes:
+        tick: greatest common divisor of all communication steps [s].
+        every: component -> its communication step in ticks.
+        groups: components in stepping order; those of one cycle share a group.
+        instant: component -> outputs that are passed on within the step.
+    """
+
+    tick: Fraction
+    every: Mapping[str, int]
+    groups: tuple[tuple[str, ...], ...]
+    instant: Mapping[str, frozenset[str]]
+
+
+def make_plan(system: System, step: Fraction, order: Order, cycles: CycleSettings) -> Plan:
+    """The plan of a system whose components step by `step` [s] unless they have their own.
+
+    Raises:
+        WiringError: a step that is not positive or that a fixed-step FMU does not allow, or a cycle of direct
+            feed-through that is not to be iterated or cannot be (the message prints its path).
+    """
+    steps = {name: part.step or step for name, part in system.parts.items()}
+    for name, each in steps.items():
+        if each <= 0:
+            raise WiringError(f"{name}.step", f"{float(each):g} s is not positive", "give a step")
+        _fits_fixed_step(name, system.parts[name], each)
+    tick = common_divisor([*steps.values(), step])
+    jacobi = order is Order.JACOBI
+    instant = {name: frozenset() if jacobi else part.instant_outputs() for name, part in system.parts.items()}
+    groups = _groups(system, instant)
+    for group in groups:
+        if len(group) > 1:
+            _allow_cycle(system, group, instant, cycles)
+    every = {name: multiples(each, tick, f"{name}.step") for name, each in steps.items()}
+    return Plan(tick, every, groups, instant)
+
+
+def _fits_fixed_step(name: str, part: Part, step: Fraction) -> None:
+    fixed = part.interface.fixed_step
+    if fixed and abs(float(step) / fixed - round(float(step) / fixed)) > 1e-9:
+        raise WiringError(f"{name}.step", f"{float(step):g} s is not a multiple of the FMU's own {fixed:g} s",
+                          "choose a multiple")  # fmt: skip
+
+
+def _groups(system: System, instant: Mapping[str, frozenset[str]]) -> tuple[tuple[str, ...], ...]:
+    """Strongly connected components of "must run before", in running order (Tarjan's algorithm)."""
+    before = _predecessors(system, instant)
+    index: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    groups: list[tuple[str, ...]] = []
+
+    def visit(node: str) -> None:
+        index[node] = low[node] = len(index)
+        stack.append(node)
+        for other in before[node]:
+            if other not in index:
+                visit(other)
+            if other in stack:
+                low[node] = min(low[node], low[other])
+        if low[node] == index[node]:
+            position = stack.index(node)
+            members = stack[position:]
+            del stack[position:]
+            groups.append(tuple(name for name in system.parts if name in members))
+
+    for node in system.parts:
+        if node not in index:
+            visit(node)
+    return tuple(groups)
+
+
+def _predecessors(system: System, instant: Mapping[str, frozenset[str]]) -> dict[str, list[str]]:
+    before: dict[str, list[str]] = {name: [] for name in system.parts}
+    for link in system.connections:
+        if link.source.variable in instant[link.source.component]:
+            before[link.target.component].append(link.source.component)
+    return before
+
+
+def _allow_cycle(
+    system: System, group: tuple[str, ...], instant: Mapping[str, frozenset[str]], cycles: CycleSettings
+) -> None:
+    path = _cycle_path(system, group, instant)
+    if not cycles.iterate:
+        raise WiringError("connections", f"direct feed-through runs in a circle: {path}",
+                          "set `cycles: iterate`, or `feed_through: none` for a component with dynamics")  # fmt: skip
+    stateless = [name for name in group if not system.parts[name].interface.has_state]
+    if stateless:
+        raise WiringError("connections", f"the circle {path} cannot be iterated: {stateless[0]} cannot go back",
+                          "its FMU needs canGetAndSetFMUstate; or set `feed_through: none`")  # fmt: skip
+
+
+def _cycle_path(system: System, group: tuple[str, ...], instant: Mapping[str, frozenset[str]]) -> str:
+    before = {name: [b for b in names if b in group] for name, names in _predecessors(system, instant).items()}
+    try:
+        TopologicalSorter({name: before[name] for name in group}).prepare()
+    except CycleError as error:
+        return " -> ".join(error.args[1])
+    return " -> ".join(group)

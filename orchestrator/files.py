@@ -1,0 +1,61 @@
+"""Files that are never half there: written beside and renamed into place, known by their hash."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import secrets
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import BinaryIO
+
+from fmus.errors import InputError
+
+
+def atomic_write(path: str | Path, content: bytes | Callable[[BinaryIO], object]) -> Path:
+    """The path, once `content` is completely there; whatever was there before stays until then.
+
+    Args:
+        path: the file to write; missing folders are made.
+        content: the bytes, or a function that writes them into the binary file it is given.
+
+    Raises:
+        InputError: the place cannot be written.
+    """
+    target = Path(path)
+    part = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        _write(part, content)
+        part.replace(target)
+    except OSError as problem:
+        reason = problem.strerror or str(problem)
+        raise InputError(target, f"cannot be written ({reason})", "choose another place") from problem
+    finally:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+    return target
+
+
+def _write(path: Path, content: bytes | Callable[[BinaryIO], object]) -> None:
+    with path.open("xb") as file:
+        if callable(content):
+            content(file)
+        else:
+            file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def sha256(path: str | Path) -> str:
+    """Hexadecimal SHA-256 of a file's bytes.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    try:
+        with Path(path).open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as problem:
+        raise InputError(path, f"cannot be read ({problem.strerror})", "check the path") from problem

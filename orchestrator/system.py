@@ -1,0 +1,185 @@
+"""Which components there are and how they are wired, checked before anything runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import Literal
+
+from fmus import units
+from fmus.errors import WiringError
+from orchestrator.fmu_file import Interface, Port
+from orchestrator.slave import Value
+
+FeedThrough = Literal["declared", "none", "all"]
+_REAL = ("Real", "Float64", "Float32")
+
+
+@dataclass(frozen=True)
+class Part:
+    """A component as the system sees it.
+
+    Attributes:
+        step: its communication step [s]; None takes the run's.
+        feed_through: whether its outputs react to inputs within a step: as the FMU declares, never, or all of them.
+    """
+
+    interface: Interface
+    step: Fraction | None = None
+    feed_through: FeedThrough = "declared"
+
+    def instant_outputs(self) -> frozenset[str]:
+        """Outputs that must be passed on within the step they are computed in.
+
+        These are the outputs of a component whose every output reacts at once (a controller, a gain, a sampler). A
+        component that also has outputs without feed-through has dynamics; its reacting outputs then count as values
+        at the end of the step, like the others.
+        """
+        declared = self.interface.feed_through
+        if self.feed_through == "all":
+            return frozenset(declared)
+        if self.feed_through == "none" or any(not inputs and inputs is not None for inputs in declared.values()):
+            return frozenset()
+        return frozenset(declared)
+
+
+@dataclass(frozen=True)
+class Endpoint:
+    """A variable of a component, written `component.variable`."""
+
+    component: str
+    variable: str
+
+    @classmethod
+    def parse(cls, text: str, place: str = "name") -> Endpoint:
+        component, dot, variable = text.strip().partition(".")
+        if not (component and dot and variable):
+            raise WiringError(place, f"'{text}' does not name a variable", "write component.variable")
+        return cls(component, variable)
+
+    def __str__(self) -> str:
+        return f"{self.component}.{self.variable}"
+
+
+@dataclass(frozen=True)
+class Connection:
+    """target = factor * source + offset; factor and offset convert units."""
+
+    source: Endpoint
+    target: Endpoint
+    factor: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class System:
+    """Parts and the connections between them; build it with `wire`, which checks it."""
+
+    parts: Mapping[str, Part]
+    connections: tuple[Connection, ...] = ()
+    stimulated: frozenset[Endpoint] = field(default_factory=frozenset)
+
+    def port(self, endpoint: Endpoint, place: str = "") -> Port:
+        """The variable at an endpoint.
+
+        Raises:
+            WiringError: no such component or variable; the message names the nearest that there are.
+        """
+        place = place or str(endpoint)
+        if endpoint.component not in self.parts:
+            raise WiringError(place, f"no component '{endpoint.component}'", f"there are {_names(self.parts)}")
+        ports = self.parts[endpoint.component].interface.ports
+        if endpoint.variable not in ports:
+            raise WiringError(place, f"no variable '{endpoint.variable}' in '{endpoint.component}'",
+                              f"it has {_names(ports)}")  # fmt: skip
+        return ports[endpoint.variable]
+
+
+def wire(parts: Mapping[str, Part], connections: Iterable[tuple[str, str]], stimulated: Iterable[str] = ()) -> System:
+    """The system with these connections (source, target); units are converted where they differ in scale.
+
+    Raises:
+        WiringError: an unknown name, a source that is no output, a target that is no input, an input with two sources,
+            units of different quantities, types that do not fit, or an input that nothing sets.
+    """
+    bare = System(dict(parts))
+    links = [_link(bare, Endpoint.parse(source), Endpoint.parse(target)) for source, target in connections]
+    driven = [Endpoint.parse(name) for name in stimulated]
+    for endpoint in driven:
+        _require(bare, endpoint, "input", "can be stimulated")
+    _one_source_each(links, driven)
+    system = System(dict(parts), tuple(links), frozenset(driven))
+    _every_input_set(system)
+    return system
+
+
+def check_values(system: System, values: Mapping[str, Value]) -> None:
+    """See that parameters and start values exist, can be set, and lie within their bounds.
+
+    Raises:
+        WiringError: one does not; the message names it.
+    """
+    for name, value in values.items():
+        endpoint = Endpoint.parse(name)
+        port = system.port(endpoint)
+        if port.causality not in ("parameter", "structuralParameter", "input", "local") or port.start is None:
+            raise WiringError(name, f"is a {port.causality} and cannot be set", "set a parameter")
+        if isinstance(value, str):
+            continue
+        low, high = port.minimum, port.maximum
+        if (low is not None and value < low) or (high is not None and value > high):
+            span = f"[{'' if low is None else format(low, 'g')}, {'' if high is None else format(high, 'g')}]"
+            raise WiringError(name, f"is {value:g}, outside its bounds {span}", "choose a value inside")
+
+
+def _link(system: System, source: Endpoint, target: Endpoint) -> Connection:
+    place = f"{source} -> {target}"
+    output = _require(system, source, "output", "can be a source", place)
+    input_ = _require(system, target, "input", "can be a target", place)
+    if (output.type == "String") or (input_.type == "String"):
+        raise WiringError(place, "text cannot be connected", "set it as a parameter")
+    if output.type in _REAL and input_.type not in _REAL:
+        raise WiringError(place, f"a {output.type} cannot drive a {input_.type}", "round it in a component between")
+    return Connection(source, target, *_conversion(place, output, input_))
+
+
+def _require(system: System, endpoint: Endpoint, causality: str, role: str, place: str = "") -> Port:
+    port = system.port(endpoint, place)
+    if port.causality != causality:
+        there = ", ".join(p.name for p in system.parts[endpoint.component].interface.of(causality)) or "none"
+        raise WiringError(place or str(endpoint), f"'{endpoint}' is a {port.causality}; only an {causality} {role}",
+                          f"{causality}s there: {there}")  # fmt: skip
+    return port
+
+
+def _conversion(place: str, source: Port, target: Port) -> tuple[float, float]:
+    if not source.unit or not target.unit or source.unit == target.unit:
+        return 1.0, 0.0
+    one, other = units.parse(source.unit), units.parse(target.unit)
+    if one is None or other is None:
+        return 1.0, 0.0
+    if not one.fits(other):
+        raise WiringError(place, f"{source.unit} does not fit {target.unit}", "connect like quantities")
+    return one.factor / other.factor, 0.0
+
+
+def _one_source_each(links: Iterable[Connection], driven: Iterable[Endpoint]) -> None:
+    source_of: dict[Endpoint, str] = {}
+    for target, source in [(link.target, str(link.source)) for link in links] + [(e, "a stimulus") for e in driven]:
+        if target in source_of:
+            raise WiringError(str(target), f"has two sources, {source_of[target]} and {source}", "remove one")
+        source_of[target] = source
+
+
+def _every_input_set(system: System) -> None:
+    sources = {link.target for link in system.connections} | system.stimulated
+    for name, part in system.parts.items():
+        for port in part.interface.of("input"):
+            if Endpoint(name, port.name) not in sources and port.start is None:
+                raise WiringError(f"{name}.{port.name}", "is not connected and has no start value", "connect it")
+
+
+def _names(mapping: Mapping[str, object]) -> str:
+    names = list(mapping)
+    return ", ".join(names[:12]) + (", ..." if len(names) > 12 else "") if names else "none"

@@ -1,0 +1,210 @@
+"""The one data type that flows everywhere: named signals with units over time stamps.
+
+A `Trace` is immutable and its stamps increase strictly. Recordings whose stamps repeat or run backwards
+become one through `ordered`, which says what it had to do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fmus.errors import TraceError
+
+FloatArray = NDArray[np.float64]
+
+LATEST = 1e15  # [s]; stamps beyond it are no times, whatever the file says
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Signals sampled at common instants.
+
+    Attributes:
+        time: (K,) strictly increasing stamps [s].
+        signals: name -> (K,) samples, each in its own unit.
+        units: name -> unit; a signal without an entry has no known unit.
+        name: where it comes from, for messages and reports.
+    """
+
+    time: FloatArray
+    signals: Mapping[str, FloatArray]
+    units: Mapping[str, str] = field(default_factory=dict)
+    name: str = "trace"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "time", np.ascontiguousarray(self.time, dtype=float))
+        signals = {key: np.ascontiguousarray(values, dtype=float) for key, values in self.signals.items()}
+        object.__setattr__(self, "signals", signals)
+        if self.time.ndim != 1:
+            raise TraceError(self.name, f"time has shape {self.time.shape}, not (K,)", "give one stamp a sample")
+        for key, values in signals.items():
+            if values.shape != self.time.shape:
+                raise TraceError(f"{self.name}.{key}", f"has shape {values.shape}, time has {self.time.shape}")
+        if not np.all(np.isfinite(self.time)):
+            raise TraceError(self.name, "a time stamp is not finite", "drop those rows")
+        if np.any(self.time[1:] <= self.time[:-1]):
+            raise TraceError(self.name, "stamps do not increase strictly", "pass the recording through `ordered`")
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def __getitem__(self, name: str) -> FloatArray:
+        try:
+            return self.signals[name]
+        except KeyError:
+            known = ", ".join(self.signals)
+            raise TraceError(self.name, f"has no signal '{name}'", f"it holds {known}") from None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(self.signals)
+
+    @property
+    def duration(self) -> float:
+        """From the first stamp to the last [s]."""
+        return float(self.time[-1] - self.time[0]) if len(self) else 0.0
+
+    def unit(self, name: str) -> str | None:
+        """Unit of a signal, None when it is not known."""
+        return self.units.get(name)
+
+    def select(self, names: Iterable[str]) -> Trace:
+        """The same stamps with only these signals, in this order."""
+        chosen = {name: self[name] for name in names}
+        return Trace(self.time, chosen, {n: u for n, u in self.units.items() if n in chosen}, self.name)
+
+    def renamed(self, names: Mapping[str, str]) -> Trace:
+        """Signals under new names (old -> new); the others keep theirs."""
+        signals = {names.get(old, old): values for old, values in self.signals.items()}
+        if len(signals) != len(self.signals):
+            raise TraceError(self.name, "two signals would get one name", "choose distinct names")
+        return Trace(self.time, signals, {names.get(old, old): u for old, u in self.units.items()}, self.name)
+
+    def between(self, start: float, stop: float) -> Trace:
+        """Samples with start <= t <= stop [s]; stamps keep their values."""
+        first, last = np.searchsorted(self.time, [start, np.nextafter(stop, np.inf)])
+        return self._rows(slice(int(first), int(last)))
+
+    def shifted(self, offset: float) -> Trace:
+        """The same samples with `offset` [s] added to every stamp."""
+        return Trace(self.time + offset, self.signals, self.units, self.name)
+
+    def resampled(self, time: ArrayLike, hold: Iterable[str] = ()) -> Trace:
+        """Linear interpolation at `time` (K',) [s]; signals in `hold` keep their last value instead.
+
+        Raises:
+            TraceError: an instant lies outside the recording (nothing is extrapolated).
+        """
+        instants = np.atleast_1d(np.asarray(time, dtype=float))
+        if len(self) == 0:
+            raise TraceError(self.name, "has no samples", "choose a window inside the recording")
+        slack = 1e-9 * max(1.0, self.duration)
+        if len(instants) and (instants[0] < self.time[0] - slack or instants[-1] > self.time[-1] + slack):
+            raise TraceError(
+                self.name,
+                f"covers {self.time[0]:g} to {self.time[-1]:g} s, not {instants[0]:g} to {instants[-1]:g} s",
+                "shorten the window",
+            )
+        held = set(hold)
+        rows = np.clip(np.searchsorted(self.time, instants + slack, side="right") - 1, 0, len(self) - 1)
+        signals = {
+            name: values[rows] if name in held else np.interp(instants, self.time, values)
+            for name, values in self.signals.items()
+        }
+        return Trace(instants, signals, self.units, self.name)
+
+    def _rows(self, rows: slice) -> Trace:
+        signals = {name: values[rows] for name, values in self.signals.items()}
+        return Trace(self.time[rows], signals, self.units, self.name)
+
+
+@dataclass(frozen=True)
+class StampReport:
+    """What `ordered` found in the stamps of one recording and did about it."""
+
+    samples: int
+    repeated: int
+    backward: int
+    mean_step: float
+    largest_gap: float
+
+    @property
+    def clean(self) -> bool:
+        return not (self.repeated or self.backward)
+
+    def __str__(self) -> str:
+        parts = [f"{self.samples} samples, mean step {self.mean_step:.3g} s, largest gap {self.largest_gap:.3g} s"]
+        if self.repeated:
+            parts.append(f"{self.repeated} repeated stamps (the last sample of each kept)")
+        if self.backward:
+            parts.append(f"{self.backward} stamps out of order (sorted)")
+        return ", ".join(parts)
+
+
+def ordered(
+    time: ArrayLike,
+    signals: Mapping[str, ArrayLike],
+    units: Mapping[str, str] | None = None,
+    name: str = "trace",
+) -> tuple[Trace, StampReport]:
+    """A trace from raw columns, stamps sorted, of equal stamps the last sample kept; and what was found.
+
+    Args:
+        time: (K,) stamps [s], in any order.
+        signals: name -> (K,) samples.
+
+    Raises:
+        TraceError: fewer than two distinct stamps, a stamp that is not finite, a column of another length.
+    """
+    stamps, columns = _columns(time, signals, name)
+    backward = int(np.count_nonzero(stamps[1:] < stamps[:-1]))
+    order = np.argsort(stamps, kind="stable")
+    ascending = stamps[order]
+    keep = order[np.append(ascending[1:] > ascending[:-1], True)]
+    if len(keep) < 2:
+        raise TraceError(name, "has fewer than two distinct time stamps", "check the time column")
+    steps = np.diff(stamps[keep])
+    trace = Trace(stamps[keep], {key: values[keep] for key, values in columns.items()}, dict(units or {}), name)
+    report = StampReport(len(stamps), len(stamps) - len(keep), backward, float(steps.mean()), float(steps.max()))
+    return trace, report
+
+
+def _columns(time: ArrayLike, signals: Mapping[str, ArrayLike], name: str) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """Stamps and samples as arrays (K,) with K > 0, stamps finite and small enough to be subtracted."""
+    stamps = np.asarray(time, dtype=float)
+    if stamps.ndim != 1:
+        raise TraceError(name, f"time has shape {stamps.shape}, not (K,)", "give one stamp a sample")
+    if len(stamps) == 0:
+        raise TraceError(name, "holds no samples", "record or export it again")
+    bad = np.flatnonzero(~(np.abs(stamps) < LATEST))
+    if len(bad):
+        raise TraceError(name, f"time stamp {bad[0] + 1} is {stamps[bad[0]]:g} ({len(bad)} like it)",
+                         "drop those rows, or check the time column")  # fmt: skip
+    columns = {key: np.asarray(values, dtype=float) for key, values in signals.items()}
+    for key, values in columns.items():
+        if values.shape != stamps.shape:
+            raise TraceError(f"{name}.{key}", f"has shape {values.shape}, time has {stamps.shape}")
+    return stamps, columns
+
+
+def usable(trace: Trace, names: Sequence[str]) -> Trace:
+    """The trace, once these signals are seen to be finite and not constant.
+
+    Raises:
+        TraceError: there are no samples, or a signal is missing, has a NaN, or never changes.
+    """
+    if len(trace) == 0:
+        raise TraceError(trace.name, "has no samples", "choose a window inside the recording")
+    for name in names:
+        values = trace[name]
+        bad = np.flatnonzero(~np.isfinite(values))
+        if len(bad):
+            raise TraceError(f"{trace.name}.{name}", f"is not finite at t = {trace.time[bad[0]]:g} s "
+                             f"({len(bad)} samples)", "repair or cut the recording")  # fmt: skip
+        if np.all(values == values[0]):
+            raise TraceError(f"{trace.name}.{name}", f"is constant ({values[0]:g})", "check the column's number")
+    return trace
