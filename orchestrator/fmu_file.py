@@ -14,7 +14,6 @@ from types import TracebackType
 
 import fmpy
 from fmpy.model_description import ModelDescription, ModelVariable, read_model_description
-from lxml import etree
 
 from fmus.errors import FmuFileError
 from fmus.packaging import archive
@@ -123,7 +122,7 @@ def read_description(path: Path) -> ModelDescription:
             raise FmuFileError(path, "holds no modelDescription.xml", "is it an FMU?") from None
         if info.file_size > LARGEST_DESCRIPTION:
             raise FmuFileError(path, "has a modelDescription.xml over 256 MiB", "do not trust it")
-        _refuse_document_type(path, zipped.read(info))
+        archive.parse_xml(f"{path}: modelDescription.xml", zipped.read(info))
     try:
         description = read_model_description(str(path), validate=False)
     except Exception as error:
@@ -133,16 +132,6 @@ def read_description(path: Path) -> ModelDescription:
     if description.coSimulation is None:
         raise FmuFileError(path, "offers no co-simulation", "export it for co-simulation")
     return description
-
-
-def _refuse_document_type(path: Path, xml: bytes) -> None:
-    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
-    try:
-        root = etree.fromstring(xml, parser)
-    except etree.XMLSyntaxError as error:
-        raise FmuFileError(path, f"modelDescription.xml is not XML ({error})", "export the FMU again") from error
-    if root.getroottree().docinfo.doctype:
-        raise FmuFileError(path, "modelDescription.xml declares a document type", "do not trust it")
 
 
 def _interface(path: Path, description: ModelDescription) -> Interface:

@@ -8,6 +8,8 @@ import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 
+from lxml import etree
+
 from fmus.errors import FmuFileError
 
 LARGEST_UNPACKED = 4 << 30
@@ -63,3 +65,19 @@ def opened(path: Path) -> zipfile.ZipFile:
         archive.close()
         raise FmuFileError(path, "unpacks to more than 4 GiB", "do not trust it")
     return archive
+
+
+def parse_xml(place: object, text: bytes) -> etree._Element:
+    """The root of an XML document from outside: no document type, no entities, no network.
+
+    Raises:
+        FmuFileError: not XML, or it declares a document type.
+    """
+    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
+    try:
+        root = etree.fromstring(text, parser)
+    except etree.XMLSyntaxError as error:
+        raise FmuFileError(place, f"is not XML ({error})", "export it again") from error
+    if root.getroottree().docinfo.doctype:
+        raise FmuFileError(place, "declares a document type", "do not trust it")
+    return root

@@ -43,15 +43,22 @@ def _unit_definitions(root: ET.Element, model: Model) -> None:
     definitions = ET.SubElement(root, "UnitDefinitions")
     for name in names:
         entry = ET.SubElement(definitions, "Unit", name=name)
-        unit = units.parse(name)
-        if unit is None:
+        attributes = base_unit(name)
+        if attributes is None:
             continue
-        powers = {base: str(power) for base, power in zip(units.BASES, unit.exponents, strict=True) if power}
-        factor = {} if unit.factor == 1.0 else {"factor": repr(unit.factor)}
-        ET.SubElement(entry, "BaseUnit", powers | factor)
+        ET.SubElement(entry, "BaseUnit", attributes)
         if name in REAL_DISPLAY_UNITS:
             display, scale = REAL_DISPLAY_UNITS[name]
             ET.SubElement(entry, "DisplayUnit", name=display, factor=repr(scale))
+
+
+def base_unit(name: str) -> dict[str, str] | None:
+    """The attributes of a unit's BaseUnit element, None for a unit we do not know."""
+    unit = units.parse(name)
+    if unit is None:
+        return None
+    powers = {base: str(power) for base, power in zip(units.BASES, unit.exponents, strict=True) if power}
+    return powers | ({} if unit.factor == 1.0 else {"factor": repr(unit.factor)})
 
 
 def _type_definitions(root: ET.Element, model: Model) -> None:
