@@ -24,10 +24,11 @@ def derivatives(t, x, u, p):
 
 
 def quantised(value, p):
-    """Rounded to the converter's step; with 0 bits as it is."""
+    """Rounded to one of the converter's 2^bits codes, the highest one step below the range; with 0 bits as it is."""
     bits_or_one = ops.where(p.bits > 0.5, p.bits, 1)
     step = 2 * p.range / 2.0**bits_or_one
-    return ops.where(p.bits > 0.5, step * ops.floor(value / step + 0.5), value)
+    code = ops.minimum(step * ops.floor(value / step + 0.5), p.range - step)
+    return ops.where(p.bits > 0.5, code, value)
 
 
 def update(t, x, u, p):
@@ -38,8 +39,8 @@ def update(t, x, u, p):
 
 
 def solver_step(p):
-    """A fiftieth of the cut-off's period."""
-    return ops.where(p.filter_order > 0.5, 0.02 / p.cutoff, 1.0)
+    """A fiftieth of the cut-off's period; less where high damping makes one of two poles faster than the cut-off."""
+    return ops.where(p.filter_order > 0.5, 0.02 / (p.cutoff * ops.maximum(1.0, 2 * p.damping)), 1.0)
 
 
 MODEL = Model(
@@ -52,7 +53,7 @@ MODEL = Model(
         parameter("gain", "1", 1.0, "Measured units per unit of the signal"),
         parameter("bias", "1", 0.0, "Added to every sample"),
         parameter("noise", "1", 0.0, "Standard deviation of white Gaussian noise", minimum=0),
-        parameter("seed", "1", 1, "Of the noise"),
+        parameter("seed", "1", 1, "Of the noise; channels with one seed have one noise"),
         parameter("bits", "1", 0, "Of the converter; 0 leaves the samples as they are", minimum=0, maximum=52),
         parameter("range", "1", 1e12, "Largest value, either sign", minimum=1e-12),
         parameter("filter_order", "1", 0, "Poles of the sensor filter: 0, 1 or 2", minimum=0, maximum=2),

@@ -2,7 +2,8 @@
 
     L i' = v - R i - back_emf w,    torque = k_i i,    k_i = torque_gain R   (torque_gain is p4 = k_i / R of Eq. 6)
 
-`back_emf` is the constant k_emf; the armature voltage is the input within the limits of the amplifier.
+`back_emf` is the constant k_emf; the armature voltage is the input within the limits of the amplifier, which also stops
+the current from growing beyond its limit.
 """
 
 from . import ops
@@ -20,8 +21,9 @@ def current(x, u, p):
 
 
 def derivatives(t, x, u, p):
-    inductance = ops.where(p.inductance > 0, p.inductance, 1.0)
-    rate = (armature_voltage(u, p) - p.resistance * x.inductor_current) / inductance
+    remaining = armature_voltage(u, p) - p.resistance * x.inductor_current
+    at_limit = ops.both(ops.absolute(x.inductor_current) >= p.current_limit, remaining * x.inductor_current > 0)
+    rate = ops.where(at_limit, 0.0, remaining) / ops.where(p.inductance > 0, p.inductance, 1.0)
     return {"inductor_current": ops.where(p.inductance > 0, rate, 0.0)}
 
 
@@ -31,8 +33,8 @@ def outputs(t, x, u, p):
 
 
 def solver_step(p):
-    """A third of the electrical time constant L/R."""
-    return ops.where(p.inductance > 0, 0.3 * p.inductance / p.resistance, 0.01)
+    """A fifth of the electrical time constant L/R."""
+    return ops.where(p.inductance > 0, 0.2 * p.inductance / p.resistance, 0.01)
 
 
 MODEL = Model(

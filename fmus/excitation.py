@@ -28,7 +28,7 @@ def square(angle):
 
 def interval(t, p):
     """Number of the sample interval that t lies in."""
-    return ops.floor(t / p.sample_time + 1e-9)
+    return ops.floor(t / p.sample_time + 1e-6)
 
 
 def staircase(t, p):
@@ -67,7 +67,7 @@ MODEL = Model(
         parameter("shape", "1", 1, "Which signal", minimum=1, maximum=len(SHAPES), choices=SHAPES),
         parameter("amplitude", "1", 1.0, "Factor of the signal (peak value; playback: gain)"),
         parameter("offset", "1", 0.0, "Added to the signal"),
-        parameter("begin", "s", 0.0, "Zero before this time"),
+        parameter("begin", "s", 0.0, "Zero before this time; the signal's own time counts from here"),
         parameter("frequency", "Hz", 1.0, "Of sine and square; where sweep and varying square begin", minimum=0),
         parameter("frequency_end", "Hz", 10.0, "Where sweep and varying square end", minimum=0),
         parameter("duration", "s", 10.0, "Of sweep and varying square", minimum=1e-9),

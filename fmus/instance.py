@@ -9,6 +9,8 @@ import math
 
 from .model import Model, Table, namespace, start_values
 
+EARLY = 1e-6  # of a sample period: how far rounding may put a step's end before or after a sampling instant
+
 
 class StepError(RuntimeError):
     """The model cannot go on: a requirement does not hold or a state is not finite."""
@@ -19,7 +21,11 @@ class Instance:
 
     def __init__(self, model: Model, defaults: dict | None = None, tables: dict[str, Table] | None = None) -> None:
         self.model = model
-        values = {**start_values(model), **(defaults or {})}
+        values = start_values(model)
+        for name, value in (defaults or {}).items():
+            if name not in values:
+                raise KeyError(f"{model.name} has no input or parameter '{name}'")
+            values[name] = value
         self.u = namespace({v.name: values[v.name] for v in model.of("input")})
         self.p = namespace({v.name: values[v.name] for v in model.of("parameter")})
         for name in model.tables:
@@ -40,11 +46,17 @@ class Instance:
         self._results = None
 
     def set(self, name: str, value: float) -> None:
-        """Give an input or parameter a value; start values follow a parameter until the first step."""
+        """Give an input or parameter a value; start values follow a parameter until the first step.
+
+        Raises:
+            KeyError: the model has no input or parameter of that name.
+        """
         if name in self.u.__dict__:
             setattr(self.u, name, value)
             self._results = None
             return
+        if name not in self.p.__dict__ or name in self.model.tables:
+            raise KeyError(f"{self.model.name} has no input or parameter '{name}'")
         setattr(self.p, name, value)
         if self.stepped:
             self._results = None
@@ -52,13 +64,17 @@ class Instance:
             self.begin(self.start)
 
     def get(self, name: str) -> float:
-        """Value of any variable: input, parameter, or output at the present time."""
+        """Value of any variable: input, parameter, or output at the present time.
+
+        Raises:
+            KeyError: the model has no variable of that name.
+        """
         for place in (self.u, self.p, self.x):
             if name in place.__dict__:
                 return place.__dict__[name]
         if self._results is None:
-            assert self.model.outputs is not None
-            self._results = dict(self.model.outputs(self.time, self.x, self.u, self.p))
+            outputs = self.model.outputs
+            self._results = dict(outputs(self.time, self.x, self.u, self.p)) if outputs else {}
         return self._results[name]
 
     def step(self, time: float, duration: float) -> None:
@@ -74,7 +90,7 @@ class Instance:
         now = time
         if self.model.update and self.model.sample_time:
             period = getattr(self.p, self.model.sample_time)
-            while (due := self.start + self.samples * period) < end - 1e-9 * period:
+            while (due := self.start + self.samples * period) < end - EARLY * period:
                 if due > now:
                     self._integrate(now, due - now)
                     now = due
@@ -97,12 +113,16 @@ class Instance:
         self.time, self.start = state["time"], state["start"]
         self.samples, self.stepped = state["samples"], state["stepped"]
         self._results = None
+        self._choose_step()
 
     def _prepare(self, time: float) -> None:
-        self.stepped = True
         for requirement in self.model.requirements:
             if not requirement.holds(time, self.x, self.u, self.p):
                 raise StepError(requirement.reason)
+        self._choose_step()
+        self.stepped = True
+
+    def _choose_step(self) -> None:
         self._longest = self.model.solver_step(self.p) if self.model.solver_step else math.inf
 
     def _integrate(self, time: float, duration: float) -> None:

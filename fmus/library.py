@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import ast
 import importlib.util
 import pkgutil
+import sys
 from importlib import import_module
 from pathlib import Path
 
 import fmus
 from fmus.errors import ModelError
 from fmus.model import Model
+
+BESIDE_A_MODEL = (".ops", ".model")  # what a model file finds wherever its FMU is run, with the standard library
+RESERVED = ("ops", "model", "instance", "packaging")
 
 
 def names() -> tuple[str, ...]:
@@ -25,11 +30,12 @@ def find(name: str) -> Model:
     """The model of that name, or the one in a `.py` file that defines MODEL.
 
     Raises:
-        ModelError: there is no such model.
+        ModelError: there is no such model, or its file cannot be used.
     """
     if name.endswith(".py"):
         return _from_file(Path(name))
-    if name not in names():
+    modules = {module.name for module in pkgutil.iter_modules(fmus.__path__) if not module.ispkg}
+    if name not in modules or not hasattr(import_module(f"fmus.{name}"), "MODEL"):
         raise ModelError(f"model '{name}'", "is not in the library", f"choose one of {', '.join(names())}")
     return import_module(f"fmus.{name}").MODEL
 
@@ -45,10 +51,35 @@ def source_file(model: Model) -> Path:
 def _from_file(path: Path) -> Model:
     if not path.is_file():
         raise ModelError(path, "no such file", "give the path of a model file")
+    if not path.stem.isidentifier() or path.stem in RESERVED:
+        raise ModelError(path, f"'{path.stem}' cannot be a module's name here", "rename the file")
     spec = importlib.util.spec_from_file_location(f"fmus.{path.stem}", path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    try:
+        _refuse_foreign_imports(path, ast.parse(path.read_bytes()))
+        spec.loader.exec_module(module)
+    except ModelError:
+        raise
+    except Exception as error:
+        raise ModelError(path, f"cannot be loaded ({type(error).__name__}: {error})", "correct the file") from error
     if not isinstance(getattr(module, "MODEL", None), Model):
         raise ModelError(path, "defines no MODEL", "end the file with MODEL = Model(...)")
     return module.MODEL
+
+
+def _refuse_foreign_imports(path: Path, tree: ast.Module) -> None:
+    statements = [node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom)]
+    for node in statements:
+        for name in _imported(node):
+            if name not in BESIDE_A_MODEL and name.split(".")[0] not in sys.stdlib_module_names:
+                raise ModelError(f"{path}:{node.lineno}", f"imports '{name}', which the FMU would not find",
+                                 "use `from . import ops` and `from .model import ...`")  # fmt: skip
+
+
+def _imported(node: ast.Import | ast.ImportFrom) -> list[str]:
+    """Modules that a statement imports; relative ones with their dots."""
+    if isinstance(node, ast.Import):
+        return [alias.name for alias in node.names]
+    dots = "." * node.level
+    return [dots + node.module] if node.module else [dots + alias.name for alias in node.names]

@@ -12,8 +12,10 @@ stands alone and travels inside every Python FMU.
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
+from keyword import iskeyword
 from types import SimpleNamespace
 from typing import Any
 
@@ -75,13 +77,19 @@ class Table:
     """Samples over time that a model plays back: linear between samples, end values outside.
 
     Attributes:
-        time: strictly increasing instants [s].
+        time: strictly increasing instants [s], at least one.
         values: one value an instant.
     """
 
     name: str
     time: Sequence[float] = (0.0,)
     values: Sequence[float] = (0.0,)
+
+    def __post_init__(self) -> None:
+        if not 0 < len(self.time) == len(self.values):
+            raise ValueError(f"table {self.name}: {len(self.time)} instants for {len(self.values)} values")
+        if any(not later > earlier for earlier, later in pairwise(self.time)):
+            raise ValueError(f"table {self.name}: its instants do not increase strictly")
 
     def __call__(self, time: float) -> float:
         right = bisect_right(self.time, time)
@@ -122,8 +130,8 @@ class Model:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "by_name", {variable.name: variable for variable in self.variables})
-        if len(self.by_name) != len(self.variables):
-            raise ValueError(f"model {self.name}: two variables have one name")
+        for problem in _problems(self):
+            raise ValueError(f"model {self.name}: {problem}")
 
     def of(self, causality: str) -> tuple[Variable, ...]:
         """Variables of one causality: "input", "output" or "parameter"."""
@@ -136,6 +144,25 @@ class Model:
     @property
     def sampled(self) -> tuple[State, ...]:
         return tuple(state for state in self.states if state.sampled)
+
+
+def _problems(model: Model) -> Iterator[str]:
+    """What in a model's declarations does not fit together."""
+    parameters = {variable.name for variable in model.of("parameter")}
+    if len(model.by_name) != len(model.variables) or len({state.name for state in model.states}) != len(model.states):
+        yield "two variables or two states have one name"
+    for name in (model.name, *model.by_name, *model.tables, *(state.name for state in model.states)):
+        if not name.isidentifier() or iskeyword(name):
+            yield f"'{name}' is no name; use letters, digits and underscores"
+    for state in model.states:
+        if isinstance(state.start, str) and state.start not in parameters:
+            yield f"state '{state.name}' starts at '{state.start}', which is no parameter"
+        if state.name in model.by_name and model.by_name[state.name].causality != "output":
+            yield f"state '{state.name}' has the name of a variable that is no output"
+    if model.sampled and model.sample_time not in parameters:
+        yield f"sampled states need a sample period, and '{model.sample_time}' is no parameter"
+    if model.continuous and model.solver_step is None:
+        yield "continuous states need a solver_step"
 
 
 def parameter(name: str, unit: str, start: Number, description: str, **limits: Any) -> Variable:

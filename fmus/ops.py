@@ -67,17 +67,23 @@ def where(condition: Value, if_true: Value, if_false: Value) -> Value:
         return if_true if condition else if_false
     if library.__name__ == "numpy":
         return library.where(condition, if_true, if_false)
-    return library.Piecewise((if_true, condition), (if_false, True))
+    return library.Piecewise((if_true, condition), (if_false, True), evaluate=False)
 
 
 def minimum(a: Value, b: Value) -> Value:
     """The smaller of two."""
-    return where(a < b, a, b)
+    library = _foreign(a, b)
+    if library is None:
+        return a if a < b else b
+    return library.where(a < b, a, b) if library.__name__ == "numpy" else library.Min(a, b, evaluate=False)
 
 
 def maximum(a: Value, b: Value) -> Value:
     """The larger of two."""
-    return where(a > b, a, b)
+    library = _foreign(a, b)
+    if library is None:
+        return a if a > b else b
+    return library.where(a > b, a, b) if library.__name__ == "numpy" else library.Max(a, b, evaluate=False)
 
 
 def clip(x: Value, low: Value, high: Value) -> Value:
@@ -100,7 +106,7 @@ def uniform(seed: Value, index: Value) -> Value:
     """
     library = _foreign(seed, index)
     if library is None:
-        return (_mix(_mix(int(seed)) ^ int(index)) >> 11) * 2.0**-53 + 2.0**-54
+        return (_mix(_mix(int(seed)) ^ int(index)) >> 12) * 2.0**-52 + 2.0**-53
     if library.__name__ == "numpy":
         return library.vectorize(uniform, otypes=[float])(
             library.asarray(seed, dtype=object), library.asarray(index, dtype=object)
@@ -128,6 +134,8 @@ def playback(table: Value, time: Value) -> Value:
     A symbolic time gives an undefined function named after the table, for the code generator to fill in.
     """
     library = _foreign(time)
-    if library is not None and library.__name__ == "sympy":
-        return library.Function(f"playback_{table.name}")(time)
-    return table(time)
+    if library is None:
+        return table(time)
+    if library.__name__ == "numpy":
+        return library.vectorize(table, otypes=[float])(time)
+    return library.Function(f"playback_{table.name}")(time)

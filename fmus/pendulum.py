@@ -18,10 +18,12 @@ def gravity_torque(p):
 
 
 def dry_friction(speed, p):
-    """Coulomb friction with a Stribeck peak, smooth through zero speed."""
-    coulomb = ops.where(speed > 0, p.coulomb_friction_positive, p.coulomb_friction_negative)
+    """Coulomb friction with a Stribeck peak; sign(speed) and the change between its two sides are smooth through zero."""
+    sign = ops.tanh(speed / p.friction_speed)
+    mean = 0.5 * (p.coulomb_friction_positive + p.coulomb_friction_negative)
+    difference = 0.5 * (p.coulomb_friction_positive - p.coulomb_friction_negative)
     stribeck = p.stribeck_friction * ops.exp(-((speed / p.stribeck_speed) ** 2))
-    return (coulomb + stribeck) * ops.tanh(speed / p.friction_speed)
+    return (mean + difference * sign + stribeck) * sign
 
 
 def acceleration(x, u, p):
@@ -45,11 +47,11 @@ def outputs(t, x, u, p):
 
 
 def solver_step(p):
-    """A third of the fastest time constant: the steepest friction slope, or the swing."""
+    """A seventh of the time constant of the steepest friction, a twentieth of a radian of the swing, at most 10 ms."""
     coulomb = ops.maximum(p.coulomb_friction_positive, p.coulomb_friction_negative) + p.stribeck_friction
     damping = (p.viscous_friction + coulomb / p.friction_speed) / moment_of_inertia(p)
     swing = ops.sqrt(ops.absolute(gravity_torque(p)) / moment_of_inertia(p))
-    return ops.minimum(0.01, 0.3 / ops.maximum(damping, ops.maximum(swing, 1e-6)))
+    return ops.minimum(0.01, 0.15 / ops.maximum(damping, ops.maximum(3 * swing, 1e-6)))
 
 
 MODEL = Model(

@@ -89,7 +89,7 @@ def _evaluate(
         return {}
     try:
         result = {name: sympy.sympify(value) for name, value in function(*arguments).items()}
-    except (TypeError, AttributeError, sympy.SympifyError) as error:
+    except Exception as error:
         raise ModelError(place, f"cannot be traced ({error})", "use only fmus.ops and arithmetic") from error
     if set(result) != expected:
         missing, extra = sorted(expected - set(result)), sorted(set(result) - expected)

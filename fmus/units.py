@@ -34,7 +34,8 @@ class Unit:
 
 def parse(name: str) -> Unit | None:
     """The unit of that name, None when it is not one we know."""
-    numerator, *denominators = name.replace(" ", "").replace("*", ".").replace("^", "").split("/")
+    tight = re.sub(r"\s*([./*])\s*", r"\1", name.strip())
+    numerator, *denominators = re.sub(r"[\s*]", ".", tight).replace("^", "").split("/")
     if len(denominators) > 1 and not all(denominators):
         return None
     unit = _product(numerator)
@@ -52,7 +53,7 @@ def parse(name: str) -> Unit | None:
 def _product(text: str) -> Unit | None:
     factor, exponents = 1.0, [0] * len(BASES)
     for term in text.strip("()").split("."):
-        match = re.fullmatch(r"([A-Za-z]+|1)(-?\d+)?", term)
+        match = re.fullmatch(r"([A-Za-z]+|1)(-?[0-9]{1,2})?", term)
         if match is None:
             return None
         symbol, power = match[1], int(match[2] or 1)

@@ -45,7 +45,7 @@ class ComponentBlock(Block):
     @field_validator("step", mode="before")
     @classmethod
     def _exact(cls, value: Any) -> Any:
-        return _seconds(value)
+        return exact_seconds(value)
 
     @model_validator(mode="after")
     def _one_source(self) -> ComponentBlock:
@@ -76,7 +76,7 @@ class RunBlock(Block):
     @field_validator("stop", "step", "start", mode="before")
     @classmethod
     def _exact(cls, value: Any) -> Any:
-        return _seconds(value)
+        return exact_seconds(value)
 
     @model_validator(mode="after")
     def _positive(self) -> RunBlock:
@@ -183,11 +183,15 @@ class OpenSystem:
         }
         return wire(parts, self.assembled.block.links(), self.assembled.stimulated)
 
+    def close(self) -> None:
+        """Free the instances and remove the unpacked FMUs."""
+        self._stack.close()
+
     def __enter__(self) -> OpenSystem:
         return self
 
     def __exit__(self, kind: type | None, error: BaseException | None, traceback: TracebackType | None) -> None:
-        self._stack.close()
+        self.close()
 
 
 def _table(name: str, block: TableBlock, base: Path) -> Table:
@@ -195,7 +199,8 @@ def _table(name: str, block: TableBlock, base: Path) -> Table:
     return Table(name, tuple(trace.time.tolist()), tuple(trace[block.signal].tolist()))
 
 
-def _seconds(value: Any) -> Any:
+def exact_seconds(value: Any) -> Any:
+    """A field's value as an exact time, for validators of schemas."""
     if value is None:
         return None
     try:

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -15,10 +16,11 @@ from types import TracebackType
 import fmpy
 from fmpy.model_description import ModelDescription, ModelVariable, read_model_description
 
-from fmus.errors import FmuFileError
+from fmus.errors import FmuFileError, ServotwinError
 from fmus.packaging import archive
 
 LARGEST_DESCRIPTION = 256 << 20
+_NO_NUMBER = ("String", "Binary", "Clock")
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,7 @@ class Port:
 
     Attributes:
         type: FMI type name ("Real", "Float64", "Integer", "Int32", "Boolean", "Enumeration", "String", ...).
+        variability: "constant", "fixed", "tunable", "discrete" or "continuous".
         start: start value as the file gives it, None without one.
         items: name -> value of an enumeration.
     """
@@ -41,6 +44,18 @@ class Port:
     maximum: float | None = None
     items: Mapping[str, int] | None = None
     description: str = ""
+    variability: str = "continuous"
+
+    @property
+    def numeric(self) -> bool:
+        """Whether its values are numbers (or true and false), so that they can be connected and recorded."""
+        return self.type not in _NO_NUMBER
+
+    @property
+    def settable(self) -> bool:
+        """Whether it can be given a value before a run: parameters, inputs, and states with a start value."""
+        causes = ("parameter", "input", "local", "output")
+        return self.causality in causes and self.variability != "constant" and self.start is not None
 
 
 @dataclass(frozen=True)
@@ -75,10 +90,11 @@ class FmuFile:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.description = read_description(path)
-        self.interface = _interface(path, self.description)
+        with _guarded(path, "modelDescription.xml"):
+            self.interface = _interface(path, self.description)
         self.folder = Path(tempfile.mkdtemp(prefix="servotwin-fmu-"))
         try:
-            with archive.opened(path) as zipped:
+            with _guarded(path, "contents"), archive.opened(path) as zipped:
                 zipped.extractall(self.folder)
             self._require_binary()
         except BaseException:
@@ -100,6 +116,8 @@ class FmuFile:
         self.close()
 
     def _require_binary(self) -> None:
+        if Path(self.identifier).name != self.identifier:
+            raise FmuFileError(self.path, f"has the model identifier '{self.identifier}'", "do not trust it")
         modern = self.description.fmiVersion.startswith("3")
         platform = fmpy.platform_tuple if modern else fmpy.platform
         binary = self.folder / "binaries" / platform / (self.identifier + fmpy.sharedLibraryExtension)
@@ -115,7 +133,7 @@ def read_description(path: Path) -> ModelDescription:
     Raises:
         FmuFileError: see `FmuFile`.
     """
-    with archive.opened(path) as zipped:
+    with _guarded(path, "contents"), archive.opened(path) as zipped:
         try:
             info = zipped.getinfo("modelDescription.xml")
         except KeyError:
@@ -123,10 +141,8 @@ def read_description(path: Path) -> ModelDescription:
         if info.file_size > LARGEST_DESCRIPTION:
             raise FmuFileError(path, "has a modelDescription.xml over 256 MiB", "do not trust it")
         archive.parse_xml(f"{path}: modelDescription.xml", zipped.read(info))
-    try:
+    with _guarded(path, "modelDescription.xml"):
         description = read_model_description(str(path), validate=False)
-    except Exception as error:
-        raise FmuFileError(path, f"modelDescription.xml: {error}", "ask its supplier for a valid one") from error
     if description.fmiVersion.split(".")[0] not in ("2", "3"):
         raise FmuFileError(path, f"is of FMI version {description.fmiVersion}", "export it for FMI 2.0 or 3.0")
     if description.coSimulation is None:
@@ -134,13 +150,28 @@ def read_description(path: Path) -> ModelDescription:
     return description
 
 
+@contextmanager
+def _guarded(path: Path, part: str) -> Iterator[None]:
+    """Whatever a broken or hostile file makes zip, XML and FMPy raise ends in one line."""
+    try:
+        yield
+    except ServotwinError:
+        raise
+    except Exception as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise FmuFileError(path, f"{part}: {reason[:300]}", "ask its supplier for a valid FMU") from error
+
+
 def _interface(path: Path, description: ModelDescription) -> Interface:
     cs = description.coSimulation
     scalars = [variable for variable in description.modelVariables if not variable.dimensions]
+    ports = {variable.name: _port(path, variable) for variable in scalars}
+    if len(ports) != len(scalars):
+        raise FmuFileError(path, "two variables have one name", "ask its supplier for a valid FMU")
     return Interface(
         model_name=description.modelName,
         fmi_version=description.fmiVersion,
-        ports={variable.name: _port(path, variable) for variable in scalars},
+        ports=ports,
         feed_through=_feed_through(description),
         has_state=bool(cs.canGetAndSetFMUstate),
         fixed_step=float(cs.fixedInternalStepSize) if cs.fixedInternalStepSize else None,
@@ -151,9 +182,12 @@ def _interface(path: Path, description: ModelDescription) -> Interface:
 def _port(path: Path, variable: ModelVariable) -> Port:
     declared = variable.declaredType
     items = {item.name: int(item.value) for item in declared.items} if declared is not None and declared.items else None
+    reference = int(variable.valueReference)
+    if not 0 <= reference < 1 << 32:
+        raise FmuFileError(f"{path}: {variable.name}", f"has the value reference {reference}", "correct it")
     return Port(
         name=variable.name,
-        reference=int(variable.valueReference),
+        reference=reference,
         type=variable.type,
         causality=variable.causality or "local",
         unit=variable.unit or (declared.unit if declared is not None else None),
@@ -162,6 +196,7 @@ def _port(path: Path, variable: ModelVariable) -> Port:
         maximum=_number(path, variable, "max"),
         items=items,
         description=variable.description or "",
+        variability=variable.variability or "continuous",
     )
 
 

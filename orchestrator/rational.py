@@ -3,22 +3,48 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+import re
+from collections.abc import Callable, Iterable
 from fractions import Fraction
 
 from fmus.errors import WiringError
+
+_NUMBER = re.compile(r"[+-]?\d{0,30}(\.\d{0,30})?(e[+-]?\d{1,3})?|[+-]?\d{1,30}\s?/\s?\d{1,30}", re.ASCII | re.I)
+_SHORTEST, _LONGEST = Fraction(1, 10**15), 10**15  # [s]
 
 
 def seconds(value: str | float | int | Fraction, place: str = "time") -> Fraction:
     """The exact value of a decimal or a quotient: 0.001, "1/300", "2e-3" [s].
 
     Raises:
-        WiringError: not a finite number.
+        WiringError: not a number, or beyond what can be stepped (1e-15 to 1e15 s in size; 0 is a time).
     """
     try:
-        return Fraction(str(value).replace(" ", "")) if not isinstance(value, Fraction) else value
+        exact = value if isinstance(value, Fraction) else _parsed(str(value).strip())
     except (ValueError, ZeroDivisionError):
-        raise WiringError(place, f"'{value}' is no time", 'give seconds, such as 0.001 or "1/300"') from None
+        raise WiringError(place, f"{_short(value)} is no time", 'give seconds, such as 0.001 or "1/300"') from None
+    if exact and not _SHORTEST <= abs(exact) <= _LONGEST:
+        raise WiringError(place, f"{_short(value)} s cannot be stepped", "give seconds, such as 0.001")
+    return exact
+
+
+def _parsed(text: str) -> Fraction:
+    if not _NUMBER.fullmatch(text):
+        raise ValueError(text)
+    return Fraction("".join(text.split()))
+
+
+def _short(value: object) -> str:
+    try:
+        return f"'{' '.join(str(value)[:40].split())}'"
+    except ValueError:  # an integer of more digits than Python prints
+        return "a number of thousands of digits"
+
+
+def written(value: Fraction) -> str:
+    """The time as people write it: a decimal where that is exact, else a quotient."""
+    decimal = f"{float(value):.12g}"
+    return decimal if Fraction(decimal) == value else str(value)
 
 
 def common_divisor(values: Iterable[Fraction]) -> Fraction:
@@ -28,15 +54,22 @@ def common_divisor(values: Iterable[Fraction]) -> Fraction:
     return Fraction(math.gcd(*(int(value * denominator) for value in parts)), denominator)
 
 
+def clock(start: Fraction, tick: Fraction) -> Callable[[int], float]:
+    """From the number of a tick to start + number * tick, correctly rounded [s]."""
+    denominator = math.lcm(start.denominator, tick.denominator)
+    first, each = int(start * denominator), int(tick * denominator)
+    return lambda number: (first + number * each) / denominator
+
+
 def multiples(value: Fraction, of: Fraction, place: str) -> int:
     """How often `of` goes into `value`.
 
     Raises:
-        WiringError: not a whole number of times.
+        WiringError: not a whole number of times; the message names the nearest value that is.
     """
     count = value / of
     if count.denominator != 1:
         nearest = max(1, round(count))
-        raise WiringError(place, f"{float(value):g} s is not a multiple of {float(of):g} s",
-                          f"use {float(nearest * of):.9g} s")  # fmt: skip
+        raise WiringError(place, f"{written(value)} s is not a multiple of {written(of)} s",
+                          f"use {written(nearest * of)} s")  # fmt: skip
     return int(count)

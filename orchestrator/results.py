@@ -23,22 +23,50 @@ def result_folder(target: Path) -> Iterator[Path]:
     """A folder to fill that becomes `target` when all went well; an earlier result there is replaced.
 
     Raises:
-        InputError: `target` is there and holds something that is no result.
+        InputError: `target` is there and holds something that is no result of ours, or cannot be written.
     """
-    if target.exists() and not target.is_dir():
-        raise InputError(target, "is a file", "give another --out")
-    if target.is_dir() and any(target.iterdir()) and not any((target / mark).is_file() for mark in MARKS):
-        raise InputError(target, "is not empty and holds no result", "give another --out")
-    target.parent.mkdir(parents=True, exist_ok=True)
-    fresh = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
-    fresh.chmod(0o755)
+    place = target.resolve()
+    try:
+        _refuse_foreign(place)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        aside = Path(tempfile.mkdtemp(prefix=f".{place.name}.", dir=place.parent))
+    except OSError as error:
+        raise InputError(target, f"cannot be written ({error.strerror})", "give another --out") from error
+    fresh, earlier = aside / "fresh", aside / "earlier"
+    fresh.mkdir()
     try:
         yield fresh
-        if target.exists():
-            shutil.rmtree(target)
-        fresh.rename(target)
+        _exchange(fresh, place, earlier)
     finally:
-        shutil.rmtree(fresh, ignore_errors=True)
+        shutil.rmtree(aside, ignore_errors=True)
+
+
+def _refuse_foreign(target: Path) -> None:
+    if target.exists() and not target.is_dir():
+        raise InputError(target, "is a file", "give another --out")
+    if target.is_dir() and any(target.iterdir()) and not any(_is_ours(target / mark) for mark in MARKS):
+        raise InputError(target, "is not empty and holds no result", "give another --out")
+
+
+def _is_ours(mark: Path) -> bool:
+    """Whether a file says that it comes from us: other programs have a manifest.json, too."""
+    try:
+        return "servotwin" in json.loads(mark.read_text(encoding="utf-8"))["versions"]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return False
+
+
+def _exchange(fresh: Path, target: Path, earlier: Path) -> None:
+    """Put `fresh` where `target` is; where that fails, what was there is put back."""
+    if not target.exists():
+        fresh.rename(target)
+        return
+    target.rename(earlier)
+    try:
+        fresh.rename(target)
+    except BaseException:
+        earlier.rename(target)
+        raise
 
 
 def versions() -> dict[str, str]:

@@ -17,7 +17,7 @@ from orchestrator.assembly import Assembled, OpenSystem, RunBlock, SystemBlock, 
 from orchestrator.engine import Result, Simulation
 from orchestrator.expectations import Check, Expectation, check
 from orchestrator.slave import Value
-from orchestrator.trace import FloatArray
+from orchestrator.trace import FloatArray, Trace
 from orchestrator.yaml_file import Block, load
 
 Progress = Callable[[float], None]
@@ -46,6 +46,31 @@ class StimulusBlock(Block):
         return trace.resampled(time, hold=[self.signal] if self.interpolation == "hold" else [])[self.signal]
 
 
+class RecorderBlock(Block):
+    """A data logger that samples the run at irregular instants, as hardware does.
+
+    Attributes:
+        signals: name in the recording -> component.variable.
+        every: mean time between samples [s].
+        jitter: standard deviation of that time, as a fraction of it.
+    """
+
+    signals: dict[str, str] = Field(min_length=1)
+    every: float = Field(gt=0)
+    jitter: float = Field(0.2, ge=0, lt=1)
+    seed: int = 0
+
+    def sample(self, trace: Trace, number: int) -> Trace:
+        """What the logger holds of the run with this number: the last value before each of its instants."""
+        rng = np.random.default_rng([self.seed, number])
+        count = int(1.5 * trace.duration / self.every) + 1
+        gaps = self.every * np.maximum(1 + self.jitter * rng.standard_normal(count), 0.01)
+        instants = trace.time[0] + np.cumsum(gaps)
+        names = {source: name for name, source in self.signals.items()}
+        chosen = trace.select(names)
+        return chosen.resampled(instants[instants <= trace.time[-1]], hold=chosen.names).renamed(names)
+
+
 class CaseBlock(Block):
     """A variant of the scenario: values that differ, and what must hold besides."""
 
@@ -62,6 +87,7 @@ class ScenarioBlock(SystemBlock):
     stimuli: dict[str, StimulusBlock] = {}
     run: RunBlock
     record: list[str] | None = None
+    recorder: RecorderBlock | None = None
     cases: list[CaseBlock] = Field(default_factory=lambda: [CaseBlock(name="run")], min_length=1)
     expect: list[Expectation] = []
 
@@ -101,6 +127,13 @@ class ScenarioResult:
     def passed(self) -> bool:
         return all(case.passed for case in self.cases)
 
+    def recorded(self, case: CaseResult) -> Trace:
+        """What a case leaves as its recording: the recorder's samples, or else the whole trace."""
+        assert case.result is not None
+        if self.block.recorder is None:
+            return case.result.trace
+        return self.block.recorder.sample(case.result.trace, self.cases.index(case))
+
 
 def run_scenario(path: Path, overrides: Mapping[str, Value] | None = None, progress: Progress | None = None,
                  fmus: Path | None = None) -> ScenarioResult:  # fmt: skip
@@ -119,6 +152,7 @@ def run_scenario(path: Path, overrides: Mapping[str, Value] | None = None, progr
         assembled = assemble(block, path.parent, fmus or Path(folder), tuple(sorted(block.stimuli)))
         with OpenSystem(assembled) as opened, opened.simulation(block.run.timing()) as simulation:
             stimuli = {name: each.values(simulation.instants(), path.parent) for name, each in block.stimuli.items()}
+            simulation.check_record(_recorded(block, simulation.outputs))
             cases = []
             for number, case in enumerate(block.cases):
                 part = _part_of(progress, number, len(block.cases))
@@ -140,26 +174,22 @@ def _run_case(
     refusal = any(each.refused is not None for each in expected)
     result, error = None, None
     try:
-        result = simulation.run(values, stimuli, _recorded(block, expected), progress)
+        result = simulation.run(values, stimuli, _recorded(block, simulation.outputs), progress)
     except ServotwinError as failure:
+        if not refusal and len(block.cases) == 1:
+            raise
         if not refusal:
-            raise _in_case(failure, case, len(block.cases)) from failure
+            raise type(failure)(f"case {case.name}: {failure.place}", failure.problem, failure.fix) from failure
         error = failure
     trace = result.trace if result is not None else None
     return CaseResult(case.name, result, error, tuple(check(each, trace, error, base) for each in expected))
 
 
-def _recorded(block: ScenarioBlock, expected: list[Expectation]) -> list[str] | None:
-    """The file's `record`, and whatever an expectation looks at."""
-    if block.record is None:
-        return None
-    return list(dict.fromkeys([*block.record, *(each.signal for each in expected if each.signal is not None)]))
-
-
-def _in_case(error: ServotwinError, case: CaseBlock, count: int) -> ServotwinError:
-    if count == 1:
-        return error
-    return type(error)(f"case {case.name}: {error.place}", error.problem, error.fix)
+def _recorded(block: ScenarioBlock, outputs: tuple[str, ...]) -> list[str]:
+    """The file's `record`, or all outputs; and whatever an expectation of any case looks at."""
+    expected = [*block.expect, *(each for case in block.cases for each in case.expect)]
+    looked_at = [each.signal for each in expected if each.signal is not None]
+    return list(dict.fromkeys([*(outputs if block.record is None else block.record), *looked_at]))
 
 
 def _part_of(progress: Progress | None, number: int, count: int) -> Progress | None:

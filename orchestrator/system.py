@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -88,11 +90,11 @@ class System:
         """
         place = place or str(endpoint)
         if endpoint.component not in self.parts:
-            raise WiringError(place, f"no component '{endpoint.component}'", f"there are {_names(self.parts)}")
+            raise WiringError(place, f"no component '{endpoint.component}'", _nearest(endpoint.component, self.parts))
         ports = self.parts[endpoint.component].interface.ports
         if endpoint.variable not in ports:
             raise WiringError(place, f"no variable '{endpoint.variable}' in '{endpoint.component}'",
-                              f"it has {_names(ports)}")  # fmt: skip
+                              _nearest(endpoint.variable, ports))  # fmt: skip
         return ports[endpoint.variable]
 
 
@@ -115,32 +117,48 @@ def wire(parts: Mapping[str, Part], connections: Iterable[tuple[str, str]], stim
 
 
 def check_values(system: System, values: Mapping[str, Value]) -> None:
-    """See that parameters and start values exist, can be set, and lie within their bounds.
+    """See that parameters and start values exist, can be set, are not overruled, and lie within their bounds.
 
     Raises:
         WiringError: one does not; the message names it.
     """
+    sources = {link.target: str(link.source) for link in system.connections}
+    sources |= dict.fromkeys(system.stimulated, "a stimulus")
     for name, value in values.items():
         endpoint = Endpoint.parse(name)
         port = system.port(endpoint)
-        if port.causality not in ("parameter", "structuralParameter", "input", "local") or port.start is None:
-            raise WiringError(name, f"is a {port.causality} and cannot be set", "set a parameter")
-        if isinstance(value, str):
-            continue
-        low, high = port.minimum, port.maximum
-        if (low is not None and value < low) or (high is not None and value > high):
-            span = f"[{'' if low is None else format(low, 'g')}, {'' if high is None else format(high, 'g')}]"
-            raise WiringError(name, f"is {value:g}, outside its bounds {span}", "choose a value inside")
+        if not port.settable:
+            kind = "constant" if port.variability == "constant" else port.causality
+            raise WiringError(name, f"is {_with_article(kind)} and cannot be set",
+                              "set a parameter or a start value")  # fmt: skip
+        if endpoint in sources:
+            raise WiringError(name, f"takes its value from {sources[endpoint]}", "do not set it")
+        if not isinstance(value, str):
+            _check_bounds(name, port, value)
+
+
+def _check_bounds(name: str, port: Port, value: float) -> None:
+    if not math.isfinite(value):
+        raise WiringError(name, f"is {value}", "give a finite number")
+    low, high = port.minimum, port.maximum
+    if (low is not None and value < low) or (high is not None and value > high):
+        span = f"[{'' if low is None else format(low, 'g')}, {'' if high is None else format(high, 'g')}]"
+        raise WiringError(name, f"is {value:g}, outside its bounds {span}", "choose a value inside")
 
 
 def _link(system: System, source: Endpoint, target: Endpoint) -> Connection:
     place = f"{source} -> {target}"
     output = _require(system, source, "output", "can be a source", place)
     input_ = _require(system, target, "input", "can be a target", place)
-    if (output.type == "String") or (input_.type == "String"):
-        raise WiringError(place, "text cannot be connected", "set it as a parameter")
+    for port in (output, input_):
+        if not port.numeric:
+            raise WiringError(place, f"{_with_article(port.type)} cannot be connected", "set it as a start value")
     if output.type in _REAL and input_.type not in _REAL:
-        raise WiringError(place, f"a {output.type} cannot drive a {input_.type}", "round it in a component between")
+        raise WiringError(
+            place,
+            f"{_with_article(output.type)} cannot drive {_with_article(input_.type)}",
+            "round it in a component between",
+        )
     return Connection(source, target, *_conversion(place, output, input_))
 
 
@@ -148,7 +166,8 @@ def _require(system: System, endpoint: Endpoint, causality: str, role: str, plac
     port = system.port(endpoint, place)
     if port.causality != causality:
         there = ", ".join(p.name for p in system.parts[endpoint.component].interface.of(causality)) or "none"
-        raise WiringError(place or str(endpoint), f"'{endpoint}' is a {port.causality}; only an {causality} {role}",
+        kind = _with_article(port.causality)
+        raise WiringError(place or str(endpoint), f"'{endpoint}' is {kind}; only an {causality} {role}",
                           f"{causality}s there: {there}")  # fmt: skip
     return port
 
@@ -180,6 +199,13 @@ def _every_input_set(system: System) -> None:
                 raise WiringError(f"{name}.{port.name}", "is not connected and has no start value", "connect it")
 
 
-def _names(mapping: Mapping[str, object]) -> str:
-    names = list(mapping)
-    return ", ".join(names[:12]) + (", ..." if len(names) > 12 else "") if names else "none"
+def _with_article(noun: str) -> str:
+    return f"an {noun}" if noun[0] in "aeioAEIO" else f"a {noun}"
+
+
+def _nearest(name: str, known: Iterable[str]) -> str:
+    names = list(known)
+    near = difflib.get_close_matches(name, names, n=1)
+    if near:
+        return f"did you mean '{near[0]}'?"
+    return f"there are {', '.join(names[:12])}" + (", ..." if len(names) > 12 else "") if names else "there are none"

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import difflib
+import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
-from ruamel.yaml.error import YAMLError
-from ruamel.yaml.events import AliasEvent
+from ruamel.yaml.events import AliasEvent, NodeEvent, ScalarEvent
 
 from fmus.errors import ScenarioError
 
 LARGEST = 4 << 20
+LONGEST_NUMBER = 100  # digits
+_LONG_NUMBER = re.compile(r"[-+]?0?[xob]?[0-9a-fA-F_]+")
+_DATE = re.compile(r"\d{4}-\d\d?-\d\d?")
 
 
 class Block(BaseModel):
@@ -46,30 +50,69 @@ def _parse(path: Path) -> Any:
         raise ScenarioError(path, "is larger than 4 MiB", "move data into a trace file")
     try:
         text = path.read_text(encoding="utf-8")
-        if any(isinstance(event, AliasEvent) for event in YAML(pure=True).parse(text)):
-            raise ScenarioError(path, "uses YAML aliases (*name)", "write the values out")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScenarioError(path, f"cannot be read ({error})", "save it as UTF-8 text") from error
+    try:
+        for event in YAML(pure=True).parse(text):
+            _refuse_exotic(path, event)
         document = YAML(pure=True).load(text)
-    except (YAMLError, UnicodeDecodeError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
+    except ScenarioError:
+        raise
+    except Exception as error:  # besides its own, the parser lets errors of int, datetime and the stack through
+        mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
         place = f"{path}:{mark.line + 1}" if mark else str(path)
-        problem = getattr(error, "problem", None) or str(error).splitlines()[0]
-        raise ScenarioError(place, f"is not YAML ({problem})", "mend the line") from error
+        problem = getattr(error, "problem", None) or str(error) or type(error).__name__
+        raise ScenarioError(place, f"is not YAML ({_one_line(problem)})", "mend the line") from error
     if not isinstance(document, CommentedMap):
         raise ScenarioError(path, "holds no keys", "start with `title:`")
     return document
 
 
+def _refuse_exotic(path: Path, event: Any) -> None:
+    """Aliases can make a small file huge, and tags name types that a scenario has no use for."""
+    place = f"{path}:{event.start_mark.line + 1}"
+    if isinstance(event, AliasEvent):
+        raise ScenarioError(place, "uses a YAML alias (*name)", "write the values out")
+    tag = getattr(event, "tag", None) if isinstance(event, NodeEvent) else None
+    if tag is not None:
+        raise ScenarioError(place, f"uses the YAML tag {_one_line(tag)}", "leave the tag out")
+    if not isinstance(event, ScalarEvent) or event.style is not None:
+        return
+    if len(event.value) > LONGEST_NUMBER and _LONG_NUMBER.fullmatch(event.value):
+        raise ScenarioError(place, f"holds a number of {len(event.value)} digits", "write a smaller one")
+    if _DATE.match(event.value):
+        raise ScenarioError(place, f"holds the date {_one_line(event.value)}", "put it in quotes")
+
+
+def _one_line(text: object) -> str:
+    return " ".join(str(text).split())[:200]
+
+
 def _complaint(path: Path, document: Any, schema: type[Block], error: ValidationError) -> ScenarioError:
-    first = error.errors(include_url=False)[0]
-    keys = [key for key in first["loc"] if not (isinstance(key, str) and ("[" in key or key[:1].isupper()))]
-    place = f"{path}:{_line(document, keys)}: {'.'.join(map(str, keys))}"
+    """The one thing to mend first: an unknown key, since it often is a required one misspelt, else the first."""
+    found = error.errors(include_url=False, include_context=False)
+    first = next((each for each in found if each["type"] == "extra_forbidden"), found[0])
+    keys = _keys_in_file(document, first["loc"], first["type"])
+    place = f"{path}:{_line(document, keys)}: {'.'.join(map(_one_line, keys))}"
     if first["type"] == "extra_forbidden":
         known = _known_keys(schema, keys[:-1])
         near = difflib.get_close_matches(str(keys[-1]), known, n=1)
         return ScenarioError(place, "unknown key", f"did you mean '{near[0]}'?" if near
                              else f"known are {', '.join(known)}" if known else "remove it")  # fmt: skip
-    message = first["msg"].removeprefix("Value error, ").removeprefix("Assertion failed, ")
-    return ScenarioError(place, message[0].lower() + message[1:])
+    message = _one_line(first["msg"].removeprefix("Value error, ").removeprefix("Assertion failed, "))
+    return ScenarioError(place, message[:1].lower() + message[1:])
+
+
+def _keys_in_file(document: Any, location: Sequence[Any], kind: str) -> list[Any]:
+    """Of pydantic's location the keys that the file has, and a missing one; the rest are names of its types."""
+    node, keys = document, []
+    for key in location:
+        if (isinstance(node, CommentedMap) and key in node) or (
+            isinstance(node, CommentedSeq) and isinstance(key, int) and key < len(node)
+        ):
+            node = node[key]
+            keys.append(key)
+    return [*keys, location[-1]] if kind == "missing" else keys
 
 
 def _line(document: Any, keys: list[Any]) -> int:

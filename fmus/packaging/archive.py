@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 import zipfile
+import zlib
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
+from typing import BinaryIO
 
 from lxml import etree
 
 from fmus.errors import FmuFileError
+from fmus.files import atomic_write
 
 LARGEST_UNPACKED = 4 << 30
 _EPOCH = (1980, 1, 1, 0, 0, 0)
@@ -18,30 +20,29 @@ _EPOCH = (1980, 1, 1, 0, 0, 0)
 
 def write(path: Path, files: Mapping[str, bytes]) -> None:
     """A zip of `files` (archive name -> contents), sorted, without dates; written beside and renamed."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
-            for entry in sorted(files):
-                info = zipfile.ZipInfo(entry, _EPOCH)
-                info.compress_type = zipfile.ZIP_DEFLATED
-                info.external_attr = 0o644 << 16
-                archive.writestr(info, files[entry])
-        Path(name).chmod(0o644)
-        Path(name).replace(path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
+    atomic_write(path, partial(_fill, files=files))
+
+
+def _fill(file: BinaryIO, files: Mapping[str, bytes]) -> None:
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        for entry in sorted(files):
+            info = zipfile.ZipInfo(entry, _EPOCH)
+            info.compress_type = zipfile.ZIP_DEFLATED
+            info.external_attr = 0o644 << 16
+            archive.writestr(info, files[entry])
 
 
 def read(path: Path) -> dict[str, bytes]:
     """Every file of an archive, by name.
 
     Raises:
-        FmuFileError: no such file, no zip, a path that leaves the archive, or more than 4 GiB inside.
+        FmuFileError: no such file, no zip, damaged, a path that leaves the archive, or more than 4 GiB inside.
     """
     with opened(path) as archive:
-        return {info.filename: archive.read(info) for info in archive.infolist() if not info.is_dir()}
+        try:
+            return {info.filename: archive.read(info) for info in archive.infolist() if not info.is_dir()}
+        except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError) as error:
+            raise FmuFileError(path, f"cannot be unpacked ({error})", "export the FMU again") from error
 
 
 def opened(path: Path) -> zipfile.ZipFile:

@@ -91,7 +91,7 @@ def _kind(variable: Variable, sampled: bool) -> dict[str, str]:
     if variable.causality == "parameter":
         return {"variability": "fixed", "initial": "exact"}
     if variable.causality == "input":
-        return {"variability": "continuous"}
+        return {"variability": "continuous" if variable.type == "Real" else "discrete"}
     return {"variability": "discrete" if sampled else "continuous", "initial": "calculated"}
 
 

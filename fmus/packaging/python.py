@@ -7,6 +7,7 @@ lets FMUs of different versions live in one interpreter.
 from __future__ import annotations
 
 import hashlib
+import math
 import uuid
 from collections.abc import Mapping
 from pathlib import Path
@@ -44,12 +45,13 @@ def build(
     """Write the FMU of a model (FMI 2.0, co-simulation) with these defaults and tables; the path comes back.
 
     Raises:
-        ModelError: a parameter or table the model does not have, or a model that cannot be traced.
+        ModelError: a parameter or table the model does not have, a value of the wrong type or out of bounds, or a model
+            that cannot be traced.
     """
     starts = start_values(model)
     _known(model, "variable", parameters or {}, starts)
     _known(model, "table", tables or {}, model.tables)
-    values = {name: type(start)((parameters or {}).get(name, start)) for name, start in starts.items()}
+    values = starts | {name: _checked(model, name, value) for name, value in (parameters or {}).items()}
     files = _code(model) | {
         f"resources/{name}.csv": _csv(table).encode() for name, table in (tables or {}).items()
     }  # fmt: skip
@@ -57,7 +59,7 @@ def build(
     files[defaults.RESOURCE] = defaults.dump(values).encode()
     files["modelDescription.xml"] = description.fmi2(
         model, guid, values, model.name, needsExecutionTool=True, canHandleVariableCommunicationStepSize=True,
-        canGetAndSetFMUstate=True, canNotUseMemoryManagementFunctions=True,
+        canGetAndSetFMUstate=True, canSerializeFMUstate=True, canNotUseMemoryManagementFunctions=True,
     )  # fmt: skip
     archive.write(path, files)
     return path
@@ -67,6 +69,20 @@ def _known(model: Model, what: str, given: Mapping[str, object], known: Mapping[
     for name in given:
         if name not in known:
             raise ModelError(f"{model.name}.{name}", f"no such {what}", f"it has {', '.join(known) or 'none'}")
+
+
+def _checked(model: Model, name: str, value: Number) -> Number:
+    """The value in the variable's own type."""
+    variable = model.by_name[name]
+    place = f"{model.name}.{name}"
+    typed = type(variable.start)(value)  # type: ignore[misc]
+    if typed != value or not math.isfinite(typed):
+        raise ModelError(place, f"{value} is no {variable.type} value", f"its default is {variable.start}")
+    low = -math.inf if variable.minimum is None else variable.minimum
+    high = math.inf if variable.maximum is None else variable.maximum
+    if not low <= typed <= high:
+        raise ModelError(place, f"{value} is outside {low:g} to {high:g}", "give a value within the bounds")
+    return typed
 
 
 def _code(model: Model) -> dict[str, bytes]:
@@ -90,7 +106,7 @@ def _code(model: Model) -> dict[str, bytes]:
 
 
 def _csv(table: Table) -> str:
-    rows = (f"{time!r},{value!r}\n" for time, value in zip(table.time, table.values, strict=True))
+    rows = (f"{float(time)!r},{float(value)!r}\n" for time, value in zip(table.time, table.values, strict=True))
     return "time,value\n" + "".join(rows)
 
 

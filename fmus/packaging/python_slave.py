@@ -3,6 +3,8 @@
 This file travels inside the FMU, beside the model it runs; it reads defaults and tables from the FMU's resources.
 """
 
+import ctypes
+import math
 import sys
 from pathlib import Path
 from typing import Any
@@ -24,17 +26,17 @@ def read_table(folder: Path, name: str) -> Table:
     return Table(name, tuple(float(row[0]) for row in rows), tuple(float(row[1]) for row in rows))
 
 
-_HELD: list = []
-
-
 def hold_module(namespace: dict) -> None:
-    """Keep a module's namespace alive: pythonfmu 0.7 drops a reference to it, not its own, with every instance."""
-    if sys.getrefcount(namespace) < 100:
-        _HELD.extend([namespace] * 1000)
+    """Add one reference to a module's namespace: pythonfmu 0.7 drops one that is not its own with every instance."""
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(namespace))
 
 
 class ModelSlave(Fmi2Slave):
-    """A co-simulation slave; the shim of each FMU sets `model`."""
+    """A co-simulation slave; the shim of each FMU sets `model`.
+
+    pythonfmu answers an exception with a fatal error, after which an importer that goes on crashes. So whatever a model
+    raises is logged instead; values that could not be computed are NaN, and every step from then on is an error.
+    """
 
     model: Model
 
@@ -46,6 +48,7 @@ class ModelSlave(Fmi2Slave):
         tables = {name: read_table(folder, name) for name in self.model.tables}
         self.instance = Instance(self.model, defaults, tables)
         self.names = [variable.name for variable in self.model.variables]
+        self.failed = False
 
     def setup_experiment(
         self, start_time: float, stop_time: float | None = None, tolerance: float | None = None
@@ -53,16 +56,21 @@ class ModelSlave(Fmi2Slave):
         self.instance.begin(start_time)
 
     def do_step(self, current_time: float, step_size: float) -> bool:
+        if self.failed:
+            return False
         try:
             self.instance.step(current_time, step_size)
-        except (StepError, ArithmeticError, ValueError) as error:
-            self.log(f"{self.model.name}: {error}", Fmi2Status.error)
-            return False
-        return True
+        except Exception as error:
+            self._fail(error)
+        return not self.failed
 
     def get_real(self, vrs: list[int]) -> list[float]:
         get, names = self.instance.get, self.names
-        return [float(get(names[vr])) for vr in vrs]
+        try:
+            return [float(get(names[vr])) for vr in vrs]
+        except Exception as error:
+            self._fail(error)
+            return [math.nan] * len(vrs)
 
     def get_integer(self, vrs: list[int]) -> list[int]:
         return [int(self.instance.get(self.names[vr])) for vr in vrs]
@@ -72,8 +80,11 @@ class ModelSlave(Fmi2Slave):
 
     def set_real(self, vrs: list[int], values: list) -> None:
         set_, names = self.instance.set, self.names
-        for vr, value in zip(vrs, values, strict=True):
-            set_(names[vr], value)
+        try:
+            for vr, value in zip(vrs, values, strict=True):
+                set_(names[vr], value)
+        except Exception as error:
+            self._fail(error)
 
     set_integer = set_real
     set_boolean = set_real
@@ -82,4 +93,13 @@ class ModelSlave(Fmi2Slave):
         return self.instance.snapshot()
 
     def _set_fmu_state(self, state: dict) -> None:
-        self.instance.restore(state)
+        try:
+            self.instance.restore(state)
+            self.failed = False
+        except Exception as error:
+            self._fail(error)
+
+    def _fail(self, error: Exception) -> None:
+        self.failed = True
+        reason = str(error) if isinstance(error, StepError) else f"{type(error).__name__}: {error}"
+        self.log(f"{self.model.name}: {reason}", Fmi2Status.error)

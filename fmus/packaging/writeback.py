@@ -15,6 +15,7 @@ from typing import Any
 from lxml import etree
 
 from fmus.errors import FmuFileError
+from fmus.files import atomic_write
 from fmus.model import Number
 from fmus.packaging import archive, defaults, ssv
 from fmus.packaging.description import GENERATION_TOOL, xml_number
@@ -74,10 +75,9 @@ def _beside(
         if causality in ("input", "output") and typed.tag in ("Real", "Float64") and not variable.findall("Dimension"):
             connectors[variable.get("name")] = causality
     written = [target.with_suffix(suffix) for suffix in (".ssp", ".ssv", ".provenance.json")]
-    target.parent.mkdir(parents=True, exist_ok=True)
     ssv.write_ssp(written[0], source, connectors, values)
-    written[1].write_bytes(_set(root, values))
-    written[2].write_bytes(_json(provenance))
+    atomic_write(written[1], _set(root, values))
+    atomic_write(written[2], _json(provenance))
     return written
 
 

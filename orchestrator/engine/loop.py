@@ -11,8 +11,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from time import perf_counter
 
-import numpy as np
-
 from fmus.errors import FmuError
 from orchestrator.engine.plan import CycleSettings
 from orchestrator.slave import Component
@@ -21,7 +19,8 @@ from orchestrator.trace import FloatArray
 
 @dataclass
 class Statistics:
-    """What stepping one component took: calls of its step function and the time in them and around them [s]."""
+    """What stepping one component took: calls of its step function, those of iterations included, and the time in
+    them and around them [s]."""
 
     calls: int = 0
     seconds: float = 0.0
@@ -38,6 +37,7 @@ class Node:
         instant: for each output whether it holds at once.
         every: communication step [ticks].
         duration: communication step [s].
+        held: the inputs of its latest step.
     """
 
     component: Component
@@ -48,6 +48,13 @@ class Node:
     every: int
     duration: float
     statistics: Statistics = field(default_factory=Statistics)
+    held: Sequence[float] = ()
+
+    @property
+    def feeds_itself(self) -> bool:
+        """Whether one of its instant outputs drives one of its inputs."""
+        return any(0 <= slot - self.first < len(self.instant) and self.instant[slot - self.first]
+                   for slot in self.sources)  # fmt: skip
 
     def inputs(self, values: Sequence[float]) -> list[float]:
         if self.scale is None:
@@ -81,26 +88,29 @@ class Loop:
     def run(self, first: int, last: int, record_every: int, rows: FloatArray) -> None:
         """Step from tick `first` to tick `last`, filling rows[k // record_every] at recorded ticks; the row of the
         final tick of the run is filled by `record` afterwards."""
+        groups = [(group, len(group) > 1 or group[0].feeds_itself) for group in self.groups]
         for tick in range(first, last):
             self.arrive(tick)
             recorded = rows[tick // record_every] if tick % record_every == 0 else None
             if recorded is not None:
                 recorded[: len(self.record_slots)] = [self.values[slot] for slot in self.record_slots]
-            for group in self.groups:
+            for group, circular in groups:
                 due = [node for node in group if tick % node.every == 0]
-                if len(group) > 1:
+                if circular and due:
                     self._iterate(due, tick)
                 else:
                     for node in due:
                         self._advance(node, tick)
             if recorded is not None:
-                self._record_inputs(recorded)
+                for column, (node, number) in enumerate(self.record_inputs, start=len(self.record_slots)):
+                    recorded[column] = node.held[number]
 
     def record(self, tick: int, row: FloatArray) -> None:
         """Fill the row of a tick from which no step is taken."""
         self.arrive(tick)
         row[: len(self.record_slots)] = [self.values[slot] for slot in self.record_slots]
-        self._record_inputs(row)
+        for column, (node, number) in enumerate(self.record_inputs, start=len(self.record_slots)):
+            row[column] = node.held[number] if tick % node.every and node.held else node.inputs(self.values)[number]
 
     def arrive(self, tick: int) -> None:
         """Let the values in that hold from this tick on: finished steps and stimuli."""
@@ -110,7 +120,6 @@ class Loop:
             self.values[self.first_stimulus : self.first_stimulus + self.stimuli.shape[1]] = self.stimuli[tick].tolist()
 
     def _advance(self, node: Node, tick: int) -> None:
-        begun = perf_counter()
         outputs = self._step(node, tick)
         later = []
         for offset, (value, instant) in enumerate(zip(outputs, node.instant, strict=True)):
@@ -120,15 +129,18 @@ class Loop:
                 later.append((node.first + offset, value))
         if later:
             self._pending.setdefault(tick + node.every, []).extend(later)
-        node.statistics.calls += 1
-        node.statistics.seconds += perf_counter() - begun
 
     def _step(self, node: Node, tick: int) -> Sequence[float]:
+        begun = perf_counter()
         component = node.component
         if node.sources:
-            component.write(node.inputs(self.values))
+            node.held = node.inputs(self.values)
+            component.write(node.held)
         component.step(self.time(tick), node.duration)
-        return component.read()
+        outputs = component.read()
+        node.statistics.calls += 1
+        node.statistics.seconds += perf_counter() - begun
+        return outputs
 
     def _iterate(self, nodes: Sequence[Node], tick: int) -> None:
         """Repeat the step of a cycle from one saved state until its instant outputs stay put."""
@@ -157,9 +169,6 @@ class Loop:
             self._advance(node, tick)
 
     def _settled(self, before: Sequence[float]) -> bool:
-        change = np.abs(np.subtract(self.values, before))
-        return bool(np.all(change <= self.cycles.tolerance * (1.0 + np.abs(self.values))))
-
-    def _record_inputs(self, row: FloatArray) -> None:
-        for column, (node, number) in enumerate(self.record_inputs, start=len(self.record_slots)):
-            row[column] = node.inputs(self.values)[number]
+        """Whether no value moved by more than the tolerance; never where one grew out of bounds."""
+        limit = self.cycles.tolerance
+        return all(abs(now - then) < limit * (1.0 + abs(now)) for now, then in zip(self.values, before, strict=True))

@@ -13,8 +13,12 @@ from enum import StrEnum
 from fractions import Fraction
 from graphlib import CycleError, TopologicalSorter
 
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
 from fmus.errors import WiringError
-from orchestrator.rational import common_divisor, multiples
+from orchestrator.rational import common_divisor, multiples, written
 from orchestrator.system import Part, System
 
 
@@ -64,55 +68,47 @@ def make_plan(system: System, step: Fraction, order: Order, cycles: CycleSetting
         WiringError: a step that is not positive or that a fixed-step FMU does not allow, or a cycle of direct
             feed-through that is not to be iterated or cannot be (the message prints its path).
     """
-    steps = {name: part.step or step for name, part in system.parts.items()}
+    steps = {name: step if part.step is None else part.step for name, part in system.parts.items()}
     for name, each in steps.items():
         if each <= 0:
-            raise WiringError(f"{name}.step", f"{float(each):g} s is not positive", "give a step")
+            raise WiringError(f"{name}.step", f"{written(each)} s is not positive", "give a step")
         _fits_fixed_step(name, system.parts[name], each)
     tick = common_divisor([*steps.values(), step])
     jacobi = order is Order.JACOBI
     instant = {name: frozenset() if jacobi else part.instant_outputs() for name, part in system.parts.items()}
-    groups = _groups(system, instant)
+    before = _predecessors(system, instant)
+    groups = _groups(before)
     for group in groups:
-        if len(group) > 1:
-            _allow_cycle(system, group, instant, cycles)
+        if len(group) > 1 or group[0] in before[group[0]]:
+            _allow_cycle(system, group, before, cycles)
     every = {name: multiples(each, tick, f"{name}.step") for name, each in steps.items()}
     return Plan(tick, every, groups, instant)
 
 
 def _fits_fixed_step(name: str, part: Part, step: Fraction) -> None:
     fixed = part.interface.fixed_step
-    if fixed and abs(float(step) / fixed - round(float(step) / fixed)) > 1e-9:
-        raise WiringError(f"{name}.step", f"{float(step):g} s is not a multiple of the FMU's own {fixed:g} s",
-                          "choose a multiple")  # fmt: skip
+    if not fixed:
+        return
+    count = round(float(step) / fixed)
+    if count < 1 or abs(float(step) / fixed - count) > 1e-9:
+        raise WiringError(f"{name}.step", f"{written(step)} s is not a multiple of the FMU's own {fixed:g} s",
+                          f"use {max(1, count) * fixed:.9g} s")  # fmt: skip
 
 
-def _groups(system: System, instant: Mapping[str, frozenset[str]]) -> tuple[tuple[str, ...], ...]:
-    """Strongly connected components of "must run before", in running order (Tarjan's algorithm)."""
-    before = _predecessors(system, instant)
-    index: dict[str, int] = {}
-    low: dict[str, int] = {}
-    stack: list[str] = []
-    groups: list[tuple[str, ...]] = []
-
-    def visit(node: str) -> None:
-        index[node] = low[node] = len(index)
-        stack.append(node)
-        for other in before[node]:
-            if other not in index:
-                visit(other)
-            if other in stack:
-                low[node] = min(low[node], low[other])
-        if low[node] == index[node]:
-            position = stack.index(node)
-            members = stack[position:]
-            del stack[position:]
-            groups.append(tuple(name for name in system.parts if name in members))
-
-    for node in system.parts:
-        if node not in index:
-            visit(node)
-    return tuple(groups)
+def _groups(before: Mapping[str, list[str]]) -> tuple[tuple[str, ...], ...]:
+    """Strongly connected components of "must run before", in running order."""
+    number = {name: position for position, name in enumerate(before)}
+    edges = [(number[name], number[other]) for name, others in before.items() for other in others]
+    where = np.array(edges, dtype=int).reshape(-1, 2).T
+    matrix = coo_array((np.ones(len(edges)), (where[0], where[1])), shape=(len(before), len(before)))
+    labels = dict(zip(before, connected_components(matrix, connection="strong")[1].tolist(), strict=True))
+    members: dict[int, list[str]] = {}
+    needs: dict[int, set[int]] = {}
+    for name, others in before.items():
+        members.setdefault(labels[name], []).append(name)
+        needs.setdefault(labels[name], set()).update(labels[other] for other in others)
+    order = TopologicalSorter({label: sorted(others - {label}) for label, others in needs.items()}).static_order()
+    return tuple(tuple(members[label]) for label in order)
 
 
 def _predecessors(system: System, instant: Mapping[str, frozenset[str]]) -> dict[str, list[str]]:
@@ -124,9 +120,9 @@ def _predecessors(system: System, instant: Mapping[str, frozenset[str]]) -> dict
 
 
 def _allow_cycle(
-    system: System, group: tuple[str, ...], instant: Mapping[str, frozenset[str]], cycles: CycleSettings
+    system: System, group: tuple[str, ...], before: Mapping[str, list[str]], cycles: CycleSettings
 ) -> None:
-    path = _cycle_path(system, group, instant)
+    path = _cycle_path(group, before)
     if not cycles.iterate:
         raise WiringError("connections", f"direct feed-through runs in a circle: {path}",
                           "set `cycles: iterate`, or `feed_through: none` for a component with dynamics")  # fmt: skip
@@ -136,10 +132,10 @@ def _allow_cycle(
                           "its FMU needs canGetAndSetFMUstate; or set `feed_through: none`")  # fmt: skip
 
 
-def _cycle_path(system: System, group: tuple[str, ...], instant: Mapping[str, frozenset[str]]) -> str:
-    before = {name: [b for b in names if b in group] for name, names in _predecessors(system, instant).items()}
+def _cycle_path(group: tuple[str, ...], before: Mapping[str, list[str]]) -> str:
+    """One circle among the members, in the direction in which values flow."""
     try:
-        TopologicalSorter({name: before[name] for name in group}).prepare()
+        TopologicalSorter({name: [other for other in before[name] if other in group] for name in group}).prepare()
     except CycleError as error:
         return " -> ".join(error.args[1])
     return " -> ".join(group)

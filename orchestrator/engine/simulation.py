@@ -9,10 +9,10 @@ from types import TracebackType
 
 import numpy as np
 
-from fmus.errors import WiringError
+from fmus.errors import FmuError, WiringError
 from orchestrator.engine.loop import Loop, Node, Statistics
 from orchestrator.engine.plan import CycleSettings, Order, Plan, make_plan
-from orchestrator.rational import multiples
+from orchestrator.rational import clock, multiples, written
 from orchestrator.slave import Component, Value
 from orchestrator.system import Endpoint, System, check_values
 from orchestrator.trace import FloatArray, Trace
@@ -51,6 +51,9 @@ class Result:
 class Simulation:
     """Instances of a system's components; a context manager that frees them.
 
+    Attributes:
+        outputs: component.variable of all outputs that can be recorded.
+
     Raises (on entering or running):
         WiringError: values or times that do not fit the system.
         FmuError: an FMU failed.
@@ -62,8 +65,9 @@ class Simulation:
         self.timing = timing
         self.plan: Plan = make_plan(system, timing.step, timing.order, timing.cycles)
         self._fresh = True
-        self._outputs = {name: [p.name for p in part.interface.of("output") if p.type != "String"]
+        self._outputs = {name: [p.name for p in part.interface.of("output") if p.numeric]
                          for name, part in system.parts.items()}  # fmt: skip
+        self.outputs = tuple(str(endpoint) for endpoint in self._all_outputs())
         self._inputs: dict[str, list[Endpoint]] = {name: [] for name in system.parts}
         for target in [link.target for link in system.connections] + sorted(system.stimulated, key=str):
             self._inputs[target.component].append(target)
@@ -72,8 +76,19 @@ class Simulation:
 
     def instants(self) -> FloatArray:
         """(K,) the communication instants, at which stimuli are wanted and rows recorded [s]."""
-        ticks = multiples(self.timing.stop - self.timing.start, self.timing.step, "stop") + 1
-        return np.array([float(self.timing.start + k * self.timing.step) for k in range(ticks)])
+        return self._times(self._steps(self.timing.stop) + 1)
+
+    def check_record(self, names: Iterable[str]) -> None:
+        """See that each name is an output or a connected input.
+
+        Raises:
+            WiringError: one is not; the message names it.
+        """
+        for name in names:
+            endpoint = Endpoint.parse(name)
+            self.system.port(endpoint)
+            if name not in self.outputs and endpoint not in self._inputs[endpoint.component]:
+                raise WiringError(name, "is neither an output nor a connected input", "record another variable")
 
     def run(
         self,
@@ -87,31 +102,31 @@ class Simulation:
 
         Args:
             values: component.variable -> parameter or start value; the others have the FMU's defaults.
-            stimuli: component.input -> (K,) value from each communication instant on.
+            stimuli: component.input -> (K,) value from each communication instant on, at least until `stop`.
             record: component.variable of outputs and connected inputs; None takes all outputs.
             progress: called now and then with the fraction done.
             stop: end of this run, at most the timing's [s].
         """
-        values, stimuli = values or {}, stimuli or {}
+        values, stimuli, steps = values or {}, stimuli or {}, self._steps(self.timing.stop if stop is None else stop)
+        chosen = self.outputs if record is None else tuple(dict.fromkeys(record))
         check_values(self.system, values)
-        if set(stimuli) != {str(e) for e in self.system.stimulated}:
-            raise WiringError("stimuli", f"{sorted(stimuli)} given", f"give {sorted(map(str, self.system.stimulated))}")
-        ticks = multiples((stop or self.timing.stop) - self.timing.start, self.plan.tick, "stop")
+        self.check_record(chosen)
+        self._check_stimuli(stimuli, steps + 1)
         every = multiples(self.timing.step, self.plan.tick, "step")
         self._initialise(values)
-        loop = self._loop(stimuli, every, record)
+        loop = self._loop(stimuli, every, chosen)
         self._propagate(loop)
         for component in self.components.values():
             component.run()
         self._read_all(loop)
-        rows = np.full((ticks // every + 1, len(loop.record_slots) + len(loop.record_inputs)), np.nan)
+        rows = np.full((steps + 1, len(chosen)), np.nan)
+        ticks = steps * every
         for first in range(0, ticks, CHUNK):
             loop.run(first, min(first + CHUNK, ticks), every, rows)
             if progress is not None:
                 progress(min(first + CHUNK, ticks) / ticks)
-        if ticks % every == 0:
-            loop.record(ticks, rows[-1])
-        return self._result(loop, rows, every, record)
+        loop.record(ticks, rows[-1])
+        return self._result(loop, rows, chosen)
 
     def close(self) -> None:
         """Free all components."""
@@ -124,37 +139,56 @@ class Simulation:
     def __exit__(self, kind: type | None, error: BaseException | None, traceback: TracebackType | None) -> None:
         self.close()
 
+    def _steps(self, stop: Fraction) -> int:
+        """Number of communication steps until a time [s]."""
+        start, step = self.timing.start, self.timing.step
+        if not start < stop <= self.timing.stop:
+            raise WiringError("stop", f"{written(stop)} s is not after {written(start)} s and up to "
+                              f"{written(self.timing.stop)} s", "choose a time between")  # fmt: skip
+        return multiples(stop - start, step, "stop - start" if start else "stop")
+
+    def _times(self, count: int) -> FloatArray:
+        return np.array(list(map(clock(self.timing.start, self.timing.step), range(count))))
+
+    def _check_stimuli(self, stimuli: Mapping[str, FloatArray], count: int) -> None:
+        if set(stimuli) != {str(e) for e in self.system.stimulated}:
+            raise WiringError("stimuli", f"{sorted(stimuli)} given", f"give {sorted(map(str, self.system.stimulated))}")
+        for name, samples in stimuli.items():
+            if np.ndim(samples) != 1 or len(samples) < count:
+                raise WiringError(name, f"has samples of shape {np.shape(samples)}", f"give {count}, one an instant")
+            if not np.all(np.isfinite(samples)):
+                raise WiringError(name, "is driven by a sample that is not finite", "repair the stimulus")
+
     def _initialise(self, values: Mapping[str, Value]) -> None:
         own: dict[str, dict[str, Value]] = {name: {} for name in self.components}
         for name, value in values.items():
             endpoint = Endpoint.parse(name)
             own[endpoint.component][endpoint.variable] = value
+        fresh, self._fresh = self._fresh, False
         for name, component in self.components.items():
-            if not self._fresh:
+            if not fresh:
                 component.reset()
             component.set(own[name])
-        self._fresh = False
         for component in self.components.values():
             component.begin(float(self.timing.start), None)
 
-    def _loop(self, stimuli: Mapping[str, FloatArray], every: int, record: Iterable[str] | None) -> Loop:
+    def _loop(self, stimuli: Mapping[str, FloatArray], every: int, chosen: Sequence[str]) -> Loop:
         slots = self._slots()
         names = sorted(str(e) for e in self.system.stimulated)
         nodes = {name: self._node(name, slots) for name in self.components}
-        chosen = list(record) if record is not None else [str(e) for e in self._all_outputs()]
-        outputs = [Endpoint.parse(name) for name in chosen if Endpoint.parse(name) in slots]
-        inputs = [self._recorded_input(Endpoint.parse(n), nodes) for n in chosen if Endpoint.parse(n) not in slots]
-        start, tick = self.timing.start, self.plan.tick
+        recorded = [Endpoint.parse(name) for name in chosen]
         columns = [np.repeat(np.asarray(stimuli[name], dtype=float), every) for name in names]
         return Loop(
             groups=[[nodes[name] for name in group] for group in self.plan.groups],
             values=[0.0] * (len(slots) + len(names)),
             stimuli=np.column_stack(columns) if columns else np.zeros((0, 0)),
             first_stimulus=len(slots),
-            time=lambda k: float(start + k * tick) if start else k * tick.numerator / tick.denominator,
+            time=clock(self.timing.start, self.plan.tick),
             cycles=self.timing.cycles,
-            record_slots=[slots[endpoint] for endpoint in outputs],
-            record_inputs=inputs,
+            record_slots=[slots[endpoint] for endpoint in recorded if endpoint in slots],
+            record_inputs=[
+                (nodes[e.component], self._inputs[e.component].index(e)) for e in recorded if e not in slots
+            ],
         )
 
     def _all_outputs(self) -> list[Endpoint]:
@@ -183,25 +217,29 @@ class Simulation:
             duration=float(every * self.plan.tick),
         )
 
-    def _recorded_input(self, endpoint: Endpoint, nodes: Mapping[str, Node]) -> tuple[Node, int]:
-        self.system.port(endpoint)
-        inputs = self._inputs[endpoint.component]
-        if endpoint not in inputs:
-            raise WiringError(str(endpoint), "is neither an output nor a connected input", "record another variable")
-        return nodes[endpoint.component], inputs.index(endpoint)
-
     def _propagate(self, loop: Loop) -> None:
-        """Pass outputs to inputs during initialisation until nothing changes or each component had a turn."""
+        """Pass outputs to inputs during initialisation until nothing changes.
+
+        A chain of n components is through after n passes; a circle of direct feed-through may need more.
+
+        Raises:
+            FmuError: a circle whose values do not settle.
+        """
         nodes = [node for group in loop.groups for node in group]
         loop.arrive(0)
-        for _ in range(len(nodes) + 1):
+        for turn in range(len(nodes) + 1 + self.timing.cycles.limit):
             before = list(loop.values)
             for node in nodes:
                 if node.sources:
                     node.component.write(node.inputs(loop.values))
                 self._take(loop, node)
-            if loop.values == before:
+            tolerance = self.timing.cycles.tolerance if turn > len(nodes) else 0.0
+            moving = _moving(before, loop.values, tolerance)
+            if not moving:
                 return
+        names = [n.component.name for n in nodes if any(0 <= slot - n.first < len(n.instant) for slot in moving)]
+        raise FmuError(", ".join(names), f"the initial values run in a circle and do not settle in {turn + 1} passes",
+                       "break the circle, or give start values that fit")  # fmt: skip
 
     def _read_all(self, loop: Loop) -> None:
         for group in loop.groups:
@@ -213,16 +251,11 @@ class Simulation:
         values = node.component.read()
         loop.values[node.first : node.first + len(values)] = values
 
-    def _result(self, loop: Loop, rows: FloatArray, every: int, record: Iterable[str] | None) -> Result:
-        chosen = list(record) if record is not None else [str(e) for e in self._all_outputs()]
-        slots = self._slots()
-        names = [n for n in chosen if Endpoint.parse(n) in slots] + [
-            n for n in chosen if Endpoint.parse(n) not in slots
-        ]
-        step = self.timing.step
-        time = np.array([float(self.timing.start + k * step) for k in range(len(rows))])
-        units = {name: self.system.port(Endpoint.parse(name)).unit or "1" for name in names}
-        trace = Trace(time, {name: rows[:, i] for i, name in enumerate(names)}, units, "simulation")
+    def _result(self, loop: Loop, rows: FloatArray, chosen: Sequence[str]) -> Result:
+        columns = sorted(chosen, key=lambda name: name not in self.outputs)  # outputs first, as in the rows
+        signals = {name: rows[:, i] for i, name in enumerate(columns)}
+        units = {name: self.system.port(Endpoint.parse(name)).unit or "1" for name in chosen}
+        trace = Trace(self._times(len(rows)), {name: signals[name] for name in chosen}, units, "simulation")
         nodes: Sequence[Node] = [node for group in loop.groups for node in group]
         return Result(
             trace,
@@ -230,3 +263,12 @@ class Simulation:
             {name: getattr(component, "warnings", 0) for name, component in self.components.items()},
             loop.iterations,
         )
+
+
+def _moving(before: Sequence[float], after: Sequence[float], tolerance: float) -> list[int]:
+    """Slots whose value changed by more than the tolerance, relative to 1 + |value|; NaN counts as no change."""
+    return [
+        slot
+        for slot, (then, now) in enumerate(zip(before, after, strict=True))
+        if now != then and abs(now - then) > tolerance * (1.0 + abs(now))
+    ]

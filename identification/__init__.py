@@ -1,0 +1,1 @@
+"""From traces to parameters: signals, resonance, output error, validation."""

@@ -1,0 +1,342 @@
+"""Bounded Levenberg-Marquardt for least squares whose Jacobian has the shape of an arrow.
+
+All windows share the parameters, and each has states of its own. Orthogonal elimination of the states, window
+by window, leaves a problem in the parameters alone, so neither memory nor time grows faster than the number
+of windows.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from fmus.errors import IdentificationError
+from orchestrator.trace import FloatArray
+
+LossKind = Literal["linear", "soft_l1", "huber", "cauchy"]
+_SUFFICIENT = 1e-4
+_NO_DAMPING = 1e-12
+_MOST_DAMPING = 1e12
+
+
+@dataclass(frozen=True)
+class Point:
+    """parameters : (n,) and states : (W, s), both scaled."""
+
+    parameters: FloatArray
+    states: FloatArray
+
+    def __add__(self, step: Point) -> Point:
+        return Point(self.parameters + step.parameters, self.states + step.states)
+
+    def __sub__(self, other: Point) -> Point:
+        return Point(self.parameters - other.parameters, self.states - other.states)
+
+    def clipped(self, box: Box) -> Point:
+        """The nearest point inside the box."""
+        return Point(
+            np.clip(self.parameters, box.lower.parameters, box.upper.parameters),
+            np.clip(self.states, box.lower.states, box.upper.states),
+        )
+
+    @property
+    def flat(self) -> FloatArray:
+        """(n + W s,) all entries."""
+        return np.concatenate([self.parameters, self.states.ravel()])
+
+
+@dataclass(frozen=True)
+class Box:
+    """Bounds on every entry of a point."""
+
+    lower: Point
+    upper: Point
+
+    def around(self, point: Point) -> Box:
+        """The bounds on a step from this point."""
+        return Box(self.lower - point, self.upper - point)
+
+
+@dataclass(frozen=True)
+class Block:
+    """One window linearised: residual : (N,), its derivatives parameters : (N, n) and states : (N, s)."""
+
+    residual: FloatArray
+    parameters: FloatArray
+    states: FloatArray
+
+
+@dataclass(frozen=True)
+class Loss:
+    """0.5 scale^2 rho((r / scale)^2), summed; rho as in SciPy's `least_squares`.
+
+    Attributes:
+        kind: "linear" is least squares; "soft_l1", "huber" and "cauchy" weigh outliers less and less.
+        scale: residual (after weighting) beyond which a sample counts as an outlier.
+    """
+
+    kind: LossKind = "linear"
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("linear", "soft_l1", "huber", "cauchy"):
+            raise IdentificationError("loss", f"'{self.kind}' is unknown", "use linear, soft_l1, huber or cauchy")
+        if not 0 < self.scale < math.inf:
+            raise IdentificationError("loss", f"scale {self.scale:g} is not positive", "use a scale above 0")
+
+    def cost(self, residuals: Sequence[FloatArray]) -> float:
+        """The sum over all residuals."""
+        return 0.5 * self.scale**2 * sum(float(np.sum(self._rho(r)[0])) for r in residuals)
+
+    def influence(self, residual: FloatArray) -> FloatArray:
+        """d cost / d r, the shape of r."""
+        return self._rho(residual)[1] * residual
+
+    def curvature(self, residual: FloatArray) -> FloatArray:
+        """d2 cost / d r2, the shape of r; negative for cauchy's far outliers."""
+        _, first, second = self._rho(residual)
+        return first + 2.0 * second * (residual / self.scale) ** 2
+
+    def scaled(self, block: Block) -> Block:
+        """The block whose least squares has this loss's gradient and (floored, positive) curvature."""
+        if self.kind == "linear":
+            return block
+        first = self._rho(block.residual)[1]
+        root = np.sqrt(np.maximum(self.curvature(block.residual), 0.1 * first))
+        return Block(block.residual * first / root, block.parameters * root[:, None], block.states * root[:, None])
+
+    def _rho(self, residual: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """rho(z) and its first two derivatives at z = (r / scale)^2."""
+        z = (residual / self.scale) ** 2
+        if self.kind == "linear":
+            return z, np.ones_like(z), np.zeros_like(z)
+        if self.kind == "soft_l1":
+            root = np.sqrt(1 + z)
+            return 2 * (root - 1), 1 / root, -0.5 / root**3
+        if self.kind == "cauchy":
+            return np.log1p(z), 1 / (1 + z), -1 / (1 + z) ** 2
+        inside, root = z <= 1, np.sqrt(np.maximum(z, 1))
+        return np.where(inside, z, 2 * root - 1), 1 / root, np.where(inside, 0.0, -0.5 / root**3)
+
+
+LEAST_SQUARES = Loss()
+
+
+class ArrowModel:
+    """The quadratic model of the cost around one point, compressed to one small triangle a window.
+
+    `triangles` : (W, c, c) with c = s + n + 1 columns: states, parameters, residual. Orthogonal
+    transformations keep all inner products, so gradient, curvature and cost of the model are those of the
+    full Jacobian.
+    """
+
+    def __init__(self, blocks: Sequence[Block]) -> None:
+        self.n = blocks[0].parameters.shape[1]
+        self.s = blocks[0].states.shape[1]
+        self.triangles = np.array([self._triangle(block) for block in blocks])
+
+    def _triangle(self, block: Block) -> FloatArray:
+        columns = np.column_stack([block.states, block.parameters, block.residual])
+        missing = max(0, columns.shape[1] - len(columns))
+        return _triangular(np.pad(columns, ((0, missing), (0, 0))))
+
+    def norms(self) -> Point:
+        """Length of every Jacobian column; 1 for a column that is zero."""
+        squares = np.sum(self.triangles**2, axis=1)
+        states, parameters = np.sqrt(squares[:, : self.s]), np.sqrt(squares[:, self.s : -1].sum(axis=0))
+        return Point(np.where(parameters > 0, parameters, 1.0), np.where(states > 0, states, 1.0))
+
+    def step(self, damping: float, scale: Point, room: Box) -> Point:
+        """The step that minimises |r + J d|^2 + damping |scale d|^2 within the room.
+
+        Parameters are bounded exactly (SciPy's BVLS). A state at a bound that the gradient pushes outward
+        stays; other states are clipped.
+        """
+        root = math.sqrt(damping)
+        reduced = self._states_eliminated(root * scale.states, self._held(room))
+        below = reduced[:, self.s :, self.s :].reshape(-1, self.n + 1)
+        matrix = np.vstack([below[:, :-1] / scale.parameters, root * np.eye(self.n)])
+        target = -np.concatenate([below[:, -1], np.zeros(self.n)])
+        parameters = _bounded_least_squares(
+            matrix, target, room.lower.parameters * scale.parameters, room.upper.parameters * scale.parameters
+        )
+        parameters = parameters / scale.parameters
+        states = self._states(reduced, parameters)
+        return Point(parameters, states).clipped(room)
+
+    def _held(self, room: Box) -> FloatArray:
+        """(W, s) 1 for a state that may move, 0 for one held at its bound."""
+        gradient = np.einsum("wrs,wr->ws", self.triangles[:, :, : self.s], self.triangles[:, :, -1])
+        outward = ((room.lower.states >= 0) & (gradient > 0)) | ((room.upper.states <= 0) & (gradient < 0))
+        return np.where(outward, 0.0, 1.0)
+
+    def _states_eliminated(self, damping: FloatArray, free: FloatArray) -> FloatArray:
+        windows, columns = self.triangles.shape[0], self.triangles.shape[2]
+        rows = np.zeros((windows, self.s, columns))
+        rows[:, range(self.s), range(self.s)] = damping
+        masked = self.triangles.copy()
+        masked[:, :, : self.s] *= free[:, None, :]
+        return _triangular(np.concatenate([masked, rows], axis=1))
+
+    def _states(self, reduced: FloatArray, parameters: FloatArray) -> FloatArray:
+        target = -(reduced[:, : self.s, -1] + reduced[:, : self.s, self.s : -1] @ parameters)
+        return np.asarray(np.linalg.solve(reduced[:, : self.s, : self.s], target[..., None])[..., 0])
+
+    def reduction(self, step: Point) -> float:
+        """By how much the model's cost falls over this step."""
+        windows = len(self.triangles)
+        moves = np.hstack([step.states, np.tile(step.parameters, (windows, 1)), np.ones((windows, 1))])
+        moved = np.einsum("wrc,wc->wr", self.triangles, moves)
+        return 0.5 * float(np.sum(self.triangles[:, :, -1] ** 2) - np.sum(moved**2))
+
+
+def _triangular(matrices: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.qr(matrices, mode="r"))
+
+
+def _bounded_least_squares(matrix: FloatArray, target: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
+    if matrix.shape[1] == 0:
+        return np.zeros(0)
+    free = np.linalg.lstsq(matrix, target, rcond=None)[0]
+    if np.all((free >= lower) & (free <= upper)):
+        return np.asarray(free)
+    return np.asarray(lsq_linear(matrix, target, bounds=(lower, upper), method="bvls").x)
+
+
+class System(Protocol):
+    """What is minimised."""
+
+    def residuals(self, point: Point) -> list[FloatArray] | None:
+        """One (N,) vector a window; None when the point cannot be evaluated."""
+
+    def linearise(self, point: Point, residuals: list[FloatArray]) -> list[Block]:
+        """Residuals and Jacobian of every window."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """When to stop.
+
+    Attributes:
+        evaluations: most points tried.
+        iterations: most Jacobians computed.
+        cost: relative cost reduction, expected and reached, under which the search has converged.
+        step: largest change of a scaled entry, relative to 1 + its size, under which it has converged.
+    """
+
+    evaluations: int = 60
+    iterations: int = 60
+    cost: float = 1e-7
+    step: float = 1e-7
+
+
+@dataclass(frozen=True)
+class Iterate:
+    """A point that could be evaluated."""
+
+    point: Point
+    residuals: list[FloatArray]
+    cost: float
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """Where a search ended and why."""
+
+    at: Iterate
+    iterations: int
+    converged: bool
+    message: str
+
+
+def minimise(
+    system: System,
+    start: Iterate,
+    box: Box,
+    loss: Loss,
+    *,
+    limits: Limits,
+    report: Callable[[int, float], None],
+) -> Minimum:
+    """The nearest local minimum within the box; `report` is told iteration and cost after every step.
+
+    SciPy's `least_squares` would need the whole Jacobian or an inner iteration, and nears active bounds only in the
+    limit, at a Jacobian a step; here its BVLS solves the bounded step exactly.
+
+    Source: Moré 1978 (scaling by the largest column norms so far, relative tolerances).
+    """
+    here, search, scale = start, _Search(system, box, loss, limits), None
+    for iteration in range(limits.iterations):
+        model = ArrowModel([loss.scaled(block) for block in system.linearise(here.point, here.residuals)])
+        scale = _larger(scale, model.norms())
+        newton = model.reduction(model.step(_NO_DAMPING, scale, box.around(here.point)))
+        if newton <= limits.cost * here.cost:
+            return Minimum(here, iteration, True, "no step promises a relevant reduction")
+        there = search.downhill(model, here, scale)
+        if there is None:
+            return search.given_up(here, iteration)
+        report(iteration + 1, there.cost)
+        gained, here = here.cost - there.cost, there
+        if gained <= limits.cost * here.cost and search.damping < 1.0:
+            return Minimum(here, iteration + 1, True, "the cost no longer falls")
+    return Minimum(here, limits.iterations, False, f"stopped after {limits.iterations} iterations")
+
+
+class _Search:
+    """The damping (the more, the shorter the step), and what is left of the evaluations."""
+
+    def __init__(self, system: System, box: Box, loss: Loss, limits: Limits) -> None:
+        self.system, self.box, self.loss, self.limits = system, box, loss, limits
+        self.left, self.damping = limits.evaluations, 1e-3
+
+    def downhill(self, model: ArrowModel, here: Iterate, scale: Point) -> Iterate | None:
+        """The first better point, damping the step more and more; None when there is none."""
+        growth = 4.0
+        while self.left > 0 and self.damping < _MOST_DAMPING:
+            step = model.step(self.damping, scale, self.box.around(here.point))
+            if _negligible(step, here.point, self.limits.step):
+                return None
+            self.left -= 1
+            there = evaluated(self.system, (here.point + step).clipped(self.box), self.loss)
+            expected = model.reduction(step)
+            gain = (here.cost - there.cost) / expected if there and expected > 0 else -math.inf
+            if there is not None and gain > _SUFFICIENT:
+                self._trust(gain)
+                return there
+            self.damping, growth = self.damping * growth, 2.0 * growth
+        return None
+
+    def _trust(self, gain: float) -> None:
+        if gain > 0.75:
+            self.damping = max(0.1 * self.damping, _NO_DAMPING)
+        elif gain < 0.25:
+            self.damping *= 3.0
+
+    def given_up(self, here: Iterate, iteration: int) -> Minimum:
+        """Why `downhill` found nothing."""
+        if self.left <= 0:
+            return Minimum(here, iteration, False, "stopped: no evaluations left")
+        if self.damping < 1.0:
+            return Minimum(here, iteration, True, "steps have become negligible")
+        return Minimum(here, iteration, False, "stopped: no better point was found however short the step")
+
+
+def evaluated(system: System, point: Point, loss: Loss) -> Iterate | None:
+    """The point with its residuals and cost; None when it cannot be evaluated."""
+    residuals = system.residuals(point)
+    return None if residuals is None else Iterate(point, residuals, loss.cost(residuals))
+
+
+def _negligible(step: Point, point: Point, tolerance: float) -> bool:
+    return bool(np.all(np.abs(step.flat) <= tolerance * (1.0 + np.abs(point.flat))))
+
+
+def _larger(scale: Point | None, norms: Point) -> Point:
+    if scale is None:
+        return norms
+    return Point(np.maximum(scale.parameters, norms.parameters), np.maximum(scale.states, norms.states))

@@ -1,0 +1,208 @@
+"""Output-error calibration of a system of FMUs, from a study file to estimates and their validation."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fmus.errors import IdentificationError, WiringError
+from identification.campaign import Recorded, load_campaign, split
+from identification.output_error import (
+    Estimate,
+    InitialState,
+    Loss,
+    Options,
+    Parameter,
+    ParameterSet,
+    Problem,
+    Progress,
+    Tie,
+    Window,
+    estimate,
+    predict,
+    spread_weights,
+)
+from identification.study import OutputErrorBlock, ParameterBlock, WindowsBlock
+from identification.system_simulator import SystemFactory
+from identification.windows import Cut, cut_windows
+from orchestrator.assembly import Assembled, OpenSystem, assemble
+from orchestrator.system import Endpoint, System, check_values
+from orchestrator.trace import FloatArray
+
+Listener = Callable[[Progress], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """Free runs over some windows.
+
+    Attributes:
+        simulated: (K, m) a window.
+        fit: (W, m) FIT of each window and output.
+    """
+
+    cuts: tuple[Cut, ...]
+    simulated: tuple[FloatArray, ...]
+    fit: FloatArray
+
+    @property
+    def median(self) -> float:
+        """Median FIT over all windows and outputs."""
+        return float(np.nanmedian(self.fit))
+
+    def by_trace(self) -> dict[str, float]:
+        """trace -> median FIT of its windows."""
+        names = dict.fromkeys(cut.trace for cut in self.cuts)
+        rows = {name: [i for i, cut in enumerate(self.cuts) if cut.trace == name] for name in names}
+        return {name: float(np.nanmedian(self.fit[indices])) for name, indices in rows.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """What a study gave.
+
+    Attributes:
+        train, validation: free runs with the estimates; validation is None where no trace was kept aside.
+        compared: name -> free runs with the parameters of the study's `compare`, on the validation windows (on the
+            fitted ones where there are none).
+    """
+
+    study: OutputErrorBlock
+    recorded: tuple[Recorded, ...]
+    estimate: Estimate
+    train: Judged
+    validation: Judged | None
+    compared: Mapping[str, Judged]
+    units: Mapping[str, str]
+
+
+def processes() -> int:
+    """Worker processes to use: one a processor."""
+    return os.cpu_count() or 1
+
+
+def calibrate(study: OutputErrorBlock, base: Path, data: Path | None, progress: Listener | None = None) -> Calibration:
+    """Fit the study's parameters to its traces and judge them on the traces kept aside.
+
+    Args:
+        base: folder of the study file.
+        data: the recordings, over the study's own.
+
+    Raises:
+        InputError: the study, the system or the traces do not fit together; nothing has been simulated.
+        FmuError: the FMUs fail with the start values.
+    """
+    recorded = load_campaign(study.traces, base, data)
+    fitted, kept = split(recorded, study.traces.hold_out)
+    with tempfile.TemporaryDirectory(prefix="servotwin-") as folder:
+        assembled = assemble(study, base, Path(folder), tuple(sorted(study.inputs)))
+        units = _checked_units(study, assembled)
+        train = cut_windows(study, fitted, study.windows)
+        found = _fit(study, assembled, train, units, progress)
+        values = found.values
+        validation = _judge(study, assembled, kept, study.validation or study.windows, values) if kept else None
+        where, windows = (kept, study.validation or study.windows) if kept else (fitted, study.windows)
+        compared = {name: _judge(study, assembled, where, windows, {**values, **other})
+                    for name, other in study.compare.items()}  # fmt: skip
+    judged = Judged(tuple(train), found.simulated, found.fit)
+    return Calibration(study, tuple(recorded), found, judged, validation, compared, units)
+
+
+def judge(
+    study: OutputErrorBlock,
+    assembled: Assembled,
+    recorded: Sequence[Recorded],
+    windows: WindowsBlock,
+    values: Mapping[str, float],
+) -> Judged:
+    """Free runs over the windows of these traces, with these values over the study's."""
+    return _judge(study, assembled, recorded, windows, values)
+
+
+def _fit(
+    study: OutputErrorBlock, assembled: Assembled, cuts: list[Cut], units: Mapping[str, str], progress: Listener | None
+) -> Estimate:
+    parameters = _parameters(study, units)
+    problem = _problem(study, cuts, parameters, Loss(study.loss.kind, study.loss.scale))
+    factory = SystemFactory(assembled, cuts, tuple(study.outputs), study.values())
+    return estimate(problem, factory, Options(**study.options.model_dump(), processes=processes()), progress)
+
+
+def _judge(
+    study: OutputErrorBlock,
+    assembled: Assembled,
+    recorded: Sequence[Recorded],
+    windows: WindowsBlock,
+    values: Mapping[str, float],
+) -> Judged:
+    cuts = cut_windows(study, recorded, windows)
+    fixed = ParameterSet(tuple(Parameter(name, value, fixed=True) for name, value in values.items()))
+    factory = SystemFactory(assembled, cuts, tuple(study.outputs), study.values())
+    found = predict(_problem(study, cuts, fixed, Loss()), factory, Options(processes=processes()))
+    return Judged(tuple(cuts), found.simulated, found.fit)
+
+
+def _problem(study: OutputErrorBlock, cuts: list[Cut], parameters: ParameterSet, loss: Loss) -> Problem:
+    weights = _weights(study, cuts)
+    windows = tuple(
+        Window(cut.name, cut.trace, cut.measured, weight) for cut, weight in zip(cuts, weights, strict=True)
+    )
+    states = tuple(
+        InitialState(name, tuple(cut.initial[name] for cut in cuts), estimated=block.estimated)
+        for name, block in study.initial.items()
+    )
+    return Problem(parameters, windows, dict.fromkeys(study.outputs, "1"), states, loss)
+
+
+def _weights(study: OutputErrorBlock, cuts: list[Cut]) -> list[FloatArray]:
+    if study.weight == "window":
+        return [spread_weights([cut.measured]) for cut in cuts]
+    if study.weight == "output":
+        return [spread_weights([cut.measured for cut in cuts])] * len(cuts)
+    return [np.ones(len(study.outputs))] * len(cuts)
+
+
+def _parameters(study: OutputErrorBlock, units: Mapping[str, str]) -> ParameterSet:
+    parameters = [
+        _parameter(study, name, block, units[name]) for name, block in study.parameters.items() if block.tied is None
+    ]
+    ties = [Tie(name, block.tied, block.factor) for name, block in study.parameters.items() if block.tied is not None]
+    return ParameterSet(tuple(parameters), tuple(ties))
+
+
+def _parameter(study: OutputErrorBlock, name: str, block: ParameterBlock, unit: str) -> Parameter:
+    start = block.start if block.start is not None else study.values().get(name)
+    if not isinstance(start, (int, float)) or isinstance(start, bool):
+        raise IdentificationError(
+            f"parameters.{name}", "has no start value", "give `start`, or set it in its component"
+        )
+    low = -np.inf if block.min is None else block.min
+    high = np.inf if block.max is None else block.max
+    return Parameter(name, float(start), low, high, unit, block.scale, block.fixed)
+
+
+def _checked_units(study: OutputErrorBlock, assembled: Assembled) -> dict[str, str]:
+    """Units of the parameters, once every name of the study is seen to exist."""
+    with OpenSystem(assembled) as opened:
+        system = opened.system
+        check_values(system, study.values())
+        for name in study.outputs:
+            _must_be(system, name, "output", "outputs")
+        for name in [*study.initial, *study.traces.values, *study.parameters]:
+            _must_be(system, name, "parameter", "parameters")
+        for name, block in study.parameters.items():
+            for value in (block.start, block.min, block.max):
+                check_values(system, {} if value is None else {name: value})
+        named = [*study.parameters, *study.outputs, *study.initial]
+        return {name: system.port(Endpoint.parse(name)).unit or "1" for name in named}
+
+
+def _must_be(system: System, name: str, causality: str, key: str) -> None:
+    port = system.port(Endpoint.parse(name), f"{key}.{name}")
+    if port.causality != causality and not (causality == "parameter" and port.start is not None):
+        raise WiringError(f"{key}.{name}", f"is a {port.causality}", f"name a {causality}")

@@ -1,0 +1,142 @@
+"""The folder a calibration leaves: calibrated FMUs, parameters.ssv, summary.json, report.html, and its study."""
+
+from __future__ import annotations
+
+import math
+import shutil
+import tempfile
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from fmus.model import Number
+from fmus.packaging import ssv
+from fmus.packaging.writeback import write_back
+from identification import calibration_report
+from identification.calibration import Calibration, Judged
+from identification.campaign import Recorded, stamp_warnings
+from orchestrator.assembly import SystemBlock, assemble
+from orchestrator.results import result_folder, versions, write_json
+from orchestrator.slave import Value
+
+STUDY = "study.yaml"
+SUMMARY = "summary.json"
+
+
+def summary(calibration: Calibration) -> dict[str, Any]:
+    """The calibration as plain values, as `summary.json` holds them; what is not determined is null."""
+    study, found = calibration.study, calibration.estimate
+    return {
+        "title": study.title,
+        "method": study.method,
+        "parameters": {name: _parameter(calibration, name) for name in found.values},
+        "fit": {
+            "train": judged_summary(calibration.train),
+            "validation": judged_summary(calibration.validation) if calibration.validation else None,
+            "compared": {name: judged_summary(each) for name, each in calibration.compared.items()},
+        },
+        "uncertainty": {
+            "method": found.uncertainty.method,
+            "white_residuals": found.uncertainty.is_white,
+            "singular_values": found.identifiability.singular_values.tolist(),
+            "unseen": [combination.message for combination in found.identifiability.unseen],
+        },
+        "search": {
+            "converged": found.converged,
+            "message": found.message,
+            "iterations": found.iterations,
+            "evaluations": found.tally.evaluations,
+            "simulations": found.tally.simulations,
+            "failures": found.tally.failures,
+            "reasons": list(found.tally.reasons),
+        },
+        "data": data_summary(calibration.recorded, study.traces.hold_out),
+        "versions": versions(),
+        "warnings": [*found.warnings, *stamp_warnings(calibration.recorded)],
+    }
+
+
+def judged_summary(judged: Judged) -> dict[str, Any]:
+    """FIT of some windows: their median, and the median of each trace's."""
+    return {"median": judged.median, "windows": len(judged.cuts), "traces": judged.by_trace()}
+
+
+def data_summary(recorded: Iterable[Recorded], held_out: Iterable[str]) -> list[dict[str, str]]:
+    """File, hash and role of each trace."""
+    kept = set(held_out)
+    return [
+        {
+            "trace": each.trace.name,
+            "file": each.source.name,
+            "sha256": each.sha256,
+            "stamps": each.stamps,
+            "role": "held out" if each.trace.name in kept else "fit",
+        }
+        for each in recorded
+    ]
+
+
+def write_calibration(calibration: Calibration, study_file: Path, target: Path) -> dict[str, Any]:
+    """Write the result folder; the summary comes back.
+
+    Raises:
+        InputError: the target holds something else, or an FMU does not take a value.
+    """
+    document = summary(calibration)
+    values = calibration.estimate.values
+    with result_folder(target) as folder:
+        write_system(calibration.study, study_file, folder, values, document)
+        units = {name: unit for name, unit in calibration.units.items() if name in values and unit != "1"}
+        (folder / "parameters.ssv").write_bytes(ssv.parameter_set("calibrated", values, units))
+        calibration_report.report(calibration, document).write(folder / "report.html")
+        write_json(folder / SUMMARY, document)
+    return document
+
+
+def write_system(
+    study: SystemBlock,
+    study_file: Path,
+    folder: Path,
+    values: Mapping[str, float],
+    document: Mapping[str, Any],
+) -> None:
+    """The study's FMUs with its own and these values as defaults in `fmus/`, and the study beside them."""
+    provenance = {key: document[key] for key in ("title", "method", "parameters", "data", "versions")}
+    shutil.copyfile(study_file, folder / STUDY)
+    with tempfile.TemporaryDirectory(prefix="servotwin-") as built:
+        assembled = assemble(study, study_file.parent, Path(built))
+        for name, source in assembled.files.items():
+            target = folder / "fmus" / f"{name}.fmu"
+            own = component_values(name, study.values() | dict(values))
+            write_back(source, own, target, provenance)
+            if not assembled.built[name] and not target.exists():
+                shutil.copyfile(source, target)
+
+
+def component_values(component: str, values: Mapping[str, Value]) -> dict[str, Number]:
+    """variable -> value of one component, numbers only."""
+    prefix = f"{component}."
+    return {
+        name.removeprefix(prefix): value
+        for name, value in values.items()
+        if name.startswith(prefix) and not isinstance(value, str)
+    }
+
+
+def finite(value: float) -> float | None:
+    """The value, None when it is infinite or NaN, as JSON has neither."""
+    return value if math.isfinite(value) else None
+
+
+def _parameter(calibration: Calibration, name: str) -> dict[str, Any]:
+    found, study = calibration.estimate, calibration.study
+    entry: dict[str, Any] = {
+        "value": found.values[name],
+        "std": finite(found.std[name]) if name in found.std else None,
+        "ci95": [finite(end) for end in found.ci95[name]] if name in found.ci95 else None,
+        "unit": calibration.units.get(name, "1"),
+        "start": study.parameters[name].start if name in study.parameters else None,
+    }
+    if name in study.truth:
+        entry["truth"] = study.truth[name]
+    return entry

@@ -1,0 +1,131 @@
+"""The traces of a study: recordings in a folder, or the cases of a scenario run as a stand-in for hardware."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from fmus.errors import ScenarioError, TraceError
+from fmus.files import sha256
+from identification.study import TracesBlock
+from orchestrator import formats
+from orchestrator.scenario import Progress, run_scenario
+from orchestrator.trace import Trace
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """One trace of a campaign and what is known about it.
+
+    Attributes:
+        fields: what its file name (or the case that made it) tells, by field [SI].
+        source: file it came from, and that file's hash.
+        stamps: what was found in its time stamps, in words.
+    """
+
+    trace: Trace
+    fields: Mapping[str, float]
+    source: Path
+    sha256: str
+    stamps: str
+    clean: bool = True
+
+
+def load_campaign(
+    traces: TracesBlock, base: Path, data: Path | None, progress: Progress | None = None
+) -> list[Recorded]:
+    """All traces of a study, by name.
+
+    Args:
+        base: folder of the study file, to which its paths are relative.
+        data: folder (or one file) of recordings, over the study's folder.
+
+    Raises:
+        TraceError: there are none, one cannot be read, or its name does not tell what it has to.
+        ScenarioError: `hold_out` names a trace that is not there.
+    """
+    if traces.scenario is not None:
+        recorded = _simulated(base / traces.scenario, progress)
+    else:
+        recorded = [_read(file, traces) for file in _files(traces, data or base)]
+    return sorted(recorded, key=lambda each: each.trace.name)
+
+
+def split(recorded: list[Recorded], hold_out: list[str]) -> tuple[list[Recorded], list[Recorded]]:
+    """Traces to fit and traces kept aside.
+
+    Raises:
+        ScenarioError: a name to hold out is not there, or nothing is left to fit.
+    """
+    names = {each.trace.name for each in recorded}
+    missing = [name for name in hold_out if name not in names]
+    if missing:
+        raise ScenarioError("traces.hold_out", f"there is no trace '{missing[0]}'", f"there are {_some(sorted(names))}")
+    fitted = [each for each in recorded if each.trace.name not in hold_out]
+    if not fitted:
+        raise ScenarioError("traces.hold_out", "leaves no trace to fit", "hold out fewer")
+    return fitted, [each for each in recorded if each.trace.name in hold_out]
+
+
+def stamp_warnings(recorded: Iterable[Recorded]) -> list[str]:
+    """One sentence about the traces whose time stamps had to be put in order; none when all were fine."""
+    uneven = [each for each in recorded if not each.clean]
+    if not uneven:
+        return []
+    return [f"time stamps of {len(uneven)} recordings repeat or run backwards (details under data); the first: "
+            f"{uneven[0].trace.name}, {uneven[0].stamps}"]  # fmt: skip
+
+
+def _files(traces: TracesBlock, folder: Path) -> list[Path]:
+    assert traces.files is not None
+    if folder.is_file():
+        return [folder]
+    if not folder.is_dir():
+        raise TraceError(folder, "no such file or folder", "give --data PATH")
+    files = sorted(folder.glob(traces.files))
+    if not files:
+        raise TraceError(folder, f"holds no file '{traces.files}'", "give --data PATH, the recordings' folder")
+    return files
+
+
+def _read(file: Path, traces: TracesBlock) -> Recorded:
+    fields = _fields(file, traces)
+    recording = formats.read(file, traces.layout.layout())
+    trace = replace(recording.trace, name=file.stem)
+    return Recorded(trace, fields, file, recording.sha256, str(recording.stamps), recording.stamps.clean)
+
+
+def _fields(file: Path, traces: TracesBlock) -> dict[str, float]:
+    if traces.file_name is None:
+        return {}
+    match = re.fullmatch(traces.file_name.pattern, file.stem)
+    if match is None:
+        raise TraceError(file, f"its name does not give {', '.join(traces.file_name.fields)}",
+                         f"name it after the pattern {traces.file_name.pattern}")  # fmt: skip
+    fields = {}
+    for name, block in traces.file_name.fields.items():
+        try:
+            fields[name] = block.number(match[name])
+        except (ValueError, TypeError):
+            raise TraceError(file, f"its name gives no {name} ('{match[name]}')", "correct the name") from None
+    return fields
+
+
+def _simulated(path: Path, progress: Progress | None) -> list[Recorded]:
+    result = run_scenario(path, progress=progress)
+    digest = sha256(path)
+    recorded = []
+    for case, block in zip(result.cases, result.block.cases, strict=True):
+        if case.result is None:
+            raise ScenarioError(f"{path}: case {case.name}", f"gave no trace ({case.error})", "correct the scenario")
+        values = result.block.values() | block.set
+        fields = {name: float(value) for name, value in values.items() if not isinstance(value, str)}
+        trace = replace(result.recorded(case), name=case.name)
+        recorded.append(Recorded(trace, fields, path, digest, "simulated"))
+    return recorded
+
+
+def _some(names: list[str]) -> str:
+    return ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")

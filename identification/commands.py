@@ -1,0 +1,158 @@
+"""What the command line asks of identification: calibrate a study, and judge a result on other traces."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fmus.errors import IdentificationError, InputError
+from fmus.packaging import archive, ssv
+from fmus.packaging.writeback import is_ours
+from identification import calibration, calibration_results, resonance_calibration
+from identification.calibration import Judged
+from identification.calibration_report import overlays
+from identification.calibration_results import STUDY, SUMMARY, data_summary, judged_summary
+from identification.campaign import Recorded, load_campaign, stamp_warnings
+from identification.output_error import Progress
+from identification.study import OutputErrorBlock, ResonanceBlock, load_study
+from orchestrator.assembly import Assembled
+from orchestrator.formats import Layout
+from orchestrator.report import Report, figures
+from orchestrator.results import result_folder, versions, write_json
+
+Move = Callable[[float, str], None]
+
+
+def calibrate_study(study_file: Path, data: Path | None, target: Path, move: Move) -> dict[str, Any]:
+    """Calibrate by the study's method and write the result folder; the summary comes back.
+
+    Raises:
+        InputError: the study, its traces or the target do not fit.
+        FmuError: the FMUs fail.
+    """
+    study = load_study(study_file)
+    if isinstance(study, ResonanceBlock):
+        result = resonance_calibration.calibrate(
+            study, study_file.parent, data, lambda fraction: move(fraction, "simulating the campaign")
+        )
+        return resonance_calibration.write_calibration(result, study_file, target)
+    done = calibration.calibrate(study, study_file.parent, data, _listener(study, move))
+    move(1.0, "writing")
+    return calibration_results.write_calibration(done, study_file, target)
+
+
+def validate_result(folder: Path, data: Path, target: Path, move: Move) -> dict[str, Any]:
+    """Free runs of a result's calibrated FMUs on recordings, with nothing set but what the recordings tell.
+
+    Recordings that the fit used (by their hash) count apart from the others.
+
+    Raises:
+        InputError: the folder holds no output-error result, or the recordings do not fit its study.
+    """
+    study = load_study(_result_file(folder, STUDY))
+    used = _used_hashes(folder)
+    if not isinstance(study, OutputErrorBlock) or study.traces.files is None:
+        raise IdentificationError(folder / STUDY, "is no output-error study of recordings", "calibrate one")
+    recorded = load_campaign(study.traces, folder, data)
+    groups = {"unseen": [each for each in recorded if each.sha256 not in used],
+              "fitted": [each for each in recorded if each.sha256 in used]}  # fmt: skip
+    judged = {}
+    for number, (name, traces) in enumerate(groups.items()):
+        move(number / 2, f"{len(traces)} {name} traces")
+        if traces:
+            judged[name] = _judge(study, folder, traces)
+    document = _verdict(study, judged, recorded, [each.trace.name for each in groups["unseen"]])
+    with result_folder(target) as fresh:
+        _report(study, judged, document).write(fresh / "report.html")
+        write_json(fresh / SUMMARY, document)
+    return document
+
+
+def layout_of(study_file: Path) -> Layout:
+    """How a study reads its recordings."""
+    return load_study(study_file).traces.layout.layout()
+
+
+def _listener(study: OutputErrorBlock, move: Move) -> Callable[[Progress], None]:
+    limit = study.options.max_evaluations
+
+    def listen(at: Progress) -> None:
+        fraction = {"fit": 0.1 + 0.7 * min(at.iteration / limit, 1), "uncertainty": 0.8}.get(at.stage, 0.05)
+        move(fraction, f"{at.stage} {at.iteration}, cost {at.cost:.4g}, {at.simulations} simulations")
+
+    return listen
+
+
+def _result_file(folder: Path, name: str) -> Path:
+    if not (folder / name).is_file():
+        raise InputError(folder, f"holds no {name}", "give a folder that `servotwin calibrate` wrote")
+    return folder / name
+
+
+def _used_hashes(folder: Path) -> set[str]:
+    file = _result_file(folder, SUMMARY)
+    try:
+        entries = json.loads(file.read_text())["data"]
+        return {entry["sha256"] for entry in entries if entry["role"] == "fit"}
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(file, f"is not a calibration's summary ({error!r})", "calibrate again") from error
+
+
+def _judge(study: OutputErrorBlock, folder: Path, traces: list[Recorded]) -> Judged:
+    files = {name: folder / "fmus" / f"{name}.fmu" for name in study.components}
+    bare = {name: block.model_copy(update={"parameters": {}}) for name, block in study.components.items()}
+    calibrated = study.model_copy(update={"components": bare})
+    stimulated = tuple(sorted(study.inputs))
+    assembled = Assembled(files, dict.fromkeys(files, False), calibrated, stimulated)
+    windows = study.validation or study.windows
+    return calibration.judge(calibrated, assembled, traces, windows, _foreign_values(files))
+
+
+def _foreign_values(files: dict[str, Path]) -> dict[str, float]:
+    """Calibrated values of FMUs that are not ours, from the parameter sets beside them."""
+    values: dict[str, float] = {}
+    for name, file in files.items():
+        contents = archive.read(file)
+        if not is_ours(contents, archive.parse_xml(file, contents["modelDescription.xml"])):
+            beside = ssv.read_values(file.with_suffix(".ssv"))
+            values |= {f"{name}.{variable}": float(value) for variable, value in beside.items()}
+    return values
+
+
+def _verdict(
+    study: OutputErrorBlock, judged: dict[str, Judged], recorded: list[Recorded], unseen: list[str]
+) -> dict[str, Any]:
+    target = study.validation.at_least if study.validation else None
+    counted = judged.get("unseen") or judged["fitted"]
+    warnings = [] if "unseen" in judged else ["every recording was used in the fit; this judges nothing new"]
+    return {
+        "title": study.title,
+        "fit": {name: judged_summary(each) for name, each in judged.items()},
+        "at_least": target,
+        "held": target is None or counted.median >= target,
+        "data": data_summary(recorded, unseen),
+        "versions": versions(),
+        "warnings": warnings + stamp_warnings(recorded),
+    }
+
+
+def _report(study: OutputErrorBlock, judged: dict[str, Judged], document: dict[str, Any]) -> Report:
+    page = Report(f"Validation: {study.title}", study.description)
+    section = page.section("Result")
+    section.highlights(
+        [(f"median FIT, {name}", f"{each.median:.3f}", f"{len(each.cuts)} windows") for name, each in judged.items()]
+    )
+    target = document["at_least"]
+    section.callout(
+        "ok" if document["held"] else "error", f"Target: {target}" if target else "The study sets no target."
+    )
+    section.figure(figures.bars({name: each.by_trace() for name, each in judged.items()}, target, "FIT"))
+    for name, each in judged.items():
+        overlays(page.section(f"Free runs, {name}"), study, {}, each, {})
+    spread = np.concatenate([each.fit.ravel() for each in judged.values()])
+    section.figure(figures.distribution(spread[np.isfinite(spread)], "FIT"), "FIT of all windows")
+    return page

@@ -1,0 +1,62 @@
+"""A parameter's estimate with its uncertainty, the form in which every method hands its results out.
+
+Standard errors come from a covariance matrix, 95 % intervals from Student's t with the degrees of freedom
+left.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class EstimatedValue:
+    """One estimated quantity; `value`, `std` and `ci95` in `unit`.
+
+    Attributes:
+        std: standard error; inf when the data leave no degree of freedom to judge it, or the value sits at a
+            bound.
+        ci95: ends of the 95 % interval, -inf and inf where `std` is inf.
+    """
+
+    value: float
+    std: float
+    ci95: tuple[float, float]
+    unit: str = ""
+
+    @property
+    def known(self) -> bool:
+        """Whether the data say how uncertain the value is."""
+        return math.isfinite(self.std)
+
+
+def estimate(value: float, std: float, dof: float = math.inf, unit: str = "") -> EstimatedValue:
+    """The estimate with 95 % interval value +- t(0.975, dof) * std; normal when `dof` is infinite."""
+    if not (dof > 0 and math.isfinite(std)):
+        return EstimatedValue(float(value), math.inf, (-math.inf, math.inf), unit)
+    half = float(stats.norm.ppf(0.975) if math.isinf(dof) else stats.t.ppf(0.975, dof)) * std
+    return EstimatedValue(float(value), float(std), (float(value - half), float(value + half)), unit)
+
+
+def estimates(
+    values: FloatArray, covariance: FloatArray, units: Mapping[str, str], dof: float = math.inf
+) -> dict[str, EstimatedValue]:
+    """Name -> estimate for `values` (n,) with `covariance` (n, n); `units` names them in their order."""
+    stds = np.sqrt(np.diag(covariance))
+    return {
+        name: estimate(value, std, dof, unit)
+        for (name, unit), value, std in zip(units.items(), values, stds, strict=True)
+    }
+
+
+def propagated(gradient: FloatArray, covariance: FloatArray) -> float:
+    """Standard error of a function with this gradient (n,) at the estimate (first order)."""
+    return float(np.sqrt(gradient @ covariance @ gradient))

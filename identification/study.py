@@ -1,0 +1,291 @@
+"""Study files: which traces, which system, what is free. One schema a method, told apart by `method`."""
+
+from __future__ import annotations
+
+import decimal
+import re
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from fmus.errors import ScenarioError
+from identification.arrow_least_squares import LossKind
+from identification.parameters import Scale
+from orchestrator.assembly import SystemBlock, exact_seconds
+from orchestrator.formats import Layout
+from orchestrator.slave import Value
+from orchestrator.yaml_file import Block, load
+
+Decimal = Literal["point", "underscore", "after first digit"]
+
+
+class LayoutBlock(Block):
+    """Which column of a recording is which signal."""
+
+    variable: str | None = None
+    time: int | str = "time"
+    columns: dict[str, int | str] | None = None
+    units: dict[str, str] = {}
+
+    def layout(self) -> Layout:
+        return Layout(self.variable, self.time, self.columns, self.units)
+
+
+class FieldBlock(Block):
+    """How digits in a file's name make a number: where its decimal point is, and a factor to SI."""
+
+    decimal: Decimal = "point"
+    factor: float = 1.0
+
+    def number(self, text: str) -> float:
+        """The number that the digits mean, in SI.
+
+        Raises:
+            ValueError: they are none.
+        """
+        if self.decimal == "underscore":
+            text = text.replace("_", ".")
+        elif self.decimal == "after first digit":
+            text = f"{text[:1]}.{text[1:]}"
+        try:
+            return float(decimal.Decimal(text) * decimal.Decimal(repr(self.factor)))
+        except decimal.InvalidOperation:
+            raise ValueError(f"'{text}' is no number") from None
+
+
+class FileNameBlock(Block):
+    """What the files' names tell: named groups of a regular expression, as numbers."""
+
+    pattern: str
+    fields: dict[str, FieldBlock] = {}
+
+    @model_validator(mode="after")
+    def _groups(self) -> FileNameBlock:
+        try:
+            groups = set(re.compile(self.pattern).groupindex)
+        except re.error as error:
+            raise ValueError(f"`pattern` is no regular expression ({error})") from error
+        if set(self.fields) - groups:
+            raise ValueError(f"`pattern` has no group {sorted(set(self.fields) - groups)[0]}; write (?P<name>...)")
+        return self
+
+
+class TracesBlock(Block):
+    """Where traces come from: files (a pattern under the data folder), or the cases of a scenario that is run.
+
+    Attributes:
+        values: component.variable -> field of the file's name, given to every window of that trace.
+        hold_out: names of traces that are kept out of the fit and judged afterwards.
+    """
+
+    files: str | None = None
+    scenario: Path | None = None
+    layout: LayoutBlock = LayoutBlock()
+    file_name: FileNameBlock | None = None
+    values: dict[str, str] = {}
+    hold_out: list[str] = []
+
+    @model_validator(mode="after")
+    def _one_source(self) -> TracesBlock:
+        if (self.files is None) == (self.scenario is None):
+            raise ValueError("give either `files` or `scenario`")
+        known = set(self.file_name.fields) if self.file_name else set()
+        for name, field in self.values.items():
+            if self.files is not None and field not in known:
+                raise ValueError(f"{name}: `file_name` has no field '{field}'")
+        return self
+
+
+class SignalBlock(Block):
+    """A signal of the traces."""
+
+    signal: str
+
+
+class InitialBlock(Block):
+    """A start value read off a signal around the beginning of each window.
+
+    A polynomial of `degree` is fitted to the samples within `half_width` [s]; its value or derivative there counts.
+    """
+
+    signal: str
+    derivative: int = Field(0, ge=0, le=2)
+    half_width: float = Field(0.018, gt=0)
+    degree: int = Field(2, ge=0, le=6)
+    estimated: bool = False
+
+
+class WindowsBlock(Block):
+    """Free runs of `length` [s], `every` so often [s] (back to back by default), after `skip` [s], at most `most`."""
+
+    length: Fraction
+    every: Fraction | None = None
+    skip: Fraction = Fraction(0)
+    most: int | None = Field(None, ge=1)
+
+    @field_validator("length", "every", "skip", mode="before")
+    @classmethod
+    def _exact(cls, value: Any) -> Any:
+        return exact_seconds(value)
+
+    @model_validator(mode="after")
+    def _positive(self) -> WindowsBlock:
+        if self.length <= 0 or (self.every is not None and self.every <= 0) or self.skip < 0:
+            raise ValueError("`length` and `every` must be positive, `skip` not negative")
+        return self
+
+
+class ValidationBlock(WindowsBlock):
+    """Windows of the traces kept out of the fit, and the median FIT they have to reach."""
+
+    at_least: float | None = None
+
+
+class ParameterBlock(Block):
+    """A parameter to estimate (start, bounds, scale), or one tied to another by a factor."""
+
+    start: float | None = None
+    min: float | None = None
+    max: float | None = None
+    scale: Scale = "linear"
+    fixed: bool = False
+    tied: str | None = None
+    factor: float = 1.0
+
+    @model_validator(mode="after")
+    def _free_or_tied(self) -> ParameterBlock:
+        if self.tied is not None and (self.start, self.min, self.max) != (None, None, None):
+            raise ValueError("a tied parameter has no start and no bounds")
+        return self
+
+
+class LossBlock(Block):
+    """How much a sample counts that lies far off; `scale` is in standard deviations of the weighted output."""
+
+    kind: LossKind = "linear"
+    scale: float = Field(1.0, gt=0)
+
+
+class OptionsBlock(Block):
+    """How the estimation searches; see `output_error.Options`."""
+
+    starts: int = Field(1, ge=1)
+    seed: int = 0
+    max_evaluations: int = Field(60, ge=1)
+    cost_tolerance: float = Field(1e-5, gt=0)
+    step_tolerance: float = Field(1e-5, gt=0)
+    difference_step: float = Field(1e-4, gt=0)
+
+
+class OutputErrorBlock(SystemBlock):
+    """A study that fits parameters of a system to traces by the error of free runs.
+
+    Attributes:
+        step: communication step of the free runs [s].
+        weight: whether outputs are scaled by their spread in each window, over all windows, or not at all.
+        compare: name -> parameters that are judged beside the estimate on the same windows.
+        truth: values behind synthetic traces, shown beside the estimates.
+    """
+
+    title: str
+    description: str = ""
+    method: Literal["output-error"]
+    step: Fraction
+    traces: TracesBlock
+    inputs: dict[str, SignalBlock] = {}
+    outputs: dict[str, SignalBlock] = Field(min_length=1)
+    initial: dict[str, InitialBlock] = {}
+    windows: WindowsBlock
+    validation: ValidationBlock | None = None
+    parameters: dict[str, ParameterBlock] = Field(min_length=1)
+    weight: Literal["window", "output", "none"] = "output"
+    loss: LossBlock = LossBlock()
+    options: OptionsBlock = OptionsBlock()
+    compare: dict[str, dict[str, float]] = {}
+    truth: dict[str, float] = {}
+
+    @field_validator("step", mode="before")
+    @classmethod
+    def _exact(cls, value: Any) -> Any:
+        return exact_seconds(value)
+
+
+class SineBlock(Block):
+    """What each trace of a sine campaign was made with: constants, or fields of the file's name.
+
+    Attributes:
+        signal: the measured angle.
+        added_length: [m].
+    """
+
+    signal: str
+    added_mass: str | float
+    added_length: str | float
+    amplitude: str | float
+    frequency: str | float
+    frequency_in: Literal["rad/s", "Hz"] = "rad/s"
+
+
+class BoundsBlock(Block):
+    """Start (the middle by default) and bounds of p1, p2 and p3, in this order, for the regression of Eq. 102."""
+
+    start: tuple[float, float, float] | None = None
+    lower: tuple[float, float, float]
+    upper: tuple[float, float, float]
+
+
+class ResonanceBlock(SystemBlock):
+    """A study of sine recordings by Steps 1-4 of the pendulum thesis.
+
+    Attributes:
+        script: which script's treatment of the recordings the published method repeats.
+        write: p1, p2, p3 and p4 -> the FMU's parameter that takes it.
+        take: whose estimates are written back.
+    """
+
+    title: str
+    description: str = ""
+    method: Literal["resonance"]
+    traces: TracesBlock
+    campaign: SineBlock
+    script: Literal["synthetic", "recordings"]
+    bounds: BoundsBlock
+    write: dict[str, str]
+    take: Literal["published", "corrected"] = "corrected"
+    truth: dict[str, float] = {}
+
+
+Study = OutputErrorBlock | ResonanceBlock
+METHODS: dict[str, type[OutputErrorBlock] | type[ResonanceBlock]] = {
+    "output-error": OutputErrorBlock,
+    "resonance": ResonanceBlock,
+}
+
+
+class _Method(Block):
+    """The key that tells which schema a study file has."""
+
+    model_config = Block.model_config | {"extra": "ignore"}
+    method: str
+
+
+def load_study(path: Path) -> Study:
+    """The study in a file.
+
+    Raises:
+        ScenarioError: it does not fit the schema of its method.
+    """
+    method = load(path, _Method).method
+    if method not in METHODS:
+        raise ScenarioError(f"{path}: method", f"'{method}' is unknown", f"use {' or '.join(METHODS)}")
+    return load(path, METHODS[method])
+
+
+Fields = dict[str, float]
+
+
+def trace_values(traces: TracesBlock, fields: Fields) -> dict[str, Value]:
+    """component.variable -> value that the traces' names give."""
+    return {name: fields[field] for name, field in traces.values.items()}

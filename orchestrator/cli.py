@@ -1,0 +1,360 @@
+"""The command line. Each command turns its arguments into one call, and its result into a table or a JSON document.
+
+The identification package is imported inside its commands: nothing else here depends on it.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.logging import RichHandler
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from fmus.errors import InputError, ServotwinError
+
+OUT, ERR = Console(highlight=False), Console(stderr=True, highlight=False)
+app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False,
+                  help="Calibrated digital twins of servo-driven mechanisms as FMUs.")  # fmt: skip
+trace_app = typer.Typer(no_args_is_help=True, help="Look at recordings, convert and plot them.")
+app.add_typer(trace_app, name="trace")
+
+Json = Annotated[bool, typer.Option("--json", help="One JSON document on stdout.")]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors.")]
+Verbose = Annotated[int, typer.Option("-v", "--verbose", count=True, help="Say more; -vv shows tracebacks.")]
+Out = Annotated[Path | None, typer.Option("--out", help="Folder for the results.")]
+LayoutFrom = Annotated[Path | None, typer.Option("--layout", metavar="STUDY", help="Columns as this study file says.")]
+Data = Annotated[Path | None, typer.Option("--data", help="Folder (or file) of recordings.")]
+
+
+@dataclass
+class Answer:
+    """What a command has to say: a document for machines, tables and lines for people, and whether all held."""
+
+    document: dict[str, Any]
+    shown: Sequence[Table | str] = ()
+    held: bool = True
+
+
+@dataclass
+class Terminal:
+    """How to talk: chosen by --json, -q and -v."""
+
+    json: bool = False
+    quiet: bool = False
+    verbose: int = 0
+
+    @contextmanager
+    def bar(self, label: str) -> Iterator[Callable[[float, str], None]]:
+        """A progress bar on a terminal: the function that is given moves it to a fraction, with a remark."""
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn("{task.fields[remark]}"),
+            TimeElapsedColumn(),
+        )
+        hidden = self.quiet or self.json or not ERR.is_terminal
+        with Progress(*columns, console=ERR, transient=True, disable=hidden) as progress:
+            task = progress.add_task(label, total=1.0, remark="")
+
+            def move(fraction: float, remark: str) -> None:
+                progress.update(task, completed=fraction, remark=remark)
+
+            yield move
+
+
+def main() -> None:
+    """Entry point of `servotwin`."""
+    app()
+
+
+def _answer(work: Callable[[Terminal], Answer], as_json: bool, quiet: bool, verbose: int) -> None:
+    """Do the work, show the answer, and leave with the exit code: 0, 1 (did not hold), 2, 3 or 130."""
+    level = logging.ERROR if quiet else (logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)]
+    logging.basicConfig(level=level, format="%(message)s", force=True,
+                        handlers=[RichHandler(console=ERR, show_time=False, show_path=False)])  # fmt: skip
+    try:
+        answer = work(Terminal(as_json, quiet, verbose))
+    except ServotwinError as error:
+        _fail(error, error.exit_code, verbose)
+    except KeyboardInterrupt:
+        ERR.print("interrupted")
+        raise typer.Exit(130) from None
+    except OSError as error:
+        _fail(InputError(error.filename or "file", error.strerror or str(error), "check the path"), 2, verbose)
+    if as_json:
+        sys.stdout.write(json.dumps(answer.document, indent=2) + "\n")
+    elif not quiet:
+        for each in answer.shown:
+            OUT.print(each)
+    raise typer.Exit(0 if answer.held else 1)
+
+
+def _fail(error: ServotwinError, code: int, verbose: int) -> None:
+    if verbose >= 2:
+        ERR.print_exception()
+    ERR.print(f"servotwin: {error}", style="red", soft_wrap=True, markup=False)
+    raise typer.Exit(code) from None
+
+
+@app.command()
+def build(
+    models: Annotated[
+        list[str] | None, typer.Argument(help="Models of the library, or model files; all by default.")
+    ] = None,
+    target: Annotated[str, typer.Option(help="python: the model file run by pythonfmu.")] = "python",
+    fmi: Annotated[int, typer.Option(help="FMI version.")] = 2,
+    out: Out = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+) -> None:
+    """Build FMUs from model files."""
+
+    def work(terminal: Terminal) -> Answer:
+        from fmus import library
+        from fmus.packaging import python
+
+        if (target, fmi) != ("python", 2):
+            raise InputError(f"--target {target} --fmi {fmi}", "is not available", "use --target python --fmi 2")
+        chosen = [library.find(name) for name in models or library.names()]
+        folder = out or Path("out/fmus")
+        table = Table("model", "FMU", "description")
+        with terminal.bar("building") as move:
+            for number, model in enumerate(chosen):
+                path = python.build(model, folder / f"{model.name}.fmu")
+                table.add_row(model.name, str(path), model.description)
+                move((number + 1) / len(chosen), model.name)
+        files = {model.name: str(folder / f"{model.name}.fmu") for model in chosen}
+        return Answer({"fmus": files, "target": target, "fmi": fmi}, [table])
+
+    _answer(work, as_json, quiet, verbose)
+
+
+@app.command()
+def run(
+    scenario: Annotated[Path, typer.Argument(help="A scenario file.")],
+    out: Out = None,
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", metavar="COMP.PARAM=VALUE", help="Over the file's values.")
+    ] = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+) -> None:
+    """Run one scenario; exit code 1 when an expectation fails."""
+
+    def work(terminal: Terminal) -> Answer:
+        from orchestrator.run_results import document_of, rows_of, write_run
+        from orchestrator.scenario import parse_override, run_scenario
+
+        overrides = dict(parse_override(each) for each in set_ or [])
+        folder = out or Path("out") / scenario.stem
+        with terminal.bar(scenario.stem) as move:
+            result = run_scenario(scenario, overrides, lambda fraction: move(fraction, ""))
+            write_run(result, overrides, folder)
+        checks = Table("case", "expectation", "held", "found", title=result.block.title)
+        for row in rows_of(result):
+            checks.add_row(*row)
+        shown: list[Table | str] = [checks, f"results in {folder}"]
+        if verbose:
+            shown.insert(1, _statistics(result.cases[0]))
+        return Answer(document_of(result, overrides, folder), shown, result.passed)
+
+    _answer(work, as_json, quiet, verbose)
+
+
+@app.command()
+def calibrate(
+    study: Annotated[Path, typer.Argument(help="A study file.")],
+    data: Data = None,
+    out: Out = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+) -> None:
+    """Traces to calibrated FMUs, parameters.ssv, summary.json and report.html."""
+
+    def work(terminal: Terminal) -> Answer:
+        from identification.commands import calibrate_study
+
+        folder = out or Path("out") / study.stem
+        with terminal.bar(study.stem) as move:
+            document = calibrate_study(study, data, folder, move)
+        shown: list[Table | str] = [_parameters(document), *_fits(document), *_warnings(document)]
+        return Answer(document, [*shown, f"FMUs in {folder / 'fmus'}, report in {folder / 'report.html'}"])
+
+    _answer(work, as_json, quiet, verbose)
+
+
+@app.command()
+def validate(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that `calibrate` wrote.")],
+    data: Annotated[Path, typer.Option("--data", help="Folder (or file) of other recordings.")],
+    out: Out = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+) -> None:
+    """Judge a calibrated result on other traces; exit code 1 when it misses the study's target."""
+
+    def work(terminal: Terminal) -> Answer:
+        from identification.commands import validate_result
+
+        target = out or folder / "validation"
+        with terminal.bar("validating") as move:
+            document = validate_result(folder, data, target, move)
+        shown = [*_fits(document), *_warnings(document), f"report in {target / 'report.html'}"]
+        return Answer(document, shown, document["held"])
+
+    _answer(work, as_json, quiet, verbose)
+
+
+@trace_app.command("info")
+def trace_info(
+    files: Annotated[list[Path], typer.Argument(help="Recordings.")],
+    layout: LayoutFrom = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+) -> None:
+    """What recordings hold: signals, units, time stamps."""
+
+    def work(terminal: Terminal) -> Answer:
+        from orchestrator.information import about_trace
+
+        documents = [about_trace(file, _layout(layout)) for file in files]
+        return Answer({"traces": documents}, [_facts(document) for document in documents])
+
+    _answer(work, as_json, quiet, verbose)
+
+
+@trace_app.command("convert")
+def trace_convert(
+    source: Annotated[Path, typer.Argument(help="A recording.")],
+    target: Annotated[Path, typer.Argument(help="The file to write; its suffix names the format.")],
+    layout: LayoutFrom = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+) -> None:
+    """Write a recording in another format."""
+
+    def work(terminal: Terminal) -> Answer:
+        from orchestrator import formats
+
+        recording = formats.read(source, _layout(layout))
+        formats.write(recording.trace, target)
+        document = {"source": str(source), "target": str(target), "samples": len(recording.trace),
+                    "stamps": str(recording.stamps)}  # fmt: skip
+        return Answer(document, [f"{target}: {recording.stamps}"])
+
+    _answer(work, as_json, quiet, verbose)
+
+
+@trace_app.command("plot")
+def trace_plot(
+    files: Annotated[list[Path], typer.Argument(help="Recordings.")],
+    out: Annotated[Path, typer.Option("--out", help="The HTML file to write.")] = Path("out/traces.html"),
+    layout: LayoutFrom = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+) -> None:
+    """Plot recordings into one HTML file."""
+
+    def work(terminal: Terminal) -> Answer:
+        from orchestrator import formats
+        from orchestrator.report.plot import plot_traces
+
+        plot_traces([formats.read(file, _layout(layout)) for file in files]).write(out)
+        return Answer({"report": str(out)}, [f"plotted into {out}"])
+
+    _answer(work, as_json, quiet, verbose)
+
+
+@app.command()
+def info(
+    file: Annotated[Path, typer.Argument(help="An FMU, a trace, or a folder of results.")],
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+) -> None:
+    """What an FMU, a trace or a result holds."""
+
+    def work(terminal: Terminal) -> Answer:
+        from orchestrator.information import about
+
+        document = about(file)
+        return Answer(document, [_facts(document)])
+
+    _answer(work, as_json, quiet, verbose)
+
+
+def _layout(study: Path | None) -> Any:
+    """The layout that a study file gives, None without one."""
+    if study is None:
+        return None
+    from identification.commands import layout_of
+
+    return layout_of(study)
+
+
+def _parameters(document: dict[str, Any]) -> Table:
+    from identification.calibration_report import parameter_rows
+
+    headers, rows = parameter_rows(document)
+    table = Table(*headers, title=document["title"])
+    for column in table.columns[1:-1]:
+        column.justify = "right"
+    for row in rows:
+        table.add_row(
+            *("-" if cell is None else f"{cell:.5g}" if isinstance(cell, float) else str(cell) for cell in row)
+        )
+    return table
+
+
+def _fits(document: dict[str, Any]) -> list[str]:
+    lines = []
+    for group, judged in document["fit"].items():
+        if group == "compared":
+            lines += [f"median FIT of {name}: {each['median']:.4f}" for name, each in judged.items()]
+        elif judged is not None:
+            lines.append(f"median FIT, {group}: {judged['median']:.4f} ({len(judged['traces'])} traces)")
+    return lines
+
+
+def _warnings(document: dict[str, Any]) -> list[str]:
+    return [f"warning: {warning}" for warning in document["warnings"]]
+
+
+def _statistics(case: Any) -> Table:
+    table = Table("component", "steps", "time [s]", "µs a step", title=f"Step statistics, case {case.name}")
+    if case.result is not None:
+        for name, each in case.result.statistics.items():
+            table.add_row(
+                name, str(each.calls), f"{each.seconds:.3f}", f"{1e6 * each.seconds / max(each.calls, 1):.1f}"
+            )
+    return table
+
+
+def _facts(document: dict[str, Any]) -> Table:
+    """A document of one level of lists as a two-column table."""
+    table = Table(show_header=False, title=str(document.get("name", "")))
+    for key, value in document.items():
+        if isinstance(value, list):
+            for number, each in enumerate(value):
+                cells = each.values() if isinstance(each, dict) else [each]
+                table.add_row("" if number else key, "  ".join(str(cell) for cell in cells if cell not in (None, "")))
+        elif key != "name":
+            table.add_row(key, str(value))
+    return table

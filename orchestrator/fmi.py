@@ -1,0 +1,296 @@
+"""The functions of an FMU, version 2.0 or 3.0, behind one face: what the versions call differently is here.
+
+FMPy loads, instantiates and frees; values and steps go straight to the FMU's functions with prepared arrays, because
+that is where a simulation spends its time.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from fmpy import fmi2, fmi3
+
+from fmus.errors import FmuError, FmuFileError
+from orchestrator.fmu_file import FmuFile, Port
+
+Value = float | int | bool | str
+FAILED = 2  # status discard and worse
+FATAL = 4  # no function of the FMU may be called again
+
+
+def _cast(ctype: Any, kind: str) -> Callable[[float], Any]:
+    """From a number to the C type's; whole numbers that do not fit are an OverflowError, for ctypes would cut them."""
+    if ctype in (ctypes.c_double, ctypes.c_float, ctypes.c_char_p):
+        return float
+    bits = 8 * ctypes.sizeof(ctype)
+    low = -(1 << bits - 1) if ctype(-1).value == -1 else 0
+    high = low + (1 << bits) - 1
+
+    def whole(value: float) -> int:
+        number = round(value)
+        if not low <= number <= high:
+            raise OverflowError(f"{value} does not fit into {kind} ({low} to {high})")
+        return number
+
+    return whole
+
+
+class Channel:
+    """Some variables of one FMU, read or written together: one call for each FMI type among them."""
+
+    def __init__(self, fmi: Adapter, ports: Sequence[Port]) -> None:
+        by_type: dict[str, list[int]] = {}
+        for position, port in enumerate(ports):
+            by_type.setdefault(fmi.storage(port.type), []).append(position)
+        self._size = len(ports)
+        self._groups = [
+            _Group(fmi, kind, [ports[i].reference for i in places], places) for kind, places in by_type.items()
+        ]
+        self._single = self._groups[0] if len(self._groups) == 1 else None
+
+    def write(self, values: Sequence[float]) -> int:
+        worst = 0
+        for group in self._groups:
+            group.values[:] = [group.cast(values[i]) for i in group.places]
+            worst = max(worst, group.set(*group.arguments))
+        return worst
+
+    def read(self) -> tuple[int, Sequence[float]]:
+        if self._single is not None:
+            status = self._single.get(*self._single.arguments)
+            return status, self._single.values[:]
+        result, worst = [0.0] * self._size, 0
+        for group in self._groups:
+            worst = max(worst, group.get(*group.arguments))
+            for place, value in zip(group.places, group.values, strict=True):
+                result[place] = float(value)
+        return worst, result
+
+
+class _Group:
+    """Variables of one type: prepared arguments for the FMU's get and set functions."""
+
+    def __init__(self, fmi: Adapter, kind: str, references: Sequence[int], places: Sequence[int]) -> None:
+        self.places = places
+        ctype = fmi.ctype(kind)
+        self.cast: Callable[[float], Any] = bool if kind == "Boolean" else _cast(ctype, kind)
+        self.values = (ctype * len(references))()
+        vrs = (ctypes.c_uint * len(references))(*references)
+        self.arguments = (fmi.handle, vrs, len(references), self.values, *fmi.count(len(references)))
+        self.get = fmi.accessor("Get", kind)
+        self.set = fmi.accessor("Set", kind)
+
+
+class Adapter:
+    """What differs between FMI 2.0 and 3.0, behind one face."""
+
+    prefix: str
+    state_name: str
+    types: Mapping[str, Any]
+    fmu: Any
+    handle: ctypes.c_void_p
+
+    def storage(self, kind: str) -> str:
+        """Type whose get and set functions serve this type."""
+        raise NotImplementedError
+
+    def count(self, number: int) -> tuple[int, ...]:
+        """Extra arguments of get and set: the number of values, where the version wants it."""
+        raise NotImplementedError
+
+    def begin(self, start: float, stop: float | None) -> int:
+        raise NotImplementedError
+
+    def step(self, time: float, duration: float) -> int:
+        raise NotImplementedError
+
+    def accessor(self, verb: str, kind: str) -> Callable[..., int]:
+        function = getattr(self.fmu.dll, f"{self.prefix}{verb}{kind}")
+        pointer = ctypes.POINTER(self.ctype(kind))
+        extra = [ctypes.c_size_t] * len(self.count(0))
+        function.argtypes = [ctypes.c_void_p, ctypes.POINTER(ctypes.c_uint), ctypes.c_size_t, pointer, *extra]
+        function.restype = ctypes.c_int
+        return function
+
+    def ctype(self, kind: str) -> Any:
+        """C type of a value."""
+        try:
+            return self.types[kind]
+        except KeyError:
+            raise FmuFileError(self.fmu.instanceName, f"has a variable of type {kind}, which is not supported",
+                               "leave it at its start value") from None  # fmt: skip
+
+    def single(self, port: Port) -> bool:
+        """Whether the variable is kept in single precision."""
+        return self.ctype(self.storage(port.type)) is ctypes.c_float
+
+    def set_one(self, port: Port, value: Value) -> int:
+        group = _Group(self, self.storage(port.type), [port.reference], [0])
+        group.values[0] = value.encode() if isinstance(value, str) else group.cast(value)
+        return group.set(*group.arguments)
+
+    def get_one(self, port: Port) -> tuple[int, Value]:
+        group = _Group(self, self.storage(port.type), [port.reference], [0])
+        status = group.get(*group.arguments)
+        value = group.values[0]
+        if isinstance(value, bytes):
+            return status, value.decode(errors="replace")
+        return status, bool(value) if port.type == "Boolean" else value
+
+    def run(self) -> int:
+        return self.call("ExitInitializationMode")
+
+    def reset(self) -> int:
+        return self.call("Reset")
+
+    def call(self, name: str, *arguments: Any) -> int:
+        """A function that takes the instance first, by the end of its name."""
+        function = getattr(self.fmu.dll, self.prefix + name)
+        function.restype = ctypes.c_int
+        return int(function(self.handle, *arguments))
+
+    def state(self, verb: str, argument: Any) -> int:
+        """Get, Set or Free a snapshot of the whole state."""
+        return self.call(f"{verb}{self.state_name}", argument)
+
+    def free(self) -> None:
+        """Free the instance; the library stays loaded, since unloading it breaks some of them."""
+        free = getattr(self.fmu.dll, f"{self.prefix}FreeInstance")
+        free.restype = None
+        free(self.handle)
+
+
+Logger = Callable[[int, str], None]
+
+
+class Fmi2(Adapter):
+    prefix = "fmi2"
+    state_name = "FMUstate"
+    types = {
+        "Real": ctypes.c_double,
+        "Integer": ctypes.c_int,
+        "Boolean": ctypes.c_int,
+        "String": ctypes.c_char_p,
+    }
+
+    def __init__(self, fmu: FmuFile, name: str, log: Logger, debug_log: bool) -> None:
+        self.fmu = fmi2.FMU2Slave(
+            guid=fmu.description.guid,
+            unzipDirectory=str(fmu.folder),
+            modelIdentifier=fmu.identifier,
+            instanceName=name,
+        )
+        self._ticket = Fmi2Logging.register(log)
+        self.fmu.instantiate(callbacks=Fmi2Logging.callbacks(self._ticket), loggingOn=debug_log)
+        self.handle = ctypes.c_void_p(self.fmu.component)
+        self._step = self.fmu.dll.fmi2DoStep
+        self._step.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int]
+        self._step.restype = ctypes.c_int
+
+    def storage(self, kind: str) -> str:
+        return "Integer" if kind == "Enumeration" else kind
+
+    def count(self, number: int) -> tuple[int, ...]:
+        return ()
+
+    def begin(self, start: float, stop: float | None) -> int:
+        status = self.call("SetupExperiment", 0, 0.0, start, stop is not None, stop or 0.0)
+        return status if status >= FAILED else max(status, self.call("EnterInitializationMode"))
+
+    def step(self, time: float, duration: float) -> int:
+        return int(self._step(self.handle, time, duration, 1))
+
+    def free(self) -> None:
+        super().free()
+        Fmi2Logging.forget(self._ticket)
+
+
+class Fmi2Logging:
+    """FMPy formats the variadic messages of FMI 2.0 in C and hands them to one Python function; it sorts them by
+    instance."""
+
+    _tickets = itertools.count(1)
+    _loggers: dict[int, Logger] = {}
+    _template: fmi2.fmi2CallbackFunctions | None = None
+
+    @classmethod
+    def register(cls, log: Logger) -> int:
+        ticket = next(cls._tickets)
+        cls._loggers[ticket] = log
+        return ticket
+
+    @classmethod
+    def forget(cls, ticket: int) -> None:
+        cls._loggers.pop(ticket, None)
+
+    @classmethod
+    def callbacks(cls, ticket: int) -> fmi2.fmi2CallbackFunctions:
+        """The callbacks of one instance: the shared functions, and its ticket as environment."""
+        if cls._template is None:
+            from fmpy.logging import addLoggerProxy  # noqa: PLC0415 - loads a library
+
+            cls._template = fmi2.fmi2CallbackFunctions()
+            cls._template.logger = cls._receive
+            cls._template.allocateMemory = fmi2.defaultCallbacks.allocateMemory
+            cls._template.freeMemory = fmi2.defaultCallbacks.freeMemory
+            addLoggerProxy(ctypes.byref(cls._template))
+        own = fmi2.fmi2CallbackFunctions.from_buffer_copy(cls._template)
+        own.componentEnvironment = ticket
+        return own
+
+    @fmi2.fmi2CallbackLoggerTYPE
+    @staticmethod
+    def _receive(environment: int, instance: bytes, status: int, category: bytes, message: bytes) -> None:
+        log = Fmi2Logging._loggers.get(environment)
+        if log is not None:
+            log(status, (message or b"").decode(errors="replace").strip())
+
+
+class Fmi3(Adapter):
+    prefix = "fmi3"
+    state_name = "FMUState"
+    types = {
+        "Float64": ctypes.c_double, "Float32": ctypes.c_float, "Boolean": ctypes.c_bool, "String": ctypes.c_char_p,
+        **{f"{u}Int{bits}": getattr(ctypes, f"c_{u.lower()}int{bits}") for bits in (8, 16, 32, 64) for u in ("", "U")},
+    }  # fmt: skip
+
+    def __init__(self, fmu: FmuFile, name: str, log: Logger, debug_log: bool) -> None:
+        self.fmu = fmi3.FMU3Slave(
+            guid=fmu.description.guid,
+            unzipDirectory=str(fmu.folder),
+            modelIdentifier=fmu.identifier,
+            instanceName=name,
+        )
+
+        def receive(environment: int, status: int, category: bytes, message: bytes) -> None:
+            log(status, (message or b"").decode(errors="replace").strip())
+
+        self.fmu.instantiate(loggingOn=debug_log, logMessage=receive)
+        self.handle = ctypes.c_void_p(self.fmu.component)
+        self._flags = [ctypes.c_bool() for _ in range(3)]
+        self._reached = ctypes.c_double()
+        self._step = self.fmu.dll.fmi3DoStep
+        self._step.restype = ctypes.c_int
+        self._step.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_bool,
+                               *[ctypes.POINTER(ctypes.c_bool)] * 3, ctypes.POINTER(ctypes.c_double)]  # fmt: skip
+        self._results = [*map(ctypes.byref, self._flags), ctypes.byref(self._reached)]
+
+    def storage(self, kind: str) -> str:
+        return "Int64" if kind == "Enumeration" else kind
+
+    def count(self, number: int) -> tuple[int, ...]:
+        return (number,)
+
+    def begin(self, start: float, stop: float | None) -> int:
+        return self.call("EnterInitializationMode", False, 0.0, start, stop is not None, stop or 0.0)
+
+    def step(self, time: float, duration: float) -> int:
+        status = int(self._step(self.handle, time, duration, True, *self._results))
+        terminated = self._flags[1].value
+        if status < FAILED and (terminated or self._flags[2].value):
+            raise FmuError(self.fmu.instanceName, f"ended the step from {time:g} s early at {self._reached.value:g} s"
+                           + (" and asked to stop" if terminated else ""), "shorten the run or the step")  # fmt: skip
+        return status

@@ -1,0 +1,77 @@
+"""Recordings as files: one module a format behind one table from suffix to module.
+
+Files come from outside: whatever is wrong with one ends in a `TraceError` that names file, place and fix.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import BinaryIO, Protocol
+
+from fmus.errors import TraceError
+from fmus.files import atomic_write, sha256
+from orchestrator.formats import csv, mat, parquet, text
+from orchestrator.formats.layout import Layout
+from orchestrator.formats.recording import Recording, Table
+from orchestrator.trace import Trace, ordered
+
+__all__ = ["FORMATS", "Layout", "Recording", "read", "write"]
+
+
+class Format(Protocol):
+    """What a format's module offers."""
+
+    def read(self, path: Path, layout: Layout) -> Table: ...
+
+    def write(self, trace: Trace, file: BinaryIO) -> None: ...
+
+
+FORMATS: dict[str, Format] = {".csv": csv, ".mat": mat, ".parquet": parquet, ".txt": text}
+
+
+def read(path: str | Path, layout: Layout | None = None) -> Recording:
+    """The recording in a file; its trace is named after the file where the file does not name it.
+
+    Raises:
+        TraceError: an unknown suffix, no such file, nothing in it, or it does not hold what `layout` says.
+    """
+    file = Path(path)
+    form = _format(file)
+    _check_there(file)
+    table = form.read(file, layout or Layout())
+    trace, stamps = ordered(table.time, table.signals, table.units, str(file))
+    return Recording(replace(trace, name=table.name or file.stem), stamps, file, sha256(file))
+
+
+def write(trace: Trace, path: str | Path) -> None:
+    """The trace in the format that the suffix names; the file is there as a whole or not at all.
+
+    Raises:
+        TraceError: an unknown suffix, or names that the format cannot hold.
+    """
+    form = _format(Path(path))
+    if "time" in trace.names:
+        raise TraceError(trace.name, "a signal is named 'time', as the stamps are", "rename it")
+    atomic_write(path, partial(form.write, trace))
+
+
+def _format(path: Path) -> Format:
+    try:
+        return FORMATS[path.suffix.lower()]
+    except KeyError:
+        raise TraceError(path, f"format '{path.suffix}' is not known", f"use {', '.join(FORMATS)}") from None
+
+
+def _check_there(path: Path) -> None:
+    if not path.is_file():
+        problem = "is a folder" if path.is_dir() else "there is no such file"
+        raise TraceError(path, problem, "check the path")
+    try:
+        with path.open("rb") as file:
+            empty = not file.read(1)
+    except OSError as problem:
+        raise TraceError(path, f"cannot be read ({problem.strerror})", "check its permissions") from None
+    if empty:
+        raise TraceError(path, "is empty", "record or export it again")

@@ -1,0 +1,66 @@
+"""Apache Parquet: a float64 column a signal, its unit in the field's metadata, the name in the schema's."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import BinaryIO
+
+import pyarrow as pa
+from pyarrow import parquet
+
+from fmus.errors import TraceError
+from orchestrator.formats.layout import MAX_VALUES, Columns, Layout, choose
+from orchestrator.formats.recording import Table, excerpt
+from orchestrator.trace import FloatArray, Trace
+
+
+def read(path: Path, layout: Layout) -> Table:
+    """The wanted columns; the others may hold anything.
+
+    Raises:
+        TraceError: not a Parquet file, damaged, a column that is not there or holds no numbers.
+    """
+    try:
+        with parquet.ParquetFile(path, page_checksum_verification=True) as file:
+            return _table(file, layout, path)
+    except (pa.ArrowException, OSError, ValueError, KeyError) as problem:
+        if isinstance(problem, TraceError):
+            raise
+        raise TraceError(
+            path, f"is not a readable Parquet file ({excerpt(problem)})", "record or export it again"
+        ) from None
+
+
+def write(trace: Trace, file: BinaryIO) -> None:
+    """The trace, bit for bit."""
+    fields = [pa.field("time", pa.float64(), metadata={"unit": "s"})]
+    for name in trace.names:
+        unit = trace.unit(name)
+        fields.append(pa.field(name, pa.float64(), metadata={"unit": unit} if unit else None))
+    schema = pa.schema(fields, metadata={"name": trace.name})
+    parquet.write_table(pa.table([trace.time, *trace.signals.values()], schema=schema), file, write_page_checksum=True)
+
+
+def _table(file: parquet.ParquetFile, layout: Layout, path: Path) -> Table:
+    schema = file.schema_arrow
+    units = tuple(_text(field.metadata, b"unit") for field in schema)
+    choice = choose(layout, Columns(len(schema), tuple(schema.names), units), path)
+    for number in choice.wanted:
+        _check_numeric(schema.field(number), path)
+    if file.metadata.num_rows * len(choice.wanted) > MAX_VALUES:
+        raise TraceError(path, f"claims {file.metadata.num_rows} samples", "cut the recording")
+    rows = file.read(columns=[schema.names[number] for number in choice.wanted])
+
+    def column(number: int) -> FloatArray:
+        return rows[schema.names[number]].cast(pa.float64(), safe=False).to_numpy()
+
+    return choice.table(column, _text(schema.metadata, b"name"))
+
+
+def _check_numeric(field: pa.Field, path: Path) -> None:
+    if not (pa.types.is_floating(field.type) or pa.types.is_integer(field.type)):
+        raise TraceError(f"{path}: column '{field.name}'", f"holds {field.type}, not numbers", "choose another column")
+
+
+def _text(metadata: dict[bytes, bytes] | None, key: bytes) -> str:
+    return (metadata or {}).get(key, b"").decode(errors="replace")

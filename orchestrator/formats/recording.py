@@ -1,0 +1,49 @@
+"""What comes out of a file: the raw columns (`Table`), and the trace made from them (`Recording`)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from orchestrator.trace import FloatArray, StampReport, Trace
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns as the file has them.
+
+    Attributes:
+        time: (K,) stamps in the file's order [s].
+        signals: name -> (K,) samples.
+        units: name -> unit, where known.
+        name: what the file calls the recording, "" when it does not.
+    """
+
+    time: FloatArray
+    signals: Mapping[str, FloatArray]
+    units: Mapping[str, str]
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A trace and where it is from.
+
+    Attributes:
+        trace: the samples, stamps strictly increasing.
+        stamps: what had to be done to the stamps.
+        path: the file.
+        sha256: hexadecimal hash of the file.
+    """
+
+    trace: Trace
+    stamps: StampReport
+    path: Path
+    sha256: str
+
+
+def excerpt(problem: object, most: int = 160) -> str:
+    """The first line of a library's complaint, cut to a readable length."""
+    line = (str(problem).strip() or type(problem).__name__).splitlines()[0].strip().rstrip(".")
+    return line if len(line) <= most else line[: most - 3] + "..."

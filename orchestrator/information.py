@@ -1,0 +1,112 @@
+"""What a file or folder holds, as plain values for `servotwin info`."""
+
+from __future__ import annotations
+
+import json
+import struct
+import zlib
+from pathlib import Path
+from typing import Any
+
+from fmus.errors import InputError, TraceError
+from fmus.packaging import archive, defaults
+from fmus.packaging.writeback import PROVENANCE
+from orchestrator import formats
+from orchestrator.fmu_file import FmuFile
+from orchestrator.formats import mat5
+from orchestrator.results import MARKS
+
+
+def about(path: Path) -> dict[str, Any]:
+    """The contents of an FMU, a trace, or a folder of results.
+
+    Raises:
+        InputError: there is no such file, or it is none of these.
+    """
+    if path.is_dir():
+        return about_result(path)
+    if path.suffix.lower() == ".fmu":
+        return about_fmu(path)
+    return about_trace(path)
+
+
+def about_fmu(path: Path) -> dict[str, Any]:
+    """Version, abilities and variables of an FMU; for one of ours also what its values come from."""
+    with FmuFile(path) as fmu:
+        interface = fmu.interface
+        files = archive.read(path)
+        document: dict[str, Any] = {
+            "name": interface.model_name,
+            "fmi": interface.fmi_version,
+            "description": fmu.description.description or "",
+            "tool": fmu.description.generationTool or "",
+            "defaults from resources": defaults.RESOURCE in files,
+            "state can be saved": interface.has_state,
+        }
+        for causality in ("input", "output", "parameter"):
+            document[f"{causality}s"] = [
+                {"name": port.name, "start": port.start, "unit": port.unit or "", "description": port.description}
+                for port in interface.of(causality)
+            ]
+    if PROVENANCE in files:
+        provenance = json.loads(files[PROVENANCE])
+        document["calibrated by"] = f"{provenance.get('title', '')} ({provenance.get('method', '')})"
+    return document
+
+
+def about_trace(path: Path, layout: formats.Layout | None = None) -> dict[str, Any]:
+    """Signals and time stamps of a recording; of a matrix without names what a layout has to say."""
+    try:
+        recording = formats.read(path, layout)
+    except TraceError as error:
+        if path.suffix.lower() != ".mat" or not path.is_file() or layout is not None:
+            raise
+        return _about_matrices(path, error)
+    trace = recording.trace
+    return {
+        "name": trace.name,
+        "samples": len(trace),
+        "from": float(trace.time[0]),
+        "to": float(trace.time[-1]),
+        "stamps": str(recording.stamps),
+        "sha256": recording.sha256,
+        "signals": [
+            {
+                "name": name,
+                "unit": trace.unit(name) or "",
+                "min": float(trace[name].min()),
+                "max": float(trace[name].max()),
+            }
+            for name in trace.names
+        ],
+    }
+
+
+def about_result(folder: Path) -> dict[str, Any]:
+    """Title, figures and files of a result folder."""
+    mark = next((folder / mark for mark in MARKS if (folder / mark).is_file()), None)
+    if mark is None:
+        raise InputError(folder, "holds no result", f"give a folder with {' or '.join(MARKS)}")
+    try:
+        document = json.loads(mark.read_text())
+    except ValueError as error:
+        raise InputError(mark, f"is not JSON ({error})", "run the command again") from error
+    facts: dict[str, Any] = {"name": document.get("title", "")}
+    facts |= {key: document[key] for key in ("method", "passed") if key in document}
+    if "parameters" in document:
+        facts["parameters"] = [{"name": name, **entry} for name, entry in document["parameters"].items()]
+    facts["files"] = sorted(str(file.relative_to(folder)) for file in folder.rglob("*") if file.is_file())
+    return facts
+
+
+def _about_matrices(path: Path, error: TraceError) -> dict[str, Any]:
+    try:
+        with path.open("rb") as file:
+            variables = mat5.variables(file)
+    except (ValueError, struct.error, zlib.error):
+        raise error from None
+    return {
+        "name": path.stem,
+        "variables": [{"name": each.name, "shape": str(each.shape)} for each in variables],
+        "note": "columns have no names: say in the study's `layout` which is which",
+    }

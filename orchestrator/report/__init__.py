@@ -1,0 +1,6 @@
+"""Reports a person wants to look at: one HTML file with everything inside, readable offline."""
+
+from orchestrator.report import figures
+from orchestrator.report.document import Report, Section
+
+__all__ = ["Report", "Section", "figures"]

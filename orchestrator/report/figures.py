@@ -1,0 +1,200 @@
+"""The figures of the reports, each a function from results to a plotly figure in the common look.
+
+Units stand on the axes; curves are thinned so that their peaks stay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import plotly.graph_objects as go
+from numpy.typing import ArrayLike
+from plotly.subplots import make_subplots
+
+from orchestrator.report import look
+from orchestrator.report.thinning import thin
+from orchestrator.trace import FloatArray, Trace
+
+Curve = tuple[str, ArrayLike, ArrayLike]  # label, angular frequency (N,) [rad/s], magnitude (N,)
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """A trace and how its curves are drawn."""
+
+    label: str
+    trace: Trace
+    colour: str
+    width: float
+
+    def line(self, signal: str, legend: bool, limit: int = 2000) -> go.Scatter:
+        x, y = thin(self.trace.time, self.trace[signal], limit)
+        return go.Scatter(
+            x=x, y=y, mode="lines", line={"color": self.colour, "width": self.width},
+            name=look.plain(self.label), legendgroup=look.plain(self.label), showlegend=legend,
+        )  # fmt: skip
+
+
+ROW = 210  # height of a row of stacked windows [px]
+BAND_99 = 2.5758  # two-sided 99 % point of the standard normal distribution
+
+
+def overlay(measured: Trace, simulated: Sequence[tuple[str, Trace]] = (), signals: Sequence[str] = ()) -> go.Figure:
+    """Measured and simulated signals over time, a window a signal (all of `measured` by default)."""
+    names = list(signals) or list(measured.names)
+    figure = _stacked(len(names))
+    for row, name in enumerate(names, 1):
+        for drawn in _drawn(measured, simulated):
+            if name in drawn.trace.names:
+                figure.add_trace(drawn.line(name, row == 1), row=row, col=1)
+        figure.update_yaxes(title_text=look.axis_title(measured, name), row=row, col=1)
+    figure.update_xaxes(title_text="time [s]", row=len(names), col=1)
+    return look.styled(figure, 80 + ROW * len(names))
+
+
+def overlays_grid(
+    windows: Sequence[tuple[str, Trace, Sequence[tuple[str, Trace]]]], signal: str, columns: int = 3
+) -> go.Figure:
+    """One signal in many small windows: (title, measured, [(label, simulated)]) each."""
+    rows = -(-len(windows) // columns)
+    height = 80 + 165 * rows
+    figure = make_subplots(
+        rows=rows,
+        cols=columns,
+        subplot_titles=[look.plain(title) for title, _, _ in windows],
+        vertical_spacing=min(0.5 / rows, 55 / height),
+        horizontal_spacing=0.045,
+    )
+    figure.update_annotations(font_size=12)
+    for number, (_, measured, simulated) in enumerate(windows):
+        place = {"row": number // columns + 1, "col": number % columns + 1}
+        for drawn in _drawn(measured, simulated):
+            figure.add_trace(drawn.line(signal, number == 0, limit=500), **place)
+        if number % columns == 0:
+            figure.update_yaxes(title_text=look.axis_title(measured, signal), **place)
+        if number + columns >= len(windows):
+            figure.update_xaxes(title_text="time [s]", **place)
+    figure = look.styled(figure, height)
+    return figure.update_layout(margin_t=60, legend={"y": 1, "yref": "container", "yanchor": "top"})
+
+
+def residuals(
+    time: ArrayLike, residual: ArrayLike, unit: str = "", lags: int = 50, name: str = "residual"
+) -> go.Figure:
+    """A residual (K,) over time (K,) [s], and its autocorrelation with the 99 % band of white noise."""
+    stamps, values = np.asarray(time, dtype=float), np.asarray(residual, dtype=float)
+    correlation = autocorrelation(values, lags)
+    figure = make_subplots(rows=2, cols=1, vertical_spacing=0.2)
+    x, y = thin(stamps, values)
+    figure.add_scatter(x=x, y=y, line={"color": look.colour(0), "width": 1.1}, name=name, row=1, col=1)
+    figure.add_bar(
+        x=np.arange(1, len(correlation)), y=correlation[1:], marker_color=look.colour(0),
+        name="autocorrelation", width=0.35, row=2, col=1,
+    )  # fmt: skip
+    band = BAND_99 / np.sqrt(len(values))
+    figure.add_hrect(y0=-band, y1=band, fillcolor=look.BAND, line_width=0, layer="below", row=2, col=1)
+    figure.update_yaxes(title_text=look.with_unit(name, unit), row=1, col=1)
+    figure.update_xaxes(title_text="time [s]", row=1, col=1)
+    figure.update_yaxes(title_text="autocorrelation", row=2, col=1)
+    figure.update_xaxes(title_text="lag [samples]", row=2, col=1)
+    return look.styled(figure, 520).update_layout(showlegend=False)
+
+
+def autocorrelation(values: FloatArray, lags: int) -> FloatArray:
+    """Sample autocorrelation at lags 0..lags (at most K - 1), 1 at lag 0; zeros for a constant."""
+    centred = values - values.mean()
+    power = float(centred @ centred)
+    shifts = range(min(lags, len(values) - 1) + 1)
+    if power == 0:
+        return np.zeros(len(shifts))
+    return np.array([centred[: len(centred) - lag] @ centred[lag:] for lag in shifts]) / power
+
+
+def frequency_response(points: Sequence[Curve], curves: Sequence[Curve] = (), unit: str = "") -> go.Figure:
+    """Magnitudes over frequency: measured points and model curves, in decibels of `unit`."""
+    figure = go.Figure()
+    for number, (label, omega, magnitude) in enumerate(curves):
+        line = {"color": look.colour(number), "width": 1.8}
+        figure.add_scatter(x=omega, y=_decibel(magnitude), mode="lines", line=line, name=look.plain(label))
+    for number, (label, omega, magnitude) in enumerate(points):
+        marker = {"color": look.colour(number), "size": 8, "line": {"width": 1, "color": "#ffffff"}}
+        figure.add_scatter(x=omega, y=_decibel(magnitude), mode="markers", marker=marker, name=look.plain(label))
+    figure.update_xaxes(type="log", title_text="frequency [rad/s]", dtick="D2", tickformat="~g")
+    figure.update_yaxes(title_text=look.with_unit("magnitude", f"dB re 1 {unit}" if unit else "dB"))
+    return look.styled(figure, 440)
+
+
+def bars(
+    groups: Mapping[str, Mapping[str, float]], target: float | None = None, quantity: str = "", unit: str = ""
+) -> go.Figure:
+    """Values by name in groups (such as train and validation), and the line they are to reach."""
+    figure = go.Figure()
+    for number, (group, values) in enumerate(groups.items()):
+        figure.add_bar(
+            y=[look.plain(name) for name in values], x=list(values.values()), orientation="h",
+            name=look.plain(group), marker_color=look.colour(number), marker_opacity=0.85,
+        )  # fmt: skip
+    if target is not None:
+        look.mark(figure, target, f"target {target:g}")
+    figure.update_xaxes(title_text=look.with_unit(quantity, unit))
+    figure.update_yaxes(autorange="reversed", type="category", showgrid=False)
+    figure = look.styled(figure, 110 + 22 * sum(map(len, groups.values())))
+    names = [name for values in groups.values() for name in values]
+    barmode = "overlay" if len(set(names)) == len(names) else "group"
+    legend = len(groups) > 1
+    return figure.update_layout(bargap=0.35, barmode=barmode, hovermode="closest", showlegend=legend)
+
+
+def correlation_heatmap(names: Sequence[str], matrix: ArrayLike) -> go.Figure:
+    """Correlation coefficients (N, N) between N estimates."""
+    labels = [look.plain(name) for name in names]
+    figure = go.Figure(
+        go.Heatmap(
+            z=np.asarray(matrix, dtype=float), x=labels, y=labels, zmin=-1, zmax=1, colorscale=look.DIVERGING,
+            texttemplate="%{z:.2f}", xgap=2, ygap=2, colorbar={"thickness": 10, "outlinewidth": 0},
+            hovertemplate="%{y}, %{x}: %{z:.3f}<extra></extra>",
+        )
+    )  # fmt: skip
+    figure.update_yaxes(autorange="reversed")
+    figure = look.styled(figure, 130 + 42 * len(names))
+    figure.update_xaxes(showgrid=False, showline=False, type="category")
+    figure.update_yaxes(showgrid=False, showline=False, type="category")
+    return figure.update_layout(hovermode="closest")
+
+
+def distribution(
+    values: ArrayLike, quantity: str, unit: str | None = None, marks: Mapping[str, float] | None = None
+) -> go.Figure:
+    """Histogram of values (N,), with named marks such as a true value or the ends of an interval."""
+    figure = go.Figure()
+    low, high, counts = _bins(np.asarray(values, dtype=float))
+    figure.add_bar(x=(low + high) / 2, y=counts, width=high - low, marker_color=look.colour(0), marker_opacity=0.8)
+    for name, value in (marks or {}).items():
+        look.mark(figure, value, name)
+    figure.update_xaxes(title_text=look.with_unit(quantity, unit))
+    figure.update_yaxes(title_text="count")
+    return look.styled(figure, 340).update_layout(bargap=0.04, showlegend=False, hovermode="closest")
+
+
+def _bins(values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Lower ends, upper ends and counts of the bins of a histogram."""
+    counts, edges = np.histogram(values, bins="auto" if np.ptp(values) else 1)
+    return edges[:-1], edges[1:], counts.astype(float)
+
+
+def _decibel(magnitude: ArrayLike) -> FloatArray:
+    return 20 * np.log10(np.asarray(magnitude, dtype=float))
+
+
+def _stacked(rows: int) -> go.Figure:
+    return make_subplots(rows=rows, cols=1, shared_xaxes=True, vertical_spacing=min(0.5 / rows, 26 / (ROW * rows)))
+
+
+def _drawn(measured: Trace, simulated: Sequence[tuple[str, Trace]]) -> list[_Drawn]:
+    """A broad pale curve for what was measured, thin ones for the models on top of it."""
+    if not simulated:
+        return [_Drawn("measured", measured, look.colour(0), 1.3)]
+    models = (_Drawn(label, trace, look.colour(n), 1.4) for n, (label, trace) in enumerate(simulated))
+    return [_Drawn("measured", measured, look.MEASURED, 3.2), *models]

@@ -1,0 +1,91 @@
+"""What a model may declare, and what is refused before anything runs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from fmus import library
+from fmus.model import Model, State, Table, input_, output, parameter, start_values
+
+VARIABLES = (
+    input_("force", "N", "Input"),
+    output("position", "m", "Output"),
+    parameter("mass", "kg", 2.0, "Real"),
+    parameter("count", "1", 3, "Integer", minimum=1),
+    parameter("on", "1", True, "Boolean"),
+    parameter("period", "s", 0.1, "Sample period"),
+)
+VALID: dict[str, Any] = {"name": "cart", "description": "A cart", "variables": VARIABLES}
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        ({"variables": (*VARIABLES, VARIABLES[0])}, "one name"),
+        ({"states": (State("x", sampled=True), State("x", sampled=True)), "sample_time": "period"}, "one name"),
+        ({"name": "my cart"}, "'my cart' is no name"),
+        ({"variables": (parameter("lambda", "1", 1.0, ""),)}, "'lambda' is no name"),
+        ({"tables": ("a-b",)}, "'a-b' is no name"),
+        ({"states": (State("x", "start"),), "solver_step": lambda p: 1.0}, "starts at 'start'"),
+        ({"states": (State("mass"),), "solver_step": lambda p: 1.0}, "'mass' has the name of a variable"),
+        ({"states": (State("x", sampled=True),)}, "need a sample period"),
+        ({"states": (State("x", sampled=True),), "sample_time": "tick"}, "'tick' is no parameter"),
+        ({"states": (State("x"),)}, "need a solver_step"),
+    ],
+)
+def test_declarations_that_do_not_fit_together_are_refused(change: dict[str, Any], problem: str) -> None:
+    Model(**VALID)
+    with pytest.raises(ValueError, match=problem):
+        Model(**(VALID | change))
+
+
+def test_the_type_of_a_variable_is_that_of_its_start_value() -> None:
+    types = {variable.name: variable.type for variable in Model(**VALID).variables}
+    assert types == {
+        "force": "Real", "position": "Real", "mass": "Real", "count": "Integer", "on": "Boolean", "period": "Real",
+    }  # fmt: skip
+
+
+def test_start_values_are_those_of_inputs_and_parameters() -> None:
+    assert start_values(Model(**VALID)) == {"force": 0.0, "mass": 2.0, "count": 3, "on": True, "period": 0.1}
+
+
+@pytest.mark.parametrize(
+    ("time", "values", "problem"),
+    [
+        ((), (), "0 instants"),
+        ((0.0, 1.0), (0.0,), "2 instants for 1"),
+        ((0.0, 0.0), (1.0, 2.0), "increase strictly"),
+        ((1.0, 0.0), (1.0, 2.0), "increase strictly"),
+        ((0.0, float("nan")), (1.0, 2.0), "increase strictly"),
+    ],
+)
+def test_a_table_needs_one_value_an_instant_and_instants_that_increase(
+    time: tuple[float, ...], values: tuple[float, ...], problem: str
+) -> None:
+    with pytest.raises(ValueError, match=problem):
+        Table("data", time, values)
+
+
+@pytest.mark.parametrize("name", library.names())
+def test_defaults_of_the_library_lie_within_their_bounds(name: str) -> None:
+    for variable in library.find(name).variables:
+        if variable.start is not None:
+            assert variable.minimum is None or variable.start >= variable.minimum, variable.name
+            assert variable.maximum is None or variable.start <= variable.maximum, variable.name
+
+
+@pytest.mark.parametrize("name", library.names())
+def test_every_variable_of_the_library_has_a_description_and_a_unit(name: str) -> None:
+    for variable in library.find(name).variables:
+        assert variable.description
+        assert variable.unit
+
+
+def test_models_are_values() -> None:
+    model = Model(**VALID)
+    assert model == replace(model)
+    assert model != replace(model, name="other")

@@ -1,0 +1,178 @@
+"""What a trace promises, and what becomes of recordings whose stamps are not in order."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from fmus.errors import TraceError
+from orchestrator.trace import FloatArray, Trace, ordered, usable
+
+STAMPS = st.lists(st.sampled_from([k * 0.25 for k in range(12)]), min_size=2, max_size=30).filter(
+    lambda stamps: len(set(stamps)) > 1
+)
+INCREASING = st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=30, unique=True).map(sorted)
+
+
+def ramp() -> Trace:
+    time = np.linspace(0.0, 1.0, 11)
+    return Trace(time, {"angle": 2 * time, "mode": np.floor(5 * time)}, {"angle": "rad"}, "ramp")
+
+
+@given(STAMPS)
+def test_ordered_stamps_increase_strictly_and_none_is_invented_or_lost(stamps: list[float]) -> None:
+    trace, _ = ordered(stamps, {})
+    assert trace.time.tolist() == sorted(set(stamps))
+
+
+@given(STAMPS)
+def test_of_samples_with_one_stamp_the_last_recorded_is_kept(stamps: list[float]) -> None:
+    trace, _ = ordered(stamps, {"row": np.arange(len(stamps))})
+    last = {stamp: row for row, stamp in enumerate(stamps)}
+    assert trace["row"].tolist() == [last[stamp] for stamp in sorted(last)]
+
+
+@given(STAMPS)
+def test_stamp_report_counts_what_was_done(stamps: list[float]) -> None:
+    trace, report = ordered(stamps, {})
+    assert report.samples == len(stamps)
+    assert report.repeated == len(stamps) - len(trace)
+    assert report.backward == sum(b < a for a, b in pairwise(stamps))
+    assert report.mean_step == pytest.approx(trace.duration / (len(trace) - 1))
+    assert report.clean == (stamps == sorted(set(stamps)))
+
+
+@given(INCREASING)
+def test_an_ordered_recording_is_left_as_it_is(stamps: list[float]) -> None:
+    values = np.sin(stamps)
+    trace, report = ordered(stamps, {"a": values}, {"a": "rad"}, "clean")
+    assert report.clean
+    assert np.array_equal(trace.time, stamps)
+    assert np.array_equal(trace["a"], values)
+    assert (trace.unit("a"), trace.name) == ("rad", "clean")
+
+
+def test_stamp_report_says_in_words_what_was_done() -> None:
+    _, report = ordered([0.0, 0.2, 0.1, 0.1], {})
+    assert str(report) == (
+        "4 samples, mean step 0.1 s, largest gap 0.1 s, "
+        "1 repeated stamps (the last sample of each kept), 1 stamps out of order (sorted)"
+    )
+
+
+@pytest.mark.parametrize(
+    ("time", "problem"),
+    [
+        ([], "holds no samples"),
+        ([1.0, 1.0, 1.0], "fewer than two distinct"),
+        ([0.0, np.nan, 1.0], "time stamp 2 is nan"),
+        ([0.0, 1.0, -np.inf], "time stamp 3 is -inf"),
+        ([0.0, 1e300], "time stamp 2 is 1e"),
+        ([[0.0, 1.0]], "shape"),
+    ],
+)
+def test_stamps_that_are_no_times_are_refused(time: list[float], problem: str) -> None:
+    with pytest.raises(TraceError, match=problem):
+        ordered(time, {})
+
+
+@pytest.mark.parametrize("rows", [2, 4])
+def test_a_column_of_another_length_is_refused_not_cut(rows: int) -> None:
+    with pytest.raises(TraceError, match=r"log\.a: has shape"):
+        ordered([0.0, 1.0, 2.0], {"a": np.zeros(rows)}, name="log")
+
+
+@pytest.mark.parametrize("time", [[0.0, 0.0], [1.0, 0.0], [0.0, np.nan], [[0.0, 1.0]]])
+def test_a_trace_cannot_be_made_from_bad_stamps(time: list[float]) -> None:
+    with pytest.raises(TraceError):
+        Trace(np.array(time), {})
+
+
+def test_an_unknown_signal_is_refused_with_the_known_ones() -> None:
+    with pytest.raises(TraceError, match="no signal 'speed'; it holds angle, mode"):
+        ramp()["speed"]
+
+
+def test_selection_keeps_order_units_and_name() -> None:
+    chosen = ramp().select(["mode", "angle"])
+    assert (chosen.names, chosen.units, chosen.name) == (("mode", "angle"), {"angle": "rad"}, "ramp")
+
+
+def test_renaming_carries_units_and_refuses_a_clash() -> None:
+    assert ramp().renamed({"angle": "theta"}).unit("theta") == "rad"
+    with pytest.raises(TraceError, match="two signals would get one name"):
+        ramp().renamed({"angle": "mode"})
+
+
+@given(INCREASING, st.floats(-1e3, 1e3), st.floats(-1e3, 1e3))
+def test_a_window_holds_exactly_the_samples_inside_with_both_ends(
+    stamps: list[float], start: float, stop: float
+) -> None:
+    window = Trace(np.array(stamps), {"a": np.cos(stamps)}).between(start, stop)
+    inside = [t for t in stamps if start <= t <= stop]
+    assert window.time.tolist() == inside
+    assert np.array_equal(window["a"], np.cos(inside))
+
+
+def test_shifting_moves_stamps_and_nothing_else() -> None:
+    shifted = ramp().shifted(-0.5)
+    assert shifted.time[0] == -0.5
+    assert np.array_equal(shifted["angle"], ramp()["angle"])
+
+
+@given(arrays(float, 7, elements=st.floats(0.0, 1.0), unique=True).map(np.sort))
+def test_resampling_a_straight_line_is_exact(instants: FloatArray) -> None:
+    assert ramp().resampled(instants)["angle"] == pytest.approx(2 * instants, abs=1e-14)
+
+
+@given(INCREASING)
+def test_resampling_at_the_own_stamps_changes_nothing(stamps: list[float]) -> None:
+    trace = Trace(np.array(stamps), {"a": np.sin(stamps)})
+    assert np.array_equal(trace.resampled(trace.time)["a"], trace["a"])
+
+
+def test_a_held_signal_keeps_its_last_value_up_to_the_next_stamp() -> None:
+    trace = Trace(np.array([0.0, 1.0, 2.0]), {"relay": np.array([1.0, 5.0, 2.0])})
+    held = trace.resampled([0.0, 0.999, 1.0, 1.5, 2.0], hold=["relay"])
+    assert held["relay"].tolist() == [1.0, 1.0, 5.0, 5.0, 2.0]
+
+
+@pytest.mark.parametrize("instants", [[-0.1, 0.5], [0.5, 1.1]])
+def test_nothing_is_extrapolated(instants: list[float]) -> None:
+    with pytest.raises(TraceError, match="covers 0 to 1 s"):
+        ramp().resampled(instants)
+
+
+def test_an_empty_window_cannot_be_resampled() -> None:
+    with pytest.raises(TraceError, match="has no samples"):
+        ramp().between(5, 6).resampled([5.5])
+
+
+def test_usable_signals_pass_unchanged() -> None:
+    trace = ramp()
+    assert usable(trace, ["angle", "mode"]) is trace
+
+
+@pytest.mark.parametrize(
+    ("values", "problem"),
+    [
+        ([1.0, np.nan, np.inf], r"log\.a: is not finite at t = 1 s \(2 samples\)"),
+        ([0.5, 0.5, 0.5], r"log\.a: is constant \(0\.5\)"),
+    ],
+)
+def test_useless_signals_are_refused_by_name(values: list[float], problem: str) -> None:
+    trace = Trace(np.arange(3.0), {"a": np.array(values)}, name="log")
+    with pytest.raises(TraceError, match=problem):
+        usable(trace, ["a"])
+
+
+def test_usable_refuses_an_empty_window_and_a_missing_signal() -> None:
+    with pytest.raises(TraceError, match="has no samples"):
+        usable(ramp().between(5, 6), ["angle"])
+    with pytest.raises(TraceError, match="no signal 'torque'"):
+        usable(ramp(), ["torque"])
