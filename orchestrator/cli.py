@@ -174,6 +174,47 @@ def run(
 
 
 @app.command()
+def test(
+    paths: Annotated[
+        list[Path] | None, typer.Argument(help="Scenario files and folders; scenarios/ by default.")
+    ] = None,
+    jobs: Annotated[int, typer.Option("-j", "--jobs", min=1, help="Scenarios run side by side.")] = 1,
+    junit: Annotated[Path | None, typer.Option(help="JUnit XML file to write.")] = None,
+    out: Out = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+) -> None:
+    """Run all scenarios under the paths: the regression suite; exit code 1 when one fails."""
+
+    def work(terminal: Terminal) -> Answer:
+        from orchestrator.suite import Verdict, find_scenarios, run_suite, write_junit
+
+        files = find_scenarios(paths or [Path("scenarios")])
+        table = Table("scenario", "verdict", "time [s]", "why")
+        finished = 0
+        with terminal.bar("scenarios") as move:
+
+            def done(verdict: Verdict) -> None:
+                nonlocal finished
+                finished += 1
+                move(finished / len(files), verdict.file.stem)
+
+            verdicts = run_suite(files, out or Path("out/test"), jobs, done)
+        if junit is not None:
+            write_junit(verdicts, junit)
+        for each in verdicts:
+            table.add_row(str(each.file), "passed" if each.passed else "FAILED", f"{each.seconds:.1f}", each.error)
+        held = all(each.passed for each in verdicts)
+        document = {"passed": held, "scenarios": [
+            {"file": str(each.file), "passed": each.passed, "seconds": round(each.seconds, 3), "error": each.error,
+             "result": each.document} for each in verdicts]}  # fmt: skip
+        return Answer(document, [table], held)
+
+    _answer(work, as_json, quiet, verbose)
+
+
+@app.command()
 def calibrate(
     study: Annotated[Path, typer.Argument(help="A study file.")],
     data: Data = None,

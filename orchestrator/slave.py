@@ -20,7 +20,8 @@ __all__ = ["Component", "Slave", "Value"]
 
 LOG = logging.getLogger("servotwin.fmu")
 STATUS = ("OK", "warning", "discard", "error", "fatal error", "pending")
-_LEVELS = (logging.DEBUG, logging.WARNING, logging.ERROR, logging.ERROR, logging.ERROR, logging.DEBUG)
+# Errors are raised with what the FMU said, so their messages need no louder place in the log.
+_LEVELS = (logging.DEBUG, logging.WARNING, logging.INFO, logging.INFO, logging.INFO, logging.DEBUG)
 _TROUBLE = frozenset(f"logStatus{kind}" for kind in ("Warning", "Discard", "Error", "Fatal"))
 
 

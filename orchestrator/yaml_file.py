@@ -43,6 +43,11 @@ def load(path: Path, schema: type[B]) -> B:
         raise _complaint(path, document, schema, error) from None
 
 
+def holds(path: Path, key: str) -> bool:
+    """Whether the file is YAML with this key at the top."""
+    return key in _parse(path)
+
+
 def _parse(path: Path) -> Any:
     if not path.is_file():
         raise ScenarioError(path, "no such file", "check the path")
