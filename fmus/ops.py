@@ -67,7 +67,14 @@ def where(condition: Value, if_true: Value, if_false: Value) -> Value:
         return if_true if condition else if_false
     if library.__name__ == "numpy":
         return library.where(condition, if_true, if_false)
-    return library.Piecewise((if_true, condition), (if_false, True), evaluate=False)
+    return _choice(library, (if_true, condition), (if_false, True))
+
+
+def _choice(sympy: Any, *cases: tuple[Value, Value]) -> Value:
+    """A Piecewise as it is: its own constructor rewrites conditions that hold a choice themselves."""
+    pair = sympy.functions.elementary.piecewise.ExprCondPair
+    pairs = (sympy.Tuple.__new__(pair, sympy.sympify(value), sympy.sympify(condition)) for value, condition in cases)
+    return sympy.Basic.__new__(sympy.Piecewise, *pairs)
 
 
 def minimum(a: Value, b: Value) -> Value:

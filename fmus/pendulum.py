@@ -18,7 +18,7 @@ def gravity_torque(p):
 
 
 def dry_friction(speed, p):
-    """Coulomb friction with a Stribeck peak; sign(speed) and the change between its two sides are smooth through zero."""
+    """Coulomb friction with a Stribeck peak; its sign and the change between its two sides are smooth through zero."""
     sign = ops.tanh(speed / p.friction_speed)
     mean = 0.5 * (p.coulomb_friction_positive + p.coulomb_friction_negative)
     difference = 0.5 * (p.coulomb_friction_positive - p.coulomb_friction_negative)

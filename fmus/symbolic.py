@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
@@ -20,6 +21,8 @@ class Traced:
     Attributes:
         symbols: kind ("x", "u", "p") -> name -> symbol.
         derivatives, update, outputs: name -> expression.
+        solver_step: None for a model without continuous states.
+        requirements: one condition each, in their order.
     """
 
     time: sympy.Symbol
@@ -27,15 +30,26 @@ class Traced:
     derivatives: Mapping[str, sympy.Expr]
     update: Mapping[str, sympy.Expr]
     outputs: Mapping[str, sympy.Expr]
+    solver_step: sympy.Expr | None
+    requirements: tuple[sympy.Basic, ...]
 
 
-def trace(model: Model) -> Traced:
+def trace(model: Model, as_written: bool = False) -> Traced:
     """The model's functions as expressions.
+
+    Args:
+        as_written: keep every operation in the order in which the model has it, as floats would be computed; without,
+            SymPy simplifies as it goes.
 
     Raises:
         ModelError: a function uses something beside `fmus.ops`, or a state or output is missing from its result.
     """
-    time = sympy.Symbol("t", real=True)
+    with sympy.evaluate(not as_written):
+        return _trace(model)
+
+
+def _trace(model: Model) -> Traced:
+    time = sympy.Symbol(_free_name(model), real=True)
     symbols = {
         "x": _real(state.name for state in model.states),
         "u": _real(variable.name for variable in model.of("input")),
@@ -51,6 +65,8 @@ def trace(model: Model) -> Traced:
         _evaluate(model, "derivatives", model.derivatives, arguments, {s.name for s in model.continuous}),
         _evaluate(model, "update", model.update, arguments, {s.name for s in model.sampled}),
         _evaluate(model, "outputs", model.outputs, arguments, results),
+        _single(model, "solver_step", model.solver_step, (p,)) if model.continuous and model.solver_step else None,
+        tuple(_single(model, "requirements", each.holds, arguments) for each in model.requirements),
     )
 
 
@@ -71,6 +87,12 @@ def feed_through(model: Model) -> dict[str, tuple[str, ...]]:
     return direct
 
 
+def _free_name(model: Model) -> str:
+    """The time's symbol: t, unless something in the model has that name."""
+    taken = {*model.by_name, *(state.name for state in model.states)}
+    return next(name for name in ("t", "time", *(f"t{i}" for i in range(len(taken)))) if name not in taken)
+
+
 def _real(names: Any) -> dict[str, sympy.Symbol]:
     return {name: sympy.Symbol(name, real=True) for name in names}
 
@@ -87,11 +109,23 @@ def _evaluate(
         if expected:
             raise ModelError(place, f"nothing gives {', '.join(sorted(expected))}", f"write {label}()")
         return {}
-    try:
+    with _untraceable(place):
         result = {name: sympy.sympify(value) for name, value in function(*arguments).items()}
-    except Exception as error:
-        raise ModelError(place, f"cannot be traced ({error})", "use only fmus.ops and arithmetic") from error
     if set(result) != expected:
         missing, extra = sorted(expected - set(result)), sorted(set(result) - expected)
         raise ModelError(place, f"missing {missing}, unexpected {extra}", "return one value for each declared name")
     return result
+
+
+def _single(model: Model, label: str, function: Callable[..., Any], arguments: tuple[Any, ...]) -> sympy.Basic:
+    """What a function of one result gives."""
+    with _untraceable(f"model {model.name}, {label}"):
+        return sympy.sympify(function(*arguments))
+
+
+@contextmanager
+def _untraceable(place: str) -> Iterator[None]:
+    try:
+        yield
+    except Exception as error:
+        raise ModelError(place, f"cannot be traced ({error})", "use only fmus.ops and arithmetic") from error

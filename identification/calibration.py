@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fmus.errors import IdentificationError, WiringError
+from fmus.errors import IdentificationError, TraceError, WiringError
 from identification.campaign import Recorded, load_campaign, split
 from identification.output_error import (
     Estimate,
@@ -31,7 +32,7 @@ from identification.study import OutputErrorBlock, ParameterBlock, WindowsBlock
 from identification.system_simulator import SystemFactory
 from identification.windows import Cut, cut_windows
 from orchestrator.assembly import Assembled, OpenSystem, assemble
-from orchestrator.system import Endpoint, System, check_values
+from orchestrator.system import Endpoint, System, check_values, with_article
 from orchestrator.trace import FloatArray
 
 Listener = Callable[[Progress], None]
@@ -52,14 +53,19 @@ class Judged:
 
     @property
     def median(self) -> float:
-        """Median FIT over all windows and outputs."""
-        return float(np.nanmedian(self.fit))
+        """Median FIT over all windows and outputs; nan where none of them moves."""
+        return _median(self.fit)
 
     def by_trace(self) -> dict[str, float]:
         """trace -> median FIT of its windows."""
         names = dict.fromkeys(cut.trace for cut in self.cuts)
         rows = {name: [i for i, cut in enumerate(self.cuts) if cut.trace == name] for name in names}
-        return {name: float(np.nanmedian(self.fit[indices])) for name, indices in rows.items()}
+        return {name: _median(self.fit[indices]) for name, indices in rows.items()}
+
+
+def _median(fit: FloatArray) -> float:
+    known = fit[~np.isnan(fit)]
+    return float(np.median(known)) if known.size else math.nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +101,7 @@ def calibrate(study: OutputErrorBlock, base: Path, data: Path | None, progress: 
 
     Raises:
         InputError: the study, the system or the traces do not fit together; nothing has been simulated.
-        FmuError: the FMUs fail with the start values.
+        FmuError: the FMUs fail with every start, or with the estimates on the traces kept aside.
     """
     recorded = load_campaign(study.traces, base, data)
     fitted, kept = split(recorded, study.traces.hold_out)
@@ -103,11 +109,10 @@ def calibrate(study: OutputErrorBlock, base: Path, data: Path | None, progress: 
         assembled = assemble(study, base, Path(folder), tuple(sorted(study.inputs)))
         units = _checked_units(study, assembled)
         train = cut_windows(study, fitted, study.windows)
+        unseen = cut_windows(study, kept, study.validation or study.windows)
         found = _fit(study, assembled, train, units, progress)
-        values = found.values
-        validation = _judge(study, assembled, kept, study.validation or study.windows, values) if kept else None
-        where, windows = (kept, study.validation or study.windows) if kept else (fitted, study.windows)
-        compared = {name: _judge(study, assembled, where, windows, {**values, **other})
+        validation = _judge(study, assembled, unseen, found.values) if unseen else None
+        compared = {name: _judge(study, assembled, unseen or train, {**found.values, **other})
                     for name, other in study.compare.items()}  # fmt: skip
     judged = Judged(tuple(train), found.simulated, found.fit)
     return Calibration(study, tuple(recorded), found, judged, validation, compared, units)
@@ -121,34 +126,28 @@ def judge(
     values: Mapping[str, float],
 ) -> Judged:
     """Free runs over the windows of these traces, with these values over the study's."""
-    return _judge(study, assembled, recorded, windows, values)
+    return _judge(study, assembled, cut_windows(study, recorded, windows), values)
 
 
 def _fit(
     study: OutputErrorBlock, assembled: Assembled, cuts: list[Cut], units: Mapping[str, str], progress: Listener | None
 ) -> Estimate:
     parameters = _parameters(study, units)
-    problem = _problem(study, cuts, parameters, Loss(study.loss.kind, study.loss.scale))
+    problem = _problem(study, cuts, parameters, _weights(study, cuts), Loss(study.loss.kind, study.loss.scale))
     factory = SystemFactory(assembled, cuts, tuple(study.outputs), study.values())
     return estimate(problem, factory, Options(**study.options.model_dump(), processes=processes()), progress)
 
 
-def _judge(
-    study: OutputErrorBlock,
-    assembled: Assembled,
-    recorded: Sequence[Recorded],
-    windows: WindowsBlock,
-    values: Mapping[str, float],
-) -> Judged:
-    cuts = cut_windows(study, recorded, windows)
+def _judge(study: OutputErrorBlock, assembled: Assembled, cuts: list[Cut], values: Mapping[str, float]) -> Judged:
     fixed = ParameterSet(tuple(Parameter(name, value, fixed=True) for name, value in values.items()))
     factory = SystemFactory(assembled, cuts, tuple(study.outputs), study.values())
-    found = predict(_problem(study, cuts, fixed, Loss()), factory, Options(processes=processes()))
+    found = predict(_problem(study, cuts, fixed, _even_weights(cuts), Loss()), factory, Options(processes=processes()))
     return Judged(tuple(cuts), found.simulated, found.fit)
 
 
-def _problem(study: OutputErrorBlock, cuts: list[Cut], parameters: ParameterSet, loss: Loss) -> Problem:
-    weights = _weights(study, cuts)
+def _problem(
+    study: OutputErrorBlock, cuts: list[Cut], parameters: ParameterSet, weights: list[FloatArray], loss: Loss
+) -> Problem:
     windows = tuple(
         Window(cut.name, cut.trace, cut.measured, weight) for cut, weight in zip(cuts, weights, strict=True)
     )
@@ -159,12 +158,27 @@ def _problem(study: OutputErrorBlock, cuts: list[Cut], parameters: ParameterSet,
     return Problem(parameters, windows, dict.fromkeys(study.outputs, "1"), states, loss)
 
 
+def _even_weights(cuts: list[Cut]) -> list[FloatArray]:
+    """(m,) weights of windows to be judged: by the spread of each output, 1 for one that rests in all of them."""
+    spread = np.concatenate([cut.measured for cut in cuts]).std(axis=0)
+    return [1 / np.where(spread > 0, spread, 1.0)] * len(cuts)
+
+
 def _weights(study: OutputErrorBlock, cuts: list[Cut]) -> list[FloatArray]:
     if study.weight == "window":
-        return [spread_weights([cut.measured]) for cut in cuts]
+        return [_window_weight(study, cut) for cut in cuts]
     if study.weight == "output":
         return [spread_weights([cut.measured for cut in cuts])] * len(cuts)
     return [np.ones(len(study.outputs))] * len(cuts)
+
+
+def _window_weight(study: OutputErrorBlock, cut: Cut) -> FloatArray:
+    """(m,) weights by the spread within a window; an output that rests there has none."""
+    for name, measured in zip(study.outputs, cut.measured.T, strict=True):
+        if np.all(measured == measured[0]):
+            raise TraceError(cut.name, f"{name} does not move there, so `weight: window` means nothing",
+                             "skip the window, or weight: output")  # fmt: skip
+    return spread_weights([cut.measured])
 
 
 def _parameters(study: OutputErrorBlock, units: Mapping[str, str]) -> ParameterSet:
@@ -181,6 +195,9 @@ def _parameter(study: OutputErrorBlock, name: str, block: ParameterBlock, unit: 
         raise IdentificationError(
             f"parameters.{name}", "has no start value", "give `start`, or set it in its component"
         )
+    if not (start or block.fixed) and (block.min is None or block.max is None):
+        raise IdentificationError(f"parameters.{name}", "starts at 0 with an open bound, so its size is not known",
+                                  "give `min` and `max`, or another start")  # fmt: skip
     low = -np.inf if block.min is None else block.min
     high = np.inf if block.max is None else block.max
     return Parameter(name, float(start), low, high, unit, block.scale, block.fixed)
@@ -192,17 +209,37 @@ def _checked_units(study: OutputErrorBlock, assembled: Assembled) -> dict[str, s
         system = opened.system
         check_values(system, study.values())
         for name in study.outputs:
-            _must_be(system, name, "output", "outputs")
-        for name in [*study.initial, *study.traces.values, *study.parameters]:
-            _must_be(system, name, "parameter", "parameters")
+            must_be(system, name, "output", "outputs")
+        for key, names in _named_parameters(study).items():
+            for name in names:
+                must_be(system, name, "parameter", key)
         for name, block in study.parameters.items():
             for value in (block.start, block.min, block.max):
                 check_values(system, {} if value is None else {name: value})
+        for values in study.compare.values():
+            check_values(system, values)
         named = [*study.parameters, *study.outputs, *study.initial]
         return {name: system.port(Endpoint.parse(name)).unit or "1" for name in named}
 
 
-def _must_be(system: System, name: str, causality: str, key: str) -> None:
+def _named_parameters(study: OutputErrorBlock) -> dict[str, list[str]]:
+    """Key of the study -> the parameters that it names."""
+    compared = {f"compare.{name}": list(values) for name, values in study.compare.items()}
+    return {
+        "initial": list(study.initial),
+        "traces.values": list(study.traces.values),
+        "parameters": list(study.parameters),
+        "truth": list(study.truth),
+        **compared,
+    }
+
+
+def must_be(system: System, name: str, causality: str, key: str) -> None:
+    """See that a study names a variable of this causality; what has a start value passes for a parameter.
+
+    Raises:
+        WiringError: there is no such variable, or it is something else.
+    """
     port = system.port(Endpoint.parse(name), f"{key}.{name}")
     if port.causality != causality and not (causality == "parameter" and port.start is not None):
-        raise WiringError(f"{key}.{name}", f"is a {port.causality}", f"name a {causality}")
+        raise WiringError(f"{key}.{name}", f"is {with_article(port.causality)}", f"name {with_article(causality)}")

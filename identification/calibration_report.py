@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from fmus.errors import IdentificationError
 from identification.calibration import Calibration, Judged
 from identification.frequency_response import fit_sine, frequency_point
 from identification.signals import dominant_frequency
@@ -108,21 +109,29 @@ def _traces(study: OutputErrorBlock, units: Mapping[str, str], judged: Judged, i
 
 
 def _frequency_response(section: Section, calibration: Calibration, judged: Judged) -> None:
+    points = [_gains(cut, y) for cut, y in zip(judged.cuts, judged.simulated, strict=True)]
+    found = np.array([point for point in points if point is not None])
+    missing = len(points) - len(found)
     section.paragraph(
         "Gain from the first input to the first output at the strongest frequency of each window's input."
+        + (f" {missing} of {len(points)} windows hold no full period of a sine and are left out." if missing else "")
     )
-    measured = np.array([_gain(cut, cut.measured) for cut in judged.cuts])
-    simulated = np.array([_gain(cut, y) for cut, y in zip(judged.cuts, judged.simulated, strict=True)])
-    points = [("measured", measured[:, 0], measured[:, 1]), ("calibrated", simulated[:, 0], simulated[:, 1])]
-    section.figure(figures.frequency_response(points))
+    if len(found):
+        curves = [("measured", found[:, 0], found[:, 1]), ("calibrated", found[:, 0], found[:, 2])]
+        section.figure(figures.frequency_response(curves))
 
 
-def _gain(cut: Cut, outputs: FloatArray) -> tuple[float, float]:
-    """Strongest frequency of the first input [rad/s] and the gain of the first output there."""
+def _gains(cut: Cut, simulated: FloatArray) -> tuple[float, float, float] | None:
+    """Strongest frequency of the first input [rad/s] and the gains of the first output there, measured and simulated;
+    None where the window holds no sine."""
     driven = next(iter(cut.stimuli.values()))
-    start = dominant_frequency(driven, float(cut.step))
-    frequency = fit_sine(cut.time, driven, start, refine=True).frequency
-    return frequency, frequency_point(cut.time, driven, outputs[:, 0], frequency).gain
+    try:
+        start = dominant_frequency(driven, float(cut.step))
+        frequency = fit_sine(cut.time, driven, start, refine=True).frequency
+        measured, free = (frequency_point(cut.time, driven, y[:, 0], frequency) for y in (cut.measured, simulated))
+    except IdentificationError:
+        return None
+    return frequency, measured.gain, free.gain
 
 
 def _residuals(section: Section, calibration: Calibration, judged: Judged) -> None:
@@ -145,7 +154,7 @@ def _uncertainty(section: Section, calibration: Calibration) -> None:
     found = calibration.estimate
     seen = found.identifiability
     section.paragraph(HOW[found.uncertainty.method])
-    for combination in seen.unseen:
+    for combination in (*seen.unseen, *seen.weak):
         section.callout("warning", combination.message)
     section.figure(figures.correlation_heatmap(seen.names, seen.correlation), "Correlation of the estimates")
     section.table(["direction", "singular value"], [[i + 1, float(v)] for i, v in enumerate(seen.singular_values)],

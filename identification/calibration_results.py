@@ -9,12 +9,12 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from fmus.model import Number
 from fmus.packaging import ssv
 from fmus.packaging.writeback import write_back
 from identification import calibration_report
 from identification.calibration import Calibration, Judged
 from identification.campaign import Recorded, stamp_warnings
+from identification.study import OutputErrorBlock
 from orchestrator.assembly import SystemBlock, assemble
 from orchestrator.results import result_folder, versions, write_json
 from orchestrator.slave import Value
@@ -40,6 +40,7 @@ def summary(calibration: Calibration) -> dict[str, Any]:
             "white_residuals": found.uncertainty.is_white,
             "singular_values": found.identifiability.singular_values.tolist(),
             "unseen": [combination.message for combination in found.identifiability.unseen],
+            "weak": [combination.message for combination in found.identifiability.weak],
         },
         "search": {
             "converged": found.converged,
@@ -57,8 +58,9 @@ def summary(calibration: Calibration) -> dict[str, Any]:
 
 
 def judged_summary(judged: Judged) -> dict[str, Any]:
-    """FIT of some windows: their median, and the median of each trace's."""
-    return {"median": judged.median, "windows": len(judged.cuts), "traces": judged.by_trace()}
+    """FIT of some windows: their median, and the median of each trace's; null where no output moves."""
+    by_trace = {name: finite(value) for name, value in judged.by_trace().items()}
+    return {"median": finite(judged.median), "windows": len(judged.cuts), "traces": by_trace}
 
 
 def data_summary(recorded: Iterable[Recorded], held_out: Iterable[str]) -> list[dict[str, str]]:
@@ -107,20 +109,16 @@ def write_system(
         assembled = assemble(study, study_file.parent, Path(built))
         for name, source in assembled.files.items():
             target = folder / "fmus" / f"{name}.fmu"
-            own = component_values(name, study.values() | dict(values))
+            own = component_values(name, {**study.values(), **values})
             write_back(source, own, target, provenance)
             if not assembled.built[name] and not target.exists():
                 shutil.copyfile(source, target)
 
 
-def component_values(component: str, values: Mapping[str, Value]) -> dict[str, Number]:
-    """variable -> value of one component, numbers only."""
+def component_values(component: str, values: Mapping[str, Value]) -> dict[str, Value]:
+    """variable -> value of one component."""
     prefix = f"{component}."
-    return {
-        name.removeprefix(prefix): value
-        for name, value in values.items()
-        if name.startswith(prefix) and not isinstance(value, str)
-    }
+    return {name.removeprefix(prefix): value for name, value in values.items() if name.startswith(prefix)}
 
 
 def finite(value: float) -> float | None:
@@ -135,8 +133,16 @@ def _parameter(calibration: Calibration, name: str) -> dict[str, Any]:
         "std": finite(found.std[name]) if name in found.std else None,
         "ci95": [finite(end) for end in found.ci95[name]] if name in found.ci95 else None,
         "unit": calibration.units.get(name, "1"),
-        "start": study.parameters[name].start if name in study.parameters else None,
+        "start": _start(study, name),
     }
     if name in study.truth:
         entry["truth"] = study.truth[name]
     return entry
+
+
+def _start(study: OutputErrorBlock, name: str) -> Value | None:
+    """Where the estimation of a parameter began; nothing for one that is tied to another."""
+    block = study.parameters[name]
+    if block.tied is not None:
+        return None
+    return block.start if block.start is not None else study.values()[name]

@@ -84,9 +84,21 @@ def _files(traces: TracesBlock, folder: Path) -> list[Path]:
         return [folder]
     if not folder.is_dir():
         raise TraceError(folder, "no such file or folder", "give --data PATH")
-    files = sorted(folder.glob(traces.files))
+    try:
+        files = sorted(folder.glob(traces.files))
+    except (ValueError, NotImplementedError):
+        raise ScenarioError("traces.files", f"'{traces.files}' is no pattern below a folder", "write *.mat") from None
     if not files:
         raise TraceError(folder, f"holds no file '{traces.files}'", "give --data PATH, the recordings' folder")
+    return _distinct(files)
+
+
+def _distinct(files: list[Path]) -> list[Path]:
+    """The files, whose names without suffix are the names of the traces."""
+    known: dict[str, Path] = {}
+    for file in files:
+        if known.setdefault(file.stem, file) is not file:
+            raise TraceError(file, f"has the name of {known[file.stem]}", "rename one, or narrow `traces.files`")
     return files
 
 
@@ -107,8 +119,8 @@ def _fields(file: Path, traces: TracesBlock) -> dict[str, float]:
     fields = {}
     for name, block in traces.file_name.fields.items():
         try:
-            fields[name] = block.number(match[name])
-        except (ValueError, TypeError):
+            fields[name] = block.number(match[name] or "")
+        except ValueError:
             raise TraceError(file, f"its name gives no {name} ('{match[name]}')", "correct the name") from None
     return fields
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from fmus.errors import IdentificationError, InputError
 from fmus.packaging import archive, ssv
-from fmus.packaging.writeback import is_ours
+from fmus.packaging.writeback import description_of, is_ours
 from identification import calibration, calibration_results, resonance_calibration
 from identification.calibration import Judged
 from identification.calibration_report import overlays
@@ -22,7 +22,9 @@ from identification.study import OutputErrorBlock, ResonanceBlock, load_study
 from orchestrator.assembly import Assembled
 from orchestrator.formats import Layout
 from orchestrator.report import Report, figures
-from orchestrator.results import result_folder, versions, write_json
+from orchestrator.results import check_target, result_folder, versions, write_json
+from orchestrator.slave import Value
+from orchestrator.yaml_file import naming
 
 Move = Callable[[float, str], None]
 
@@ -35,14 +37,16 @@ def calibrate_study(study_file: Path, data: Path | None, target: Path, move: Mov
         FmuError: the FMUs fail.
     """
     study = load_study(study_file)
-    if isinstance(study, ResonanceBlock):
-        result = resonance_calibration.calibrate(
-            study, study_file.parent, data, lambda fraction: move(fraction, "simulating the campaign")
-        )
-        return resonance_calibration.write_calibration(result, study_file, target)
-    done = calibration.calibrate(study, study_file.parent, data, _listener(study, move))
-    move(1.0, "writing")
-    return calibration_results.write_calibration(done, study_file, target)
+    check_target(target)
+    with naming(study_file):
+        if isinstance(study, ResonanceBlock):
+            result = resonance_calibration.calibrate(
+                study, study_file.parent, data, lambda fraction: move(fraction, "simulating the campaign")
+            )
+            return resonance_calibration.write_calibration(result, study_file, target)
+        done = calibration.calibrate(study, study_file.parent, data, _listener(study, move))
+        move(1.0, "writing")
+        return calibration_results.write_calibration(done, study_file, target)
 
 
 def validate_result(folder: Path, data: Path, target: Path, move: Move) -> dict[str, Any]:
@@ -57,6 +61,7 @@ def validate_result(folder: Path, data: Path, target: Path, move: Move) -> dict[
     used = _used_hashes(folder)
     if not isinstance(study, OutputErrorBlock) or study.traces.files is None:
         raise IdentificationError(folder / STUDY, "is no output-error study of recordings", "calibrate one")
+    check_target(target)
     recorded = load_campaign(study.traces, folder, data)
     groups = {"unseen": [each for each in recorded if each.sha256 not in used],
               "fitted": [each for each in recorded if each.sha256 in used]}  # fmt: skip
@@ -64,7 +69,8 @@ def validate_result(folder: Path, data: Path, target: Path, move: Move) -> dict[
     for number, (name, traces) in enumerate(groups.items()):
         move(number / 2, f"{len(traces)} {name} traces")
         if traces:
-            judged[name] = _judge(study, folder, traces)
+            with naming(folder / STUDY):
+                judged[name] = _judge(study, folder, traces)
     document = _verdict(study, judged, recorded, [each.trace.name for each in groups["unseen"]])
     with result_folder(target) as fresh:
         _report(study, judged, document).write(fresh / "report.html")
@@ -104,23 +110,22 @@ def _used_hashes(folder: Path) -> set[str]:
 
 def _judge(study: OutputErrorBlock, folder: Path, traces: list[Recorded]) -> Judged:
     files = {name: folder / "fmus" / f"{name}.fmu" for name in study.components}
-    bare = {name: block.model_copy(update={"parameters": {}}) for name, block in study.components.items()}
-    calibrated = study.model_copy(update={"components": bare})
+    components = {
+        name: block.model_copy(update={"parameters": _beside(files[name])}) for name, block in study.components.items()
+    }
+    calibrated = study.model_copy(update={"components": components})
     stimulated = tuple(sorted(study.inputs))
     assembled = Assembled(files, dict.fromkeys(files, False), calibrated, stimulated)
     windows = study.validation or study.windows
-    return calibration.judge(calibrated, assembled, traces, windows, _foreign_values(files))
+    return calibration.judge(calibrated, assembled, traces, windows, {})
 
 
-def _foreign_values(files: dict[str, Path]) -> dict[str, float]:
-    """Calibrated values of FMUs that are not ours, from the parameter sets beside them."""
-    values: dict[str, float] = {}
-    for name, file in files.items():
-        contents = archive.read(file)
-        if not is_ours(contents, archive.parse_xml(file, contents["modelDescription.xml"])):
-            beside = ssv.read_values(file.with_suffix(".ssv"))
-            values |= {f"{name}.{variable}": float(value) for variable, value in beside.items()}
-    return values
+def _beside(file: Path) -> dict[str, Value]:
+    """Values from the parameter set beside an FMU that is not ours; nothing is set in one of ours."""
+    contents = archive.read(file)
+    if is_ours(contents, description_of(file, contents)):
+        return {}
+    return {name: str(v) if isinstance(v, str) else v for name, v in ssv.read_values(file.with_suffix(".ssv")).items()}
 
 
 def _verdict(
@@ -154,5 +159,7 @@ def _report(study: OutputErrorBlock, judged: dict[str, Judged], document: dict[s
     for name, each in judged.items():
         overlays(page.section(f"Free runs, {name}"), study, {}, each, {})
     spread = np.concatenate([each.fit.ravel() for each in judged.values()])
-    section.figure(figures.distribution(spread[np.isfinite(spread)], "FIT"), "FIT of all windows")
+    known = spread[np.isfinite(spread)]
+    if len(known):
+        section.figure(figures.distribution(known, "FIT"), "FIT of all windows")
     return page

@@ -201,8 +201,8 @@ def estimate(
     rejected.
 
     Raises:
-        IdentificationError: nothing is free, no start can be simulated, or outputs do not fit the windows.
-        FmuError: simulating processes kept dying.
+        IdentificationError: nothing is free, or outputs do not fit the windows.
+        FmuError: no start can be simulated, or simulating processes kept dying.
     """
     options = options or Options()
     if not problem.unknowns:
@@ -272,7 +272,7 @@ def _begin(work: _Work) -> tuple[Iterate, tuple[StartReport, ...]]:
     begin = min((there for there in tried if there is not None), key=lambda there: there.cost, default=None)
     if begin is None:
         reason = work.tally.reasons[0] if work.tally.reasons else "no reason given"
-        raise IdentificationError("start", f"cannot be simulated: {reason}", "change the start values")
+        raise FmuError("start", f"cannot be simulated: {reason}", "change the start values")
     return begin, tuple(reports)
 
 
@@ -399,7 +399,8 @@ def _outputs(problem: Problem, at: Iterate) -> tuple[tuple[FloatArray, ...], tup
 def _warnings(problem: Problem, result: Estimate) -> list[str]:
     """One sentence for everything that makes the numbers worth less than they look."""
     warnings = [] if result.converged else [f"not converged: {result.message}"]
-    warnings += [combination.message for combination in result.identifiability.unseen]
+    seen = result.identifiability
+    warnings += [combination.message for combination in (*seen.unseen, *seen.weak)]
     for parameter in problem.parameters.free:
         warnings += _parameter_warnings(parameter, result)
     if result.uncertainty.method == "coloured":

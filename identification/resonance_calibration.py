@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import numpy as np
 from fmus.errors import ScenarioError
 from fmus.packaging import ssv
 from identification.added_mass import Bounds
+from identification.calibration import must_be
 from identification.calibration_results import SUMMARY, data_summary, finite, write_system
 from identification.campaign import Recorded, load_campaign, stamp_warnings
 from identification.estimate import EstimatedValue
@@ -26,9 +28,11 @@ from identification.resonance_study import (
     study_as_published,
 )
 from identification.study import ResonanceBlock, SineBlock
+from orchestrator.assembly import OpenSystem, assemble
 from orchestrator.report import Report, Section, figures
 from orchestrator.results import result_folder, versions, write_json
 from orchestrator.scenario import Progress
+from orchestrator.system import check_values
 from orchestrator.trace import FloatArray
 
 SCRIPTS: dict[str, Processing] = {"synthetic": SYNTHETIC_SCRIPT, "recordings": RECORDINGS_SCRIPT}
@@ -57,6 +61,7 @@ def calibrate(
     Raises:
         InputError: traces are missing, too short or too few, or a field is not known.
     """
+    _check_targets(block, base)
     recorded = load_campaign(block.traces, base, data, progress)
     experiments = [experiment(block.campaign, each) for each in recorded]
     processing = SCRIPTS[block.script]
@@ -69,6 +74,18 @@ def calibrate(
         study_as_published(experiments, processing, bounds, block.campaign.signal),
         study(experiments, processing.window, block.campaign.signal),
     )
+
+
+def _check_targets(block: ResonanceBlock, base: Path) -> None:
+    """See that the parameters that the study writes, and their truths, are in its system."""
+    with (
+        tempfile.TemporaryDirectory(prefix="servotwin-") as folder,
+        OpenSystem(assemble(block, base, Path(folder))) as opened,
+    ):
+        check_values(opened.system, block.values())
+        for key, names in (("write", list(block.write.values())), ("truth", list(block.truth))):
+            for name in names:
+                must_be(opened.system, name, "parameter", key)
 
 
 def experiment(campaign: SineBlock, recorded: Recorded) -> Experiment:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import decimal
+import math
 import re
+from collections.abc import Mapping
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, Literal
@@ -50,9 +52,12 @@ class FieldBlock(Block):
         elif self.decimal == "after first digit":
             text = f"{text[:1]}.{text[1:]}"
         try:
-            return float(decimal.Decimal(text) * decimal.Decimal(repr(self.factor)))
-        except decimal.InvalidOperation:
+            number = float(decimal.Decimal(text) * decimal.Decimal(repr(self.factor)))
+        except ArithmeticError:
             raise ValueError(f"'{text}' is no number") from None
+        if not math.isfinite(number):
+            raise ValueError(f"'{text}' is not finite")
+        return number
 
 
 class FileNameBlock(Block):
@@ -115,6 +120,12 @@ class InitialBlock(Block):
     half_width: float = Field(0.018, gt=0)
     degree: int = Field(2, ge=0, le=6)
     estimated: bool = False
+
+    @model_validator(mode="after")
+    def _differentiable(self) -> InitialBlock:
+        if self.derivative > self.degree:
+            raise ValueError(f"a polynomial of degree {self.degree} has no derivative {self.derivative} but 0")
+        return self
 
 
 class WindowsBlock(Block):
@@ -211,6 +222,15 @@ class OutputErrorBlock(SystemBlock):
     def _exact(cls, value: Any) -> Any:
         return exact_seconds(value)
 
+    @model_validator(mode="after")
+    def _consistent(self) -> OutputErrorBlock:
+        if self.step <= 0:
+            raise ValueError("`step` must be positive")
+        for name in self.traces.values:
+            if name in self.parameters or name in self.initial:
+                raise ValueError(f"{name} is given by `traces.values` and by another key; remove one")
+        return self
+
 
 class SineBlock(Block):
     """What each trace of a sine campaign was made with: constants, or fields of the file's name.
@@ -252,9 +272,15 @@ class ResonanceBlock(SystemBlock):
     campaign: SineBlock
     script: Literal["synthetic", "recordings"]
     bounds: BoundsBlock
-    write: dict[str, str]
+    write: dict[Literal["p1", "p2", "p3", "p4"], str]
     take: Literal["published", "corrected"] = "corrected"
     truth: dict[str, float] = {}
+
+    @model_validator(mode="after")
+    def _nothing_unused(self) -> ResonanceBlock:
+        if self.traces.hold_out or self.traces.values:
+            raise ValueError("`traces.hold_out` and `traces.values` mean nothing here; remove them")
+        return self
 
 
 Study = OutputErrorBlock | ResonanceBlock
@@ -283,9 +309,14 @@ def load_study(path: Path) -> Study:
     return load(path, METHODS[method])
 
 
-Fields = dict[str, float]
+def trace_values(traces: TracesBlock, trace: str, fields: Mapping[str, float]) -> dict[str, Value]:
+    """component.variable -> value that is known of a trace, by its fields.
 
-
-def trace_values(traces: TracesBlock, fields: Fields) -> dict[str, Value]:
-    """component.variable -> value that the traces' names give."""
+    Raises:
+        ScenarioError: a field is not known of it.
+    """
+    for name, field in traces.values.items():
+        if field not in fields:
+            raise ScenarioError(f"traces.values.{name}", f"trace {trace} has no field '{field}'",
+                                f"there are {', '.join(fields) or 'none'}")  # fmt: skip
     return {name: fields[field] for name, field in traces.values.items()}

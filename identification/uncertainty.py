@@ -22,14 +22,14 @@ from identification.validation import Whiteness, whiteness
 from orchestrator.trace import FloatArray
 
 Method = Literal["white", "coloured", "window"]
-UNSEEN = 1e-4
+UNSEEN, WEAK = 1e-4, 1e-2
 _FEWEST_WINDOWS = 10
 _NO_EFFECT = 1e-9
 
 
 @dataclass(frozen=True)
 class Combination:
-    """A direction in which parameters can move without the outputs following.
+    """A direction in which parameters can move without the outputs following, or hardly.
 
     Attributes:
         coefficients: name -> change of the parameter [its unit], the largest relative change first.
@@ -49,12 +49,14 @@ class Identifiability:
         singular_values: (n,) falling, of the Jacobian with the states projected out of columns of length 1.
         correlation: (n, n) of the estimates under white noise; nan where a parameter is not determined.
         unseen: the combinations whose singular value is below `UNSEEN` of the largest.
+        weak: those of several parameters that are seen, but below `WEAK` of the largest.
     """
 
     names: tuple[str, ...]
     singular_values: FloatArray
     correlation: FloatArray
     unseen: tuple[Combination, ...]
+    weak: tuple[Combination, ...] = ()
 
     @property
     def condition(self) -> float:
@@ -270,11 +272,17 @@ def identifiability(
     hidden = singular <= UNSEEN * singular.max()
     effects = _lengths(blocks)
     silent = effects <= _NO_EFFECT * effects.max()
-    directions = _sparse(vectors[:, hidden])
-    unseen = [_combination(parameters, values, slopes, v / lengths, v, silent=silent) for v in directions.T]
+    faint = ~hidden & (singular <= WEAK * singular.max())
+
+    def named(v: FloatArray, only: str) -> Combination:
+        return _combination(parameters, values, slopes, v / lengths, v, silent=silent, only=only)
+
+    unseen = [named(v, "only") for v in _sparse(vectors[:, hidden]).T]
+    weak = [named(v, "hardly more than") for v in vectors[:, faint].T]
     inverse = vectors[:, ~hidden] / singular[~hidden]
     lost = np.sum(vectors[:, hidden] ** 2, axis=1) > 1e-4
-    return Identifiability(names, singular, _correlation(inverse @ inverse.T, lost), tuple(unseen))
+    together = tuple(combination for combination in weak if len(combination.coefficients) > 1)
+    return Identifiability(names, singular, _correlation(inverse @ inverse.T, lost), tuple(unseen), together)
 
 
 def _sparse(basis: FloatArray) -> FloatArray:
@@ -293,17 +301,22 @@ def _combination(
     effect: FloatArray,
     *,
     silent: NDArray[np.bool_],
+    only: str,
 ) -> Combination:
-    """The combination along a direction (n,) in z; `effect` (n,) is each entry's share in the outputs."""
+    """The combination along a direction (n,) in z; `effect` (n,) is each entry's share in the outputs.
+
+    `only` says how little else of the parameters is seen.
+    """
     involved = [int(i) for i in np.flatnonzero(np.abs(effect) > 0.02 * np.abs(effect).max())]
     moves = direction * slopes
     names = [parameters[i].name for i in involved]
     if len(involved) == 1:
         message = _alone(names[0], bool(silent[involved[0]]))
     elif len(involved) == 2:
-        message = _pair([parameters[i] for i in involved], values[involved], direction[involved], moves[involved])
+        message = _pair([parameters[i] for i in involved], values[involved], direction[involved], moves[involved],
+                        only)  # fmt: skip
     else:
-        message = _many(names, values[involved], moves[involved])
+        message = _many(names, values[involved], moves[involved], only)
     return Combination({parameters[i].name: float(moves[i]) for i in involved}, message)
 
 
@@ -313,24 +326,25 @@ def _alone(name: str, silent: bool) -> str:
     return f"{name} cannot be told from the estimated initial states"
 
 
-def _pair(pair: Sequence[Parameter], values: FloatArray, direction: FloatArray, moves: FloatArray) -> str:
+def _pair(pair: Sequence[Parameter], values: FloatArray, direction: FloatArray, moves: FloatArray, only: str) -> str:
     (a, b), both = (pair[0].name, pair[1].name), f"{pair[0].name} and {pair[1].name}"
     if _proportional(values, moves):
-        return f"{both}: only their ratio is seen"
+        return f"{both}: {only} their ratio is seen"
     if all(parameter.scale == "log" for parameter in pair):
         power = -direction[0] / direction[1]
-        return f"{both}: only a {'product' if power > 0 else 'ratio'} of them is seen, {a} * {b}^{power:.3g}"
+        return f"{both}: {only} a {'product' if power > 0 else 'ratio'} of them is seen, {a} * {b}^{power:.3g}"
     factor = -moves[0] / moves[1]
     kind, sign = ("sum", "+") if factor > 0 else ("difference", "-")
-    return f"{both}: only a {kind} of them is seen, {a} {sign} {abs(factor):.3g} * {b}"
+    return f"{both}: {only} a {kind} of them is seen, {a} {sign} {abs(factor):.3g} * {b}"
 
 
-def _many(names: Sequence[str], values: FloatArray, moves: FloatArray) -> str:
+def _many(names: Sequence[str], values: FloatArray, moves: FloatArray, only: str) -> str:
     listed = ", ".join(names[:-1]) + f" and {names[-1]}"
     if _proportional(values, moves):
-        return f"{listed}: only their ratios are seen"
+        return f"{listed}: {only} their ratios are seen"
     ratio = " : ".join(f"{move / np.abs(moves).max():.3g}" for move in moves)
-    return f"{listed}: the outputs do not follow when they move as {ratio}"
+    follow = "do not" if only == "only" else "hardly"
+    return f"{listed}: the outputs {follow} follow when they move as {ratio}"
 
 
 def _proportional(values: FloatArray, moves: FloatArray) -> bool:

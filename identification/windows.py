@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
@@ -14,6 +14,8 @@ from identification.study import InitialBlock, OutputErrorBlock, WindowsBlock, t
 from orchestrator.rational import multiples
 from orchestrator.slave import Value
 from orchestrator.trace import FloatArray, Trace, usable
+
+ROUNDING = 1e-9  # [s]; a window that reaches so little beyond the first or last stamp still fits
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,16 +57,17 @@ def cut_windows(study: OutputErrorBlock, recorded: Sequence[Recorded], windows: 
                      for block in blocks.values()})  # fmt: skip
     cuts = []
     for each in recorded:
-        trace = usable(each.trace.select(needed), needed)
-        constants = trace_values(study.traces, dict(each.fields))
+        named = replace(each.trace, name=str(each.source)) if study.traces.files else each.trace
+        trace = replace(usable(named.select(needed), needed), name=each.trace.name)
+        constants = trace_values(study.traces, trace.name, each.fields)
         cuts += [_cut(study, trace, start, windows.length, constants) for start in _starts(study, trace, windows)]
     return cuts
 
 
 def _starts(study: OutputErrorBlock, trace: Trace, windows: WindowsBlock) -> list[Fraction]:
     """Starts of the windows, on the raster of the communication step, counted from the trace's first stamp."""
-    first = Fraction(np.ceil(trace.time[0] / float(study.step))) * study.step + windows.skip
-    every, last = windows.every or windows.length, trace.time[-1] - float(windows.length)
+    first = Fraction(np.ceil((trace.time[0] - ROUNDING) / float(study.step))) * study.step + windows.skip
+    every, last = windows.every or windows.length, trace.time[-1] - float(windows.length) + ROUNDING
     starts: list[Fraction] = []
     while float(first) <= last and (windows.most is None or len(starts) < windows.most):
         starts.append(first)
@@ -82,7 +85,7 @@ def _cut(
     study: OutputErrorBlock, trace: Trace, start: Fraction, length: Fraction, constants: Mapping[str, Value]
 ) -> Cut:
     count = multiples(length, study.step, "windows.length") + 1
-    instants = np.minimum(float(start) + np.arange(count) * float(study.step), trace.time[-1])
+    instants = np.clip(float(start) + np.arange(count) * float(study.step), trace.time[0], trace.time[-1])
     sampled = trace.resampled(instants)
     return Cut(
         name=f"{trace.name} at {float(start):.2f} s",

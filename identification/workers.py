@@ -8,11 +8,14 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import pickle
+import shutil
 import signal
+import tempfile
 import traceback
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from types import TracebackType
@@ -100,17 +103,20 @@ class ProcessPool:
     """Simulates in `processes` spawned processes, which live until the pool is left.
 
     A process that dies while it simulates (a crash in native code) makes that outcome an FmuError naming the
-    window and is replaced, at most `MAX_RESTARTS` times in the pool's life.
+    window and is replaced, at most `MAX_RESTARTS` times in the pool's life. Temporary files of the processes go with
+    the pool, however they ended.
     """
 
     def __init__(self, factory: Factory, processes: int) -> None:
         self._factory, self._processes = factory, processes
         self._workers: list[_Worker] = []
+        self._folder = ""
         self.restarts = 0
 
     def __enter__(self) -> Self:
         try:
-            self._workers = [_Worker(self._factory) for _ in range(self._processes)]
+            self._folder = tempfile.mkdtemp(prefix="servotwin-")
+            self._workers = [_Worker(self._factory, self._folder) for _ in range(self._processes)]
         except BaseException:
             self._stop(patience=0.0)
             raise
@@ -161,7 +167,7 @@ class ProcessPool:
         if self.restarts >= MAX_RESTARTS:
             raise FmuError(place, f"{problem}, after {self.restarts} others", "look for a crash in the FMUs")
         self.restarts += 1
-        self._workers[self._workers.index(worker)] = _Worker(self._factory)
+        self._workers[self._workers.index(worker)] = _Worker(self._factory, self._folder)
         return FmuError(place, problem, "look for a crash in the FMUs")
 
     def _stop(self, patience: float) -> None:
@@ -170,16 +176,18 @@ class ProcessPool:
         for worker in self._workers:
             worker.stop(patience)
         self._workers = []
+        shutil.rmtree(self._folder, ignore_errors=True)
 
 
 class _Worker:
     """One spawned process and the connection to it."""
 
-    def __init__(self, factory: Factory) -> None:
+    def __init__(self, factory: Factory, folder: str) -> None:
         context = multiprocessing.get_context("spawn")
         self.connection, theirs = context.Pipe()
-        self.process: BaseProcess = context.Process(target=_serve, args=(theirs, factory), daemon=True)
-        self.process.start()
+        self.process: BaseProcess = context.Process(target=_serve, args=(theirs, factory, folder), daemon=True)
+        with _uninterrupted():
+            self.process.start()
         theirs.close()
 
     def send(self, task: Task) -> None:
@@ -221,9 +229,24 @@ def _ready(workers: list[_Worker]) -> list[_Worker]:
     return [worker for worker in workers if worker.connection in speaking]
 
 
-def _serve(connection: Connection, factory: Factory) -> None:
+@contextlib.contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """SIGINT waits, and a process started here never sees it: a terminal sends it to both, and only we shall answer."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    resource_tracker.ensure_running()  # it would unblock the signal when it is started along with the first process
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _serve(connection: Connection, factory: Factory, folder: str) -> None:
     """A worker's life: one simulator, tasks until None or until the other side is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    tempfile.tempdir = folder
     try:
         simulator = factory()
     except Exception as error:

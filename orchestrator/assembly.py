@@ -15,7 +15,7 @@ from pydantic import Field, field_validator, model_validator
 from fmus import library
 from fmus.errors import ScenarioError, WiringError
 from fmus.model import Table
-from fmus.packaging import python
+from fmus.packaging import targets
 from orchestrator import formats
 from orchestrator.engine import CycleSettings, Order, Simulation, Timing
 from orchestrator.fmu_file import FmuFile
@@ -139,8 +139,18 @@ class Assembled:
     stimulated: tuple[str, ...] = ()
 
 
-def assemble(block: SystemBlock, base: Path, folder: Path, stimulated: tuple[str, ...] = ()) -> Assembled:
-    """Build the FMUs of the components that are given as models, into `folder`; paths are relative to `base`."""
+def assemble(
+    block: SystemBlock,
+    base: Path,
+    folder: Path,
+    stimulated: tuple[str, ...] = (),
+    target: str = targets.FOR_RUNS,
+) -> Assembled:
+    """Build the FMUs of the components that are given as models, into `folder`; paths are relative to `base`.
+
+    Args:
+        target: how models are packaged, "native" or "python".
+    """
     files = {}
     for name, component in block.components.items():
         if component.fmu is not None:
@@ -149,7 +159,7 @@ def assemble(block: SystemBlock, base: Path, folder: Path, stimulated: tuple[str
         assert component.model is not None
         model = library.find(str(base / component.model) if component.model.endswith(".py") else component.model)
         tables = {key: _table(key, each, base) for key, each in component.tables.items()}
-        files[name] = python.build(model, folder / f"{name}.fmu", tables=tables)
+        files[name] = targets.build(target, model, folder / f"{name}.fmu", tables=tables)
     built = {name: component.fmu is None for name, component in block.components.items()}
     return Assembled(files, built, block, stimulated)
 

@@ -8,21 +8,28 @@ from __future__ import annotations
 import json
 import logging
 import sys
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 import typer
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.logging import RichHandler
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from fmus.errors import InputError, ServotwinError
+from orchestrator.interrupts import Interrupts
+from orchestrator.results import check_target
+from orchestrator.stdout import stdout_kept
 
-OUT, ERR = Console(highlight=False), Console(stderr=True, highlight=False)
+WIDE = 120  # columns of output that goes to no terminal
+OUT = Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else WIDE)
+ERR = Console(stderr=True, highlight=False, markup=False)
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False,
                   help="Calibrated digital twins of servo-driven mechanisms as FMUs.")  # fmt: skip
 trace_app = typer.Typer(no_args_is_help=True, help="Look at recordings, convert and plot them.")
@@ -57,9 +64,9 @@ class Terminal:
     def bar(self, label: str) -> Iterator[Callable[[float, str], None]]:
         """A progress bar on a terminal: the function that is given moves it to a fraction, with a remark."""
         columns = (
-            TextColumn("{task.description}"),
+            TextColumn("{task.description}", markup=False),
             BarColumn(),
-            TextColumn("{task.fields[remark]}"),
+            TextColumn("{task.fields[remark]}", markup=False),
             TimeElapsedColumn(),
         )
         hidden = self.quiet or self.json or not ERR.is_terminal
@@ -82,24 +89,32 @@ def _answer(work: Callable[[Terminal], Answer], as_json: bool, quiet: bool, verb
     level = logging.ERROR if quiet else (logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)]
     logging.basicConfig(level=level, format="%(message)s", force=True,
                         handlers=[RichHandler(console=ERR, show_time=False, show_path=False)])  # fmt: skip
+    interrupts = Interrupts()
     try:
-        answer = work(Terminal(as_json, quiet, verbose))
+        with interrupts, stdout_kept():
+            answer = work(Terminal(as_json, quiet, verbose))
     except ServotwinError as error:
+        if interrupts.requested:
+            _interrupted()
         _fail(error, error.exit_code, verbose)
     except KeyboardInterrupt:
-        ERR.print("interrupted")
-        raise typer.Exit(130) from None
+        _interrupted()
     except OSError as error:
         _fail(InputError(error.filename or "file", error.strerror or str(error), "check the path"), 2, verbose)
     if as_json:
-        sys.stdout.write(json.dumps(answer.document, indent=2) + "\n")
+        sys.stdout.write(json.dumps(answer.document, indent=2, allow_nan=False) + "\n")
     elif not quiet:
         for each in answer.shown:
-            OUT.print(each)
+            OUT.print(each, soft_wrap=isinstance(each, str))
     raise typer.Exit(0 if answer.held else 1)
 
 
-def _fail(error: ServotwinError, code: int, verbose: int) -> None:
+def _interrupted() -> NoReturn:
+    ERR.print("interrupted")
+    raise typer.Exit(130) from None
+
+
+def _fail(error: ServotwinError, code: int, verbose: int) -> NoReturn:
     if verbose >= 2:
         ERR.print_exception()
     ERR.print(f"servotwin: {error}", style="red", soft_wrap=True, markup=False)
@@ -111,8 +126,14 @@ def build(
     models: Annotated[
         list[str] | None, typer.Argument(help="Models of the library, or model files; all by default.")
     ] = None,
-    target: Annotated[str, typer.Option(help="python: the model file run by pythonfmu.")] = "python",
-    fmi: Annotated[int, typer.Option(help="FMI version.")] = 2,
+    target: Annotated[
+        str | None,
+        typer.Option(help="native: generated C (default where there is a C compiler); python: run by pythonfmu."),
+    ] = None,
+    fmi: Annotated[int, typer.Option(help="FMI version, 2 or 3.")] = 2,
+    platform: Annotated[
+        list[str] | None, typer.Option(help="Of native FMUs: host, all, x86_64-linux, aarch64-darwin, ...; repeatable.")
+    ] = None,
     out: Out = None,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -122,20 +143,20 @@ def build(
 
     def work(terminal: Terminal) -> Answer:
         from fmus import library
-        from fmus.packaging import python
+        from fmus.packaging import targets
 
-        if (target, fmi) != ("python", 2):
-            raise InputError(f"--target {target} --fmi {fmi}", "is not available", "use --target python --fmi 2")
         chosen = [library.find(name) for name in models or library.names()]
+        packaging = target or targets.preferred()
         folder = out or Path("out/fmus")
         table = Table("model", "FMU", "description")
         with terminal.bar("building") as move:
             for number, model in enumerate(chosen):
-                path = python.build(model, folder / f"{model.name}.fmu")
+                path = folder / f"{model.name}.fmu"
+                targets.build(packaging, model, path, fmi=fmi, platforms=platform or ("host",))
                 table.add_row(model.name, str(path), model.description)
                 move((number + 1) / len(chosen), model.name)
         files = {model.name: str(folder / f"{model.name}.fmu") for model in chosen}
-        return Answer({"fmus": files, "target": target, "fmi": fmi}, [table])
+        return Answer({"fmus": files, "target": packaging, "fmi": fmi}, [table])
 
     _answer(work, as_json, quiet, verbose)
 
@@ -147,6 +168,8 @@ def run(
     set_: Annotated[
         list[str] | None, typer.Option("--set", metavar="COMP.PARAM=VALUE", help="Over the file's values.")
     ] = None,
+    stride: Annotated[int, typer.Option(min=1, metavar="N", help="Record, and judge, every N-th step only.")] = 1,
+    stream: Annotated[bool, typer.Option("--stream", help="Write the record to its file while running.")] = False,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
@@ -155,12 +178,18 @@ def run(
 
     def work(terminal: Terminal) -> Answer:
         from orchestrator.run_results import document_of, rows_of, write_run
-        from orchestrator.scenario import parse_override, run_scenario
+        from orchestrator.scenario import Keeping, parse_override, run_scenario
 
         overrides = dict(parse_override(each) for each in set_ or [])
         folder = out or Path("out") / scenario.stem
-        with terminal.bar(scenario.stem) as move:
-            result = run_scenario(scenario, overrides, lambda fraction: move(fraction, ""))
+        check_target(folder)
+        folder.resolve().parent.mkdir(parents=True, exist_ok=True)
+        with (
+            terminal.bar(scenario.stem) as move,
+            tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.resolve().parent) as aside,
+        ):
+            keeping = Keeping(stride, Path(aside) if stream else None)
+            result = run_scenario(scenario, overrides, lambda fraction: move(fraction, ""), keeping=keeping)
             write_run(result, overrides, folder)
         checks = Table("case", "expectation", "held", "found", title=result.block.title)
         for row in rows_of(result):
@@ -354,24 +383,33 @@ def _parameters(document: dict[str, Any]) -> Table:
     from identification.calibration_report import parameter_rows
 
     headers, rows = parameter_rows(document)
-    table = Table(*headers, title=document["title"])
-    for column in table.columns[1:-1]:
-        column.justify = "right"
+    table = Table(title=document["title"], box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for number, header in enumerate(headers):
+        text = number in (0, len(headers) - 1)
+        table.add_column(header, justify="left" if text else "right", overflow="fold", no_wrap=number == 0)
     for row in rows:
-        table.add_row(
-            *("-" if cell is None else f"{cell:.5g}" if isinstance(cell, float) else str(cell) for cell in row)
-        )
+        table.add_row(*map(_cell, headers, row))
     return table
+
+
+def _cell(header: str, value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.{2 if header.startswith('±') else 5}g}"
+    return "-" if value is None else str(value)
 
 
 def _fits(document: dict[str, Any]) -> list[str]:
     lines = []
     for group, judged in document["fit"].items():
         if group == "compared":
-            lines += [f"median FIT of {name}: {each['median']:.4f}" for name, each in judged.items()]
+            lines += [f"median FIT of {name}: {_figure(each['median'])}" for name, each in judged.items()]
         elif judged is not None:
-            lines.append(f"median FIT, {group}: {judged['median']:.4f} ({len(judged['traces'])} traces)")
+            lines.append(f"median FIT, {group}: {_figure(judged['median'])} ({len(judged['traces'])} traces)")
     return lines
+
+
+def _figure(value: float | None) -> str:
+    return "none" if value is None else f"{value:.4f}"
 
 
 def _warnings(document: dict[str, Any]) -> list[str]:

@@ -13,11 +13,11 @@ from typing import Any
 
 from fmpy import fmi2, fmi3
 
-from fmus.errors import FmuError, FmuFileError
+from fmus.errors import FmuFileError
 from orchestrator.fmu_file import FmuFile, Port
 
 Value = float | int | bool | str
-FAILED = 2  # status discard and worse
+DISCARD = FAILED = 2  # status discard, and worse
 FATAL = 4  # no function of the FMU may be called again
 
 
@@ -49,22 +49,27 @@ class Channel:
         self._groups = [
             _Group(fmi, kind, [ports[i].reference for i in places], places) for kind, places in by_type.items()
         ]
-        self._single = self._groups[0] if len(self._groups) == 1 else None
+        only = self._groups[0] if len(self._groups) == 1 else None
+        self._single = only if only is not None and only.floats else None
+
+    @property
+    def groups(self) -> Sequence[_Group]:
+        """Its variables by FMI type, in the order in which they are read and written."""
+        return self._groups
 
     def write(self, values: Sequence[float]) -> int:
-        worst = 0
+        """The worst status; nothing is written where a value does not fit its type."""
         for group in self._groups:
             group.values[:] = [group.cast(values[i]) for i in group.places]
-            worst = max(worst, group.set(*group.arguments))
-        return worst
+        return max((group.set(*group.arguments) for group in self._groups), default=0)
 
     def read(self) -> tuple[int, Sequence[float]]:
         if self._single is not None:
             status = self._single.get(*self._single.arguments)
             return status, self._single.values[:]
-        result, worst = [0.0] * self._size, 0
+        result = [0.0] * self._size
+        worst = max((group.get(*group.arguments) for group in self._groups), default=0)
         for group in self._groups:
-            worst = max(worst, group.get(*group.arguments))
             for place, value in zip(group.places, group.values, strict=True):
                 result[place] = float(value)
         return worst, result
@@ -74,24 +79,35 @@ class _Group:
     """Variables of one type: prepared arguments for the FMU's get and set functions."""
 
     def __init__(self, fmi: Adapter, kind: str, references: Sequence[int], places: Sequence[int]) -> None:
-        self.places = places
-        ctype = fmi.ctype(kind)
+        self.kind, self.places = kind, places
+        self.ctype = ctype = fmi.ctype(kind)
+        self.floats = ctype in (ctypes.c_double, ctypes.c_float)
         self.cast: Callable[[float], Any] = bool if kind == "Boolean" else _cast(ctype, kind)
         self.values = (ctype * len(references))()
-        vrs = (ctypes.c_uint * len(references))(*references)
-        self.arguments = (fmi.handle, vrs, len(references), self.values, *fmi.count(len(references)))
+        self.references = (ctypes.c_uint * len(references))(*references)
+        self.arguments = (fmi.handle, self.references, len(references), self.values, *fmi.count(len(references)))
         self.get = fmi.accessor("Get", kind)
         self.set = fmi.accessor("Set", kind)
 
 
+def _ending(reached: float, asked: bool) -> str:
+    return f"ended early at t = {reached:g} s" + (" and asked to stop" if asked else "")
+
+
 class Adapter:
-    """What differs between FMI 2.0 and 3.0, behind one face."""
+    """What differs between FMI 2.0 and 3.0, behind one face.
+
+    Attributes:
+        ending: how the FMU itself ended a step that came back discarded, nothing where it did not say.
+    """
 
     prefix: str
     state_name: str
     types: Mapping[str, Any]
     fmu: Any
     handle: ctypes.c_void_p
+    do_step: Any
+    ending = ""
 
     def storage(self, kind: str) -> str:
         """Type whose get and set functions serve this type."""
@@ -105,6 +121,10 @@ class Adapter:
         raise NotImplementedError
 
     def step(self, time: float, duration: float) -> int:
+        raise NotImplementedError
+
+    def judged(self, status: int) -> int:
+        """The status of a step that returned this one; discard where the FMU ended it early."""
         raise NotImplementedError
 
     def accessor(self, verb: str, kind: str) -> Callable[..., int]:
@@ -184,11 +204,15 @@ class Fmi2(Adapter):
             instanceName=name,
         )
         self._ticket = Fmi2Logging.register(log)
-        self.fmu.instantiate(callbacks=Fmi2Logging.callbacks(self._ticket), loggingOn=debug_log)
+        try:
+            self.fmu.instantiate(callbacks=Fmi2Logging.callbacks(self._ticket), loggingOn=debug_log)
+        except Exception:
+            Fmi2Logging.forget(self._ticket)
+            raise
         self.handle = ctypes.c_void_p(self.fmu.component)
-        self._step = self.fmu.dll.fmi2DoStep
-        self._step.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int]
-        self._step.restype = ctypes.c_int
+        self.do_step = self.fmu.dll.fmi2DoStep
+        self.do_step.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int]
+        self.do_step.restype = ctypes.c_int
 
     def storage(self, kind: str) -> str:
         return "Integer" if kind == "Enumeration" else kind
@@ -201,7 +225,15 @@ class Fmi2(Adapter):
         return status if status >= FAILED else max(status, self.call("EnterInitializationMode"))
 
     def step(self, time: float, duration: float) -> int:
-        return int(self._step(self.handle, time, duration, 1))
+        return int(self.do_step(self.handle, time, duration, 1))
+
+    def judged(self, status: int) -> int:
+        if status == DISCARD:
+            asked, reached = ctypes.c_int(), ctypes.c_double()
+            self.call("GetBooleanStatus", fmi2.fmi2Terminated, ctypes.byref(asked))
+            self.call("GetRealStatus", fmi2.fmi2LastSuccessfulTime, ctypes.byref(reached))
+            self.ending = _ending(reached.value, True) if asked.value else ""
+        return status
 
     def free(self) -> None:
         super().free()
@@ -214,7 +246,6 @@ class Fmi2Logging:
 
     _tickets = itertools.count(1)
     _loggers: dict[int, Logger] = {}
-    _template: fmi2.fmi2CallbackFunctions | None = None
 
     @classmethod
     def register(cls, log: Logger) -> int:
@@ -229,16 +260,14 @@ class Fmi2Logging:
     @classmethod
     def callbacks(cls, ticket: int) -> fmi2.fmi2CallbackFunctions:
         """The callbacks of one instance: the shared functions, and its ticket as environment."""
-        if cls._template is None:
-            from fmpy.logging import addLoggerProxy  # noqa: PLC0415 - loads a library
+        from fmpy.logging import addLoggerProxy  # noqa: PLC0415 - loads a library
 
-            cls._template = fmi2.fmi2CallbackFunctions()
-            cls._template.logger = cls._receive
-            cls._template.allocateMemory = fmi2.defaultCallbacks.allocateMemory
-            cls._template.freeMemory = fmi2.defaultCallbacks.freeMemory
-            addLoggerProxy(ctypes.byref(cls._template))
-        own = fmi2.fmi2CallbackFunctions.from_buffer_copy(cls._template)
+        own = fmi2.fmi2CallbackFunctions()
+        own.logger = cls._receive
+        own.allocateMemory = fmi2.defaultCallbacks.allocateMemory
+        own.freeMemory = fmi2.defaultCallbacks.freeMemory
         own.componentEnvironment = ticket
+        addLoggerProxy(ctypes.byref(own))  # the library keeps one receiver; whoever was last has it
         return own
 
     @fmi2.fmi2CallbackLoggerTYPE
@@ -270,13 +299,13 @@ class Fmi3(Adapter):
 
         self.fmu.instantiate(loggingOn=debug_log, logMessage=receive)
         self.handle = ctypes.c_void_p(self.fmu.component)
-        self._flags = [ctypes.c_bool() for _ in range(3)]
-        self._reached = ctypes.c_double()
-        self._step = self.fmu.dll.fmi3DoStep
-        self._step.restype = ctypes.c_int
-        self._step.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_bool,
+        self.flags = [ctypes.c_bool() for _ in range(3)]
+        self.reached = ctypes.c_double()
+        self.do_step = self.fmu.dll.fmi3DoStep
+        self.do_step.restype = ctypes.c_int
+        self.do_step.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_bool,
                                *[ctypes.POINTER(ctypes.c_bool)] * 3, ctypes.POINTER(ctypes.c_double)]  # fmt: skip
-        self._results = [*map(ctypes.byref, self._flags), ctypes.byref(self._reached)]
+        self._results = [*map(ctypes.byref, self.flags), ctypes.byref(self.reached)]
 
     def storage(self, kind: str) -> str:
         return "Int64" if kind == "Enumeration" else kind
@@ -288,9 +317,10 @@ class Fmi3(Adapter):
         return self.call("EnterInitializationMode", False, 0.0, start, stop is not None, stop or 0.0)
 
     def step(self, time: float, duration: float) -> int:
-        status = int(self._step(self.handle, time, duration, True, *self._results))
-        terminated = self._flags[1].value
-        if status < FAILED and (terminated or self._flags[2].value):
-            raise FmuError(self.fmu.instanceName, f"ended the step from {time:g} s early at {self._reached.value:g} s"
-                           + (" and asked to stop" if terminated else ""), "shorten the run or the step")  # fmt: skip
-        return status
+        return int(self.do_step(self.handle, time, duration, True, *self._results))
+
+    def judged(self, status: int) -> int:
+        _, asked, early = (flag.value for flag in self.flags)
+        ended = status < FAILED and (asked or early)
+        self.ending = _ending(self.reached.value, asked) if ended else ""
+        return DISCARD if ended else status

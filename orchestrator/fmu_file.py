@@ -18,6 +18,7 @@ from fmpy.model_description import ModelDescription, ModelVariable, read_model_d
 
 from fmus.errors import FmuFileError, ServotwinError
 from fmus.packaging import archive
+from orchestrator.interrupts import UNPACKED
 
 LARGEST_DESCRIPTION = 256 << 20
 _NO_NUMBER = ("String", "Binary", "Clock")
@@ -92,7 +93,7 @@ class FmuFile:
         self.description = read_description(path)
         with _guarded(path, "modelDescription.xml"):
             self.interface = _interface(path, self.description)
-        self.folder = Path(tempfile.mkdtemp(prefix="servotwin-fmu-"))
+        self.folder = Path(tempfile.mkdtemp(prefix=UNPACKED))
         try:
             with _guarded(path, "contents"), archive.opened(path) as zipped:
                 zipped.extractall(self.folder)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import struct
 import zlib
 from pathlib import Path
@@ -23,6 +24,8 @@ def about(path: Path) -> dict[str, Any]:
     Raises:
         InputError: there is no such file, or it is none of these.
     """
+    if not path.exists():
+        raise InputError(path, "there is no such file or folder", "check the path")
     if path.is_dir():
         return about_result(path)
     if path.suffix.lower() == ".fmu":
@@ -49,7 +52,7 @@ def about_fmu(path: Path) -> dict[str, Any]:
                 for port in interface.of(causality)
             ]
     if PROVENANCE in files:
-        provenance = json.loads(files[PROVENANCE])
+        provenance = _document(path, files[PROVENANCE])
         document["calibrated by"] = f"{provenance.get('title', '')} ({provenance.get('method', '')})"
     return document
 
@@ -74,8 +77,8 @@ def about_trace(path: Path, layout: formats.Layout | None = None) -> dict[str, A
             {
                 "name": name,
                 "unit": trace.unit(name) or "",
-                "min": float(trace[name].min()),
-                "max": float(trace[name].max()),
+                "min": _finite(trace[name].min()),
+                "max": _finite(trace[name].max()),
             }
             for name in trace.names
         ],
@@ -87,14 +90,14 @@ def about_result(folder: Path) -> dict[str, Any]:
     mark = next((folder / mark for mark in MARKS if (folder / mark).is_file()), None)
     if mark is None:
         raise InputError(folder, "holds no result", f"give a folder with {' or '.join(MARKS)}")
-    try:
-        document = json.loads(mark.read_text())
-    except ValueError as error:
-        raise InputError(mark, f"is not JSON ({error})", "run the command again") from error
+    document = _document(mark, mark.read_bytes())
     facts: dict[str, Any] = {"name": document.get("title", "")}
-    facts |= {key: document[key] for key in ("method", "passed") if key in document}
-    if "parameters" in document:
-        facts["parameters"] = [{"name": name, **entry} for name, entry in document["parameters"].items()]
+    facts |= {key: document[key] for key in ("method", "passed", "held") if key in document}
+    parameters = document.get("parameters", {})
+    if not isinstance(parameters, dict) or not all(isinstance(entry, dict) for entry in parameters.values()):
+        raise InputError(mark, "its `parameters` are no parameters", "run the command again")
+    if parameters:
+        facts["parameters"] = [{"name": name, **entry} for name, entry in parameters.items()]
     facts["files"] = sorted(str(file.relative_to(folder)) for file in folder.rglob("*") if file.is_file())
     return facts
 
@@ -110,3 +113,19 @@ def _about_matrices(path: Path, error: TraceError) -> dict[str, Any]:
         "variables": [{"name": each.name, "shape": str(each.shape)} for each in variables],
         "note": "columns have no names: say in the study's `layout` which is which",
     }
+
+
+def _document(place: Path, text: bytes) -> dict[str, Any]:
+    """A JSON object that we once wrote, or what somebody made of it."""
+    try:
+        document = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(place, f"is not JSON ({error})", "run the command again") from error
+    if not isinstance(document, dict):
+        raise InputError(place, "holds no JSON object", "run the command again")
+    return document
+
+
+def _finite(value: float) -> float | None:
+    """The value, None for one that JSON cannot hold."""
+    return float(value) if math.isfinite(value) else None

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
+from dataclasses import dataclass
 from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
 
 from fmus.errors import WiringError
 
@@ -54,11 +58,32 @@ def common_divisor(values: Iterable[Fraction]) -> Fraction:
     return Fraction(math.gcd(*(int(value * denominator) for value in parts)), denominator)
 
 
-def clock(start: Fraction, tick: Fraction) -> Callable[[int], float]:
-    """From the number of a tick to start + number * tick, correctly rounded [s]."""
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """From the number of a tick to its time, correctly rounded: (first + number * each) / denominator [s]."""
+
+    first: int
+    each: int
+    denominator: int
+
+    def __call__(self, number: int) -> float:
+        return (self.first + number * self.each) / self.denominator
+
+    def exact(self, last: int) -> bool:
+        """Whether floats can count up to this tick: quotients of whole floats are rounded as those of integers."""
+        return max(abs(self.first), abs(self.first + last * self.each), self.denominator) < 1 << 53
+
+    def times(self, first: int, count: int, every: int = 1) -> NDArray[np.float64]:
+        """(count,) times of the ticks first, first + every, ... [s]."""
+        if not self.exact(first + count * every):
+            return np.array([self(first + number * every) for number in range(count)], dtype=float)
+        return (self.first + (first + np.arange(count) * every) * float(self.each)) / self.denominator
+
+
+def clock(start: Fraction, tick: Fraction) -> Clock:
+    """From the number of a tick to start + number * tick."""
     denominator = math.lcm(start.denominator, tick.denominator)
-    first, each = int(start * denominator), int(tick * denominator)
-    return lambda number: (first + number * each) / denominator
+    return Clock(int(start * denominator), int(tick * denominator), denominator)
 
 
 def multiples(value: Fraction, of: Fraction, place: str) -> int:

@@ -27,7 +27,7 @@ def result_folder(target: Path) -> Iterator[Path]:
     """
     place = target.resolve()
     try:
-        _refuse_foreign(place)
+        check_target(target)
         place.parent.mkdir(parents=True, exist_ok=True)
         aside = Path(tempfile.mkdtemp(prefix=f".{place.name}.", dir=place.parent))
     except OSError as error:
@@ -41,10 +41,16 @@ def result_folder(target: Path) -> Iterator[Path]:
         shutil.rmtree(aside, ignore_errors=True)
 
 
-def _refuse_foreign(target: Path) -> None:
-    if target.exists() and not target.is_dir():
+def check_target(target: Path) -> None:
+    """See that a result may be written there, before the work for it is done.
+
+    Raises:
+        InputError: `target` is there and holds something that is no result of ours.
+    """
+    place = target.resolve()
+    if place.exists() and not place.is_dir():
         raise InputError(target, "is a file", "give another --out")
-    if target.is_dir() and any(target.iterdir()) and not any(_is_ours(target / mark) for mark in MARKS):
+    if place.is_dir() and any(place.iterdir()) and not any(_is_ours(place / mark) for mark in MARKS):
         raise InputError(target, "is not empty and holds no result", "give another --out")
 
 

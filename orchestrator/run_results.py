@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import re
-from collections.abc import Mapping
+import shutil
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +25,9 @@ def write_run(result: ScenarioResult, overrides: Mapping[str, Value], target: Pa
     """Write the folder of a run: `<case>.parquet` (or, of a recorder, `<case>.csv`), manifest.json, report.html."""
     with result_folder(target) as folder:
         for case in result.cases:
-            if case.result is not None:
+            if case.result is not None and case.file is not None:
+                shutil.move(case.file, folder / trace_file(result, case))
+            elif case.result is not None:
                 formats.write(result.recorded(case), folder / trace_file(result, case))
         write_json(folder / "manifest.json", document_of(result, overrides, target))
         report(result).write(folder / "report.html")
@@ -31,8 +35,8 @@ def write_run(result: ScenarioResult, overrides: Mapping[str, Value], target: Pa
 
 def trace_file(result: ScenarioResult, case: CaseResult) -> str:
     """Name of the file that a case's trace is written to."""
-    stem = re.sub(r"[^\w.-]+", "_", case.name)
-    return f"{stem}.{'csv' if result.block.recorder else 'parquet'}"
+    suffix = "csv" if result.block.recorder else "parquet"
+    return f"{_stems(result.cases)[result.cases.index(case)]}.{suffix}"
 
 
 def document_of(result: ScenarioResult, overrides: Mapping[str, Value], folder: Path) -> dict[str, Any]:
@@ -80,6 +84,19 @@ def report(result: ScenarioResult) -> Report:
         ]
         statistics.table(["component", "steps", "time [s]", "µs a step"], rows, caption=f"Case {case.name}")
     return page
+
+
+def _stems(cases: Sequence[CaseResult]) -> list[str]:
+    """A file name for each case, made of its name's letters; distinct also where case is not told apart."""
+    stems: list[str] = []
+    taken: set[str] = set()
+    for case in cases:
+        plain = re.sub(r"[^\w.-]+", "_", case.name) or "_"
+        numbered = (f"{plain}-{number}" for number in itertools.count(2))
+        stem = next(each for each in itertools.chain([plain], numbered) if each.casefold() not in taken)
+        taken.add(stem.casefold())
+        stems.append(stem)
+    return stems
 
 
 def _case(result: ScenarioResult, case: CaseResult) -> dict[str, Any]:

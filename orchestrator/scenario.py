@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from fmus.errors import ServotwinError, WiringError
+from fmus.errors import ScenarioError, ServotwinError, WiringError
 from orchestrator import formats
 from orchestrator.assembly import Assembled, OpenSystem, RunBlock, SystemBlock, assemble
-from orchestrator.engine import Result, Simulation
+from orchestrator.engine import Result, Run, Simulation
 from orchestrator.expectations import Check, Expectation, check
+from orchestrator.formats import parquet
 from orchestrator.slave import Value
 from orchestrator.trace import FloatArray, Trace
-from orchestrator.yaml_file import Block, load
+from orchestrator.yaml_file import Block, load, naming
 
 Progress = Callable[[float], None]
 
@@ -100,13 +101,31 @@ class ScenarioBlock(SystemBlock):
 
 
 @dataclass(frozen=True)
+class Keeping:
+    """How much of the record is kept, and where.
+
+    Attributes:
+        every: communication steps from one row to the next.
+        stream: folder of a Parquet file a case, written while it runs; None keeps the record in memory.
+    """
+
+    every: int = 1
+    stream: Path | None = None
+
+
+@dataclass(frozen=True)
 class CaseResult:
-    """A case that was run: its result, or the error that ended it, and how its expectations turned out."""
+    """A case that was run: its result, or the error that ended it, and how its expectations turned out.
+
+    Attributes:
+        file: where its record is; the result's trace then holds only what expectations look at.
+    """
 
     name: str
     result: Result | None
     error: ServotwinError | None
     checks: tuple[Check, ...]
+    file: Path | None = None
 
     @property
     def passed(self) -> bool:
@@ -136,7 +155,7 @@ class ScenarioResult:
 
 
 def run_scenario(path: Path, overrides: Mapping[str, Value] | None = None, progress: Progress | None = None,
-                 fmus: Path | None = None) -> ScenarioResult:  # fmt: skip
+                 fmus: Path | None = None, keeping: Keeping | None = None) -> ScenarioResult:  # fmt: skip
     """Run every case of a scenario file and judge it.
 
     Args:
@@ -148,7 +167,10 @@ def run_scenario(path: Path, overrides: Mapping[str, Value] | None = None, progr
         FmuError: an FMU failed in a case that does not expect to be refused.
     """
     block = load(path, ScenarioBlock)
-    with tempfile.TemporaryDirectory(prefix="servotwin-") as folder:
+    keeping = keeping or Keeping()
+    if block.recorder is not None and keeping != Keeping():
+        raise ScenarioError(path, "has a recorder, which samples the whole record", "run it without stride and stream")
+    with naming(path), tempfile.TemporaryDirectory(prefix="servotwin-") as folder:
         assembled = assemble(block, path.parent, fmus or Path(folder), tuple(sorted(block.stimuli)))
         with OpenSystem(assembled) as opened, opened.simulation(block.run.timing()) as simulation:
             stimuli = {name: each.values(simulation.instants(), path.parent) for name, each in block.stimuli.items()}
@@ -157,7 +179,7 @@ def run_scenario(path: Path, overrides: Mapping[str, Value] | None = None, progr
             for number, case in enumerate(block.cases):
                 part = _part_of(progress, number, len(block.cases))
                 values = block.values() | case.set | dict(overrides or {})
-                cases.append(_run_case(block, case, simulation, values, stimuli, path.parent, part))
+                cases.append(_run_case(block, case, simulation, values, stimuli, path.parent, keeping, part))
         return ScenarioResult(path, block, assembled, tuple(cases))
 
 
@@ -168,13 +190,19 @@ def _run_case(
     values: Mapping[str, Value],
     stimuli: Mapping[str, FloatArray],
     base: Path,
+    keeping: Keeping,
     progress: Progress | None,
 ) -> CaseResult:
     expected = [*block.expect, *case.expect]
     refusal = any(each.refused is not None for each in expected)
     result, error = None, None
+    file = None if keeping.stream is None else keeping.stream / f"{block.cases.index(case)}.parquet"
     try:
-        result = simulation.run(values, stimuli, _recorded(block, simulation.outputs), progress)
+        run = Run(values, stimuli, _recorded(block, simulation.outputs), record_every=keeping.every)
+        if file is None:
+            result = simulation.execute(run, progress)
+        else:
+            result = _streamed(simulation, run, progress, file, expected)
     except ServotwinError as failure:
         if not refusal and len(block.cases) == 1:
             raise
@@ -182,13 +210,27 @@ def _run_case(
             raise type(failure)(f"case {case.name}: {failure.place}", failure.problem, failure.fix) from failure
         error = failure
     trace = result.trace if result is not None else None
-    return CaseResult(case.name, result, error, tuple(check(each, trace, error, base) for each in expected))
+    return CaseResult(case.name, result, error, tuple(check(each, trace, error, base) for each in expected), file)
+
+
+def _streamed(
+    simulation: Simulation, run: Run, progress: Progress | None, file: Path, expected: Iterable[Expectation]
+) -> Result:
+    """The result of a run whose record goes to a file; its trace has what the expectations look at."""
+    with parquet.appending(file) as append:
+        result = simulation.execute(run, progress, append)
+    signals = {each.signal: each.signal for each in expected if each.signal is not None}
+    if not signals:
+        return result
+    return replace(result, trace=formats.read(file, formats.Layout(columns=signals)).trace)
 
 
 def _recorded(block: ScenarioBlock, outputs: tuple[str, ...]) -> list[str]:
-    """The file's `record`, or all outputs; and whatever an expectation of any case looks at."""
+    """The file's `record`, or all outputs; and whatever the recorder or an expectation of any case looks at."""
     expected = [*block.expect, *(each for case in block.cases for each in case.expect)]
     looked_at = [each.signal for each in expected if each.signal is not None]
+    if block.recorder is not None:
+        looked_at += block.recorder.signals.values()
     return list(dict.fromkeys([*(outputs if block.record is None else block.record), *looked_at]))
 
 

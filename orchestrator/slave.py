@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from typing import Any, Protocol
 
 from fmus.errors import FmuError, FmuFileError
-from orchestrator.fmi import FATAL, Adapter, Channel, Fmi2, Fmi3, Value
+from orchestrator.fmi import DISCARD, FATAL, Adapter, Channel, Fmi2, Fmi3, Value
 from orchestrator.fmu_file import FmuFile, Interface, Port
 
 __all__ = ["Component", "Slave", "Value"]
@@ -95,6 +95,16 @@ class Slave:
         self._log_errors(fmu, debug_log)
         self._inputs = self._outputs = Channel(self._fmi, ())
 
+    @property
+    def adapter(self) -> Adapter:
+        """The FMU's functions."""
+        return self._fmi
+
+    @property
+    def channels(self) -> tuple[Channel, Channel]:
+        """What `write` and `read` carry."""
+        return self._inputs, self._outputs
+
     def set(self, values: Mapping[str, Value]) -> None:
         for name, value in values.items():
             port = self._port(name)
@@ -125,13 +135,21 @@ class Slave:
         except (ValueError, OverflowError) as error:
             raise self._failure("set inputs", str(error)) from None
         if status:
-            self._check(status, "set inputs")
+            self.written(status)
+
+    def written(self, status: int) -> None:
+        """Take note of how setting the inputs went."""
+        self._check(status, "set inputs")
 
     def read(self) -> Sequence[float]:
         status, values = self._outputs.read()
         if status:
-            self._check(status, "get outputs")
+            self.got(status)
         return values
+
+    def got(self, status: int) -> None:
+        """Take note of how getting the outputs went."""
+        self._check(status, "get outputs")
 
     def run(self) -> None:
         self._check(self._fmi.run(), "initialise")
@@ -139,9 +157,13 @@ class Slave:
             self._require_taken(name, value)
 
     def step(self, time: float, duration: float) -> None:
-        status = self._fmi.step(time, duration)
+        self.stepped(self._fmi.step(time, duration), time, duration)
+
+    def stepped(self, status: int, time: float, duration: float) -> None:
+        """Take note of how a step went."""
+        status = self._fmi.judged(status)
         if status:
-            self._check(status, f"step from t = {time:g} s by {duration:g} s")
+            self._check(status, f"step from t = {time:g} s by {duration:g} s", self._fmi.ending)
 
     def save(self) -> Any:
         state = ctypes.c_void_p()
@@ -197,12 +219,13 @@ class Slave:
         self._messages.append(line)
         LOG.log(_LEVELS[status] if 0 <= status < len(_LEVELS) else logging.ERROR, "%s: %s", self.name, line)
 
-    def _check(self, status: int, action: str) -> None:
+    def _check(self, status: int, action: str, ending: str = "") -> None:
         if status == 1:
             self.warnings += 1
         elif status:
             self._alive = self._alive and status != FATAL
-            raise self._failure(action, f"returned {STATUS[status] if 0 < status < len(STATUS) else status}")
+            returned = f"returned {STATUS[status] if 0 < status < len(STATUS) else status}"
+            raise self._failure(action, ending if ending and status == DISCARD else returned)
 
     def _failure(self, action: str, problem: str) -> FmuError:
         said = f" ({'; '.join(list(self._messages)[-3:])})" if self._messages else ""
@@ -233,6 +256,8 @@ def _typed(component: str, port: Port, value: Value) -> Value:
         if value not in (0, 1):
             raise FmuFileError(place, f"is a Boolean, not {value}", "give true or false")
         return bool(value)
+    if isinstance(value, bool):
+        raise FmuFileError(place, f"cannot be {str(value).lower()}", f"give a {port.type}")
     if port.type in ("Real", "Float64", "Float32"):
         return float(value)
     if not math.isfinite(value) or int(value) != value:

@@ -32,18 +32,21 @@ class Part:
     feed_through: FeedThrough = "declared"
 
     def instant_outputs(self) -> frozenset[str]:
-        """Outputs that must be passed on within the step they are computed in.
+        """Outputs that must be passed on within the step they are computed in: all of a component's, or none.
 
-        These are the outputs of a component whose every output reacts at once (a controller, a gain, a sampler). A
-        component that also has outputs without feed-through has dynamics; its reacting outputs then count as values
-        at the end of the step, like the others.
+        A component that has a continuous output without feed-through has dynamics (or is a source in continuous time):
+        its outputs hold from the end of the step. Any other, a sampled controller or a static gain, reacts at once.
         """
-        declared = self.interface.feed_through
-        if self.feed_through == "all":
-            return frozenset(declared)
-        if self.feed_through == "none" or any(not inputs and inputs is not None for inputs in declared.values()):
-            return frozenset()
-        return frozenset(declared)
+        outputs = frozenset(self.interface.feed_through)
+        if self.feed_through != "declared":
+            return outputs if self.feed_through == "all" else frozenset()
+        return frozenset() if self._dynamic() else outputs
+
+    def _dynamic(self) -> bool:
+        return any(
+            inputs is not None and not inputs and self.interface.ports[name].variability != "discrete"
+            for name, inputs in self.interface.feed_through.items()
+        )
 
 
 @dataclass(frozen=True)
@@ -129,7 +132,7 @@ def check_values(system: System, values: Mapping[str, Value]) -> None:
         port = system.port(endpoint)
         if not port.settable:
             kind = "constant" if port.variability == "constant" else port.causality
-            raise WiringError(name, f"is {_with_article(kind)} and cannot be set",
+            raise WiringError(name, f"is {with_article(kind)} and cannot be set",
                               "set a parameter or a start value")  # fmt: skip
         if endpoint in sources:
             raise WiringError(name, f"takes its value from {sources[endpoint]}", "do not set it")
@@ -152,11 +155,11 @@ def _link(system: System, source: Endpoint, target: Endpoint) -> Connection:
     input_ = _require(system, target, "input", "can be a target", place)
     for port in (output, input_):
         if not port.numeric:
-            raise WiringError(place, f"{_with_article(port.type)} cannot be connected", "set it as a start value")
+            raise WiringError(place, f"{with_article(port.type)} cannot be connected", "set it as a start value")
     if output.type in _REAL and input_.type not in _REAL:
         raise WiringError(
             place,
-            f"{_with_article(output.type)} cannot drive {_with_article(input_.type)}",
+            f"{with_article(output.type)} cannot drive {with_article(input_.type)}",
             "round it in a component between",
         )
     return Connection(source, target, *_conversion(place, output, input_))
@@ -166,7 +169,7 @@ def _require(system: System, endpoint: Endpoint, causality: str, role: str, plac
     port = system.port(endpoint, place)
     if port.causality != causality:
         there = ", ".join(p.name for p in system.parts[endpoint.component].interface.of(causality)) or "none"
-        kind = _with_article(port.causality)
+        kind = with_article(port.causality)
         raise WiringError(place or str(endpoint), f"'{endpoint}' is {kind}; only an {causality} {role}",
                           f"{causality}s there: {there}")  # fmt: skip
     return port
@@ -199,7 +202,8 @@ def _every_input_set(system: System) -> None:
                 raise WiringError(f"{name}.{port.name}", "is not connected and has no start value", "connect it")
 
 
-def _with_article(noun: str) -> str:
+def with_article(noun: str) -> str:
+    """The noun with a or an before it."""
     return f"an {noun}" if noun[0] in "aeioAEIO" else f"a {noun}"
 
 

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
-from ruamel.yaml.events import AliasEvent, NodeEvent, ScalarEvent
+from ruamel.yaml.events import AliasEvent, CollectionEndEvent, CollectionStartEvent, NodeEvent, ScalarEvent
 
-from fmus.errors import ScenarioError
+from fmus.errors import FmuFileError, ScenarioError, ServotwinError, TraceError
 
 LARGEST = 4 << 20
 LONGEST_NUMBER = 100  # digits
+DEEPEST = 50  # lists and maps inside each other
 _LONG_NUMBER = re.compile(r"[-+]?0?[xob]?[0-9a-fA-F_]+")
 _DATE = re.compile(r"\d{4}-\d\d?-\d\d?")
 
@@ -48,6 +50,19 @@ def holds(path: Path, key: str) -> bool:
     return key in _parse(path)
 
 
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Errors about what a file asks for name the file; those about traces and FMUs name their own."""
+    try:
+        yield
+    except (TraceError, FmuFileError):
+        raise
+    except ServotwinError as error:
+        if error.place.startswith(str(path)):
+            raise
+        raise type(error)(f"{path}: {error.place}", error.problem, error.fix) from error
+
+
 def _parse(path: Path) -> Any:
     if not path.is_file():
         raise ScenarioError(path, "no such file", "check the path")
@@ -58,8 +73,10 @@ def _parse(path: Path) -> Any:
     except (OSError, UnicodeDecodeError) as error:
         raise ScenarioError(path, f"cannot be read ({error})", "save it as UTF-8 text") from error
     try:
+        depth = 0
         for event in YAML(pure=True).parse(text):
-            _refuse_exotic(path, event)
+            depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
+            _refuse_exotic(path, event, depth)
         document = YAML(pure=True).load(text)
     except ScenarioError:
         raise
@@ -73,9 +90,11 @@ def _parse(path: Path) -> Any:
     return document
 
 
-def _refuse_exotic(path: Path, event: Any) -> None:
-    """Aliases can make a small file huge, and tags name types that a scenario has no use for."""
+def _refuse_exotic(path: Path, event: Any, depth: int) -> None:
+    """Aliases and nesting can make a small file a long job, and tags name types that a scenario has no use for."""
     place = f"{path}:{event.start_mark.line + 1}"
+    if depth > DEEPEST:
+        raise ScenarioError(place, f"is nested more than {DEEPEST} levels deep", "flatten it")
     if isinstance(event, AliasEvent):
         raise ScenarioError(place, "uses a YAML alias (*name)", "write the values out")
     tag = getattr(event, "tag", None) if isinstance(event, NodeEvent) else None

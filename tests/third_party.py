@@ -35,11 +35,6 @@ def coupled_clutches_for_windows() -> Path:
     return _there(SDIST, "CoupledClutches_CS_win64.fmu")
 
 
-def model_exchange_only() -> Path:
-    """An FMU that offers model exchange and nothing else."""
-    return _there(SDIST, "BouncingBall_ME.fmu")
-
-
 def mass_spring(part: str) -> Path:
     """OpenModelica's "SubSystem1", "SubSystem2" or the whole "System", FMI 2.0."""
     return _there(WHEEL, f"MassSpring{part}.fmu")

@@ -7,7 +7,6 @@ lets FMUs of different versions live in one interpreter.
 from __future__ import annotations
 
 import hashlib
-import math
 import uuid
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,11 +16,19 @@ from pythonfmu.builder import FmuBuilder
 
 from fmus import library
 from fmus.errors import ModelError
-from fmus.model import Model, Number, Table, start_values
-from fmus.packaging import archive, defaults, description
+from fmus.model import Model, Number, Table
+from fmus.packaging import archive, defaults, description, interface, values
 
 _ROOT = Path(__file__).parents[1]
 _TRAVELS = ("ops.py", "model.py", "instance.py", "packaging/defaults.py", "packaging/python_slave.py")
+
+_CAPABILITIES = {
+    "needsExecutionTool": True,
+    "canHandleVariableCommunicationStepSize": True,
+    "canGetAndSetFMUstate": True,
+    "canSerializeFMUstate": True,
+    "canNotUseMemoryManagementFunctions": True,
+}
 
 # pythonfmu finds the class by the text "class <name>(Fmi2Slave):".
 _SHIM = '''"""Entry point that pythonfmu looks for."""
@@ -48,41 +55,16 @@ def build(
         ModelError: a parameter or table the model does not have, a value of the wrong type or out of bounds, or a model
             that cannot be traced.
     """
-    starts = start_values(model)
-    _known(model, "variable", parameters or {}, starts)
-    _known(model, "table", tables or {}, model.tables)
-    values = starts | {name: _checked(model, name, value) for name, value in (parameters or {}).items()}
+    starts = values.checked(model, parameters or {}, tables or {})
     files = _code(model) | {
-        f"resources/{name}.csv": _csv(table).encode() for name, table in (tables or {}).items()
+        f"resources/{name}.csv": values.csv(table) for name, table in (tables or {}).items()
     }  # fmt: skip
-    guid = str(uuid.uuid5(uuid.NAMESPACE_URL, f"servotwin:{model.name}:{_digest(files)}:{defaults.dump(values)}"))
-    files[defaults.RESOURCE] = defaults.dump(values).encode()
-    files["modelDescription.xml"] = description.fmi2(
-        model, guid, values, model.name, needsExecutionTool=True, canHandleVariableCommunicationStepSize=True,
-        canGetAndSetFMUstate=True, canSerializeFMUstate=True, canNotUseMemoryManagementFunctions=True,
-    )  # fmt: skip
+    guid = str(uuid.uuid5(uuid.NAMESPACE_URL, f"servotwin:{model.name}:{_digest(files)}:{defaults.dump(starts)}"))
+    files[defaults.RESOURCE] = defaults.dump(starts).encode()
+    offer = description.Offer("CoSimulation", model.name, _CAPABILITIES)
+    files["modelDescription.xml"] = description.fmi2(interface.plain(model, starts), guid, [offer])
     archive.write(path, files)
     return path
-
-
-def _known(model: Model, what: str, given: Mapping[str, object], known: Mapping[str, object] | tuple[str, ...]) -> None:
-    for name in given:
-        if name not in known:
-            raise ModelError(f"{model.name}.{name}", f"no such {what}", f"it has {', '.join(known) or 'none'}")
-
-
-def _checked(model: Model, name: str, value: Number) -> Number:
-    """The value in the variable's own type."""
-    variable = model.by_name[name]
-    place = f"{model.name}.{name}"
-    typed = type(variable.start)(value)  # type: ignore[misc]
-    if typed != value or not math.isfinite(typed):
-        raise ModelError(place, f"{value} is no {variable.type} value", f"its default is {variable.start}")
-    low = -math.inf if variable.minimum is None else variable.minimum
-    high = math.inf if variable.maximum is None else variable.maximum
-    if not low <= typed <= high:
-        raise ModelError(place, f"{value} is outside {low:g} to {high:g}", "give a value within the bounds")
-    return typed
 
 
 def _code(model: Model) -> dict[str, bytes]:
@@ -103,11 +85,6 @@ def _code(model: Model) -> dict[str, bytes]:
         if binary.suffix in (".so", ".dll", ".dylib"):
             files[f"binaries/{binary.parent.name}/{model.name}{binary.suffix}"] = binary.read_bytes()
     return files
-
-
-def _csv(table: Table) -> str:
-    rows = (f"{float(time)!r},{float(value)!r}\n" for time, value in zip(table.time, table.values, strict=True))
-    return "time,value\n" + "".join(rows)
 
 
 def _digest(files: Mapping[str, bytes]) -> str:

@@ -9,7 +9,7 @@ from xml.etree import ElementTree as ET
 from fmus.errors import FmuFileError
 from fmus.model import Number
 from fmus.packaging import archive
-from fmus.packaging.description import base_unit
+from fmus.packaging.description import base_unit, xml_number
 
 SSV = "http://ssp-standard.org/SSP1/SystemStructureParameterValues"
 SSD = "http://ssp-standard.org/SSP1/SystemStructureDescription"
@@ -20,12 +20,22 @@ for _prefix, _uri in (("ssv", SSV), ("ssd", SSD), ("ssc", SSC)):
     ET.register_namespace(_prefix, _uri)
 
 
-def parameter_set(name: str, values: Mapping[str, Number], units: Mapping[str, str] | None = None) -> bytes:
+class Item(str):
+    """A value of an enumeration: the name of the item."""
+
+    __slots__ = ()
+
+
+SetValue = Number | str  # what a parameter set holds; a plain str is the value of a String
+_KINDS = {bool: "Boolean", int: "Integer", Item: "Enumeration", str: "String"}
+
+
+def parameter_set(name: str, values: Mapping[str, SetValue], units: Mapping[str, str] | None = None) -> bytes:
     """The SSV document with these values; `units` names the unit of those that have one."""
     return _document(_parameter_set(name, values, units or {}))
 
 
-def write_ssp(path: Path, fmu: Path, connectors: Mapping[str, str], values: Mapping[str, Number]) -> None:
+def write_ssp(path: Path, fmu: Path, connectors: Mapping[str, str], values: Mapping[str, SetValue]) -> None:
     """An SSP with one component, the FMU, and the values bound to it as an inline parameter set.
 
     Args:
@@ -49,7 +59,7 @@ def write_ssp(path: Path, fmu: Path, connectors: Mapping[str, str], values: Mapp
     archive.write(path, {"SystemStructure.ssd": _document(root), f"resources/{fmu.name}": fmu.read_bytes()})
 
 
-def read_values(path: Path) -> dict[str, Number]:
+def read_values(path: Path) -> dict[str, SetValue]:
     """Name -> value of the parameters in an SSV file.
 
     Raises:
@@ -60,7 +70,7 @@ def read_values(path: Path) -> dict[str, Number]:
     root = archive.parse_xml(path, path.read_bytes())
     if root.tag != f"{{{SSV}}}ParameterSet":
         raise FmuFileError(path, "is not an SSV parameter set", "check the path")
-    values: dict[str, Number] = {}
+    values: dict[str, SetValue] = {}
     for parameter in root.iter(f"{{{SSV}}}Parameter"):
         name, typed = parameter.get("name"), next(iter(parameter), None)
         if name is None or typed is None:
@@ -69,26 +79,34 @@ def read_values(path: Path) -> dict[str, Number]:
     return values
 
 
-def _value(path: Path, name: str, kind: str, text: str) -> Number:
+def _value(path: Path, name: str, kind: str, text: str) -> SetValue:
+    if kind in ("Enumeration", "String"):
+        return Item(text) if kind == "Enumeration" else text
     try:
         if kind == "Boolean":
-            return {"true": True, "false": False}[text]
+            return {"true": True, "1": True, "false": False, "0": False}[text]
         return int(text) if kind == "Integer" else float(text)
     except (ValueError, KeyError):
         raise FmuFileError(f"{path}: {name}", f"'{text}' is no {kind}", "write the set again") from None
 
 
-def _parameter_set(name: str, values: Mapping[str, Number], units: Mapping[str, str]) -> ET.Element:
+def _parameter_set(name: str, values: Mapping[str, SetValue], units: Mapping[str, str]) -> ET.Element:
     root = ET.Element(f"{{{SSV}}}ParameterSet", {"version": "1.0", "name": name})
     parameters = ET.SubElement(root, f"{{{SSV}}}Parameters")
     for each, value in values.items():
         parameter = ET.SubElement(parameters, f"{{{SSV}}}Parameter", {"name": each})
-        kind = {bool: "Boolean", int: "Integer"}.get(type(value), "Real")
-        typed = ET.SubElement(parameter, f"{{{SSV}}}{kind}", {"value": str(value).lower()})
+        kind = _KINDS.get(type(value), "Real")
+        typed = ET.SubElement(parameter, f"{{{SSV}}}{kind}", {"value": _text(value)})
         if each in units and kind == "Real":
             typed.set("unit", units[each])
     _unit_definitions(root, {units[each] for each in values if each in units})
     return root
+
+
+def _text(value: SetValue) -> str:
+    if isinstance(value, str):
+        return str(value)
+    return xml_number(value if isinstance(value, int) else float(value))
 
 
 def _unit_definitions(root: ET.Element, names: set[str]) -> None:

@@ -1,6 +1,20 @@
 """Stepping a system: the plan (order, ticks), the loop, and simulations that are run again and again."""
 
+from orchestrator.engine.compiled import Engine
 from orchestrator.engine.plan import CycleSettings, Order, Plan, make_plan
-from orchestrator.engine.simulation import Result, Simulation, Timing
+from orchestrator.engine.recording import Sink
+from orchestrator.engine.simulation import Interrupted, Result, Run, Simulation, Timing
 
-__all__ = ["CycleSettings", "Order", "Plan", "Result", "Simulation", "Timing", "make_plan"]
+__all__ = [
+    "CycleSettings",
+    "Engine",
+    "Interrupted",
+    "Order",
+    "Plan",
+    "Result",
+    "Run",
+    "Simulation",
+    "Sink",
+    "Timing",
+    "make_plan",
+]

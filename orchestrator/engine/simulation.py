@@ -9,15 +9,15 @@ from types import TracebackType
 
 import numpy as np
 
-from fmus.errors import FmuError, WiringError
-from orchestrator.engine.loop import Loop, Node, Statistics
+from fmus.errors import FmuError, ServotwinError, WiringError
+from orchestrator.engine.compiled import Engine, stepper
+from orchestrator.engine.loop import Loop, Node, Statistics, Stepper
 from orchestrator.engine.plan import CycleSettings, Order, Plan, make_plan
+from orchestrator.engine.recording import Recorder, Sink
 from orchestrator.rational import clock, multiples, written
 from orchestrator.slave import Component, Value
 from orchestrator.system import Endpoint, System, check_values
 from orchestrator.trace import FloatArray, Trace
-
-CHUNK = 2000  # ticks between two reports of progress
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,18 @@ class Timing:
     start: Fraction = Fraction(0)
     order: Order = Order.GAUSS_SEIDEL
     cycles: CycleSettings = field(default_factory=CycleSettings)
+    engine: Engine = Engine.AUTO
+
+
+@dataclass(frozen=True)
+class Run:
+    """What may differ from run to run of one system; see `Simulation.run`."""
+
+    values: Mapping[str, Value] = field(default_factory=dict)
+    stimuli: Mapping[str, FloatArray] = field(default_factory=dict)
+    record: Iterable[str] | None = None
+    stop: Fraction | None = None
+    record_every: int = 1
 
 
 @dataclass(frozen=True)
@@ -36,7 +48,8 @@ class Result:
     """What a run gave.
 
     Attributes:
-        trace: the recorded variables, named component.variable, one row a communication step.
+        trace: the recorded variables, named component.variable, one row every so many communication steps; without
+            rows where the record went to a sink.
         statistics: component -> calls and seconds.
         warnings: component -> number of warnings its FMU returned.
         iterations: steps of cycles that were taken and taken back.
@@ -46,6 +59,14 @@ class Result:
     statistics: Mapping[str, Statistics]
     warnings: Mapping[str, int]
     iterations: int
+
+
+class Interrupted(KeyboardInterrupt):
+    """A run was interrupted; `result` is what it gave until then, to the last whole tick."""
+
+    def __init__(self, result: Result) -> None:
+        super().__init__(f"interrupted after {len(result.trace)} rows")
+        self.result = result
 
 
 class Simulation:
@@ -97,6 +118,8 @@ class Simulation:
         record: Iterable[str] | None = None,
         progress: Callable[[float], None] | None = None,
         stop: Fraction | None = None,
+        record_every: int = 1,
+        sink: Sink | None = None,
     ) -> Result:
         """Run from start to stop.
 
@@ -106,27 +129,59 @@ class Simulation:
             record: component.variable of outputs and connected inputs; None takes all outputs.
             progress: called now and then with the fraction done.
             stop: end of this run, at most the timing's [s].
+            record_every: communication steps from one row of the record to the next, counted from the start.
+            sink: is given the record in pieces, in order, instead of the result's trace.
+
+        Raises:
+            Interrupted: a KeyboardInterrupt came while stepping; it carries the result up to there.
         """
-        values, stimuli, steps = values or {}, stimuli or {}, self._steps(self.timing.stop if stop is None else stop)
-        chosen = self.outputs if record is None else tuple(dict.fromkeys(record))
-        check_values(self.system, values)
+        return self.execute(Run(values or {}, stimuli or {}, record, stop, record_every), progress, sink)
+
+    def run_many(self, runs: Sequence[Run], progress: Callable[[float], None] | None = None) -> list[Result]:
+        """The results of runs one after the other, each from reset instances.
+
+        Raises:
+            WiringError, FmuError: of the first run that fails; its message says which.
+        """
+        results = []
+        for number, each in enumerate(runs):
+            try:
+                results.append(self.execute(each))
+            except ServotwinError as error:
+                raise type(error)(f"run {number}: {error.place}", error.problem, error.fix) from error
+            if progress is not None:
+                progress((number + 1) / len(runs))
+        return results
+
+    def execute(self, run: Run, progress: Callable[[float], None] | None = None, sink: Sink | None = None) -> Result:
+        """The result of a run; see `run`."""
+        steps = self._steps(self.timing.stop if run.stop is None else run.stop)
+        chosen = self.outputs if run.record is None else tuple(dict.fromkeys(run.record))
+        check_values(self.system, run.values)
         self.check_record(chosen)
-        self._check_stimuli(stimuli, steps + 1)
+        self._check_stimuli(run.stimuli, steps + 1)
+        if run.record_every < 1:
+            raise WiringError("record_every", f"is {run.record_every}", "give 1 or more")
         every = multiples(self.timing.step, self.plan.tick, "step")
-        self._initialise(values)
-        loop = self._loop(stimuli, every, chosen)
+        self._initialise(run.values)
+        loop = self._loop(run.stimuli, every, chosen)
         self._propagate(loop)
         for component in self.components.values():
             component.run()
         self._read_all(loop)
-        rows = np.full((steps + 1, len(chosen)), np.nan)
-        ticks = steps * every
-        for first in range(0, ticks, CHUNK):
-            loop.run(first, min(first + CHUNK, ticks), every, rows)
-            if progress is not None:
-                progress(min(first + CHUNK, ticks) / ticks)
-        loop.record(ticks, rows[-1])
-        return self._result(loop, rows, chosen)
+        recorder = self._recorder(loop, chosen, every * run.record_every, steps // run.record_every + 1, sink)
+        engine = stepper(loop, steps * every, self.timing.engine)
+        try:
+            _step(engine, steps * every, recorder, progress)
+            engine.finish()
+            if steps % run.record_every == 0:
+                loop.record(recorder)
+            recorder.empty(loop.recorded)
+        except KeyboardInterrupt:
+            engine.finish()
+            recorder.empty(loop.recorded)
+            raise Interrupted(self._result(loop, recorder)) from None
+        return self._result(loop, recorder)
 
     def close(self) -> None:
         """Free all components."""
@@ -148,7 +203,7 @@ class Simulation:
         return multiples(stop - start, step, "stop - start" if start else "stop")
 
     def _times(self, count: int) -> FloatArray:
-        return np.array(list(map(clock(self.timing.start, self.timing.step), range(count))))
+        return clock(self.timing.start, self.timing.step).times(0, count)
 
     def _check_stimuli(self, stimuli: Mapping[str, FloatArray], count: int) -> None:
         if set(stimuli) != {str(e) for e in self.system.stimulated}:
@@ -177,12 +232,13 @@ class Simulation:
         names = sorted(str(e) for e in self.system.stimulated)
         nodes = {name: self._node(name, slots) for name in self.components}
         recorded = [Endpoint.parse(name) for name in chosen]
-        columns = [np.repeat(np.asarray(stimuli[name], dtype=float), every) for name in names]
+        columns = [np.asarray(stimuli[name], dtype=float) for name in names]
         return Loop(
             groups=[[nodes[name] for name in group] for group in self.plan.groups],
             values=[0.0] * (len(slots) + len(names)),
-            stimuli=np.column_stack(columns) if columns else np.zeros((0, 0)),
+            stimuli=np.column_stack([c[: min(map(len, columns))] for c in columns]) if columns else np.zeros((0, 0)),
             first_stimulus=len(slots),
+            hold=every,
             time=clock(self.timing.start, self.plan.tick),
             cycles=self.timing.cycles,
             record_slots=[slots[endpoint] for endpoint in recorded if endpoint in slots],
@@ -251,18 +307,28 @@ class Simulation:
         values = node.component.read()
         loop.values[node.first : node.first + len(values)] = values
 
-    def _result(self, loop: Loop, rows: FloatArray, chosen: Sequence[str]) -> Result:
-        columns = sorted(chosen, key=lambda name: name not in self.outputs)  # outputs first, as in the rows
-        signals = {name: rows[:, i] for i, name in enumerate(columns)}
+    def _recorder(self, loop: Loop, chosen: Sequence[str], every: int, count: int, sink: Sink | None) -> Recorder:
+        names = sorted(chosen, key=lambda name: name not in self.outputs)  # outputs first, as in the rows
         units = {name: self.system.port(Endpoint.parse(name)).unit or "1" for name in chosen}
-        trace = Trace(self._times(len(rows)), {name: signals[name] for name in chosen}, units, "simulation")
-        nodes: Sequence[Node] = [node for group in loop.groups for node in group]
+        return Recorder(names, chosen, units, loop.time, every, count, sink)
+
+    def _result(self, loop: Loop, recorder: Recorder) -> Result:
         return Result(
-            trace,
-            {node.component.name: node.statistics for node in nodes},
+            recorder.trace(),
+            {node.component.name: node.statistics for node in loop.nodes},
             {name: getattr(component, "warnings", 0) for name, component in self.components.items()},
             loop.iterations,
         )
+
+
+def _step(engine: Stepper, ticks: int, recorder: Recorder, progress: Callable[[float], None] | None) -> None:
+    """Take all ticks, passing the rows on whenever there is no place for more."""
+    while engine.tick < ticks:
+        engine.advance(ticks, recorder)
+        if recorder.full(engine.recorded):
+            recorder.empty(engine.recorded)
+        if progress is not None:
+            progress(engine.tick / ticks)
 
 
 def _moving(before: Sequence[float], after: Sequence[float], tolerance: float) -> list[int]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
@@ -12,6 +14,8 @@ from fmus.errors import TraceError
 from orchestrator.formats.layout import MAX_VALUES, Columns, Layout, choose
 from orchestrator.formats.recording import Table, excerpt
 from orchestrator.trace import FloatArray, Trace
+
+GROUP = 1 << 16  # rows of a trace in pieces that are written together
 
 
 def read(path: Path, layout: Layout) -> Table:
@@ -33,12 +37,41 @@ def read(path: Path, layout: Layout) -> Table:
 
 def write(trace: Trace, file: BinaryIO) -> None:
     """The trace, bit for bit."""
+    parquet.write_table(_arrow(trace), file, write_page_checksum=True)
+
+
+@contextmanager
+def appending(path: Path) -> Iterator[Callable[[Trace], None]]:
+    """A function that appends the rows of a trace to the file; the file can be read when the context is left."""
+    kept: list[pa.Table] = []
+    writer: parquet.ParquetWriter | None = None
+
+    def flush() -> None:
+        nonlocal writer
+        if kept:
+            writer = writer or parquet.ParquetWriter(path, kept[0].schema, write_page_checksum=True)
+            writer.write_table(pa.concat_tables(kept).combine_chunks())
+            kept.clear()
+
+    def append(piece: Trace) -> None:
+        kept.append(_arrow(piece))
+        if sum(map(len, kept)) >= GROUP:
+            flush()
+
+    try:
+        yield append
+    finally:
+        flush()
+        if writer is not None:
+            writer.close()
+
+
+def _arrow(trace: Trace) -> pa.Table:
     fields = [pa.field("time", pa.float64(), metadata={"unit": "s"})]
     for name in trace.names:
         unit = trace.unit(name)
         fields.append(pa.field(name, pa.float64(), metadata={"unit": unit} if unit else None))
-    schema = pa.schema(fields, metadata={"name": trace.name})
-    parquet.write_table(pa.table([trace.time, *trace.signals.values()], schema=schema), file, write_page_checksum=True)
+    return pa.table([trace.time, *trace.signals.values()], schema=pa.schema(fields, metadata={"name": trace.name}))
 
 
 def _table(file: parquet.ParquetFile, layout: Layout, path: Path) -> Table:

@@ -35,4 +35,4 @@ def stepped(
 
 def grid(stop: float, step: float) -> FloatArray:
     """Instants 0, step, ... up to stop, each computed from its number [s]."""
-    return np.arange(round(stop / step) + 1) * step
+    return np.arange(round(stop / step) + 1, dtype=np.float64) * step

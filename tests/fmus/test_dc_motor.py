@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from stepping import grid, stepped
 
@@ -29,9 +29,7 @@ def settled(values: dict[str, float], voltage: float, speed: float = 0.0) -> tup
 def test_without_inductance_torque_and_current_follow_the_static_relation(
     voltage: float, speed: float, gain: float, resistance: float, back_emf: float
 ) -> None:
-    torque, current = settled(
-        {"torque_gain": gain, "resistance": resistance, "back_emf": back_emf}, voltage, speed
-    )
+    torque, current = settled({"torque_gain": gain, "resistance": resistance, "back_emf": back_emf}, voltage, speed)
     assert current == pytest.approx((voltage - back_emf * speed) / resistance, rel=1e-12, abs=1e-12)
     assert torque == pytest.approx(gain * (voltage - back_emf * speed), rel=1e-12, abs=1e-12)
 
@@ -58,6 +56,7 @@ def test_with_inductance_the_current_rises_as_the_exponential(
     assert found[:, 1] == pytest.approx(10.0 * resistance * found[:, 0], rel=1e-12)
 
 
+@settings(max_examples=20)
 @given(resistance=MILD, voltage=st.floats(-10, 10), speed=st.floats(-5, 5))
 def test_the_inductive_motor_settles_where_the_static_one_is(resistance: float, voltage: float, speed: float) -> None:
     values = {"resistance": resistance, "back_emf": 0.2}

@@ -19,7 +19,7 @@ from fmus.model import Table
 NUMBERS = st.floats(-50, 50).filter(lambda x: x == 0 or abs(x) > 1e-6)
 POSITIVE = st.floats(1e-6, 50)
 SEEDS = st.integers(-(2**31), 2**31 - 1)
-UNARY = {
+UNARY: dict[str, tuple[Callable[..., Any], Callable[..., Any], st.SearchStrategy[float]]] = {
     "sin": (ops.sin, math.sin, NUMBERS),
     "cos": (ops.cos, math.cos, NUMBERS),
     "tan": (ops.tan, math.tan, st.floats(-1.5, 1.5)),

@@ -37,7 +37,7 @@ CASES: dict[str, dict[str, float]] = {
 
 def reference(values: Mapping[str, float], time: FloatArray, torque: Signal) -> FloatArray:
     """(K, 2) angle and speed by SciPy, from the equations as the thesis prints them (Eqs. 5, 78) and dry friction."""
-    p = {variable.name: variable.start for variable in PENDULUM.of("parameter")} | dict(values)
+    p = {variable.name: float(variable.start or 0) for variable in PENDULUM.of("parameter")} | dict(values)
     inertia = p["inertia"] + p["added_mass"] * p["added_length"] ** 2
     weight = p["gravity_torque"] + p["added_mass"] * p["gravity"] * p["added_length"]
 

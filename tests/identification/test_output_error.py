@@ -232,14 +232,14 @@ def test_a_perturbed_run_that_fails_is_replaced_by_the_other_side():
 
 
 def test_a_start_that_cannot_be_simulated_is_an_error_with_the_reason():
-    with pytest.raises(IdentificationError, match=r"start: cannot be simulated: rig: stiffness 7 is beyond"):
+    with pytest.raises(FmuError, match=r"start: cannot be simulated: rig: stiffness 7 is beyond"):
         estimate(decays(), lambda: Oscillator(fails_above=5.0))
 
 
 def test_the_simulator_is_closed_whatever_happens():
     simulators = [Oscillator(), Oscillator(fails_above=5.0)]
     estimate(decays(), lambda: simulators[0])
-    with pytest.raises(IdentificationError):
+    with pytest.raises(FmuError):
         estimate(decays(), lambda: simulators[1])
     assert all(simulator.closed for simulator in simulators)
 

@@ -214,7 +214,8 @@ class Gain(Scripted):
         super().__init__(name, interface(inputs, outputs, dict.fromkeys(outputs, inputs), has_state=has_state))
 
     def outputs(self) -> FloatArray:
-        return self.K @ self.u + self.offset
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self.K @ self.u + self.offset
 
 
 class Clock(Scripted):

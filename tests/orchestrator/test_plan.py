@@ -157,6 +157,13 @@ def test_outputs_hold_at_once_only_where_all_react(direct: dict[str, list[str] |
     assert replace(part, feed_through="all").instant_outputs() == {"y", "z"}
 
 
+def test_a_sampled_output_without_inputs_does_not_make_a_controller_slow() -> None:
+    ports = interface(["u"], ["y", "count"], {"y": ["u"], "count": []})
+    counting = replace(ports.ports["count"], variability="discrete")
+    sampled = replace(ports, ports={**ports.ports, "count": counting})
+    assert Part(sampled).instant_outputs() == {"y", "count"}
+
+
 def multirate(*steps: str) -> System:
     parts = [Gain(name, 1.0) for name in names(len(steps))]
     return system(parts, steps={name: Fraction(step) for name, step in zip(names(len(steps)), steps, strict=True)})

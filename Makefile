@@ -1,0 +1,37 @@
+# Needs Python 3.11 or later and nothing else: the first target that is made creates .venv.
+PYTHON ?= python3
+BIN := .venv/bin
+READY := .venv/.ready
+DEMO := out/demo
+
+.PHONY: setup demo test bench lint clean
+
+setup: $(READY)
+
+$(READY): pyproject.toml constraints.txt $(wildcard setup.py orchestrator/engine/*.pyx)
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "$(PYTHON) is older than 3.11; give another one: make PYTHON=python3.12"; exit 1; }
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch $@
+
+demo: $(READY)
+	$(BIN)/servotwin build --out $(DEMO)/fmus
+	$(BIN)/servotwin run scenarios/butterfly/rig.yaml --out $(DEMO)/rig
+	$(BIN)/servotwin calibrate scenarios/butterfly/rig_calibration.yaml --data $(DEMO)/rig --out $(DEMO)/calibrated
+	$(BIN)/servotwin validate $(DEMO)/calibrated --data $(DEMO)/rig/154g_square.csv
+
+test: lint
+	$(BIN)/python -m pytest -m "not readme" -n 2
+
+bench: $(READY)
+	$(BIN)/python -m tests.benchmarks
+
+lint: $(READY)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+clean:
+	rm -rf .venv out build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

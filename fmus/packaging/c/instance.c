@@ -1,0 +1,481 @@
+#include "instance.h"
+
+#include <stdarg.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "resources.h"
+
+#define EARLY 1e-6 /* of a sample period: how far rounding may put a step's end before or after a sampling instant */
+#define MOST_INNER_STEPS 1e15
+
+enum { OUTPUTS_VALID = 1, RATES_VALID = 2 };
+enum { LONGEST_MESSAGE = 600 };
+
+static void report(Instance *it, Status status, const char *category, const char *format, va_list arguments)
+{
+    char text[LONGEST_MESSAGE], message[LONGEST_MESSAGE + sizeof MODEL_NAME + 2];
+    vsnprintf(text, sizeof text, format, arguments);
+    snprintf(message, sizeof message, "%s: %s", MODEL_NAME, text);
+    it->report(it, status, category, message);
+}
+
+Status instance_error(Instance *it, const char *format, ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    report(it, STATUS_ERROR, "logStatusError", format, arguments);
+    va_end(arguments);
+    return STATUS_ERROR;
+}
+
+/* An error after which the instance cannot go on. */
+static Status failure(Instance *it, const char *format, ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    report(it, STATUS_ERROR, "logStatusError", format, arguments);
+    va_end(arguments);
+    it->now.mode = FAILED;
+    return STATUS_ERROR;
+}
+
+void instance_event(Instance *it, const char *format, ...)
+{
+    va_list arguments;
+    if (!it->logging)
+        return;
+    va_start(arguments, format);
+    report(it, STATUS_OK, "logEvents", format, arguments);
+    va_end(arguments);
+}
+
+Status instance_log(Instance *it, int on, size_t count, const char *const categories[])
+{
+    int events = count == 0;
+    for (size_t i = 0; i < count; i++) {
+        const char *name = categories && categories[i] ? categories[i] : "";
+        if (strcmp(name, "logEvents") == 0)
+            events = 1;
+        else if (strcmp(name, "logStatusError") != 0)
+            return instance_error(it, "has no log category '%.60s'", name);
+    }
+    it->logging = on && events;
+    return STATUS_OK;
+}
+
+int instance_allows(Instance *it, int modes, const char *function)
+{
+    static const char *const names[] = {"instantiated", "initialization", "event", "continuous-time",
+                                        "step",         "terminated",     "failed"};
+    int number = 0;
+    if (it->now.mode & modes)
+        return 1;
+    while (it->now.mode >> (number + 1))
+        number++;
+    instance_error(it, "%s may not be called in %s mode", function, names[number]);
+    return 0;
+}
+
+/* Life cycle */
+
+Status instance_open(Instance *it, const char *token, const char *resources)
+{
+    Problem problem;
+    /* What follows in the token says which defaults were built in; a write-back replaces those. */
+    if (!token || strncmp(token, MODEL_TOKEN, strlen(MODEL_TOKEN)) != 0)
+        return instance_error(it, "the GUID or instantiation token '%.100s' is that of another FMU", token ? token : "");
+    if (!resources)
+        return instance_error(it, "the importer names no folder of resources");
+    for (int i = 0; i < N_VARIABLES; i++)
+        it->defaults[i] = model_variables[i].start;
+    if (read_defaults(resources, it->defaults, &problem) || read_tables(resources, it->tables, &problem))
+        return instance_error(it, "%s", problem.text);
+    instance_event(it, "defaults are those of %.400s", resources);
+    instance_reset(it);
+    return STATUS_OK;
+}
+
+void instance_close(Instance *it)
+{
+    free_tables(it->tables);
+}
+
+void instance_reset(Instance *it)
+{
+    memset(&it->now, 0, sizeof it->now);
+    memcpy(it->now.values, it->defaults, sizeof it->defaults);
+    it->now.mode = INSTANTIATED;
+    instance_begin(it, 0.0);
+}
+
+Status instance_begin(Instance *it, double time)
+{
+    Snapshot *s = &it->now;
+    if (!isfinite(time))
+        return instance_error(it, "the start time is not finite");
+    s->time = s->start = time;
+    s->samples = 0;
+    s->stepped = 0;
+    s->valid = 0;
+    for (int i = 0; i < N_STATES; i++) {
+        const State *state = &model_states[i];
+        s->values[state->value] = state->parameter < 0 ? state->start : s->values[state->parameter];
+    }
+    return STATUS_OK;
+}
+
+/* Values */
+
+static const Variable *find(Instance *it, unsigned reference, int types)
+{
+    if (reference < N_VARIABLES && (model_variables[reference].type & types))
+        return &model_variables[reference];
+    instance_error(it, "value reference %u is no variable of this type", reference);
+    return NULL;
+}
+
+static void evaluate_outputs(Instance *it)
+{
+    Snapshot *s = &it->now;
+    if (s->valid & OUTPUTS_VALID)
+        return;
+    model_outputs(s->time, s->values, it->tables);
+    s->valid |= OUTPUTS_VALID;
+}
+
+static void evaluate_rates(Instance *it)
+{
+    Snapshot *s = &it->now;
+    if (s->valid & RATES_VALID)
+        return;
+    model_derivatives(s->time, s->values, it->tables, &s->values[FIRST_RATE]);
+    s->valid |= RATES_VALID;
+}
+
+Status instance_get(Instance *it, unsigned reference, int types, double *value)
+{
+    const Variable *variable = find(it, reference, types);
+    if (!variable)
+        return STATUS_ERROR;
+    if (variable->role == OUTPUT)
+        evaluate_outputs(it);
+    else if (variable->role == RATE)
+        evaluate_rates(it);
+    *value = variable->role == TIME ? it->now.time : it->now.values[reference];
+    return STATUS_OK;
+}
+
+/* States at their start values follow their parameter. */
+static void follow(Instance *it, int parameter)
+{
+    for (int i = 0; i < N_STATES; i++)
+        if (model_states[i].parameter == parameter)
+            it->now.values[model_states[i].value] = it->now.values[parameter];
+}
+
+/* Why a variable cannot be set now, NULL when it can. */
+static const char *obstacle(const Instance *it, const Variable *variable)
+{
+    if (variable->role == INPUT || (variable->role == STATE && it->model_exchange))
+        return NULL;
+    if (variable->role != PARAMETER)
+        return "is computed and cannot be set";
+    return it->now.mode & (INSTANTIATED | INITIALIZATION) ? NULL : "is fixed once the initialisation is over";
+}
+
+Status instance_set(Instance *it, unsigned reference, int types, double value)
+{
+    const Variable *variable = find(it, reference, types);
+    if (!variable)
+        return STATUS_ERROR;
+    const char *problem = obstacle(it, variable);
+    if (problem)
+        return instance_error(it, "'%s' %s", variable->name, problem);
+    it->now.values[reference] = value;
+    it->now.valid = 0;
+    if (variable->role == PARAMETER)
+        follow(it, (int)reference);
+    return STATUS_OK;
+}
+
+/* Stepping */
+
+static Status check_requirements(Instance *it, double time)
+{
+    const char *refusal = model_refusal(time, it->now.values, it->tables);
+    return refusal ? failure(it, "%s", refusal) : STATUS_OK;
+}
+
+static Status prepare(Instance *it, double time)
+{
+    Snapshot *s = &it->now;
+    if (check_requirements(it, time))
+        return STATUS_ERROR;
+    s->longest = N_CONTINUOUS ? model_solver_step(s->values, it->tables) : INFINITY;
+    if (!(s->longest > 0))
+        return failure(it, "the solver's step would be %g s", s->longest);
+    if (N_CONTINUOUS)
+        instance_event(it, "inner steps are at most %g s long", s->longest);
+    s->stepped = 1;
+    return STATUS_OK;
+}
+
+static void runge_kutta(Instance *it, double t, double h)
+{
+    double *v = it->now.values;
+    double start[N_CONTINUOUS + 1], k1[N_CONTINUOUS + 1], k2[N_CONTINUOUS + 1], k3[N_CONTINUOUS + 1],
+        k4[N_CONTINUOUS + 1];
+    for (int i = 0; i < N_CONTINUOUS; i++)
+        start[i] = v[model_continuous[i]];
+    model_derivatives(t, v, it->tables, k1);
+    for (int i = 0; i < N_CONTINUOUS; i++)
+        v[model_continuous[i]] = start[i] + 0.5 * h * k1[i];
+    model_derivatives(t + 0.5 * h, v, it->tables, k2);
+    for (int i = 0; i < N_CONTINUOUS; i++)
+        v[model_continuous[i]] = start[i] + 0.5 * h * k2[i];
+    model_derivatives(t + 0.5 * h, v, it->tables, k3);
+    for (int i = 0; i < N_CONTINUOUS; i++)
+        v[model_continuous[i]] = start[i] + h * k3[i];
+    model_derivatives(t + h, v, it->tables, k4);
+    for (int i = 0; i < N_CONTINUOUS; i++)
+        v[model_continuous[i]] = start[i] + h / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]);
+}
+
+static Status integrate(Instance *it, double time, double duration)
+{
+    if (!N_CONTINUOUS || !(duration > 0))
+        return STATUS_OK;
+    const double count = maximum(1.0, ceil(duration / it->now.longest - 1e-9));
+    const double inner = duration / count;
+    if (!(count <= MOST_INNER_STEPS))
+        return failure(it, "a step of %g s needs %g inner steps", duration, count);
+    for (double i = 0; i < count; i++)
+        runge_kutta(it, time + i * inner, inner);
+    return STATUS_OK;
+}
+
+Status instance_check_states(Instance *it)
+{
+    for (int i = 0; i < N_STATES; i++) {
+        const int reference = model_states[i].value;
+        const double value = it->now.values[reference];
+        if (!isfinite(value))
+            return failure(it, "state '%s' is %s at t = %g s", model_variables[reference].name,
+                           isnan(value) ? "nan" : value > 0 ? "inf" : "-inf", it->now.time);
+    }
+    return STATUS_OK;
+}
+
+Status instance_step(Instance *it, double time, double duration)
+{
+    Snapshot *s = &it->now;
+    const double end = time + duration;
+    double now = time;
+    if (!(duration >= 0) || !isfinite(end))
+        return instance_error(it, "cannot step from %g s by %g s", time, duration);
+    if (!s->stepped && prepare(it, time))
+        return STATUS_ERROR;
+    s->valid = 0;
+    if (N_SAMPLED) {
+        const double period = s->values[SAMPLE_TIME];
+        double due;
+        if (!(period > 0))
+            return failure(it, "'%s' is %g s", model_variables[SAMPLE_TIME].name, period);
+        while ((due = s->start + s->samples * period) < end - EARLY * period) {
+            if (due > now) {
+                if (integrate(it, now, due - now))
+                    return STATUS_ERROR;
+                now = due;
+            }
+            model_update(due, s->values, it->tables);
+            s->samples++;
+        }
+    }
+    if (integrate(it, now, end - now))
+        return STATUS_ERROR;
+    s->time = end;
+    return instance_check_states(it);
+}
+
+/* Model exchange */
+
+Status instance_start_continuous(Instance *it)
+{
+    if (it->now.stepped)
+        return STATUS_OK;
+    it->now.stepped = 1;
+    return check_requirements(it, it->now.time);
+}
+
+Status instance_set_time(Instance *it, double time)
+{
+    if (!isfinite(time))
+        return instance_error(it, "the time is not finite");
+    it->now.time = time;
+    it->now.valid = 0;
+    return STATUS_OK;
+}
+
+static Status check_count(Instance *it, size_t count)
+{
+    return count == N_CONTINUOUS
+               ? STATUS_OK
+               : instance_error(it, "has %d continuous states, not %lu", N_CONTINUOUS, (unsigned long)count);
+}
+
+Status instance_set_states(Instance *it, const double states[], size_t count)
+{
+    if (check_count(it, count))
+        return STATUS_ERROR;
+    for (int i = 0; i < N_CONTINUOUS; i++)
+        it->now.values[model_continuous[i]] = states[i];
+    it->now.valid = 0;
+    return STATUS_OK;
+}
+
+Status instance_get_states(Instance *it, double states[], size_t count)
+{
+    if (check_count(it, count))
+        return STATUS_ERROR;
+    for (int i = 0; i < N_CONTINUOUS; i++)
+        states[i] = it->now.values[model_continuous[i]];
+    return STATUS_OK;
+}
+
+Status instance_get_rates(Instance *it, double rates[], size_t count)
+{
+    if (check_count(it, count))
+        return STATUS_ERROR;
+    evaluate_rates(it);
+    for (int i = 0; i < N_CONTINUOUS; i++) {
+        rates[i] = it->now.values[FIRST_RATE + i];
+        if (!isfinite(rates[i])) {
+            instance_error(it, "'%s' is not finite at t = %g s", model_variables[FIRST_RATE + i].name, it->now.time);
+            return STATUS_DISCARD;
+        }
+    }
+    return STATUS_OK;
+}
+
+Status instance_get_nominals(Instance *it, double nominals[], size_t count)
+{
+    if (check_count(it, count))
+        return STATUS_ERROR;
+    memcpy(nominals, model_nominals, count * sizeof *nominals);
+    return STATUS_OK;
+}
+
+/* Derivatives */
+
+/* One element of the Jacobian. Until the initialisation is over, states move with the parameters they start at. */
+static double element(const Instance *it, unsigned unknown, unsigned known)
+{
+    const int row = model_row[unknown], column = model_column[known];
+    double sum = row < 0 ? unknown == known : it->jacobian[row][column];
+    if (it->now.mode & (INSTANTIATED | INITIALIZATION))
+        for (int i = 0; i < N_STATES; i++)
+            if (model_states[i].parameter == (int)known) {
+                const int state = model_states[i].value;
+                sum += row < 0 ? (int)unknown == state : it->jacobian[row][model_column[state]];
+            }
+    return sum;
+}
+
+static Status check_places(Instance *it, const unsigned unknowns[], size_t rows, const unsigned knowns[], size_t columns)
+{
+    for (size_t i = 0; i < rows; i++)
+        if (unknowns[i] >= N_VARIABLES || (model_row[unknowns[i]] < 0 && model_variables[unknowns[i]].role != STATE))
+            return instance_error(it, "value reference %u is no unknown to take the derivative of", unknowns[i]);
+    for (size_t j = 0; j < columns; j++)
+        if (knowns[j] >= N_VARIABLES || model_column[knowns[j]] < 0)
+            return instance_error(it, "value reference %u is no known to take the derivative by", knowns[j]);
+    return STATUS_OK;
+}
+
+Status instance_derivative(Instance *it, const unsigned unknowns[], size_t rows, const unsigned knowns[], size_t columns,
+                           const double seed[], double result[], int transposed)
+{
+    if (!MODEL_EXCHANGE)
+        return instance_error(it, "provides no derivatives");
+    if (check_places(it, unknowns, rows, knowns, columns))
+        return STATUS_ERROR;
+    model_jacobian(it->now.time, it->now.values, it->tables, it->jacobian);
+    memset(result, 0, (transposed ? columns : rows) * sizeof *result);
+    for (size_t i = 0; i < rows; i++)
+        for (size_t j = 0; j < columns; j++)
+            result[transposed ? j : i] += element(it, unknowns[i], knowns[j]) * seed[transposed ? i : j];
+    return STATUS_OK;
+}
+
+/* States to go back to */
+
+typedef struct {
+    uint64_t checksum; /* of what follows */
+    char token[sizeof MODEL_TOKEN];
+    Snapshot snapshot;
+} Serialized;
+
+/* FNV-1a of the bytes behind the checksum. */
+static uint64_t checksum_of(const Serialized *whole)
+{
+    const unsigned char *bytes = (const unsigned char *)whole;
+    uint64_t hash = UINT64_C(14695981039346656037);
+    for (size_t i = sizeof whole->checksum; i < sizeof *whole; i++)
+        hash = (hash ^ bytes[i]) * UINT64_C(1099511628211);
+    return hash;
+}
+
+static Status keep(Instance *it, const Snapshot *snapshot, void **state)
+{
+    if (!state)
+        return instance_error(it, "there is no place for the state");
+    if (!*state && !(*state = malloc(sizeof *snapshot)))
+        return instance_error(it, "no memory for the state");
+    memcpy(*state, snapshot, sizeof *snapshot);
+    return STATUS_OK;
+}
+
+Status instance_save(Instance *it, void **state)
+{
+    return keep(it, &it->now, state);
+}
+
+Status instance_restore(Instance *it, const void *state)
+{
+    if (!state)
+        return instance_error(it, "there is no state to go back to");
+    memcpy(&it->now, state, sizeof it->now);
+    return STATUS_OK;
+}
+
+size_t instance_serialized_size(void)
+{
+    return sizeof(Serialized);
+}
+
+Status instance_serialize(Instance *it, const void *state, void *bytes, size_t size)
+{
+    Serialized whole;
+    if (!state || !bytes || size < sizeof whole)
+        return instance_error(it, "a serialised state needs %lu bytes", (unsigned long)sizeof whole);
+    memset(&whole, 0, sizeof whole);
+    memcpy(whole.token, MODEL_TOKEN, sizeof MODEL_TOKEN);
+    memcpy(&whole.snapshot, state, sizeof whole.snapshot);
+    whole.checksum = checksum_of(&whole);
+    memcpy(bytes, &whole, sizeof whole);
+    return STATUS_OK;
+}
+
+Status instance_deserialize(Instance *it, const void *bytes, size_t size, void **state)
+{
+    Serialized whole;
+    if (!bytes || size < sizeof whole)
+        return instance_error(it, "a serialised state has %lu bytes", (unsigned long)sizeof whole);
+    memcpy(&whole, bytes, sizeof whole);
+    if (memcmp(whole.token, MODEL_TOKEN, sizeof MODEL_TOKEN) != 0 || whole.checksum != checksum_of(&whole))
+        return instance_error(it, "the bytes are no state of this model, or damaged");
+    return keep(it, &whole.snapshot, state);
+}

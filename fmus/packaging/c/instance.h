@@ -1,0 +1,94 @@
+/* One running instance of a model, whatever version of FMI it is seen through.
+ *
+ * Inputs are held over a step. Sampled states change at start + k sample_time, at the beginning of the step that
+ * reaches that instant, with the inputs of that instant; continuous states are integrated by the classical Runge-Kutta
+ * method with equal inner steps no longer than the model's solver step. The specification is fmus/instance.py.
+ */
+#ifndef INSTANCE_H
+#define INSTANCE_H
+
+#include "model.h"
+
+/* As in both versions of FMI. */
+typedef enum { STATUS_OK, STATUS_WARNING, STATUS_DISCARD, STATUS_ERROR, STATUS_FATAL } Status;
+
+/* Modes of the state machines of FMI, one bit each, so that a set of modes is a mask. */
+enum {
+    INSTANTIATED = 1,
+    INITIALIZATION = 2,
+    EVENT = 4,
+    CONTINUOUS_TIME = 8,
+    STEP = 16,
+    TERMINATED = 32,
+    FAILED = 64
+};
+
+/* Everything that changes while running; plain data, so that a copy of it is a state to go back to. */
+typedef struct {
+    double values[N_VARIABLES]; /* by value reference; outputs and rates where `valid` says so */
+    double time, start;
+    double samples; /* taken so far */
+    double longest; /* inner step of the solver */
+    int mode, valid, stepped;
+} Snapshot;
+
+typedef struct Instance Instance;
+typedef void Report(Instance *it, Status status, const char *category, const char *message);
+
+struct Instance {
+    Snapshot now;
+    double defaults[N_VARIABLES];
+    double jacobian[N_ROWS + 1][N_COLUMNS + 1];
+    Table tables[N_TABLES + 1];
+    /* Set by the adapter, before anything else is called: */
+    Report *report;
+    int logging;        /* whether to report events; errors always are */
+    int model_exchange; /* whether the importer integrates; then it may set states */
+};
+
+/* Read defaults and tables and put the instance at its start; close it whatever comes back. */
+Status instance_open(Instance *it, const char *token, const char *resources);
+void instance_close(Instance *it);
+void instance_reset(Instance *it);
+
+/* Whether the mode is among `modes`; if not, an error is reported. */
+int instance_allows(Instance *it, int modes, const char *function);
+
+/* Report an error, or an event when logging is on. */
+Status instance_error(Instance *it, const char *format, ...);
+void instance_event(Instance *it, const char *format, ...);
+
+/* Switch the report of events; `categories` restrict it, none means all. Unknown ones are an error. */
+Status instance_log(Instance *it, int on, size_t count, const char *const categories[]);
+
+/* Put the states at their start values. */
+Status instance_begin(Instance *it, double time);
+
+/* A variable of one of the `types` (a mask). */
+Status instance_get(Instance *it, unsigned reference, int types, double *value);
+Status instance_set(Instance *it, unsigned reference, int types, double value);
+
+/* Advance from `time` by `duration` [s]. */
+Status instance_step(Instance *it, double time, double duration);
+
+/* Model exchange: check the requirements, give or take time and states, evaluate, check that states are finite. */
+Status instance_start_continuous(Instance *it);
+Status instance_set_time(Instance *it, double time);
+Status instance_set_states(Instance *it, const double states[], size_t count);
+Status instance_get_states(Instance *it, double states[], size_t count);
+Status instance_get_rates(Instance *it, double rates[], size_t count);
+Status instance_get_nominals(Instance *it, double nominals[], size_t count);
+Status instance_check_states(Instance *it);
+
+/* result = J seed (forward), or its transpose: J has a row for each unknown and a column for each known. */
+Status instance_derivative(Instance *it, const unsigned unknowns[], size_t rows, const unsigned knowns[], size_t columns,
+                           const double seed[], double result[], int transposed);
+
+/* States to go back to; `*state` is made when it is NULL. */
+Status instance_save(Instance *it, void **state);
+Status instance_restore(Instance *it, const void *state);
+size_t instance_serialized_size(void);
+Status instance_serialize(Instance *it, const void *state, void *bytes, size_t size);
+Status instance_deserialize(Instance *it, const void *bytes, size_t size, void **state);
+
+#endif

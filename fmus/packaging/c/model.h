@@ -1,0 +1,55 @@
+/* What a generated model gives to the runtime: its sizes (layout.h), its variables, its equations (model.c).
+ *
+ * All values of an instance lie in one array `v`, by value reference.
+ */
+#ifndef MODEL_H
+#define MODEL_H
+
+#include "layout.h"
+#include "ops.h"
+
+typedef enum { REAL = 1, INTEGER = 2, BOOLEAN = 4, ENUMERATION = 8 } Type;
+typedef enum { INPUT, PARAMETER, STATE, OUTPUT, RATE, TIME } Role;
+
+typedef struct {
+    const char *name;
+    Type type;
+    Role role;
+    double start; /* of inputs and parameters */
+} Variable;
+
+typedef struct {
+    int value;     /* value reference */
+    int parameter; /* value reference of the parameter that it starts at, -1: it starts at `start` */
+    double start;
+} State;
+
+/* Arrays have one element more than they need: C has no empty arrays. */
+extern const Variable model_variables[N_VARIABLES];
+extern const State model_states[N_STATES + 1];
+extern const int model_continuous[N_CONTINUOUS + 1];   /* value references of the continuous states */
+extern const double model_nominals[N_CONTINUOUS + 1];
+extern const char *const model_tables[N_TABLES + 1];
+
+/* Rates of the continuous states, in the order of `model_continuous`. */
+void model_derivatives(double t, const double *v, const Table *tables, double *rates);
+
+/* New values of the sampled states, written into v. */
+void model_update(double t, double *v, const Table *tables);
+
+/* Outputs that are no states, written into v. */
+void model_outputs(double t, double *v, const Table *tables);
+
+/* The longest inner step of the solver [s]. */
+double model_solver_step(const double *v, const Table *tables);
+
+/* Why the model cannot start from here, NULL when it can. */
+const char *model_refusal(double t, const double *v, const Table *tables);
+
+/* Partial derivatives of the rates and outputs (rows) by states, inputs and real parameters (columns); those that are
+ * not zero everywhere are written. `model_row` and `model_column` give the place of a variable, -1 for none. */
+extern const int model_row[N_VARIABLES];
+extern const int model_column[N_VARIABLES];
+void model_jacobian(double t, const double *v, const Table *tables, double J[N_ROWS + 1][N_COLUMNS + 1]);
+
+#endif

@@ -1,0 +1,215 @@
+"""What a step costs in our loops, in a hand-written C loop on the same binary, and in other tools.
+
+The work: five Reference FMUs `Feedthrough` (FMI 2.0) in a ring, 20,000 steps of 1 ms, every output recorded at every
+step; Jacobi order, as in the other tools. Our times are of the whole run, from the reset to the trace. libcosim does
+not read the file's `dependencies`, and CoFmuPy sets every input as a real number: they are given copies of the FMU
+whose description lacks what they stumble over, with the same binary.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import zipfile
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from fractions import Fraction
+from pathlib import Path
+from statistics import median
+from time import perf_counter
+
+import fmpy
+import numpy as np
+
+from orchestrator.engine import Engine, Order, Result, Simulation, Timing
+from orchestrator.fmu_file import FmuFile
+from orchestrator.slave import Slave, Value
+from orchestrator.system import Part, wire
+from orchestrator.trace import FloatArray
+
+from .figure import Figure, report
+
+ROOT = Path(__file__).parents[2]
+HERE = Path(__file__).parent
+COUNT, STEPS, REPEATS = 5, 20_000, 5
+STEP = Fraction(1, 1000)  # [s]
+OUTPUTS = ("Float64_continuous_output", "Float64_discrete_output", "Int32_output", "Enumeration_output",
+           "Boolean_output")  # fmt: skip
+COFMUPY = ROOT / ".cache" / "cofmupy"  # its environment: it pins an older FMPy
+LIMITS = {"ecos": 10, "ecos_csv": 50, "libcosim": 25, "libcosim_observer": 60, "fmpy_loop": 60, "cofmupy": 150}
+TITLES = {
+    "ecos": "ecos 0.7.2",
+    "ecos_csv": "ecos 0.7.2 with its CSV writer",
+    "libcosim": "libcosim 0.0.6",
+    "libcosim_observer": "libcosim 0.0.6 with its file observer",
+    "fmpy_loop": "FMPy, a loop over its slaves",
+    "cofmupy": "CoFmuPy 1.0",
+}
+C_LIMIT = 1.5
+
+
+def figures() -> list[Figure]:
+    """Nanoseconds per FMU and step of every loop, and what ours is against each."""
+    sys.path.insert(0, str(ROOT / "tests"))
+    import third_party
+
+    fmu = third_party.reference(2, "Feedthrough")
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
+        file = stack.enter_context(FmuFile(fmu))
+        ours = stack.enter_context(our_ring(file, Engine.COMPILED))
+        python = stack.enter_context(our_ring(file, Engine.PYTHON))
+        by_hand = CLoop(file, Path(folder))
+        agreed = np.array_equal(by_hand.record(), rows(ours.run(start_values())))
+        times = interleaved({"ours": lambda: seconds(ours), "c": by_hand.seconds})
+        found = [
+            Figure("our compiled loop: a step of an FMU", "-", nanoseconds(times["ours"])),
+            Figure("hand-written C loop", "-", nanoseconds(times["c"])),
+            Figure("every sample is that of the C loop", "yes", "yes" if agreed else "no", agreed),
+            ratio("our compiled loop takes", times["ours"], times["c"], "the C loop", at_most=C_LIMIT),
+            Figure("our Python loop", "-", nanoseconds([seconds(python) for _ in range(REPEATS)])),
+        ]
+        copies = {"cofmupy": described_anew(fmu, Path(folder) / "reals.fmu", reals_only)}
+        plain = described_anew(fmu, Path(folder) / "plain.fmu", without_dependencies)
+        for tool, title in TITLES.items():
+            found += peer(tool, title, copies.get(tool, plain), lambda: [seconds(ours) for _ in range(REPEATS)])
+    return found
+
+
+def our_ring(file: FmuFile, engine: Engine) -> Simulation:
+    """The ring in our engine."""
+    parts = {f"c{number}": Part(file.interface) for number in range(COUNT)}
+    links = [(f"c{(number - 1) % COUNT}.Float64_continuous_output", f"c{number}.Float64_continuous_input")
+             for number in range(COUNT)]  # fmt: skip
+    timing = Timing(STEPS * STEP, STEP, order=Order.JACOBI, engine=engine)
+    return Simulation(wire(parts, links), {name: Slave(file, name) for name in parts}, timing)
+
+
+def start_values() -> dict[str, Value]:
+    """As in the C loop, so that every column differs."""
+    reals = {f"c{number}.Float64_discrete_input": number + 0.5 for number in range(COUNT)}
+    return reals | {f"c{number}.Int32_input": number + 1 for number in range(COUNT)}
+
+
+def seconds(simulation: Simulation) -> float:
+    begun = perf_counter()
+    simulation.run(start_values())
+    return perf_counter() - begun
+
+
+def rows(result: Result) -> FloatArray:
+    """(K, n) the record in the order of the C loop."""
+    names = [f"c{number}.{output}" for number in range(COUNT) for output in OUTPUTS]
+    return np.column_stack([result.trace[name] for name in names])
+
+
+class CLoop:
+    """`c_loop.c`, compiled here."""
+
+    def __init__(self, file: FmuFile, folder: Path) -> None:
+        compiler = shutil.which("cc")
+        if compiler is None:
+            raise RuntimeError("there is no C compiler to build the hand-written loop with")
+        library = folder / "c_loop.so"
+        headers = Path(fmpy.__file__).parent / "c-code"
+        subprocess.run([compiler, "-O2", "-shared", "-fPIC", f"-I{headers}", str(HERE / "c_loop.c"), "-ldl",
+                        "-o", str(library)], check=True)  # fmt: skip
+        self._ring = ctypes.CDLL(str(library)).ring
+        self._ring.restype = ctypes.c_double
+        self._ring.argtypes = [ctypes.c_char_p] * 3 + [ctypes.c_int, ctypes.c_long, ctypes.c_double, ctypes.c_void_p]
+        binary = file.folder / "binaries" / fmpy.platform / f"{file.identifier}{fmpy.sharedLibraryExtension}"
+        self._fmu = str(binary).encode(), file.description.guid.encode(), b""
+        self._rows = np.zeros((STEPS + 1, COUNT * len(OUTPUTS)))
+
+    def seconds(self) -> float:
+        taken = float(self._ring(*self._fmu, COUNT, STEPS, float(STEP), self._rows.ctypes.data))
+        if taken < 0:
+            raise RuntimeError("the hand-written loop failed")
+        return taken
+
+    def record(self) -> FloatArray:
+        """(K, n) outputs, FMU by FMU."""
+        self.seconds()
+        return self._rows.copy()
+
+
+def interleaved(loops: Mapping[str, Callable[[], float]]) -> dict[str, list[float]]:
+    """Times of loops in turn, so that a busy machine slows all alike; a first round does not count."""
+    taken: dict[str, list[float]] = {name: [] for name in loops}
+    for turn in range(2 * REPEATS + 1):
+        for name, run in loops.items():
+            once = run()
+            if turn:
+                taken[name].append(once)
+    return taken
+
+
+def peer(tool: str, title: str, fmu: Path, ours: Callable[[], list[float]]) -> list[Figure]:
+    """The time of another tool and what ours is against it; one line with the reason where it does not run."""
+    try:
+        theirs = measured(tool, fmu)
+    except (OSError, subprocess.SubprocessError, ValueError) as error:
+        output = getattr(error, "stderr", None) or str(error)
+        reason = (output.strip().splitlines() or [f"ended with {getattr(error, 'returncode', 'an error')}"])[-1]
+        return [Figure(title, "-", f"does not run: {reason[:60]}")]
+    return [
+        Figure(title, "-", nanoseconds(theirs)),
+        ratio(f"{title} takes", theirs, ours(), "ours", at_least=LIMITS[tool]),
+    ]
+
+
+def measured(tool: str, fmu: Path) -> list[float]:
+    """Seconds of each repetition."""
+    python = _cofmupy_python() if tool == "cofmupy" else sys.executable
+    command = [python, str(HERE / "peers.py"), tool, str(fmu), str(COUNT), str(STEPS), str(REPEATS)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=600)
+    return [float(each) for each in json.loads(done.stdout)]
+
+
+def _cofmupy_python() -> str:
+    python = COFMUPY / "bin" / "python"
+    if not python.exists():
+        subprocess.run([sys.executable, "-m", "venv", str(COFMUPY)], check=True)
+        subprocess.run([str(python), "-m", "pip", "install", "-q", "cofmupy==1.0.0"], check=True, capture_output=True)
+    return str(python)
+
+
+def described_anew(fmu: Path, copy: Path, change: Callable[[str], str]) -> Path:
+    """A copy of an FMU with another modelDescription.xml."""
+    with zipfile.ZipFile(fmu) as source, zipfile.ZipFile(copy, "w") as target:
+        for name in source.namelist():
+            content = source.read(name)
+            target.writestr(name, change(content.decode()) if name == "modelDescription.xml" else content)
+    return copy
+
+
+def without_dependencies(description: str) -> str:
+    return re.sub(r' dependencies(Kind)?="[^"]*"', "", description)
+
+
+def reals_only(description: str) -> str:
+    """Without variables of other types, and without the model structure that counts them."""
+    variables = re.sub(r"<ScalarVariable[^>]*>\s*<(?!Real)\w.*?</ScalarVariable>", "", description, flags=re.S)
+    return re.sub(r"<ModelStructure>.*?</ModelStructure>", "<ModelStructure/>", variables, flags=re.S)
+
+
+def nanoseconds(times: list[float]) -> str:
+    return f"{1e9 * median(times) / COUNT / STEPS:,.0f} ns"
+
+
+def ratio(name: str, times: list[float], against: list[float], what: str, *, at_most: float | None = None,
+          at_least: float | None = None) -> Figure:  # fmt: skip
+    """How many times longer."""
+    found = median(times) / median(against)
+    if at_most is not None:
+        return Figure(f"{name} x times {what}", f"at most {at_most:g}", f"{found:.2f}", found <= at_most)
+    assert at_least is not None
+    return Figure(f"{name} x times {what}", f"at least {at_least:g}", f"{found:.1f}", found >= at_least)
+
+
+if __name__ == "__main__":
+    sys.exit(report(figures()))

@@ -1,0 +1,41 @@
+"""FMUs of the whole library, built once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+from fmus import library
+from fmus.packaging import compiler, native, python
+
+settings.register_profile("shared machine", deadline=None)
+settings.load_profile("shared machine")
+
+
+@pytest.fixture(scope="session")
+def fmu(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """name -> the Python FMU of that model of the library, with its own defaults."""
+    folder = tmp_path_factory.mktemp("fmus")
+
+    def build(name: str) -> Path:
+        path = folder / f"{name}.fmu"
+        return path if path.exists() else python.build(library.find(name), path)
+
+    return build
+
+
+@pytest.fixture(scope="session")
+def native_fmu(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, int], Path]:
+    """(name, FMI version) -> the native FMU of that model of the library, with its own defaults."""
+    if not compiler.available():
+        pytest.skip("no C compiler here")
+    folder = tmp_path_factory.mktemp("native")
+
+    def build(name: str, fmi: int) -> Path:
+        path = folder / f"{name}{fmi}.fmu"
+        return path if path.exists() else native.build(library.find(name), path, fmi=fmi)
+
+    return build

@@ -1,0 +1,126 @@
+"""Archives from outside are hostile until shown otherwise; archives we write are the same bytes each time."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fmus.errors import FmuFileError
+from fmus.packaging import archive
+
+FILES = {"modelDescription.xml": b"<fmiModelDescription/>", "resources/a.txt": b"a" * 5000, "empty": b""}
+
+
+def zipped(path: Path, *names: str) -> Path:
+    with zipfile.ZipFile(path, "w") as file:
+        for name in names:
+            file.writestr(zipfile.ZipInfo(name), b"content")
+    return path
+
+
+def refusal(path: Path) -> str:
+    """The one line with which reading the archive is refused."""
+    with pytest.raises(FmuFileError) as error:
+        archive.read(path)
+    message = str(error.value)
+    assert message.startswith(f"{path}: ")
+    assert "\n" not in message
+    return message
+
+
+@given(st.dictionaries(st.from_regex(r"[a-z]{1,8}(/[a-z]{1,8}){0,2}\.txt", fullmatch=True), st.binary(max_size=200)))
+def test_what_is_written_is_read(tmp_path_factory: pytest.TempPathFactory, files: dict[str, bytes]) -> None:
+    path = tmp_path_factory.mktemp("zip") / "a.fmu"
+    archive.write(path, files)
+    assert archive.read(path) == files
+
+
+def test_equal_contents_are_equal_bytes_whatever_their_order(tmp_path: Path) -> None:
+    archive.write(tmp_path / "a.fmu", FILES)
+    archive.write(tmp_path / "b.fmu", dict(reversed(FILES.items())))
+    assert (tmp_path / "a.fmu").read_bytes() == (tmp_path / "b.fmu").read_bytes()
+
+
+def test_writing_makes_the_folder_and_leaves_nothing_beside_the_file(tmp_path: Path) -> None:
+    archive.write(tmp_path / "new" / "a.fmu", FILES)
+    assert [file.name for file in (tmp_path / "new").iterdir()] == ["a.fmu"]
+
+
+def test_a_write_that_fails_keeps_the_old_file_and_leaves_nothing_beside_it(tmp_path: Path) -> None:
+    path = tmp_path / "a.fmu"
+    archive.write(path, FILES)
+    before = path.read_bytes()
+    with pytest.raises(TypeError):
+        archive.write(path, {"a": b"new", "b": None})  # type: ignore[dict-item]
+    assert path.read_bytes() == before
+    assert [file.name for file in tmp_path.iterdir()] == ["a.fmu"]
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["../evil", "a/../../evil", "..", "resources/..", "/etc/passwd", "C:/evil", "c:evil", "..\\evil", "a\\..\\..\\evil",
+     "\\evil", "\\\\server\\evil", "C:\\evil"],
+)  # fmt: skip
+def test_a_path_that_leaves_the_archive_is_refused(tmp_path: Path, name: str) -> None:
+    message = refusal(zipped(tmp_path / "a.fmu", "modelDescription.xml", name))
+    assert "that leaves the archive; do not trust it" in message
+
+
+@pytest.mark.parametrize("name", ["..a", "a..b/c", "resources/...", "a/b:c"])
+def test_a_strange_name_that_stays_inside_is_read(tmp_path: Path, name: str) -> None:
+    assert name in archive.read(zipped(tmp_path / "a.fmu", name))
+
+
+def test_a_missing_file_and_a_folder_are_no_archives(tmp_path: Path) -> None:
+    assert "no such file" in refusal(tmp_path / "none.fmu")
+    assert "no such file" in refusal(tmp_path)
+
+
+@pytest.mark.parametrize("content", [b"", b"not a zip at all", b"PK\x03\x04"])
+def test_what_is_no_zip_is_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "a.fmu"
+    path.write_bytes(content)
+    assert "is not a zip archive" in refusal(path)
+
+
+@pytest.mark.parametrize("kept", [0.1, 0.5, 0.9, 0.99])
+def test_a_truncated_zip_is_refused(tmp_path: Path, kept: float) -> None:
+    path = tmp_path / "a.fmu"
+    archive.write(path, FILES)
+    content = path.read_bytes()
+    path.write_bytes(content[: int(kept * len(content))])
+    assert "is not a zip archive" in refusal(path)
+
+
+def test_damaged_contents_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.fmu"
+    archive.write(path, {"a": bytes(range(256)) * 20})
+    content = bytearray(path.read_bytes())
+    content[60:90] = bytes(30)
+    path.write_bytes(bytes(content))
+    assert "cannot be unpacked" in refusal(path)
+
+
+def test_an_encrypted_file_is_refused(tmp_path: Path) -> None:
+    path = zipped(tmp_path / "a.fmu", "a")
+    content = bytearray(path.read_bytes())
+    content[6] |= 1
+    content[content.index(b"PK\x01\x02") + 8] |= 1
+    path.write_bytes(bytes(content))
+    assert "cannot be unpacked" in refusal(path)
+
+
+def test_more_than_the_limit_is_refused_before_anything_is_unpacked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.fmu"
+    archive.write(path, {"a": bytes(1000), "b": bytes(1000)})
+    monkeypatch.setattr(archive, "LARGEST_UNPACKED", 2000)
+    assert len(archive.read(path)) == 2
+    monkeypatch.setattr(archive, "LARGEST_UNPACKED", 1999)
+    monkeypatch.setattr(zipfile.ZipFile, "read", lambda *_: pytest.fail("was unpacked"))
+    assert "unpacks to more than" in refusal(path)

@@ -1,0 +1,199 @@
+"""Study files: what fits is read exactly, what does not is refused with file, line and key."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import pytest
+from small_study import study, write_study
+
+from fmus.errors import ScenarioError
+from identification.study import FieldBlock, OutputErrorBlock, ResonanceBlock, load_study, trace_values
+
+STUDIES = Path(__file__).parents[2] / "scenarios" / "butterfly"
+
+
+def loaded(path: Path) -> OutputErrorBlock:
+    block = load_study(path)
+    assert isinstance(block, OutputErrorBlock)
+    return block
+
+
+def with_traces(**changes: Any) -> dict[str, Any]:
+    merged = study()["traces"] | changes
+    return {key: value for key, value in merged.items() if value is not None}
+
+
+def line_of(path: Path, key: str) -> int:
+    """Number of the first line that holds a key."""
+    return next(n for n, line in enumerate(path.read_text().splitlines(), 1) if f'"{key}"' in line)
+
+
+@pytest.mark.parametrize(
+    ("changes", "key", "problem"),
+    [
+        ({"wieght": "none"}, "wieght", "unknown key; did you mean 'weight'?"),
+        ({"windows": {"length": 1, "skipp": 2}}, "windows.skipp", "unknown key; did you mean 'skip'?"),
+        ({"parameters": {"hand.inertia": {"strat": 1}}}, "parameters.hand.inertia.strat", "unknown key"),
+        ({"traces": with_traces(scenario="a.yaml")}, "traces", "give either `files` or `scenario`"),
+        ({"traces": with_traces(files=None, values={})}, "traces", "give either `files` or `scenario`"),
+        (
+            {"parameters": {"hand.inertia": {"tied": "motor.torque_gain", "min": 0.1}}},
+            "parameters.hand.inertia",
+            "a tied parameter has no start and no bounds",
+        ),
+        (
+            {"traces": with_traces(file_name={"pattern": "rig_(?P<mass>["})},
+            "traces.file_name",
+            "`pattern` is no regular expression",
+        ),
+        (
+            {"traces": with_traces(file_name={"pattern": r"(?P<m>\d+)", "fields": {"mass": {}}})},
+            "traces.file_name",
+            "`pattern` has no group mass",
+        ),
+        ({"traces": with_traces(values={"hand.added_mass": "weight"})}, "traces", "`file_name` has no field 'weight'"),
+        ({"traces": with_traces(values={"hand.added_mass": "mass"}, file_name=None)}, "traces", "no field 'mass'"),
+        ({"windows": {"length": 0}}, "windows", "`length` and `every` must be positive"),
+        ({"windows": {"length": 1, "every": -1}}, "windows", "`length` and `every` must be positive"),
+        ({"windows": {"length": 1, "skip": -1}}, "windows", "`skip` not negative"),
+        ({"windows": {"length": 1, "most": 0}}, "windows.most", "greater than or equal to 1"),
+        ({"windows": {"length": "soon"}}, "windows.length", "is no time"),
+        ({"step": 0}, "", "`step` must be positive"),
+        ({"step": -0.01}, "", "`step` must be positive"),
+        ({"outputs": {}}, "outputs", "at least 1 item"),
+        ({"parameters": {}}, "parameters", "at least 1 item"),
+        ({"weight": "heavy"}, "weight", "'window', 'output' or 'none'"),
+        ({"loss": {"kind": "l1"}}, "loss.kind", "'linear'"),
+        ({"loss": {"scale": 0}}, "loss.scale", "greater than 0"),
+        ({"options": {"starts": 0}}, "options.starts", "greater than or equal to 1"),
+        ({"compare": {"old": {"hand.inertia": "big"}}}, "compare.old.hand.inertia", "valid number"),
+        (
+            {"initial": {"hand.speed_start": {"signal": "angle", "derivative": 2, "degree": 1}}},
+            "initial.hand.speed_start",
+            "a polynomial of degree 1 has no derivative 2 but 0",
+        ),
+        (
+            {"initial": {"hand.added_mass": {"signal": "angle"}}},
+            "",
+            "hand.added_mass is given by `traces.values` and by another key; remove one",
+        ),
+        ({"title": None}, "title", "field required"),
+        ({"connections": ["motor.torque = hand.torque"]}, "connections", "write source -> target"),
+    ],
+)
+def test_what_does_not_fit_is_refused_with_file_line_and_key(
+    tmp_path: Path, changes: dict[str, Any], key: str, problem: str
+) -> None:
+    path = write_study(tmp_path / "study.yaml", **changes)
+    with pytest.raises(ScenarioError) as refused:
+        load_study(path)
+    text = str(refused.value)
+    place, _, rest = text.partition(": ")
+    file, _, line = place.rpartition(":")
+    assert file == str(path) and line.isdigit()
+    assert rest.startswith(key) and problem in text
+    assert "\n" not in text
+
+
+def test_the_line_is_that_of_the_key(tmp_path: Path) -> None:
+    path = write_study(tmp_path / "study.yaml", windows={"length": 1, "skipp": 2})
+    with pytest.raises(ScenarioError, match=f"study.yaml:{line_of(path, 'skipp')}: windows.skipp"):
+        load_study(path)
+
+
+def test_an_unknown_method_is_refused_with_those_there_are(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match="method: 'guess' is unknown; use output-error or resonance"):
+        load_study(write_study(tmp_path / "study.yaml", method="guess"))
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match=r"none\.yaml: no such file"):
+        load_study(tmp_path / "none.yaml")
+
+
+def test_times_are_exact(tmp_path: Path) -> None:
+    windows = {"length": 2.7, "every": "1/3", "skip": 0.1}
+    block = loaded(write_study(tmp_path / "study.yaml", windows=windows, step=0.003))
+    found = (block.windows.length, block.windows.every, block.windows.skip, block.step)
+    assert found == (Fraction(27, 10), Fraction(1, 3), Fraction(1, 10), Fraction(3, 1000))
+
+
+def test_the_real_study_is_read_as_it_is_written() -> None:
+    block = loaded(STUDIES / "calibration.yaml")
+    assert block.windows.length == 4 and block.step == Fraction(1, 200)
+    assert set(block.parameters) >= {"motor.torque_gain", "hand.inertia", "hand.gravity_torque"}
+    assert len(block.traces.hold_out) == 9
+    assert block.traces.layout.layout().columns == {"voltage": 1, "angle": 2}
+    assert block.compare["thesis, Table 5"]["hand.inertia"] == 0.0028
+    assert block.validation is not None and block.validation.at_least == 0.94
+
+
+def test_every_study_of_the_project_fits_its_schema() -> None:
+    studies = [path for path in STUDIES.glob("*.yaml") if "\nmethod:" in path.read_text(encoding="utf-8")]
+    assert {path.stem for path in studies} >= {"calibration", "thesis", "synthetic"}
+    assert all(load_study(path).title for path in studies)
+
+
+@pytest.mark.parametrize("changes", [{"hold_out": ["x"]}, {"values": {"hand.added_mass": "mass"}}])
+def test_keys_that_mean_nothing_in_a_resonance_study_are_refused(tmp_path: Path, changes: dict[str, Any]) -> None:
+    path = write_study(tmp_path / "study.yaml", **resonance(**changes))
+    with pytest.raises(ScenarioError, match="mean nothing here"):
+        load_study(path)
+
+
+def resonance(write: str = "p1", **traces: Any) -> dict[str, Any]:
+    """What makes a resonance study of the small one."""
+    gone = ("step", "inputs", "outputs", "windows", "validation", "parameters", "truth")
+    plain = {"hold_out": None, "values": None} | traces
+    return dict.fromkeys(gone) | {
+        "method": "resonance",
+        "traces": with_traces(**plain),
+        "campaign": {"signal": "angle", "added_mass": "mass", "added_length": 0.1, "amplitude": 1, "frequency": 2},
+        "script": "recordings",
+        "bounds": {"lower": [0, 0, 0], "upper": [1, 1, 1]},
+        "write": {write: "hand.inertia"},
+    }
+
+
+def test_only_the_four_parameters_of_the_model_can_be_written(tmp_path: Path) -> None:
+    assert isinstance(load_study(write_study(tmp_path / "study.yaml", **resonance())), ResonanceBlock)
+    with pytest.raises(ScenarioError, match="'p1', 'p2', 'p3' or 'p4'"):
+        load_study(write_study(tmp_path / "study.yaml", **resonance("p5")))
+
+
+@pytest.mark.parametrize(
+    ("text", "decimal", "factor", "number"),
+    [
+        ("120_5", "underscore", 0.001, 0.1205),
+        ("52", "underscore", 0.001, 0.052),
+        ("4_75", "underscore", 1.0, 4.75),
+        ("0015", "after first digit", 1.0, 0.015),
+        ("004", "after first digit", 1.0, 0.04),
+        ("01", "after first digit", 1.0, 0.1),
+        ("0003", "after first digit", 1.0, 0.003),
+        ("0", "after first digit", 1.0, 0.0),
+        ("154.5", "point", 0.001, 0.1545),
+        ("-2", "point", 3.0, -6.0),
+    ],
+)
+def test_digits_in_a_name_are_the_number_they_mean_to_the_last_bit(
+    text: str, decimal: Any, factor: float, number: float
+) -> None:
+    assert FieldBlock(decimal=decimal, factor=factor).number(text) == number
+
+
+@pytest.mark.parametrize("text", ["", "heavy", "1.2.3", "nan", "inf", "1e999999", "1e99999999999999999999"])
+@pytest.mark.parametrize("decimal", ["point", "underscore", "after first digit"])
+def test_digits_that_are_no_number_are_none(text: str, decimal: Any) -> None:
+    with pytest.raises(ValueError, match=r"is no number|is not finite"):
+        FieldBlock(decimal=decimal).number(text)
+
+
+def test_a_field_that_a_trace_does_not_have_is_named(tmp_path: Path) -> None:
+    traces = loaded(write_study(tmp_path / "study.yaml")).traces
+    assert trace_values(traces, "rig", {"mass": 0.1}) == {"hand.added_mass": 0.1}
+    with pytest.raises(ScenarioError, match=r"traces.values.hand.added_mass: trace rig has no field 'mass'"):
+        trace_values(traces, "rig", {})

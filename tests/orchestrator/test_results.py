@@ -1,0 +1,171 @@
+"""Result folders are there as a whole or not at all, and replace nothing but results."""
+
+from __future__ import annotations
+
+import json
+import math
+import stat
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fmus.errors import InputError
+from orchestrator import results
+from orchestrator.results import result_folder, versions, write_json
+
+
+def fill(target: Path, **files: str) -> None:
+    """A result with these files, and the mark that it is one."""
+    with result_folder(target) as folder:
+        write_json(folder / "manifest.json", {"versions": versions()})
+        for name, text in files.items():
+            (folder / name).write_text(text)
+
+
+def contents(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+def test_a_result_appears_where_it_was_asked_for_with_its_parents(tmp_path: Path) -> None:
+    target = tmp_path / "deep" / "er" / "out"
+    fill(target, a="1")
+    assert contents(target) == {"manifest.json", "a"}
+    assert contents(target.parent) == {"out"}
+    assert stat.S_IMODE(target.stat().st_mode) & 0o700 == 0o700
+
+
+def test_the_result_is_not_there_before_it_is_complete(tmp_path: Path) -> None:
+    target = tmp_path / "out"
+    with result_folder(target) as folder:
+        (folder / "a").write_text("half")
+        assert not target.exists()
+        assert folder.parent.parent == tmp_path  # the same file system, so that renaming is atomic
+    assert (target / "a").read_text() == "half"
+
+
+def test_an_earlier_result_stays_until_the_new_one_is_complete_and_is_then_gone(tmp_path: Path) -> None:
+    target = tmp_path / "out"
+    fill(target, old="1", both="old")
+    with result_folder(target) as folder:
+        (folder / "manifest.json").write_text("{}")
+        assert (target / "old").is_file()
+    assert contents(target) == {"manifest.json"}
+    assert contents(tmp_path) == {"out"}
+
+
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt, SystemExit])
+def test_an_exception_leaves_the_earlier_result_and_nothing_else(tmp_path: Path, error: type[BaseException]) -> None:
+    target = tmp_path / "out"
+    fill(target, old="1")
+    with pytest.raises(error), result_folder(target) as folder:
+        (folder / "new").write_text("half")
+        raise error
+    assert contents(target) == {"manifest.json", "old"}
+    assert contents(tmp_path) == {"out"}
+
+
+def test_an_exception_without_earlier_result_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(RuntimeError), result_folder(tmp_path / "out"):
+        raise RuntimeError
+    assert contents(tmp_path) == set()
+
+
+def test_when_the_new_result_cannot_be_put_in_place_the_earlier_one_is_put_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = tmp_path / "out"
+    fill(target, old="1")
+    rename = Path.rename
+
+    def failing(self: Path, other: Path) -> Path:
+        if self.name == "fresh":
+            raise OSError("disk full")
+        return rename(self, other)
+
+    monkeypatch.setattr(Path, "rename", failing)
+    with pytest.raises(OSError, match="disk full"):
+        fill(target, new="1")
+    assert contents(target) == {"manifest.json", "old"}
+    assert contents(tmp_path) == {"out"}
+
+
+@pytest.mark.parametrize(
+    "manifest",
+    [
+        None,
+        "",
+        "not json",
+        "[]",
+        "{}",
+        '{"versions": 3}',
+        '{"versions": {"chrome": 1}}',
+        '{"name": "servotwin"}',
+        "[" * 100_000,
+    ],
+)
+def test_a_folder_that_holds_something_else_is_refused_and_left_alone(tmp_path: Path, manifest: str | None) -> None:
+    target = tmp_path / "project"
+    target.mkdir()
+    (target / "thesis.tex").write_text("years of work")
+    if manifest is not None:
+        (target / "manifest.json").write_text(manifest)
+    before = contents(target)
+    with pytest.raises(InputError) as refused:
+        fill(target)
+    assert str(refused.value) == f"{target}: is not empty and holds no result; give another --out"
+    assert contents(target) == before
+    assert contents(tmp_path) == {"project"}
+
+
+@pytest.mark.parametrize("mark", results.MARKS)
+def test_a_folder_with_a_mark_of_ours_is_replaced(tmp_path: Path, mark: str) -> None:
+    target = tmp_path / "out"
+    target.mkdir()
+    write_json(target / mark, {"versions": versions()})
+    fill(target, a="1")
+    assert contents(target) == {"manifest.json", "a"}
+
+
+def test_an_empty_folder_is_filled(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    fill(tmp_path / "out", a="1")
+    assert contents(tmp_path / "out") == {"manifest.json", "a"}
+
+
+def test_a_file_in_the_way_is_refused_and_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "out").write_text("precious")
+    with pytest.raises(InputError, match="out: is a file; give another --out"):
+        fill(tmp_path / "out")
+    with pytest.raises(InputError, match="cannot be written"):
+        fill(tmp_path / "out" / "below")
+    assert (tmp_path / "out").read_text() == "precious"
+
+
+def test_a_relative_target_and_a_link_lead_to_the_real_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "real").mkdir()
+    (tmp_path / "link").symlink_to("real")
+    fill(Path("link"), a="1")
+    fill(Path("sub/../other"), b="2")
+    assert (tmp_path / "link").is_symlink()
+    assert contents(tmp_path / "real") == {"manifest.json", "a"}
+    assert contents(tmp_path / "other") == {"manifest.json", "b"}
+
+
+def test_versions_name_python_and_every_package() -> None:
+    found = versions()
+    assert set(found) == {"python", *results.PACKAGES}
+    assert found["numpy"][0].isdigit()
+
+
+@pytest.mark.parametrize("document", [{"a": 0.1 + 0.2}, {"a": [1e-300, -0.0]}, {"b": {"c": [None, True, "é"]}}])
+def test_json_keeps_every_bit(tmp_path: Path, document: dict[str, Any]) -> None:
+    write_json(tmp_path / "a.json", document)
+    assert json.loads((tmp_path / "a.json").read_text(encoding="utf-8")) == document
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_json_that_json_does_not_have_is_refused(tmp_path: Path, value: float) -> None:
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        write_json(tmp_path / "a.json", {"a": value})

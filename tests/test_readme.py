@@ -1,0 +1,124 @@
+"""What the README says is so: its files, its tables, and every command in it, run in order in a copy of the tree."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from typer.main import get_command
+
+from fmus import errors, library
+from fmus.packaging import python
+from identification.study import load_study
+from orchestrator.cli import app
+from orchestrator.scenario import run_scenario
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+BLOCK = re.compile(r"^```(?P<language>\w+)\n(?P<text>.*?)^```$", re.MULTILINE | re.DOTALL)
+NOT_COPIED = (".venv", ".git", "out", "build", "*.egg-info", "__pycache__", ".*_cache", ".hypothesis")
+
+
+def blocks(*languages: str) -> list[str]:
+    return [block["text"] for block in BLOCK.finditer(README) if block["language"] in languages]
+
+
+def files() -> dict[str, str]:
+    """name -> text of the blocks whose first line is the name of a file."""
+    named = [(re.match(r"# (\S+\.\w+)\n", text), text) for text in blocks("python", "yaml")]
+    return {match[1]: text for match, text in named if match}
+
+
+def commands(recordings: bool) -> list[str]:
+    """Lines of the shell blocks; those that need the real recordings only when these are there."""
+    lines = [line for text in blocks("sh") for line in text.splitlines() if line.strip()]
+    return [line for line in lines if recordings or "$SERVOTWIN_DATA" not in line]
+
+
+def recordings() -> Path | None:
+    """Folder of the real recordings."""
+    folder = Path(os.environ.get("SERVOTWIN_DATA", ROOT.parent / "shared" / "data"))
+    return folder.resolve() if (folder / "butterfly").is_dir() else None
+
+
+def documented(pattern: str) -> set[str]:
+    """What the first cells of the README's tables hold in this form."""
+    return set(re.findall(rf"^\| {pattern} \|", README, re.MULTILINE))
+
+
+def command_names() -> set[str]:
+    """All commands of the command line, subcommands in full."""
+    names = set()
+    for name, command in get_command(app).commands.items():  # type: ignore[attr-defined]
+        inner = getattr(command, "commands", None)
+        names |= {name} if inner is None else {f"{name} {each}" for each in inner}
+    return names
+
+
+@pytest.fixture
+def written(tmp_path: Path) -> Path:
+    """A folder with the files that the README gives."""
+    for name, text in files().items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    return tmp_path
+
+
+def test_the_model_file_builds_and_reaches_the_speed_it_says(written: Path) -> None:
+    assert run_scenario(written / "flywheel.yaml").passed
+
+
+def test_the_model_file_has_no_more_lines_than_a_page_needs() -> None:
+    assert len(files()["flywheel.py"].splitlines()) < 30
+
+
+def test_the_suppliers_fmu_takes_the_models_place(written: Path) -> None:
+    python.build(library.find(str(written / "flywheel.py")), written / "out" / "fmus" / "flywheel.fmu")
+    speed = run_scenario(written / "vendor.yaml").cases[0].result.trace["wheel.speed"][-1]  # type: ignore[union-attr]
+    assert speed == pytest.approx(0.05 * 12 / (0.004 + 0.05**2), rel=1e-3)
+
+
+def test_the_study_fits_its_schema(written: Path) -> None:
+    study = load_study(written / "my_study.yaml")
+    assert "154g_square" in study.traces.hold_out
+
+
+def test_every_command_is_in_the_table() -> None:
+    assert {name.strip() for name in documented(r"`servotwin ([a-z ]+)[^`|]*`.*")} == command_names()
+
+
+def test_every_model_is_in_the_table() -> None:
+    assert documented(r"`(\w+)` \|.*") == set(library.names())
+
+
+def test_the_errors_exit_codes_are_in_the_table() -> None:
+    codes = {kind.exit_code for kind in vars(errors).values() if isinstance(kind, type)}
+    assert {str(code) for code in codes | {0, 1, 130}} == documented(r"(\d+) \|.*")
+
+
+def test_every_file_that_is_named_exists() -> None:
+    named = re.findall(r"scenarios/\S+?\.yaml", README)
+    assert named
+    assert [name for name in named if not (ROOT / name).is_file()] == []
+
+
+@pytest.mark.readme
+def test_every_command_works_in_the_order_given(tmp_path: Path) -> None:
+    copy = tmp_path / "checkout"
+    shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(*NOT_COPIED))
+    for name, text in files().items():
+        (copy / name).write_text(text, encoding="utf-8")
+    data = recordings()
+    script = "\n".join(["set -euxo pipefail", *commands(recordings=data is not None)])
+    environment = {key: value for key, value in os.environ.items() if key not in ("VIRTUAL_ENV", "PYTHONPATH")}
+    environment |= {"SERVOTWIN_DATA": str(data)} if data else {}
+    done = subprocess.run(
+        ["bash", "-c", script], cwd=copy, env=environment, capture_output=True, text=True, check=False
+    )
+    print(done.stdout, done.stderr, sep="\n")
+    assert done.returncode == 0
+    assert "true" in done.stdout
+    assert "estimate" in done.stdout
