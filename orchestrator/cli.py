@@ -183,10 +183,10 @@ def run(
         overrides = dict(parse_override(each) for each in set_ or [])
         folder = out or Path("out") / scenario.stem
         check_target(folder)
-        folder.resolve().parent.mkdir(parents=True, exist_ok=True)
+        near = next(each for each in folder.resolve().parents if each.is_dir())  # on the disk that the result goes to
         with (
             terminal.bar(scenario.stem) as move,
-            tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.resolve().parent) as aside,
+            tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=near) as aside,
         ):
             keeping = Keeping(stride, Path(aside) if stream else None)
             result = run_scenario(scenario, overrides, lambda fraction: move(fraction, ""), keeping=keeping)

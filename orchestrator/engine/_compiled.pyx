@@ -109,8 +109,8 @@ cdef double SLOW = 5e-6  # steps longer than this are all timed [s]
 cdef double _reading_time() noexcept nogil:
     """What it takes to read the clock [s]."""
     cdef double least = 1.0, begun
-    cdef int turn
-    for turn in range(200):
+    cdef int _
+    for _ in range(200):
         begun = now()
         least = min(least, now() - begun)
     return least
