@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import itertools
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -94,7 +95,7 @@ def _ending(reached: float, asked: bool) -> str:
     return f"ended early at t = {reached:g} s" + (" and asked to stop" if asked else "")
 
 
-class Adapter:
+class Adapter(ABC):
     """What differs between FMI 2.0 and 3.0, behind one face.
 
     Attributes:
@@ -109,23 +110,25 @@ class Adapter:
     do_step: Any
     ending = ""
 
+    @abstractmethod
     def storage(self, kind: str) -> str:
         """Type whose get and set functions serve this type."""
-        raise NotImplementedError
 
+    @abstractmethod
     def count(self, number: int) -> tuple[int, ...]:
         """Extra arguments of get and set: the number of values, where the version wants it."""
-        raise NotImplementedError
 
+    @abstractmethod
     def begin(self, start: float, stop: float | None) -> int:
-        raise NotImplementedError
+        """Enter initialisation; times in seconds. The status."""
 
+    @abstractmethod
     def step(self, time: float, duration: float) -> int:
-        raise NotImplementedError
+        """Advance from `time` by `duration` [s]. The status."""
 
+    @abstractmethod
     def judged(self, status: int) -> int:
         """The status of a step that returned this one; discard where the FMU ended it early."""
-        raise NotImplementedError
 
     def accessor(self, verb: str, kind: str) -> Callable[..., int]:
         function = getattr(self.fmu.dll, f"{self.prefix}{verb}{kind}")
