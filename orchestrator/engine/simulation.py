@@ -86,14 +86,12 @@ class Simulation:
         self.timing = timing
         self.plan: Plan = make_plan(system, timing.step, timing.order, timing.cycles)
         self._fresh = True
-        self._outputs = {name: [p.name for p in part.interface.of("output") if p.numeric]
-                         for name, part in system.parts.items()}  # fmt: skip
-        self.outputs = tuple(str(endpoint) for endpoint in self._all_outputs())
+        self.outputs = tuple(f"{name}.{port.name}" for name, part in system.parts.items()
+                             for port in part.interface.of("output") if port.numeric)  # fmt: skip
+        self._outputs: dict[str, list[str]] = {}  # those that are read in a run
         self._inputs: dict[str, list[Endpoint]] = {name: [] for name in system.parts}
         for target in [link.target for link in system.connections] + sorted(system.stimulated, key=str):
             self._inputs[target.component].append(target)
-        for name, component in self.components.items():
-            component.bind([e.variable for e in self._inputs[name]], self._outputs[name])
 
     def instants(self) -> FloatArray:
         """(K,) the communication instants, at which stimuli are wanted and rows recorded [s]."""
@@ -163,6 +161,7 @@ class Simulation:
         if run.record_every < 1:
             raise WiringError("record_every", f"is {run.record_every}", "give 1 or more")
         every = multiples(self.timing.step, self.plan.tick, "step")
+        self._bind(chosen)
         self._initialise(run.values)
         loop = self._loop(run.stimuli, every, chosen)
         self._propagate(loop)
@@ -214,6 +213,19 @@ class Simulation:
             if not np.all(np.isfinite(samples)):
                 raise WiringError(name, "is driven by a sample that is not finite", "repair the stimulus")
 
+    def _bind(self, recorded: Sequence[str]) -> None:
+        """Have those outputs read that are recorded or drive an input; all where cycles are iterated, so that when
+        they count as settled does not depend on the record."""
+        wanted = {*recorded, *(str(link.source) for link in self.system.connections)}
+        outputs: dict[str, list[str]] = {name: [] for name in self.components}
+        for endpoint in map(Endpoint.parse, self.outputs):
+            if self.timing.cycles.iterate or str(endpoint) in wanted:
+                outputs[endpoint.component].append(endpoint.variable)
+        for name, component in self.components.items():
+            if outputs[name] != self._outputs.get(name):
+                component.bind([e.variable for e in self._inputs[name]], outputs[name])
+        self._outputs = outputs
+
     def _initialise(self, values: Mapping[str, Value]) -> None:
         own: dict[str, dict[str, Value]] = {name: {} for name in self.components}
         for name, value in values.items():
@@ -247,11 +259,9 @@ class Simulation:
             ],
         )
 
-    def _all_outputs(self) -> list[Endpoint]:
-        return [Endpoint(name, variable) for name, variables in self._outputs.items() for variable in variables]
-
     def _slots(self) -> dict[Endpoint, int]:
-        return {endpoint: slot for slot, endpoint in enumerate(self._all_outputs())}
+        read = [Endpoint(name, variable) for name, variables in self._outputs.items() for variable in variables]
+        return {endpoint: slot for slot, endpoint in enumerate(read)}
 
     def _node(self, name: str, slots: Mapping[Endpoint, int]) -> Node:
         stimuli = {e: len(slots) + i for i, e in enumerate(sorted(self.system.stimulated, key=str))}

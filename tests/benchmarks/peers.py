@@ -27,7 +27,7 @@ def ring(count: int) -> Iterator[tuple[int, int]]:
     return ((number, (number + 1) % count) for number in range(count))
 
 
-def ecos(fmu: Path, count: int, steps: int, csv: bool = False) -> float:
+def ecos(fmu: Path, count: int, steps: int, csv: bool = False, read: bool = False) -> float:
     """Seconds of ecos."""
     from ecospy import EcosSimulation, EcosSimulationStructure
 
@@ -40,8 +40,12 @@ def ecos(fmu: Path, count: int, steps: int, csv: bool = False) -> float:
             if csv:
                 simulation.add_csv_writer("ecos.csv")
             simulation.init()
+            rows = []
             begun = perf_counter()
-            simulation.step(steps)
+            for _ in range(steps if read else 1):
+                simulation.step(1 if read else steps)
+                if read:
+                    rows.append([simulation.get_real(f"c{number}::{OUTPUT}") for number in range(count)])
             taken = perf_counter() - begun
             simulation.terminate()
             return taken
@@ -50,6 +54,11 @@ def ecos(fmu: Path, count: int, steps: int, csv: bool = False) -> float:
 def ecos_csv(fmu: Path, count: int, steps: int) -> float:
     """Seconds of ecos with its CSV writer."""
     return ecos(fmu, count, steps, csv=True)
+
+
+def ecos_read(fmu: Path, count: int, steps: int) -> float:
+    """Seconds of ecos when the outputs that drive the ring are read at each step."""
+    return ecos(fmu, count, steps, read=True)
 
 
 def libcosim(fmu: Path, count: int, steps: int, observer: bool = False) -> float:
@@ -135,7 +144,7 @@ def cofmupy(fmu: Path, count: int, steps: int) -> float:
 
 
 TOOLS: dict[str, Ring] = {
-    each.__name__: each for each in (ecos, ecos_csv, libcosim, libcosim_observer, fmpy_loop, cofmupy)
+    each.__name__: each for each in (ecos, ecos_csv, ecos_read, libcosim, libcosim_observer, fmpy_loop, cofmupy)
 }
 
 

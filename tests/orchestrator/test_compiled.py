@@ -283,6 +283,17 @@ def test_every_nth_row_is_every_nth_row_of_the_whole_record(shelf: Shelf, engine
     assert all(np.array_equal(part[name], whole[name][::every]) for name in whole.names)
 
 
+@pytest.mark.parametrize("engine", [Engine.PYTHON, pytest.param(Engine.COMPILED, marks=needs_loop)])
+def test_what_is_recorded_does_not_change_what_is_simulated(shelf: Shelf, engine: Engine) -> None:
+    links = (("c0.x0", "c1.Float64_continuous_input"), ("c1.Float64_continuous_output", "c2.torque"))
+    with Case(("VanDerPol2", "Feedthrough2", "pendulum"), links).simulation(shelf, engine) as made:
+        whole = made.run().trace
+        for chosen in (["c2.angle"], ["c1.Int32_output", "c2.speed"], ["c2.torque"], [], ["c0.x1"]):
+            trace = made.run(record=chosen).trace
+            assert trace.names == tuple(chosen)
+            assert all(np.array_equal(trace[name], whole[name]) for name in chosen if name in whole.names)
+
+
 def test_a_record_of_every_zeroth_row_is_refused(shelf: Shelf) -> None:
     with pytest.raises(WiringError, match="record_every: is 0; give 1 or more"):
         Case(("Stair2",), record_every=0).run(shelf, Engine.AUTO)
