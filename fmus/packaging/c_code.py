@@ -20,8 +20,10 @@ LONGEST = 88  # characters of an expression, before its longest part is given a 
 
 Text = tuple[str, int]  # C, and how tightly it binds
 _TERNARY, _SUM, _PRODUCT, _ATOM = range(4)
+# SymPy turns floor(x) > 1 into x >= ceiling(1 + 1), whence ceiling.
 _FUNCTIONS = {"sin": "sin", "cos": "cos", "tan": "tan", "tanh": "tanh", "exp": "exp", "log": "log", "floor": "floor",
               "Abs": "fabs", "sign": "sign", "uniform": "uniform",
+              "ceiling": "ceil",
               "Not": "!"}  # fmt: skip
 _FOLDED = {"Min": "minimum", "Max": "maximum"}
 _JOINED = {"And": " && ", "Or": " || "}

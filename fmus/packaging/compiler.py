@@ -8,6 +8,7 @@ import os
 import platform
 import shlex
 import shutil
+import struct
 import subprocess
 import sys
 import tempfile
@@ -18,6 +19,7 @@ from pathlib import Path
 
 from fmus.errors import ModelError
 
+_MACH_PROCESSORS = {"x86_64-darwin": (0x01000007, 3), "aarch64-darwin": (0x0100000C, 0)}  # type and subtype
 LOG = logging.getLogger("servotwin.compiler")
 FLAGS = ("-std=c99", "-O2", "-fno-fast-math", "-ffp-contract=off", "-fvisibility=hidden", "-shared", "-s")
 TIME_LIMIT = 600.0  # seconds; the first use of a cross target builds its C runtime
@@ -46,7 +48,7 @@ PLATFORMS = {
         Platform("aarch64-linux", "aarch64-linux", ".so", "aarch64-linux-gnu.2.17"),
         Platform("x86_64-windows", "win64", ".dll", "x86_64-windows-gnu"),
         Platform("x86_64-darwin", "darwin64", ".dylib", "x86_64-macos"),
-        Platform("aarch64-darwin", "aarch64-darwin", ".dylib", "aarch64-macos"),
+        Platform("aarch64-darwin", "darwin64", ".dylib", "aarch64-macos"),
     )
 }
 
@@ -131,6 +133,18 @@ def _compiled(sources: tuple[tuple[str, str], ...], name: str, target: Platform,
         LOG.info("in %s: %s", folder, shlex.join(command))
         _run(command, folder, f"model {name}, {target.name}")
         return (Path(folder) / library).read_bytes()
+
+
+def universal(parts: Mapping[str, bytes]) -> bytes:
+    """One Mach-O file of those of several processors: platform name -> library."""
+    page = 1 << 14
+    head, bodies, offset = struct.pack(">II", 0xCAFEBABE, len(parts)), b"", page
+    for name, library in parts.items():
+        head += struct.pack(">5I", *_MACH_PROCESSORS[name], offset, len(library), 14)
+        padded = library + bytes(-len(library) % page)
+        bodies += padded
+        offset += len(padded)
+    return head.ljust(page, b"\0") + bodies
 
 
 def _position(target: Platform) -> list[str]:

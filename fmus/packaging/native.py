@@ -15,6 +15,7 @@ from xml.etree import ElementTree as ET
 
 import fmpy
 
+from fmus.agreement import require_agreement
 from fmus.errors import ModelError
 from fmus.model import Model, Number, Table
 from fmus.packaging import archive, c_model, compiler, defaults, description, documentation, interface, values
@@ -23,7 +24,7 @@ from fmus.packaging.description import Extras, Offer
 from fmus.packaging.interface import Interface
 
 _RUNTIME = Path(__file__).parent / "c"
-_COMMON = ("instance.c", "instance.h", "model.h", "ops.c", "ops.h", "resources.c", "resources.h")
+_COMMON = tuple(f"{name}{suffix}" for name in ("files", "instance", "ops", "resources") for suffix in (".c", ".h"))
 _ADAPTERS: dict[int, tuple[str, ...]] = {2: ("fmi2.c",), 3: ("fmi3.c", "fmi3_absent.c")}
 _HEADERS = {
     2: ("fmi2FunctionTypes.h", "fmi2Functions.h", "fmi2TypesPlatform.h"),
@@ -85,8 +86,7 @@ def build(
     resources = {f"resources/{name}.csv": values.csv(table) for name, table in (tables or {}).items()}
     resources[defaults.RESOURCE] = defaults.dump(starts).encode()
     files = resources | {f"sources/{name}": text.encode() for name, text in code.sources.items()}
-    for target in compiler.find(platforms):
-        files[_binary(model, target, fmi)] = compiler.compile_library(code.sources, model.name, target)
+    files |= _binaries(model, code, fmi, compiler.find(platforms))
     files["modelDescription.xml"] = _description(shown, f"{code.token}-{_digest(resources)[:16]}", fmi, code)
     files["documentation/index.html"] = documentation.page(shown)
     if fmi == 3:
@@ -111,8 +111,9 @@ class _Code:
 def _code(model: Model, fmi: int) -> _Code:
     """Generated sources, runtime and FMI headers; what they are does not depend on parameters."""
     headers = Path(str(fmpy.__file__)).parent / "c-code"
-    fixed = {name: (_RUNTIME / name).read_text() for name in (*_COMMON, *_ADAPTERS[fmi])}
+    fixed = {name: (_RUNTIME / name).read_text() for name in (*_COMMON, "model.h", *_ADAPTERS[fmi])}
     fixed |= {name: (headers / name).read_text() for name in _HEADERS[fmi]}
+    require_agreement(model)
     shown = interface.complete(model, {})
     generated = c_model.generate(shown, "")
     digest = _digest({name: text.encode() for name, text in (fixed | generated).items()})
@@ -120,9 +121,17 @@ def _code(model: Model, fmi: int) -> _Code:
     return _Code(fixed | c_model.generate(shown, token), token)
 
 
-def _binary(model: Model, target: Platform, fmi: int) -> str:
-    folder = target.folder2 if fmi == 2 else target.name
-    return f"binaries/{folder}/{model.name}{target.suffix}"
+def _binaries(model: Model, code: _Code, fmi: int, platforms: Sequence[Platform]) -> dict[str, bytes]:
+    """Libraries by archive name; FMI 2.0 has one folder for the two processors of macOS, so they share a file."""
+    found: dict[str, dict[str, bytes]] = {}
+    for target in platforms:
+        folder = target.folder2 if fmi == 2 else target.name
+        path = f"binaries/{folder}/{model.name}{target.suffix}"
+        found.setdefault(path, {})[target.name] = compiler.compile_library(code.sources, model.name, target)
+    return {
+        path: next(iter(parts.values())) if len(parts) == 1 else compiler.universal(parts)
+        for path, parts in found.items()
+    }
 
 
 def _description(shown: Interface, token: str, fmi: int, code: _Code) -> bytes:

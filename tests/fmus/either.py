@@ -20,16 +20,23 @@ KINDS = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean", "Enumerati
 class Either:
     """An instance whose variables are known by name; `log` gathers (status, category, message)."""
 
-    def __init__(self, path: Path, folder: str, exchange: bool = False, logging: bool = False, **changed: Any) -> None:
+    def __init__(
+        self,
+        path: Path,
+        folder: str,
+        exchange: bool = False,
+        logging: bool = False,
+        log: list[tuple[int, str, str]] | None = None,
+        **changed: Any,
+    ) -> None:
         self.description = read_model_description(str(path))
         self.variables = {v.name: v for v in self.description.modelVariables}
         self.old = self.description.fmiVersion == "2.0"
-        self.log: list[tuple[int, str, str]] = []
+        self.log = [] if log is None else log
         kind = {(True, True): FMU2Model, (True, False): FMU2Slave, (False, True): FMU3Model, (False, False): FMU3Slave}
-        interface = self.description.modelExchange if exchange else self.description.coSimulation
         self.fmu = kind[self.old, exchange](
             **{"guid": self.description.guid, "unzipDirectory": folder, "instanceName": "tested",
-               "modelIdentifier": interface.modelIdentifier} | changed
+               "modelIdentifier": self.description.coSimulation.modelIdentifier} | changed
         )  # fmt: skip
         if self.old:
             self.fmu.instantiate(callbacks=self._callbacks(), loggingOn=logging)
@@ -37,11 +44,11 @@ class Either:
             self.fmu.instantiate(loggingOn=logging, logMessage=self._log3)
 
     def _log3(self, environment: Any, status: int, category: bytes, message: bytes) -> None:
-        self.log.append((status, category.decode(), message.decode()))
+        self.log.append((status, category.decode(), message.decode(errors="replace")))
 
     def _callbacks(self) -> Any:
         def log(environment: Any, instance: bytes, status: int, category: bytes, message: bytes, *_: Any) -> None:
-            self.log.append((status, category.decode(), message.decode().replace("%%", "%")))
+            self.log.append((status, category.decode(), message.decode(errors="replace").replace("%%", "%")))
 
         callbacks = fmi2CallbackFunctions()
         callbacks.logger = dict(callbacks._fields_)["logger"](log)

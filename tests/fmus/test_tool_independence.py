@@ -33,7 +33,15 @@ VALUES: dict[str, dict[str, float]] = {
     "dc_motor": {"inductance": 0.01, "back_emf": 0.2, "voltage": 1.3, "speed": 0.4},
     "energy_controller": {"amplitude": 1.2, "sample_time": 0.02, "angle": 0.3, "speed": 1.1},
     "excitation": {"shape": 6, "amplitude": 2.0, "begin": 0.05, "seed": 42, "sample_time": 0.025},
-    "daq": {"noise": 0.1, "bits": 8, "range": 2.0, "filter_order": 2, "cutoff": 9.0, "sample_time": 0.02, "signal": 0.7},
+    "daq": {
+        "noise": 0.1,
+        "bits": 8,
+        "range": 2.0,
+        "filter_order": 2,
+        "cutoff": 9.0,
+        "sample_time": 0.02,
+        "signal": 0.7,
+    },
 }
 MODULES = {"fmuloader": "fmuloader", "fmuloader_exchange": "fmuloader", "ecos": "ecospy", "libcosim": "libcosimpy",
            "casadi": "casadi"}  # fmt: skip
@@ -44,7 +52,9 @@ def missing(tool: str) -> str:
     """Why a tool cannot be used here, nothing when it can."""
     if importlib.util.find_spec(MODULES[tool]) is None:
         return f"{MODULES[tool]} is not installed (pip install 'servotwin[tools]')"
-    done = subprocess.run([sys.executable, "-c", f"import {MODULES[tool]}"], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", f"import {MODULES[tool]}"], capture_output=True, text=True, check=False
+    )
     return "" if done.returncode == 0 else f"{MODULES[tool]}: {done.stderr.strip().splitlines()[-1]}"
 
 

@@ -5,9 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#ifdef _WIN32
-#include <windows.h>
-#endif
+#include "files.h"
 
 enum { LONGEST_LINE = 400, MOST_DEFAULTS = 100000, MOST_SAMPLES = 1 << 26 };
 
@@ -18,28 +16,6 @@ static int trouble(Problem *problem, const char *format, ...)
     vsnprintf(problem->text, sizeof problem->text, format, arguments);
     va_end(arguments);
     return 1;
-}
-
-/* A file of the folder, opened for reading; both names are UTF-8. NULL without memory or without such a file. */
-static FILE *open_file(const char *folder, const char *name, const char *suffix)
-{
-    FILE *file = NULL;
-    const size_t size = strlen(folder) + strlen(name) + strlen(suffix) + 2;
-    char *path = malloc(size);
-    if (!path)
-        return NULL;
-    snprintf(path, size, "%s/%s%s", folder, name, suffix);
-#ifdef _WIN32
-    const int length = MultiByteToWideChar(CP_UTF8, 0, path, -1, NULL, 0);
-    wchar_t *wide = malloc(sizeof(wchar_t) * (size_t)(length > 0 ? length : 1));
-    if (wide && length > 0 && MultiByteToWideChar(CP_UTF8, 0, path, -1, wide, length) == length)
-        file = _wfopen(wide, L"rb");
-    free(wide);
-#else
-    file = fopen(path, "rb");
-#endif
-    free(path);
-    return file;
 }
 
 /* Next line without its end and surrounding blanks; NULL at the end, or (with `problem` filled) when it is too long. */

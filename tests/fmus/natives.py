@@ -1,0 +1,79 @@
+"""What the tests of native FMUs share: values that use every part of a model, inputs, and instances kept open."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+from either import opened
+from hypothesis import strategies as st
+
+from fmus import library, ops
+from fmus.model import Model, State, Variable, input_, output, parameter
+from fmus.packaging import interface
+
+NAMES = library.names()
+CONTINUOUS = [name for name in NAMES if interface.exchangeable(library.find(name))]
+VERSIONS = (2, 3)
+PENDULUM = library.find("pendulum")
+RICH: dict[str, dict[str, float]] = {
+    "pendulum": {"angle_start": 1.0, "coulomb_friction_positive": 0.004, "stribeck_friction": 0.002},
+    "dc_motor": {"inductance": 0.01, "current_limit": 0.8, "back_emf": 0.2},
+    "energy_controller": {"amplitude": 1.2, "sample_time": 0.03},
+    "excitation": {"shape": 2, "amplitude": 2.0, "begin": 0.1},
+    "daq": {"noise": 0.1, "bits": 8, "range": 2.0, "filter_order": 2, "cutoff": 5.0, "sample_time": 0.02},
+}
+KEPT: dict[Path, Any] = {}
+
+
+def drive(t: float) -> float:
+    return 0.5 + 0.3 * math.sin(5 * t)
+
+
+def value_of(name: str, variable: Variable) -> st.SearchStrategy[Any]:
+    """Values within the bounds, near that of the rich example."""
+    start = float(RICH[name].get(variable.name, variable.start or 0))
+    low = max(start - 5, -math.inf if variable.minimum is None else max(variable.minimum, 0.02))
+    high = max(low, min(start + 5, math.inf if variable.maximum is None else variable.maximum))
+    return st.integers(math.ceil(low), math.floor(high)) if variable.type == "Integer" else st.floats(low, high)
+
+
+class cached:  # noqa: N801 - reads as the function `opened` does
+    """One instance an FMU for all examples, reset before each."""
+
+    def __init__(self, path: Path) -> None:
+        if path not in KEPT:
+            KEPT[path] = opened(path).__enter__()
+        self.fmu = KEPT[path]
+
+    def __enter__(self) -> Any:
+        self.fmu.fmu.reset()
+        return self.fmu
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+
+def everything() -> Model:
+    """A model that calls each function of ops, nested choices in conditions too."""
+
+    def derivatives(t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+        side = ops.where(ops.where(u.a > 0, p.k, u.b) > ops.minimum(p.k, 2.0), u.a * x.x, ops.absolute(u.b - x.x))
+        return {"x": side - x.x**3 + ops.playback(p.played, t + p.k) + ops.tan(0.3 * u.a) / (1 + p.k**-2)}
+
+    def outputs(t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+        first = ops.exp(-(x.x**2)) * ops.sin(u.a) + ops.log(2 + p.k) ** 2 - ops.sqrt(1 + x.x**2) / (3 - ops.cos(u.b))
+        second = ops.clip(x.x * u.a, -0.2, 5.0) + ops.sign(u.b) * ops.tanh(p.k) + ops.floor(u.a * 10) * u.b
+        noise = ops.uniform(p.seed, ops.floor(t)) * u.a + ops.maximum(u.a, ops.maximum(u.b, x.x)) ** p.k
+        return {"y": first - second * 2.0**p.k / (1 / x.x), "z": noise - (first - (second - 1.5)) - -u.b}
+
+    return Model(
+        name="everything", description="Every function", derivatives=derivatives, outputs=outputs,
+        variables=(
+            input_("a", "1", "Input", 0.5), input_("b", "1", "Input", -0.3), output("y", "1", "Output"),
+            output("z", "1", "Output"), parameter("k", "1", 1.1, "Parameter"), parameter("seed", "1", 3, "Seed"),
+            parameter("x_start", "1", 0.4, "Start"),
+        ),
+        states=(State("x", "x_start"),), solver_step=lambda p: 0.05 / ops.maximum(p.k, 0.1), tables=("played",),
+    )  # fmt: skip
