@@ -144,12 +144,12 @@ def assemble(
     base: Path,
     folder: Path,
     stimulated: tuple[str, ...] = (),
-    target: str = targets.FOR_RUNS,
+    target: str | None = None,
 ) -> Assembled:
     """Build the FMUs of the components that are given as models, into `folder`; paths are relative to `base`.
 
     Args:
-        target: how models are packaged, "native" or "python".
+        target: how models are packaged, "native" or "python"; None takes the preferred one.
     """
     files = {}
     for name, component in block.components.items():
@@ -159,7 +159,7 @@ def assemble(
         assert component.model is not None
         model = library.find(str(base / component.model) if component.model.endswith(".py") else component.model)
         tables = {key: _table(key, each, base) for key, each in component.tables.items()}
-        files[name] = targets.build(target, model, folder / f"{name}.fmu", tables=tables)
+        files[name] = targets.build(target or targets.preferred(), model, folder / f"{name}.fmu", tables=tables)
     built = {name: component.fmu is None for name, component in block.components.items()}
     return Assembled(files, built, block, stimulated)
 

@@ -10,11 +10,10 @@ from fmus.model import Model, Number, Table
 from fmus.packaging import compiler, native, python
 
 NAMES = ("native", "python")
-FOR_RUNS = "python"  # what scenarios and studies run their models as
 
 
 def preferred() -> str:
-    """The packaging for FMUs that are handed on: native where there is a C compiler, else python."""
+    """The packaging where nobody chose: native where there is a C compiler, else python."""
     return "native" if compiler.available() else "python"
 
 
