@@ -14,7 +14,7 @@ from small_study import COUNT, LENGTH, STEP, record, study, voltage, write_study
 from typer.testing import CliRunner
 
 from fmus import library
-from fmus.packaging import archive, python
+from fmus.packaging import archive, compiler, python, targets
 from identification import calibration
 from identification.commands import calibrate_study, layout_of, validate_result
 from orchestrator import formats
@@ -22,6 +22,8 @@ from orchestrator.cli import app
 from orchestrator.trace import Trace
 
 Change = dict[str, Any]
+
+needs_compiler = pytest.mark.skipif(not compiler.available(), reason="there is no C compiler")
 
 
 @pytest.fixture(autouse=True)
@@ -195,15 +197,23 @@ def fragile(folder: Path, stop: float) -> Change:
 
 
 @pytest.mark.parametrize("processes", [1, 2])
+@pytest.mark.parametrize(
+    ("packaging", "reason"),
+    [
+        ("python", "ValueError: math domain error"),
+        pytest.param("native", "state 'y' is nan at t = 0.5 s", marks=needs_compiler),
+    ],
+)
 def test_an_fmu_that_fails_in_a_step_is_told_from_bad_input_by_the_exit_code(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, processes: int
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, processes: int, packaging: str, reason: str
 ) -> None:
     monkeypatch.setattr(calibration, "processes", lambda: processes)
+    monkeypatch.setattr(targets, "preferred", lambda: packaging)
     line = refused(tmp_path, tmp_path, 3, **fragile(tmp_path, 0.8))
     assert line.startswith(
         f"servotwin: {tmp_path / 'study.yaml'}: start: cannot be simulated: plant: step from t = 0.4"
     )
-    assert "ValueError: math domain error" in line
+    assert reason in line
 
 
 def test_the_same_fmu_is_calibrated_on_what_it_can_do(tmp_path: Path) -> None:
