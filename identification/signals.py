@@ -117,13 +117,15 @@ def dominant_frequency_as_published(values: ArrayLike, period: float) -> float:
     return float(2 * np.pi * (1 + np.argmax(power[: left // 2])) / (left * period))
 
 
-def low_pass(values: ArrayLike, period: float, cutoff: float, order: int = 2) -> FloatArray:
-    """`values` (K,) or (K, m) through a Butterworth low-pass forwards and backwards: no phase shift.
+def low_pass(values: ArrayLike, period: float, cutoff: float, order: int = 2, causal: bool = False) -> FloatArray:
+    """`values` (K,) or (K, m) through a Butterworth low-pass, forwards and backwards: no phase shift.
 
     Args:
         period: sampling period [s].
         cutoff: corner frequency [Hz]; the two passes together take 6 dB there.
         order: of one pass.
+        causal: forwards only, from rest at the first sample: 3 dB at the corner, and the filter's lag. Inputs and
+            outputs of a model must then be filtered alike, or the lag becomes part of the model.
 
     Raises:
         IdentificationError: the corner is not below half the sampling rate, or there are too few samples.
@@ -138,7 +140,9 @@ def low_pass(values: ArrayLike, period: float, cutoff: float, order: int = 2) ->
     sections = signal.butter(order, cutoff, fs=1 / period, output="sos")
     if len(samples) <= 3 * (2 * len(sections) + 1):
         raise IdentificationError("low_pass", f"{len(samples)} samples are too few", "give a longer signal")
-    return np.asarray(signal.sosfiltfilt(sections, samples, axis=0))
+    if not causal:
+        return np.asarray(signal.sosfiltfilt(sections, samples, axis=0))
+    return np.asarray(signal.sosfilt(sections, samples - samples[0], axis=0) + samples[0])
 
 
 def differentiate(values: ArrayLike, period: float, half_width: int = 5, degree: int = 3, order: int = 1) -> FloatArray:

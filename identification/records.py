@@ -1,0 +1,135 @@
+"""Records of inputs and outputs at one sampling time, from which linear models are estimated.
+
+Gaps are cut out here, and what does not fit together is refused, so that estimators only see whole records.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fmus.errors import IdentificationError, TraceError
+from orchestrator.trace import FloatArray, Trace
+
+_JITTER = 0.01  # of a step; stamps further off their place are no longer evenly sampled
+_SAME_STEP = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """What went in and what came out, sample by sample.
+
+    Attributes:
+        u: (K, m) inputs, one column an input; (K,) is taken as one column.
+        y: (K, p) outputs; NaN in either array is a gap.
+        step: sampling time [s].
+        inputs, outputs: names of the columns; u1, u2, ... and y1, y2, ... when not given.
+        name: where it comes from, for messages.
+
+    Raises:
+        IdentificationError: the sizes do not fit each other, or the step is not positive.
+    """
+
+    u: FloatArray
+    y: FloatArray
+    step: float
+    inputs: tuple[str, ...] = ()
+    outputs: tuple[str, ...] = ()
+    name: str = "record"
+
+    def __post_init__(self) -> None:
+        for field, names, letter in (("u", "inputs", "u"), ("y", "outputs", "y")):
+            columns = np.asarray(getattr(self, field), dtype=float)
+            columns = columns[:, None] if columns.ndim == 1 else columns
+            given = tuple(getattr(self, names)) or tuple(f"{letter}{i + 1}" for i in range(columns.shape[-1]))
+            object.__setattr__(self, field, columns)
+            object.__setattr__(self, names, given)
+            if columns.ndim != 2 or columns.shape[1] != len(given) or not given:
+                raise IdentificationError(self.name, f"{field} is {columns.shape} for {len(given)} {names}",
+                                          "give one column a name")  # fmt: skip
+        if len(self.u) != len(self.y):
+            raise IdentificationError(self.name, f"{len(self.u)} inputs for {len(self.y)} outputs", "sample them alike")
+        if not 0 < self.step < np.inf:
+            raise IdentificationError(self.name, f"a step of {self.step:g} s", "give the sampling time in seconds")
+
+    def __len__(self) -> int:
+        return len(self.u)
+
+    def rows(self, start: int, stop: int) -> Record:
+        """The samples start <= k < stop."""
+        return replace(self, u=self.u[start:stop], y=self.y[start:stop])
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """Records without gaps.
+
+    Attributes:
+        records: at least one.
+        dropped: how many pieces were too short, and left out.
+        lost: samples in them.
+    """
+
+    records: tuple[Record, ...]
+    dropped: int = 0
+    lost: int = 0
+
+    @property
+    def samples(self) -> int:
+        """Of all records together."""
+        return sum(map(len, self.records))
+
+
+def record(trace: Trace, inputs: Sequence[str], outputs: Sequence[str]) -> Record:
+    """A record of these signals of a trace.
+
+    Raises:
+        TraceError: a signal is missing, or the stamps are not even.
+    """
+    if len(trace) < 2:
+        raise TraceError(trace.name, f"holds {len(trace)} samples", "give a recording")
+    step = trace.duration / (len(trace) - 1)
+    worst = float(np.max(np.abs(trace.time - trace.time[0] - step * np.arange(len(trace)))))
+    if worst > _JITTER * step:
+        raise TraceError(trace.name, f"stamps are up to {worst / step:.2g} steps off an even grid", "resample it")
+    u, y = (np.column_stack([trace[name] for name in names]) for names in (inputs, outputs))
+    return Record(u, y, step, tuple(inputs), tuple(outputs), trace.name)
+
+
+def without_gaps(records: Record | Sequence[Record], shortest: int) -> Pieces:
+    """The records cut where a sample is not finite; pieces below `shortest` samples are dropped and counted.
+
+    Raises:
+        IdentificationError: the records differ in step or columns, or no piece is long enough.
+    """
+    given = (records,) if isinstance(records, Record) else tuple(records)
+    if not given:
+        raise IdentificationError("records", "there are none", "give at least one")
+    for each in given[1:]:
+        _check_alike(given[0], each)
+    pieces = [piece for each in given for piece in _split(each)]
+    kept = tuple(piece for piece in pieces if len(piece) >= shortest)
+    if not kept:
+        longest = max(map(len, pieces), default=0)
+        raise IdentificationError(given[0].name, f"the longest piece without a gap has {longest} samples, "
+                                  f"{shortest} are needed", "use a smaller block or a longer record")  # fmt: skip
+    lost = sum(map(len, pieces)) - sum(map(len, kept))
+    return Pieces(kept, len(pieces) - len(kept), lost)
+
+
+def _check_alike(first: Record, other: Record) -> None:
+    if abs(other.step - first.step) > _SAME_STEP * first.step:
+        raise IdentificationError(other.name, f"is sampled every {other.step:g} s, {first.name} every {first.step:g} s",
+                                  "resample them to one step")  # fmt: skip
+    if (other.inputs, other.outputs) != (first.inputs, first.outputs):
+        raise IdentificationError(other.name, f"has columns {other.inputs} and {other.outputs}, not {first.inputs} "
+                                  f"and {first.outputs}", "give all records the same columns")  # fmt: skip
+
+
+def _split(whole: Record) -> list[Record]:
+    """The longest runs of finite samples."""
+    finite = np.isfinite(whole.u).all(axis=1) & np.isfinite(whole.y).all(axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], finite.astype(int), [0]])))
+    return [whole.rows(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]
