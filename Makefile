@@ -1,7 +1,8 @@
 # Needs Python 3.11 or later and nothing else: the first target that is made creates .venv.
 PYTHON ?= python3
+EXTRAS ?= dev
 BIN := .venv/bin
-READY := .venv/.ready
+READY := .venv/.ready-$(EXTRAS)
 DEMO := out/demo
 
 .PHONY: setup demo test bench lint clean
@@ -12,7 +13,7 @@ $(READY): pyproject.toml constraints.txt $(wildcard setup.py orchestrator/engine
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "$(PYTHON) is older than 3.11; give another one: make PYTHON=python3.12"; exit 1; }
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[$(EXTRAS)]'
 	@touch $@
 
 demo: $(READY)

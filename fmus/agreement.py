@@ -25,6 +25,7 @@ _OPERATIONS: dict[str, Callable[..., Any]] = {
     "StrictLessThan": operator.lt, "LessThan": operator.le, "StrictGreaterThan": operator.gt,
     "GreaterThan": operator.ge, "Equality": operator.eq, "Unequality": operator.ne,
     "And": lambda *conditions: all(conditions), "Or": lambda *conditions: any(conditions), "Not": operator.not_,
+    "dot": lambda *v: ops.dot(v[: len(v) // 2], v[len(v) // 2 :]),
     "Abs": abs, "floor": math.floor, "ceiling": math.ceil, "sign": ops.sign, "uniform": ops.uniform,
     "ExprCondPair": lambda value, condition: (value, condition),
     "Piecewise": lambda *cases: next(value for value, condition in cases if condition),

@@ -7,7 +7,7 @@ that instant, with the inputs of that instant; continuous states are integrated 
 
 import math
 
-from .model import Model, Table, namespace, start_values
+from .model import Model, Table, assign, namespace, start_values
 
 EARLY = 1e-6  # of a sample period: how far rounding may put a step's end before or after a sampling instant
 
@@ -55,9 +55,9 @@ class Instance:
             setattr(self.u, name, value)
             self._results = None
             return
-        if name not in self.p.__dict__ or name in self.model.tables:
+        if name not in self.p.__dict__ or name in self.model.tables or name in self.model.arrays:
             raise KeyError(f"{self.model.name} has no input or parameter '{name}'")
-        setattr(self.p, name, value)
+        assign(self.p, name, value)
         if self.stepped:
             self._results = None
         else:
@@ -70,7 +70,7 @@ class Instance:
             KeyError: the model has no variable of that name.
         """
         for place in (self.u, self.p, self.x):
-            if name in place.__dict__:
+            if name in place.__dict__ and name not in self.model.arrays:
                 return place.__dict__[name]
         if self._results is None:
             outputs = self.model.outputs
@@ -109,7 +109,8 @@ class Instance:
     def restore(self, state: dict) -> None:
         """Go back to a snapshot."""
         for place in "xup":
-            getattr(self, place).__dict__.update(state[place])
+            for name, value in state[place].items():
+                assign(getattr(self, place), name, value)
         self.time, self.start = state["time"], state["start"]
         self.samples, self.stepped = state["samples"], state["stepped"]
         self._results = None

@@ -5,22 +5,27 @@
     outputs(t, x, u, p)       outputs that are not states themselves
 
 `t` is the time [s]; `x`, `u` and `p` give states, inputs and parameters by name (`x.angle`); each function returns a
-dict by name. They may call only `fmus.ops`, so that one source runs as floats and is traced as symbols. The file
-stands alone and travels inside every Python FMU.
+dict by name. They may call only `fmus.ops`, so that one source runs as floats and is traced as symbols. Parameters
+named `A[1,1]`, `A[1,2]`, ... are the elements of an array, which comes as nested lists: `p.A[0][1]`. The file stands
+alone and travels inside every Python FMU.
 """
 
 from __future__ import annotations
 
+import math
+import re
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
+from functools import lru_cache
+from itertools import pairwise, product
 from keyword import iskeyword
 from types import SimpleNamespace
 from typing import Any
 
 Function = Callable[[Any, Any, Any, Any], Mapping[str, Any]]
 Number = float | int | bool
+_ELEMENT = re.compile(r"(\w+)\[([1-9][0-9]*(?:,[1-9][0-9]*)*)\]")
 
 
 @dataclass(frozen=True)
@@ -112,6 +117,10 @@ class Model:
         sample_time: name of the parameter that holds the sample period [s], for models with `update`.
         tables: names of the tables that come as `p.<name>`.
         references: sources of the equations.
+        plant: whether the outputs of a sampled model show what an input did at the next sampling instant, as those of a
+            plant; they show it at once, as those of a controller, otherwise.
+        call: the expression that gives this model in the file of its functions.
+        arrays: name -> shape of each array among the parameters.
     """
 
     name: str
@@ -126,10 +135,14 @@ class Model:
     requirements: tuple[Requirement, ...] = ()
     tables: tuple[str, ...] = ()
     references: tuple[str, ...] = ()
+    plant: bool = False
+    call: str = "MODEL"
     by_name: Mapping[str, Variable] = field(init=False, repr=False, compare=False)
+    arrays: Mapping[str, tuple[int, ...]] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "by_name", {variable.name: variable for variable in self.variables})
+        object.__setattr__(self, "arrays", _arrays(self.variables))
         for problem in _problems(self):
             raise ValueError(f"model {self.name}: {problem}")
 
@@ -151,7 +164,9 @@ def _problems(model: Model) -> Iterator[str]:
     parameters = {variable.name for variable in model.of("parameter")}
     if len(model.by_name) != len(model.variables) or len({state.name for state in model.states}) != len(model.states):
         yield "two variables or two states have one name"
-    for name in (model.name, *model.by_name, *model.tables, *(state.name for state in model.states)):
+    scalars = [name for name in model.by_name if element(name) is None]
+    yield from _problems_of_arrays(model, {*scalars, *model.tables})
+    for name in (model.name, *scalars, *model.arrays, *model.tables, *(state.name for state in model.states)):
         if not name.isidentifier() or iskeyword(name):
             yield f"'{name}' is no name; use letters, digits and underscores"
     for state in model.states:
@@ -163,6 +178,57 @@ def _problems(model: Model) -> Iterator[str]:
         yield f"sampled states need a sample period, and '{model.sample_time}' is no parameter"
     if model.continuous and model.solver_step is None:
         yield "continuous states need a solver_step"
+
+
+def _problems_of_arrays(model: Model, others: set[str]) -> Iterator[str]:
+    """Arrays that are not whole, in the order of their rows, and of real parameters."""
+    elements = [variable for variable in model.variables if element(variable.name) is not None]
+    if any(variable.causality != "parameter" or variable.type != "Real" for variable in elements):
+        yield "elements of arrays must be real parameters"
+    for name, shape in model.arrays.items():
+        found = [at for at, variable in enumerate(model.variables) if (element(variable.name) or ("",))[0] == name]
+        names = [model.variables[at].name for at in found]
+        if names != list(element_names(name, shape)) or found != list(range(found[0], found[0] + len(found))):
+            yield f"the elements of '{name}' are not all there, one after the other, row by row"
+        if name in others:
+            yield f"'{name}' is an array and something else"
+
+
+def _arrays(variables: Sequence[Variable]) -> dict[str, tuple[int, ...]]:
+    """Name -> shape of each array, which is the place of its last element."""
+    return {found[0]: found[1] for found in (element(variable.name) for variable in variables) if found is not None}
+
+
+@lru_cache(maxsize=4096)
+def element(name: str) -> tuple[str, tuple[int, ...]] | None:
+    """The array and the place, from 1, that the name of an element gives; None for other names."""
+    match = _ELEMENT.fullmatch(name)
+    return None if match is None else (match[1], tuple(map(int, match[2].split(","))))
+
+
+def element_names(name: str, shape: Sequence[int]) -> tuple[str, ...]:
+    """Names of an array's elements, row by row."""
+    places = product(*(range(1, size + 1) for size in shape))
+    return tuple(f"{name}[{','.join(map(str, place))}]" for place in places)
+
+
+def element_number(place: Sequence[int], shape: Sequence[int]) -> int | None:
+    """Number of an element, from 0 and row by row; None where the array has no such place."""
+    if len(place) != len(shape) or any(not 0 < at <= size for at, size in zip(place, shape, strict=True)):
+        return None
+    number = 0
+    for at, size in zip(place, shape, strict=True):
+        number = number * size + at - 1
+    return number
+
+
+def array(
+    name: str, unit: str, shape: Sequence[int], description: str, start: Sequence[float] = ()
+) -> tuple[Variable, ...]:
+    """The elements of an array of real parameters; `start` has them row by row, zeros by default."""
+    starts = [float(each) for each in start] or [0.0] * math.prod(shape)
+    names = element_names(name, shape)
+    return tuple(parameter(each, unit, first, description) for each, first in zip(names, starts, strict=True))
 
 
 def parameter(name: str, unit: str, start: Number, description: str, **limits: Any) -> Variable:
@@ -186,5 +252,23 @@ def start_values(model: Model) -> dict[str, Number]:
 
 
 def namespace(values: Mapping[str, Any]) -> SimpleNamespace:
-    """Values by attribute, as the model functions expect them."""
-    return SimpleNamespace(**values)
+    """Values by attribute, as the model functions expect them; elements of arrays also in nested lists."""
+    space = SimpleNamespace()
+    for name, value in values.items():
+        assign(space, name, value)
+    return space
+
+
+def assign(space: SimpleNamespace, name: str, value: Any) -> None:
+    """Give a value to an attribute; to an element of an array in its list, too."""
+    setattr(space, name, value)
+    found = element(name) if "[" in name else None
+    if found is None:
+        return
+    base, (*outer, last) = found
+    level = space.__dict__.setdefault(base, [])
+    for place in outer:
+        level.extend([] for _ in range(len(level), place))
+        level = level[place - 1]
+    level.extend(None for _ in range(len(level), last))
+    level[last - 1] = value

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 Value = Any  # float, NumPy array or SymPy expression
@@ -104,6 +104,15 @@ def both(a: Value, b: Value) -> Value:
     if library is None:
         return bool(a and b)
     return library.logical_and(a, b) if library.__name__ == "numpy" else library.And(a, b)
+
+
+def dot(a: Sequence[Value], b: Sequence[Value]) -> Value:
+    """Sum of the products of two vectors, added from the first on; a row of a matrix stays one in generated C."""
+    library = _foreign(*a, *b)
+    if library is not None and library.__name__ == "sympy":
+        return library.Function("dot")(*a, *b)
+    first, *others = [x * y for x, y in zip(a, b, strict=True)]
+    return sum(others, first)
 
 
 def uniform(seed: Value, index: Value) -> Value:

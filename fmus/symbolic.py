@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -34,6 +35,7 @@ class Traced:
     requirements: tuple[sympy.Basic, ...]
 
 
+@lru_cache(maxsize=16)
 def trace(model: Model, as_written: bool = False) -> Traced:
     """The model's functions as expressions.
 
@@ -73,18 +75,29 @@ def _trace(model: Model) -> Traced:
 def feed_through(model: Model) -> dict[str, tuple[str, ...]]:
     """For each output the inputs that act on it within the step they are set in.
 
-    An output of a sampled model reacts through `update`; the state of a continuous one does not react at once.
+    An output of a sampled controller reacts through `update`; the state of a plant does not react at once.
     """
     traced = trace(model)
     direct = {}
     for variable in model.of("output"):
         expression = traced.outputs.get(variable.name, traced.symbols["x"].get(variable.name))
-        reached = expression.free_symbols
-        for name, new in traced.update.items():
+        reached = symbols_in(expression)
+        for name, new in traced.update.items() if not model.plant else ():
             if traced.symbols["x"][name] in reached:
-                reached = reached | new.free_symbols
+                reached = reached | symbols_in(new)
         direct[variable.name] = tuple(name for name, symbol in traced.symbols["u"].items() if symbol in reached)
     return direct
+
+
+def symbols_in(*expressions: sympy.Basic) -> set[sympy.Basic]:
+    """Symbols that occur; shared parts are looked through once, which SymPy's own `free_symbols` does not."""
+    waiting, seen = list(expressions), set(expressions)
+    while waiting:
+        for part in waiting.pop().args:
+            if part not in seen:
+                seen.add(part)
+                waiting.append(part)
+    return {part for part in seen if part.is_Symbol}
 
 
 def _free_name(model: Model) -> str:

@@ -12,13 +12,22 @@ import numpy as np
 from fmus.errors import IdentificationError, InputError
 from fmus.packaging import archive, ssv
 from fmus.packaging.writeback import description_of, is_ours
-from identification import calibration, calibration_results, resonance_calibration
+from identification import (
+    calibration,
+    calibration_results,
+    experiment_report,
+    experiments,
+    resonance_calibration,
+    subspace_calibration,
+    subspace_results,
+)
 from identification.calibration import Judged
 from identification.calibration_report import overlays
 from identification.calibration_results import STUDY, SUMMARY, data_summary, judged_summary
 from identification.campaign import Recorded, load_campaign, stamp_warnings
+from identification.experiment_study import ExperimentsBlock
 from identification.output_error import Progress
-from identification.study import OutputErrorBlock, ResonanceBlock, load_study
+from identification.study import OutputErrorBlock, ResonanceBlock, SubspaceBlock, load_study
 from orchestrator.assembly import Assembled
 from orchestrator.formats import Layout
 from orchestrator.report import Report, figures
@@ -44,6 +53,12 @@ def calibrate_study(study_file: Path, data: Path | None, target: Path, move: Mov
                 study, study_file.parent, data, lambda fraction: move(fraction, "simulating the campaign")
             )
             return resonance_calibration.write_calibration(result, study_file, target)
+        if isinstance(study, SubspaceBlock):
+            found = subspace_calibration.calibrate(study, study_file.parent, data, move)
+            return subspace_results.write_calibration(found, study_file, target)
+        if isinstance(study, ExperimentsBlock):
+            campaign = experiments.run(study, study_file.parent, data, move)
+            return experiment_report.write_calibration(campaign, study_file, target)
         done = calibration.calibrate(study, study_file.parent, data, _listener(study, move))
         move(1.0, "writing")
         return calibration_results.write_calibration(done, study_file, target)
@@ -80,7 +95,8 @@ def validate_result(folder: Path, data: Path, target: Path, move: Move) -> dict[
 
 def layout_of(study_file: Path) -> Layout:
     """How a study reads its recordings."""
-    return load_study(study_file).traces.layout.layout()
+    study = load_study(study_file)
+    return Layout() if isinstance(study, ExperimentsBlock) else study.traces.layout.layout()
 
 
 def _listener(study: OutputErrorBlock, move: Move) -> Callable[[Progress], None]:

@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import schur
-from scipy.signal import lfilter
 
 from fmus.errors import IdentificationError
+from identification.recursion import recursion
 from orchestrator.trace import FloatArray
 
 ComplexArray = NDArray[np.complex128]
@@ -61,22 +60,16 @@ class LinearModel:
     def states(self, u: FloatArray, start: FloatArray | None = None) -> FloatArray:
         """(K, n) states under inputs u (K, m) from a state `start` (n,), the origin by default.
 
-        The complex Schur form makes each state a first-order filter of those solved before it: no loop over samples,
-        and no eigenvectors that a defective A would not have.
+        Those of an unstable model that overflow are inf or nan.
         """
-        triangle, unitary = schur(self.a, output="complex")
-        driven = np.asarray(u, dtype=float) @ (unitary.conj().T @ self.b).T
+        force = np.asarray(u, dtype=float) @ self.b.T
         first = np.zeros(self.order) if start is None else np.asarray(start, dtype=float)
-        begin = unitary.conj().T @ first
-        x = np.zeros((len(u), self.order), dtype=complex)
-        for i in reversed(range(self.order)):
-            force = driven[:, i] + x[:, i + 1 :] @ triangle[i, i + 1 :]
-            x[:, i] = lfilter([0.0, 1.0], [1.0, -triangle[i, i]], force, zi=[begin[i]])[0]
-        return np.real(x @ unitary.T)
+        return recursion(self.a, force[:, None], first[None])[0][:, 0]
 
     def simulate(self, u: FloatArray, start: FloatArray | None = None) -> FloatArray:
         """(K, p) outputs under inputs u (K, m) from a state `start` (n,), the origin by default."""
-        return self.states(u, start) @ self.c.T + np.asarray(u, dtype=float) @ self.d.T
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self.states(u, start) @ self.c.T + np.asarray(u, dtype=float) @ self.d.T
 
     def frequency_response(self, omega: FloatArray) -> ComplexArray:
         """(F, p, m) response at angular frequencies [rad/s]."""

@@ -114,7 +114,6 @@ def _spread(mode: Mode, slope: np.ndarray, covariance: FloatArray) -> Spread:
     size = abs(pole)
     by_size = (pole.real * moved.real + pole.imag * moved.imag) / size
     by_damping = -moved.real / size + pole.real * by_size / size**2
-    return Spread(
-        float(np.sqrt(by_size @ covariance @ by_size) / (2 * np.pi)),
-        float(np.sqrt(by_damping @ covariance @ by_damping)),
-    )
+    with np.errstate(invalid="ignore"):  # what is not determined is nan in the covariance, and stays so
+        variances = by_size @ covariance @ by_size, by_damping @ covariance @ by_damping
+        return Spread(float(np.sqrt(variances[0]) / (2 * np.pi)), float(np.sqrt(variances[1])))

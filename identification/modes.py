@@ -15,9 +15,8 @@ from scipy.signal import lfilter
 
 from fmus.errors import IdentificationError
 from identification.linear_model import ComplexArray, LinearModel
+from identification.poles import LARGEST
 from orchestrator.trace import FloatArray
-
-INSIDE = 0.9999  # where the flexible-manipulator thesis puts an unstable pole (Table 3-3b)
 
 
 @dataclass(frozen=True)
@@ -48,6 +47,8 @@ class Mode:
     @property
     def pole(self) -> complex:
         """ln(eigenvalue) / step [rad/s], nan where there is none: an eigenvalue of 0 or on the negative real axis."""
+        if self.integrating:
+            return 0j
         real_and_not_positive = not self.paired and self.eigenvalue.real <= 0
         return complex(math.nan, math.nan) if real_and_not_positive else complex(np.log(self.eigenvalue)) / self.step
 
@@ -140,7 +141,7 @@ def from_modes(found: Sequence[Mode], like: LinearModel) -> LinearModel:
     return replace(like, a=a, b=np.reshape(rows, size[0]), c=np.reshape(columns, size[1][::-1]).T)
 
 
-def stabilised(model: LinearModel, radius: float = INSIDE) -> LinearModel:
+def stabilised(model: LinearModel, radius: float = LARGEST) -> LinearModel:
     """The model with every eigenvalue outside the unit circle moved onto a circle of this radius, its angle kept.
 
     A pole at exactly 1, an integrator, stays. The response changes: update C or B afterwards.

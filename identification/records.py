@@ -15,6 +15,7 @@ from orchestrator.trace import FloatArray, Trace
 
 _JITTER = 0.01  # of a step; stamps further off their place are no longer evenly sampled
 _SAME_STEP = 1e-6
+_LARGEST = 1e100
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +103,8 @@ def without_gaps(records: Record | Sequence[Record], shortest: int) -> Pieces:
     """The records cut where a sample is not finite; pieces below `shortest` samples are dropped and counted.
 
     Raises:
-        IdentificationError: the records differ in step or columns, or no piece is long enough.
+        IdentificationError: the records differ in step or columns, no piece is long enough, or a value is so large
+            that its square overflows.
     """
     given = (records,) if isinstance(records, Record) else tuple(records)
     if not given:
@@ -115,6 +117,10 @@ def without_gaps(records: Record | Sequence[Record], shortest: int) -> Pieces:
         longest = max(map(len, pieces), default=0)
         raise IdentificationError(given[0].name, f"the longest piece without a gap has {longest} samples, "
                                   f"{shortest} are needed", "use a smaller block or a longer record")  # fmt: skip
+    for piece in kept:
+        largest = max(float(np.abs(piece.u).max()), float(np.abs(piece.y).max()))
+        if not largest < _LARGEST:
+            raise IdentificationError(piece.name, f"holds a value of {largest:g}", "repair it, or change the unit")
     lost = sum(map(len, pieces)) - sum(map(len, kept))
     return Pieces(kept, len(pieces) - len(kept), lost)
 

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from fmus.errors import IdentificationError
+from identification.input_matrices import fit_inputs
 from identification.linear_model import LinearModel
 from identification.modes import from_modes, modes
 from identification.records import Record
@@ -34,7 +35,11 @@ def updated_output(model: LinearModel, records: Sequence[Record]) -> LinearModel
     """
     states = np.concatenate([model.states(record.u) for record in records])
     measured = np.concatenate([record.y - record.u @ model.d.T for record in records])
-    return replace(model, c=_solved(states, measured, "C").T)
+    solution, _, rank, _ = np.linalg.lstsq(states, measured, rcond=None)
+    if rank < model.order:
+        raise IdentificationError("update of C", f"the records move {rank} of {model.order} states independently",
+                                  "keep fewer modes, or use richer records")  # fmt: skip
+    return replace(model, c=np.asarray(solution.T, dtype=float))
 
 
 def updated_input(model: LinearModel, records: Sequence[Record], scale: FloatArray | None = None) -> LinearModel:
@@ -43,33 +48,9 @@ def updated_input(model: LinearModel, records: Sequence[Record], scale: FloatArr
     Args:
         scale: (p,) size of each output, by which its errors are divided; the rms of the records by default. As
             published, the outputs count as they are: give ones.
-
-    Raises:
-        IdentificationError: the outputs do not tell the elements of B apart.
     """
     measured = [record.y - record.u @ model.d.T for record in records]
     sizes = np.sqrt(np.mean(np.concatenate(measured) ** 2, axis=0)) if scale is None else scale
-    rows = [_by_input(model, record.u) for record in records]
-    outputs = range(len(model.outputs))
-    regressors = np.concatenate([row[output] / sizes[output] for row in rows for output in outputs])
-    targets = np.concatenate([y[:, output] / sizes[output] for y in measured for output in outputs])
-    solved = _solved(regressors, targets[:, None], "B")
-    return replace(model, b=solved.reshape(len(model.inputs), model.order).T)
-
-
-def _by_input(model: LinearModel, u: FloatArray) -> FloatArray:
-    """(p, K, m n) what each element of B gives to each output (3-14): the states of the transposed system."""
-    dual = [
-        replace(model, a=model.a.T.copy(), b=row[:, None], c=np.eye(model.order), d=np.zeros((model.order, 1)),
-                inputs=("u",), outputs=tuple(f"x{i}" for i in range(model.order)))
-        for row in model.c
-    ]  # fmt: skip
-    return np.stack([np.hstack([each.states(column[:, None]) for column in u.T]) for each in dual])
-
-
-def _solved(regressors: FloatArray, targets: FloatArray, what: str) -> FloatArray:
-    solution, _, rank, _ = np.linalg.lstsq(regressors, targets, rcond=None)
-    if rank < regressors.shape[1]:
-        raise IdentificationError(f"update of {what}", f"the data tell {rank} of {regressors.shape[1]} elements apart",
-                                  "keep fewer modes, or use richer records")  # fmt: skip
-    return np.asarray(solution, dtype=float)
+    data = [(record.u, y / sizes) for record, y in zip(records, measured, strict=True)]
+    fixed = np.zeros(model.d.shape, dtype=bool)
+    return replace(model, b=fit_inputs(model.a, model.c / sizes[:, None], data, fixed, starts=False).b)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -18,9 +19,11 @@ from fmus.model import Table
 from fmus.packaging import targets
 from orchestrator import formats
 from orchestrator.engine import CycleSettings, Order, Simulation, Timing
-from orchestrator.fmu_file import FmuFile
+from orchestrator.exchange import ExchangeSlave, Method, SolverSettings
+from orchestrator.fmu_file import FmuFile, Kind
+from orchestrator.isolation import IsolatedSlave, Isolation, Make
 from orchestrator.rational import seconds
-from orchestrator.slave import Slave, Value
+from orchestrator.slave import Component, Slave, Value
 from orchestrator.system import FeedThrough, Part, System, wire
 from orchestrator.yaml_file import Block
 
@@ -32,6 +35,14 @@ class TableBlock(Block):
     signal: str
 
 
+class SolverBlock(Block):
+    """How a component's derivatives are integrated; that makes it run by model exchange."""
+
+    method: Method = Method.CVODE
+    relative_tolerance: float = Field(1e-6, ge=1e-12, le=0.1)
+    most_steps: int = Field(10_000, ge=1)
+
+
 class ComponentBlock(Block):
     """One component: a model of the library (or a model file), or an FMU file; and its values."""
 
@@ -41,6 +52,7 @@ class ComponentBlock(Block):
     tables: dict[str, TableBlock] = {}
     step: Fraction | None = None
     feed_through: FeedThrough = "declared"
+    solver: SolverBlock | None = None
 
     @field_validator("step", mode="before")
     @classmethod
@@ -54,6 +66,17 @@ class ComponentBlock(Block):
         if self.tables and self.model is None:
             raise ValueError("`tables` need a `model`")
         return self
+
+    def opened(self, path: Path) -> FmuFile:
+        """Its FMU, with the interface that it is run by."""
+        return FmuFile(path, Kind.MODEL_EXCHANGE if self.solver else None)
+
+    def maker(self, file: FmuFile) -> Make:
+        """What makes an instance of its FMU, here or in a process that knows nothing of this block."""
+        if file.kind is Kind.CO_SIMULATION:
+            return Slave
+        settings = SolverSettings(**self.solver.model_dump()) if self.solver else None
+        return partial(ExchangeSlave, settings=settings)
 
 
 class CyclesBlock(Block):
@@ -171,19 +194,30 @@ class OpenSystem:
         self._stack = ExitStack()
         self.assembled = assembled
         try:
-            self._files = {name: self._stack.enter_context(FmuFile(path)) for name, path in assembled.files.items()}
+            self._files = {
+                name: self._stack.enter_context(assembled.block.components[name].opened(path))
+                for name, path in assembled.files.items()
+            }
             self.system: System = self._wire()
         except BaseException:
             self._stack.close()
             raise
 
-    def simulation(self, timing: Timing) -> Simulation:
-        """A simulation of fresh instances, closed with this system."""
-        slaves: dict[str, Slave] = {}
+    def simulation(self, timing: Timing, isolation: Isolation | None = None) -> Simulation:
+        """A simulation of fresh instances, closed with this system.
+
+        Args:
+            isolation: how FMUs that were not made from our models are isolated, None where they are not.
+        """
+        components: dict[str, Component] = {}
         for name, file in self._files.items():
-            slaves[name] = Slave(file, name)
-            self._stack.callback(slaves[name].close)
-        return Simulation(self.system, slaves, timing)
+            make = self.assembled.block.components[name].maker(file)
+            if isolation is None or self.assembled.built[name]:
+                components[name] = make(file, name)
+            else:
+                components[name] = IsolatedSlave(make, file, name, isolation)
+            self._stack.callback(components[name].close)
+        return Simulation(self.system, components, timing)
 
     def _wire(self) -> System:
         blocks = self.assembled.block.components

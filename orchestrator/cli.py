@@ -5,6 +5,7 @@ The identification package is imported inside its commands: nothing else here de
 
 from __future__ import annotations
 
+import gc
 import json
 import logging
 import sys
@@ -23,7 +24,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from fmus.errors import InputError, ServotwinError
-from orchestrator.interrupts import Interrupts
+from orchestrator.interrupts import Interrupts, whole
 from orchestrator.results import check_target
 from orchestrator.stdout import stdout_kept
 
@@ -41,15 +42,25 @@ Verbose = Annotated[int, typer.Option("-v", "--verbose", count=True, help="Say m
 Out = Annotated[Path | None, typer.Option("--out", help="Folder for the results.")]
 LayoutFrom = Annotated[Path | None, typer.Option("--layout", metavar="STUDY", help="Columns as this study file says.")]
 Data = Annotated[Path | None, typer.Option("--data", help="Folder (or file) of recordings.")]
+Isolate = Annotated[bool, typer.Option("--isolate", help="Run FMUs given as files in processes of their own.")]
+Patience = Annotated[
+    float | None,
+    typer.Option(metavar="SECONDS", help="With --isolate: how long an FMU may take for an answer; 60 by default."),
+]
 
 
 @dataclass
 class Answer:
-    """What a command has to say: a document for machines, tables and lines for people, and whether all held."""
+    """What a command has to say: a document for machines, tables and lines for people, and whether all held.
+
+    Attributes:
+        interrupted: where an interrupt left something that is worth to be kept, a line about it.
+    """
 
     document: dict[str, Any]
     shown: Sequence[Table | str] = ()
     held: bool = True
+    interrupted: str = ""
 
 
 @dataclass
@@ -81,7 +92,10 @@ class Terminal:
 
 def main() -> None:
     """Entry point of `servotwin`."""
-    app()
+    try:
+        app()
+    finally:
+        gc.freeze()  # Python would search all that the libraries have made for garbage, for half a second
 
 
 def _answer(work: Callable[[Terminal], Answer], as_json: bool, quiet: bool, verbose: int) -> None:
@@ -106,11 +120,13 @@ def _answer(work: Callable[[Terminal], Answer], as_json: bool, quiet: bool, verb
     elif not quiet:
         for each in answer.shown:
             OUT.print(each, soft_wrap=isinstance(each, str))
+    if answer.interrupted:
+        _interrupted(answer.interrupted)
     raise typer.Exit(0 if answer.held else 1)
 
 
-def _interrupted() -> NoReturn:
-    ERR.print("interrupted")
+def _interrupted(line: str = "interrupted") -> NoReturn:
+    ERR.print(line, soft_wrap=True)
     raise typer.Exit(130) from None
 
 
@@ -170,6 +186,8 @@ def run(
     ] = None,
     stride: Annotated[int, typer.Option(min=1, metavar="N", help="Record, and judge, every N-th step only.")] = 1,
     stream: Annotated[bool, typer.Option("--stream", help="Write the record to its file while running.")] = False,
+    isolate: Isolate = False,
+    patience: Patience = None,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
@@ -177,10 +195,12 @@ def run(
     """Run one scenario; exit code 1 when an expectation fails."""
 
     def work(terminal: Terminal) -> Answer:
-        from orchestrator.run_results import document_of, rows_of, write_run
-        from orchestrator.scenario import Keeping, parse_override, run_scenario
+        from orchestrator import accounts
+        from orchestrator.run_results import document_of, interruption, rows_of, write_run
+        from orchestrator.scenario import Keeping, ScenarioInterrupted, parse_override, run_scenario
 
         overrides = dict(parse_override(each) for each in set_ or [])
+        isolation = _isolation(isolate, patience)
         folder = out or Path("out") / scenario.stem
         check_target(folder)
         near = next(each for each in folder.resolve().parents if each.is_dir())  # on the disk that the result goes to
@@ -189,15 +209,24 @@ def run(
             tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=near) as aside,
         ):
             keeping = Keeping(stride, Path(aside) if stream else None)
-            result = run_scenario(scenario, overrides, lambda fraction: move(fraction, ""), keeping=keeping)
-            write_run(result, overrides, folder)
+            try:
+                result = run_scenario(scenario, overrides, lambda fraction: move(fraction, ""), keeping=keeping,
+                                      isolation=isolation)  # fmt: skip
+            except ScenarioInterrupted as stop:
+                result = stop.result
+            with whole():
+                write_run(result, overrides, folder)
+        document = document_of(result, overrides, folder)
+        if result.interrupted:
+            line = f"{interruption(result)}; the result up to there is in {folder}"
+            return Answer(document, held=False, interrupted=line)
         checks = Table("case", "expectation", "held", "found", title=result.block.title)
         for row in rows_of(result):
             checks.add_row(*row)
         shown: list[Table | str] = [checks, f"results in {folder}"]
         if verbose:
-            shown.insert(1, _statistics(result.cases[0]))
-        return Answer(document_of(result, overrides, folder), shown, result.passed)
+            shown[1:1] = [_statistics(accounts.rows_of(result), accounts.HEADERS), accounts.sentence_of(result)]
+        return Answer(document, shown, result.passed)
 
     _answer(work, as_json, quiet, verbose)
 
@@ -210,6 +239,8 @@ def test(
     jobs: Annotated[int, typer.Option("-j", "--jobs", min=1, help="Scenarios run side by side.")] = 1,
     junit: Annotated[Path | None, typer.Option(help="JUnit XML file to write.")] = None,
     out: Out = None,
+    isolate: Isolate = False,
+    patience: Patience = None,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
@@ -219,6 +250,7 @@ def test(
     def work(terminal: Terminal) -> Answer:
         from orchestrator.suite import Verdict, find_scenarios, run_suite, write_junit
 
+        isolation = _isolation(isolate, patience)
         files = find_scenarios(paths or [Path("scenarios")])
         table = Table("scenario", "verdict", "time [s]", "why")
         finished = 0
@@ -229,7 +261,7 @@ def test(
                 finished += 1
                 move(finished / len(files), verdict.file.stem)
 
-            verdicts = run_suite(files, out or Path("out/test"), jobs, done)
+            verdicts = run_suite(files, out or Path("out/test"), jobs, done, isolation)
         if junit is not None:
             write_junit(verdicts, junit)
         for each in verdicts:
@@ -260,8 +292,10 @@ def calibrate(
         folder = out or Path("out") / study.stem
         with terminal.bar(study.stem) as move:
             document = calibrate_study(study, data, folder, move)
-        shown: list[Table | str] = [_parameters(document), *_fits(document), *_warnings(document)]
-        return Answer(document, [*shown, f"FMUs in {folder / 'fmus'}, report in {folder / 'report.html'}"])
+        shows = next((each for key, each in _RESULTS.items() if key in document), _parameters)
+        shown: list[Table | str] = [shows(document), *_fits(document), *_warnings(document)]
+        fmus = f"FMUs in {folder / 'fmus'}, " if (folder / "fmus").is_dir() else ""
+        return Answer(document, [*shown, f"{fmus}report in {folder / 'report.html'}"])
 
     _answer(work, as_json, quiet, verbose)
 
@@ -370,6 +404,17 @@ def info(
     _answer(work, as_json, quiet, verbose)
 
 
+def _isolation(isolate: bool, patience: float | None) -> Any:
+    """How FMUs are isolated, None when they are not."""
+    from orchestrator.isolation import Isolation
+
+    if isolate:
+        return Isolation() if patience is None else Isolation(patience)
+    if patience is not None:
+        raise InputError("--patience", "is for isolated FMUs", "give --isolate, too")
+    return None
+
+
 def _layout(study: Path | None) -> Any:
     """The layout that a study file gives, None without one."""
     if study is None:
@@ -398,6 +443,29 @@ def _cell(header: str, value: object) -> str:
     return "-" if value is None else str(value)
 
 
+def _models(document: dict[str, Any]) -> Table:
+    """Order and median FIT of each output, on fitted and on unseen traces, of every model of a subspace study."""
+    outputs = list(document["fit"]["train"]["outputs"])
+    sides = {"fitted": "train", "unseen": "validation"}
+    table = Table("model", "order", *(f"{output}, {side}" for side in sides for output in outputs), title="median FIT")
+    for name, model in document["models"].items():
+        judged = [model["fit"][group] for group in sides.values()]
+        values = [_figure(each["outputs"][output] if each else None) for each in judged for output in outputs]
+        table.add_row(name, str(model["order"]), *values)
+    return table
+
+
+def _claims(document: dict[str, Any]) -> Table:
+    table = Table("claim", "outcome", "comparisons", title=document["title"])
+    for claim in document["claims"]:
+        held = sum(each["held"] for each in claim["comparisons"])
+        table.add_row(claim["statement"], claim["outcome"], f"{held} of {len(claim['comparisons'])}")
+    return table
+
+
+_RESULTS = {"models": _models, "claims": _claims}  # what tells a summary's kind, and its table
+
+
 def _fits(document: dict[str, Any]) -> list[str]:
     lines = []
     for group, judged in document["fit"].items():
@@ -416,13 +484,10 @@ def _warnings(document: dict[str, Any]) -> list[str]:
     return [f"warning: {warning}" for warning in document["warnings"]]
 
 
-def _statistics(case: Any) -> Table:
-    table = Table("component", "steps", "time [s]", "µs a step", title=f"Step statistics, case {case.name}")
-    if case.result is not None:
-        for name, each in case.result.statistics.items():
-            table.add_row(
-                name, str(each.calls), f"{each.seconds:.3f}", f"{1e6 * each.seconds / max(each.calls, 1):.1f}"
-            )
+def _statistics(rows: Sequence[tuple[str, int, float, float, float]], headers: Sequence[str]) -> Table:
+    table = Table(*headers, title="Step statistics, all cases")
+    for name, calls, seconds, microseconds, share in rows:
+        table.add_row(name, f"{calls:,}", f"{seconds:.3g}", f"{microseconds:.3g}", f"{share:.1f}")
     return table
 
 

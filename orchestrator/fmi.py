@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from fmpy import fmi2, fmi3
+from fmpy.model_description import ModelDescription
 
 from fmus.errors import FmuFileError
 from orchestrator.fmu_file import FmuFile, Port
@@ -77,21 +78,25 @@ class Channel:
 
 
 class _Group:
-    """Variables of one type: prepared arguments for the FMU's get and set functions."""
+    """Variables of one type, or an array of `count` values: prepared arguments for the FMU's get and set functions."""
 
-    def __init__(self, fmi: Adapter, kind: str, references: Sequence[int], places: Sequence[int]) -> None:
+    def __init__(
+        self, fmi: Adapter, kind: str, references: Sequence[int], places: Sequence[int], count: int | None = None
+    ) -> None:
         self.kind, self.places = kind, places
         self.ctype = ctype = fmi.ctype(kind)
         self.floats = ctype in (ctypes.c_double, ctypes.c_float)
         self.cast: Callable[[float], Any] = bool if kind == "Boolean" else _cast(ctype, kind)
-        self.values = (ctype * len(references))()
+        count = len(references) if count is None else count
+        self.values = (ctype * count)()
         self.references = (ctypes.c_uint * len(references))(*references)
-        self.arguments = (fmi.handle, self.references, len(references), self.values, *fmi.count(len(references)))
+        self.arguments = (fmi.handle, self.references, len(references), self.values, *fmi.count(count))
         self.get = fmi.accessor("Get", kind)
         self.set = fmi.accessor("Set", kind)
 
 
-def _ending(reached: float, asked: bool) -> str:
+def ended(reached: float, asked: bool) -> str:
+    """That an FMU ended a step by itself, at this time [s]."""
     return f"ended early at t = {reached:g} s" + (" and asked to stop" if asked else "")
 
 
@@ -99,16 +104,16 @@ class Adapter(ABC):
     """What differs between FMI 2.0 and 3.0, behind one face.
 
     Attributes:
-        ending: how the FMU itself ended a step that came back discarded, nothing where it did not say.
+        kind: FMPy's class of instances.
     """
 
     prefix: str
     state_name: str
     types: Mapping[str, Any]
+    kind: Any
     fmu: Any
+    description: ModelDescription
     handle: ctypes.c_void_p
-    do_step: Any
-    ending = ""
 
     @abstractmethod
     def storage(self, kind: str) -> str:
@@ -119,16 +124,8 @@ class Adapter(ABC):
         """Extra arguments of get and set: the number of values, where the version wants it."""
 
     @abstractmethod
-    def begin(self, start: float, stop: float | None) -> int:
-        """Enter initialisation; times in seconds. The status."""
-
-    @abstractmethod
-    def step(self, time: float, duration: float) -> int:
-        """Advance from `time` by `duration` [s]. The status."""
-
-    @abstractmethod
-    def judged(self, status: int) -> int:
-        """The status of a step that returned this one; discard where the FMU ended it early."""
+    def begin(self, start: float, stop: float | None, tolerance: float | None) -> int:
+        """Enter initialisation; times in seconds, the relative tolerance of the solver outside. The status."""
 
     def accessor(self, verb: str, kind: str) -> Callable[..., int]:
         function = getattr(self.fmu.dll, f"{self.prefix}{verb}{kind}")
@@ -189,7 +186,28 @@ class Adapter(ABC):
 Logger = Callable[[int, str], None]
 
 
-class Fmi2(Adapter):
+class CoSimulation(Adapter):
+    """An FMU that brings its own solver.
+
+    Attributes:
+        ending: how the FMU itself ended a step that came back discarded, nothing where it did not say.
+    """
+
+    do_step: Any
+    ending = ""
+
+    @abstractmethod
+    def step(self, time: float, duration: float) -> int:
+        """Advance from `time` by `duration` [s]. The status."""
+
+    @abstractmethod
+    def judged(self, status: int) -> int:
+        """The status of a step that returned this one; discard where the FMU ended it early."""
+
+
+class Version2(Adapter):
+    """What all instances of FMI 2.0 share."""
+
     prefix = "fmi2"
     state_name = "FMUstate"
     types = {
@@ -200,7 +218,8 @@ class Fmi2(Adapter):
     }
 
     def __init__(self, fmu: FmuFile, name: str, log: Logger, debug_log: bool) -> None:
-        self.fmu = fmi2.FMU2Slave(
+        self.description = fmu.description
+        self.fmu = self.kind(
             guid=fmu.description.guid,
             unzipDirectory=str(fmu.folder),
             modelIdentifier=fmu.identifier,
@@ -213,9 +232,6 @@ class Fmi2(Adapter):
             Fmi2Logging.forget(self._ticket)
             raise
         self.handle = ctypes.c_void_p(self.fmu.component)
-        self.do_step = self.fmu.dll.fmi2DoStep
-        self.do_step.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int]
-        self.do_step.restype = ctypes.c_int
 
     def storage(self, kind: str) -> str:
         return "Integer" if kind == "Enumeration" else kind
@@ -223,9 +239,24 @@ class Fmi2(Adapter):
     def count(self, number: int) -> tuple[int, ...]:
         return ()
 
-    def begin(self, start: float, stop: float | None) -> int:
-        status = self.call("SetupExperiment", 0, 0.0, start, stop is not None, stop or 0.0)
+    def begin(self, start: float, stop: float | None, tolerance: float | None) -> int:
+        limits = (tolerance is not None, tolerance or 0.0, start, stop is not None, stop or 0.0)
+        status = self.call("SetupExperiment", *limits)
         return status if status >= FAILED else max(status, self.call("EnterInitializationMode"))
+
+    def free(self) -> None:
+        super().free()
+        Fmi2Logging.forget(self._ticket)
+
+
+class Fmi2(Version2, CoSimulation):
+    kind = fmi2.FMU2Slave
+
+    def __init__(self, fmu: FmuFile, name: str, log: Logger, debug_log: bool) -> None:
+        super().__init__(fmu, name, log, debug_log)
+        self.do_step = self.fmu.dll.fmi2DoStep
+        self.do_step.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int]
+        self.do_step.restype = ctypes.c_int
 
     def step(self, time: float, duration: float) -> int:
         return int(self.do_step(self.handle, time, duration, 1))
@@ -235,12 +266,8 @@ class Fmi2(Adapter):
             asked, reached = ctypes.c_int(), ctypes.c_double()
             self.call("GetBooleanStatus", fmi2.fmi2Terminated, ctypes.byref(asked))
             self.call("GetRealStatus", fmi2.fmi2LastSuccessfulTime, ctypes.byref(reached))
-            self.ending = _ending(reached.value, True) if asked.value else ""
+            self.ending = ended(reached.value, True) if asked.value else ""
         return status
-
-    def free(self) -> None:
-        super().free()
-        Fmi2Logging.forget(self._ticket)
 
 
 class Fmi2Logging:
@@ -281,7 +308,9 @@ class Fmi2Logging:
             log(status, (message or b"").decode(errors="replace").strip())
 
 
-class Fmi3(Adapter):
+class Version3(Adapter):
+    """What all instances of FMI 3.0 share."""
+
     prefix = "fmi3"
     state_name = "FMUState"
     types = {
@@ -290,7 +319,8 @@ class Fmi3(Adapter):
     }  # fmt: skip
 
     def __init__(self, fmu: FmuFile, name: str, log: Logger, debug_log: bool) -> None:
-        self.fmu = fmi3.FMU3Slave(
+        self.description = fmu.description
+        self.fmu = self.kind(
             guid=fmu.description.guid,
             unzipDirectory=str(fmu.folder),
             modelIdentifier=fmu.identifier,
@@ -302,6 +332,43 @@ class Fmi3(Adapter):
 
         self.fmu.instantiate(loggingOn=debug_log, logMessage=receive)
         self.handle = ctypes.c_void_p(self.fmu.component)
+        self._arrays: dict[int, list[float]] = {}
+
+    def set_one(self, port: Port, value: Value) -> int:
+        if not port.array:
+            return super().set_one(port, value)
+        whole = self._arrays.setdefault(port.reference, list(port.array))
+        whole[port.element] = float(value)
+        group = _Group(self, port.type, [port.reference], [0], len(whole))
+        group.values[:] = whole
+        return group.set(*group.arguments)
+
+    def get_one(self, port: Port) -> tuple[int, Value]:
+        if not port.array:
+            return super().get_one(port)
+        group = _Group(self, port.type, [port.reference], [0], len(port.array))
+        return group.get(*group.arguments), group.values[port.element]
+
+    def reset(self) -> int:
+        self._arrays.clear()
+        return super().reset()
+
+    def storage(self, kind: str) -> str:
+        return "Int64" if kind == "Enumeration" else kind
+
+    def count(self, number: int) -> tuple[int, ...]:
+        return (number,)
+
+    def begin(self, start: float, stop: float | None, tolerance: float | None) -> int:
+        limits = (tolerance is not None, tolerance or 0.0, start, stop is not None, stop or 0.0)
+        return self.call("EnterInitializationMode", *limits)
+
+
+class Fmi3(Version3, CoSimulation):
+    kind = fmi3.FMU3Slave
+
+    def __init__(self, fmu: FmuFile, name: str, log: Logger, debug_log: bool) -> None:
+        super().__init__(fmu, name, log, debug_log)
         self.flags = [ctypes.c_bool() for _ in range(3)]
         self.reached = ctypes.c_double()
         self.do_step = self.fmu.dll.fmi3DoStep
@@ -310,20 +377,11 @@ class Fmi3(Adapter):
                                *[ctypes.POINTER(ctypes.c_bool)] * 3, ctypes.POINTER(ctypes.c_double)]  # fmt: skip
         self._results = [*map(ctypes.byref, self.flags), ctypes.byref(self.reached)]
 
-    def storage(self, kind: str) -> str:
-        return "Int64" if kind == "Enumeration" else kind
-
-    def count(self, number: int) -> tuple[int, ...]:
-        return (number,)
-
-    def begin(self, start: float, stop: float | None) -> int:
-        return self.call("EnterInitializationMode", False, 0.0, start, stop is not None, stop or 0.0)
-
     def step(self, time: float, duration: float) -> int:
         return int(self.do_step(self.handle, time, duration, True, *self._results))
 
     def judged(self, status: int) -> int:
         _, asked, early = (flag.value for flag in self.flags)
-        ended = status < FAILED and (asked or early)
-        self.ending = _ending(self.reached.value, asked) if ended else ""
-        return DISCARD if ended else status
+        ending = status < FAILED and (asked or early)
+        self.ending = ended(self.reached.value, asked) if ending else ""
+        return DISCARD if ending else status

@@ -5,34 +5,44 @@ The archive and its XML come from outside: paths, sizes and document types are c
 
 from __future__ import annotations
 
-import shutil
-import tempfile
+import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
 from pathlib import Path
 from types import TracebackType
 
 import fmpy
-from fmpy.model_description import ModelDescription, ModelVariable, read_model_description
+from fmpy.model_description import InterfaceType, ModelDescription, ModelVariable, read_model_description
 
 from fmus.errors import FmuFileError, ServotwinError
+from fmus.model import element_names
 from fmus.packaging import archive
-from orchestrator.interrupts import UNPACKED
+from orchestrator import unpacked
 
 LARGEST_DESCRIPTION = 256 << 20
 _NO_NUMBER = ("String", "Binary", "Clock")
 
 
+class Kind(StrEnum):
+    """Interface of an FMU: with its own solver, or for one outside."""
+
+    CO_SIMULATION = "co-simulation"
+    MODEL_EXCHANGE = "model exchange"
+
+
 @dataclass(frozen=True)
 class Port:
-    """A scalar variable of an FMU.
+    """A scalar variable of an FMU, or an element of an array of parameters, named as in `A[1,2]`.
 
     Attributes:
         type: FMI type name ("Real", "Float64", "Integer", "Int32", "Boolean", "Enumeration", "String", ...).
         variability: "constant", "fixed", "tunable", "discrete" or "continuous".
         start: start value as the file gives it, None without one.
         items: name -> value of an enumeration.
+        array: start values of the array it is an element of, row by row.
+        element: its number there, from 0.
     """
 
     name: str
@@ -46,6 +56,8 @@ class Port:
     items: Mapping[str, int] | None = None
     description: str = ""
     variability: str = "continuous"
+    array: tuple[float, ...] = field(default=(), repr=False)
+    element: int = 0
 
     @property
     def numeric(self) -> bool:
@@ -82,21 +94,34 @@ class Interface:
 
 
 class FmuFile:
-    """An FMU unpacked into a folder of its own; a context manager that removes the folder.
+    """An FMU unpacked into a folder; a context manager that lets go of the folder.
+
+    Equal files share a folder, and so their library; one that can be instantiated only once has a folder of its own.
+
+    Args:
+        kind: which of its interfaces is used; None takes co-simulation where it is offered.
+
+    Attributes:
+        kinds: the interfaces it offers.
 
     Raises (on opening):
-        FmuFileError: no file, no zip, unsafe paths, bad XML, no co-simulation, no binary for this platform.
+        FmuFileError: no file, no zip, unsafe paths, bad XML, no such interface, no binary for this platform.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, kind: Kind | None = None) -> None:
         self.path = path
         self.description = read_description(path)
+        offers = _offers(self.description)
+        self.kinds = tuple(offers)
+        self.kind = kind or self.kinds[0]
+        if self.kind not in offers:
+            raise FmuFileError(path, f"offers no {self.kind}, only {self.kinds[0]}", "remove its `solver`")
         with _guarded(path, "modelDescription.xml"):
-            self.interface = _interface(path, self.description)
-        self.folder = Path(tempfile.mkdtemp(prefix=UNPACKED))
+            self.interface = _interface(path, self.description, offers[self.kind])
+        with _guarded(path, "contents"):
+            self.folder = unpacked.take(path, bool(offers[self.kind].canBeInstantiatedOnlyOncePerProcess))
+        self._open = True
         try:
-            with _guarded(path, "contents"), archive.opened(path) as zipped:
-                zipped.extractall(self.folder)
             self._require_binary()
         except BaseException:
             self.close()
@@ -104,11 +129,13 @@ class FmuFile:
 
     @property
     def identifier(self) -> str:
-        return str(self.description.coSimulation.modelIdentifier)
+        return str(_offers(self.description)[self.kind].modelIdentifier)
 
     def close(self) -> None:
-        """Remove the folder."""
-        shutil.rmtree(self.folder, ignore_errors=True)
+        """Let go of the folder."""
+        if self._open:
+            self._open = False
+            unpacked.give_back(self.folder)
 
     def __enter__(self) -> FmuFile:
         return self
@@ -129,7 +156,7 @@ class FmuFile:
 
 
 def read_description(path: Path) -> ModelDescription:
-    """modelDescription.xml of an FMU, seen to be a co-simulation FMU of version 2 or 3.
+    """modelDescription.xml of an FMU, seen to be of version 2 or 3 and to offer co-simulation or model exchange.
 
     Raises:
         FmuFileError: see `FmuFile`.
@@ -146,9 +173,14 @@ def read_description(path: Path) -> ModelDescription:
         description = read_model_description(str(path), validate=False)
     if description.fmiVersion.split(".")[0] not in ("2", "3"):
         raise FmuFileError(path, f"is of FMI version {description.fmiVersion}", "export it for FMI 2.0 or 3.0")
-    if description.coSimulation is None:
-        raise FmuFileError(path, "offers no co-simulation", "export it for co-simulation")
+    if not _offers(description):
+        raise FmuFileError(path, "offers neither co-simulation nor model exchange", "export it for one of them")
     return description
+
+
+def _offers(description: ModelDescription) -> dict[Kind, InterfaceType]:
+    both = {Kind.CO_SIMULATION: description.coSimulation, Kind.MODEL_EXCHANGE: description.modelExchange}
+    return {kind: offer for kind, offer in both.items() if offer is not None}
 
 
 @contextmanager
@@ -163,21 +195,34 @@ def _guarded(path: Path, part: str) -> Iterator[None]:
         raise FmuFileError(path, f"{part}: {reason[:300]}", "ask its supplier for a valid FMU") from error
 
 
-def _interface(path: Path, description: ModelDescription) -> Interface:
-    cs = description.coSimulation
-    scalars = [variable for variable in description.modelVariables if not variable.dimensions]
-    ports = {variable.name: _port(path, variable) for variable in scalars}
-    if len(ports) != len(scalars):
+def _interface(path: Path, description: ModelDescription, offer: InterfaceType) -> Interface:
+    fixed = getattr(offer, "fixedInternalStepSize", None)
+    found = [port for variable in description.modelVariables for port in _ports(path, variable)]
+    ports = {port.name: port for port in found}
+    if len(ports) != len(found):
         raise FmuFileError(path, "two variables have one name", "ask its supplier for a valid FMU")
     return Interface(
         model_name=description.modelName,
         fmi_version=description.fmiVersion,
         ports=ports,
         feed_through=_feed_through(description),
-        has_state=bool(cs.canGetAndSetFMUstate),
-        fixed_step=float(cs.fixedInternalStepSize) if cs.fixedInternalStepSize else None,
-        variable_step=bool(cs.canHandleVariableCommunicationStepSize),
+        has_state=bool(offer.canGetAndSetFMUstate),
+        fixed_step=float(fixed) if fixed else None,
+        variable_step=bool(getattr(offer, "canHandleVariableCommunicationStepSize", True)),
     )
+
+
+def _ports(path: Path, variable: ModelVariable) -> Iterator[Port]:
+    """A scalar's port, or one for each element of an array of real parameters; other arrays have none."""
+    port = _port(path, variable)
+    if not variable.dimensions:
+        yield port
+    elif port.causality == "parameter" and port.type == "Float64" and port.start is not None:
+        shape = tuple(int(size.start or 0) for size in variable.dimensions)
+        starts = tuple(map(float, port.start.split()))
+        if len(starts) == math.prod(shape):
+            for i, name in enumerate(element_names(port.name, shape)):
+                yield replace(port, name=name, start=repr(starts[i]), array=starts, element=i)
 
 
 def _port(path: Path, variable: ModelVariable) -> Port:

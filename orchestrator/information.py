@@ -41,6 +41,7 @@ def about_fmu(path: Path) -> dict[str, Any]:
         document: dict[str, Any] = {
             "name": interface.model_name,
             "fmi": interface.fmi_version,
+            "interfaces": ", ".join(fmu.kinds),
             "description": fmu.description.description or "",
             "tool": fmu.description.generationTool or "",
             "defaults from resources": defaults.RESOURCE in files,
@@ -92,7 +93,7 @@ def about_result(folder: Path) -> dict[str, Any]:
         raise InputError(folder, "holds no result", f"give a folder with {' or '.join(MARKS)}")
     document = _document(mark, mark.read_bytes())
     facts: dict[str, Any] = {"name": document.get("title", "")}
-    facts |= {key: document[key] for key in ("method", "passed", "held") if key in document}
+    facts |= {key: document[key] for key in ("method", "passed", "interrupted", "held") if key in document}
     parameters = document.get("parameters", {})
     if not isinstance(parameters, dict) or not all(isinstance(entry, dict) for entry in parameters.values()):
         raise InputError(mark, "its `parameters` are no parameters", "run the command again")

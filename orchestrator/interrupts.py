@@ -8,11 +8,15 @@ from __future__ import annotations
 import signal
 import sys
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import FrameType, TracebackType
 from typing import Any, NoReturn
 
 UNPACKED = "servotwin-fmu-"  # how the names of folders of unpacked FMUs begin
 PATIENCE = 0.4  # [s]
+
+_active: list[Interrupts] = []
 
 
 class Interrupts:
@@ -32,12 +36,12 @@ class Interrupts:
     def __enter__(self) -> Interrupts:
         if threading.current_thread() is threading.main_thread():
             self._former = signal.signal(signal.SIGINT, self._handle)
+        _active.append(self)
         return self
 
     def __exit__(self, kind: type | None, error: BaseException | None, traceback: TracebackType | None) -> None:
-        if self._last_resort is not None:
-            self._last_resort.cancel()
-            sys.settrace(None)
+        _active.remove(self)
+        self._stop_waiting()
         if self._former is not None:
             signal.signal(signal.SIGINT, self._former)
 
@@ -47,17 +51,50 @@ class Interrupts:
             self.requested = True
             raise KeyboardInterrupt
         self.requested = True
-        caller.f_trace = _interrupt
+        caller.f_trace = self._interrupt
         sys.settrace(lambda frame, event, argument: None)  # without one the caller's own is not called
         self._last_resort = threading.Timer(PATIENCE, signal.raise_signal, [signal.SIGINT])
         self._last_resort.daemon = True
         self._last_resort.start()
 
+    def _interrupt(self, frame: FrameType, event: str, argument: Any) -> NoReturn:
+        """The trace function of the frame that called an FMU: it is back there."""
+        self._stop_waiting()
+        raise KeyboardInterrupt
 
-def _interrupt(frame: FrameType, event: str, argument: Any) -> NoReturn:
-    """The trace function of the frame that called an FMU: it is back there."""
-    sys.settrace(None)
-    raise KeyboardInterrupt
+    def _stop_waiting(self) -> None:
+        if self._last_resort is not None:
+            self._last_resort.cancel()
+            self._last_resort = None
+            sys.settrace(None)
+
+
+def requested() -> bool:
+    """Whether an interrupt has come to a command that runs, also one that an FMU answered with an error."""
+    return any(each.requested for each in _active)
+
+
+@contextmanager
+def whole() -> Iterator[None]:
+    """What is done within is not torn: an interrupt takes effect at its end, only a second one at once."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    waiting = False
+
+    def wait(number: int, frame: FrameType | None) -> None:
+        nonlocal waiting
+        if waiting:
+            raise KeyboardInterrupt
+        waiting = True
+
+    former = signal.signal(signal.SIGINT, wait)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_DFL if former is None else former)
+        if waiting:
+            signal.raise_signal(signal.SIGINT)
 
 
 def _caller_of_fmu(frame: FrameType | None) -> FrameType | None:

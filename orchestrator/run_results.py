@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from fmus.files import sha256
-from orchestrator import formats
-from orchestrator.report import Report, figures
+from orchestrator import accounts, formats
+from orchestrator.report import Report, Section, figures
 from orchestrator.results import result_folder, versions, write_json
-from orchestrator.scenario import CaseResult, ScenarioResult
+from orchestrator.scenario import CaseResult, ScenarioResult, State
 from orchestrator.slave import Value
 from orchestrator.trace import Trace
 
@@ -45,9 +45,11 @@ def document_of(result: ScenarioResult, overrides: Mapping[str, Value], folder: 
         "title": result.block.title,
         "scenario": {"file": result.path.name, "sha256": sha256(result.path)},
         "passed": result.passed,
+        "interrupted": result.interrupted,
         "overrides": dict(overrides),
         "out": str(folder),
         "fmus": {name: ("model" if built else "file") for name, built in result.assembled.built.items()},
+        "record": {"stride": result.keeping.every, "stream": result.keeping.stream is not None},
         "cases": [_case(result, case) for case in result.cases],
         "versions": versions(),
     }
@@ -59,31 +61,48 @@ def rows_of(result: ScenarioResult) -> list[tuple[str, str, str, str]]:
     for case in result.cases:
         rows += [(case.name, each.text, "yes" if each.held else "NO", each.found) for each in case.checks]
         if not case.checks:
-            rows.append((case.name, "-", "-", "ran through"))
+            rows.append((case.name, "-", "-", _how_far(case)))
     return rows
 
 
+def interruption(result: ScenarioResult) -> str:
+    """Where a run was interrupted."""
+    last = [case for case in result.cases if case.state is not State.NOT_RUN][-1]
+    done = last.state is State.DONE
+    return f"interrupted after case {last.name}" if done else f"{_how_far(last)} of case {last.name}"
+
+
 def report(result: ScenarioResult) -> Report:
-    """Checks, traces and step statistics of a run."""
+    """Checks, traces and step statistics of a run; no traces of an interrupted one, which is to end at once."""
     page = Report(result.block.title, result.block.description)
     section = page.section("Expectations")
-    section.callout("ok" if result.passed else "error", "All held." if result.passed else "Not all held.")
+    if result.interrupted:
+        section.callout("warning", f"The run was {interruption(result)}.")
+    else:
+        section.callout("ok" if result.passed else "error", "All held." if result.passed else "Not all held.")
     section.table(["case", "expectation", "held", "found"], rows_of(result))
-    traces = page.section("Traces")
-    shown = [case for case in result.cases if case.result is not None]
+    if not result.interrupted:
+        _draw(result, page.section("Traces"))
+    stepping = page.section("Step statistics")
+    stepping.paragraph(accounts.sentence_of(result))
+    stepping.table(accounts.HEADERS, accounts.rows_of(result))
+    return page
+
+
+def _draw(result: ScenarioResult, section: Section) -> None:
+    shown = [each for each in result.cases if each.result is not None]
     if len(shown) > PLOTTED_CASES:
-        traces.paragraph(f"The first {PLOTTED_CASES} of {len(shown)} cases.")
+        section.paragraph(f"The first {PLOTTED_CASES} of {len(shown)} cases.")
     for case in shown[:PLOTTED_CASES]:
         trace = _trace(case)
-        traces.figure(figures.overlay(trace, (), trace.names[:PLOTTED_SIGNALS]), case.name)
-    statistics = page.section("Step statistics")
-    for case in shown[:1]:
+        section.figure(figures.overlay(trace, (), trace.names[:PLOTTED_SIGNALS]), case.name)
+
+
+def _how_far(case: CaseResult) -> str:
+    if case.state is State.INTERRUPTED:
         assert case.result is not None
-        rows: list[list[str | float | None]] = [
-            [name, s.calls, s.seconds, 1e6 * s.seconds / max(s.calls, 1)] for name, s in case.result.statistics.items()
-        ]
-        statistics.table(["component", "steps", "time [s]", "µs a step"], rows, caption=f"Case {case.name}")
-    return page
+        return f"interrupted at t = {case.result.account.reached:g} s"
+    return "ran through" if case.state is State.DONE else str(case.state)
 
 
 def _stems(cases: Sequence[CaseResult]) -> list[str]:
@@ -102,6 +121,7 @@ def _stems(cases: Sequence[CaseResult]) -> list[str]:
 def _case(result: ScenarioResult, case: CaseResult) -> dict[str, Any]:
     document: dict[str, Any] = {
         "name": case.name,
+        "state": str(case.state),
         "passed": case.passed,
         "error": str(case.error) if case.error else None,
         "checks": [{"text": each.text, "held": each.held, "found": each.found} for each in case.checks],
@@ -109,10 +129,7 @@ def _case(result: ScenarioResult, case: CaseResult) -> dict[str, Any]:
     if case.result is not None:
         document["trace"] = trace_file(result, case)
         document["warnings"] = dict(case.result.warnings)
-        document["statistics"] = {
-            name: {"calls": each.calls, "seconds": round(each.seconds, 6)}
-            for name, each in case.result.statistics.items()
-        }
+        document |= accounts.document_of(case.result)
     return document
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from pathlib import Path
 from typing import Literal
 
@@ -14,9 +14,11 @@ from pydantic import Field, model_validator
 from fmus.errors import ScenarioError, ServotwinError, WiringError
 from orchestrator import formats
 from orchestrator.assembly import Assembled, OpenSystem, RunBlock, SystemBlock, assemble
-from orchestrator.engine import Result, Run, Simulation
+from orchestrator.engine import Interrupted, Result, Run, Simulation
 from orchestrator.expectations import Check, Expectation, check
 from orchestrator.formats import parquet
+from orchestrator.interrupts import requested
+from orchestrator.isolation import Isolation, scratch
 from orchestrator.slave import Value
 from orchestrator.trace import FloatArray, Trace
 from orchestrator.yaml_file import Block, load, naming
@@ -53,12 +55,15 @@ class RecorderBlock(Block):
     Attributes:
         signals: name in the recording -> component.variable.
         every: mean time between samples [s].
-        jitter: standard deviation of that time, as a fraction of it.
+        jitter: standard deviation of that time, as a fraction of it; 0 samples evenly.
+        first: time from the start of the run to the first sample [s], `every` by default. Half of it reads what
+            sampled components hold in the middle of their period.
     """
 
     signals: dict[str, str] = Field(min_length=1)
     every: float = Field(gt=0)
     jitter: float = Field(0.2, ge=0, lt=1)
+    first: float | None = Field(None, ge=0)
     seed: int = 0
 
     def sample(self, trace: Trace, number: int) -> Trace:
@@ -66,7 +71,8 @@ class RecorderBlock(Block):
         rng = np.random.default_rng([self.seed, number])
         count = int(1.5 * trace.duration / self.every) + 1
         gaps = self.every * np.maximum(1 + self.jitter * rng.standard_normal(count), 0.01)
-        instants = trace.time[0] + np.cumsum(gaps)
+        later = self.every * np.arange(1, count + 1) if self.jitter == 0 else np.cumsum(gaps)
+        instants = trace.time[0] + later + (0.0 if self.first is None else self.first - later[0])
         names = {source: name for name, source in self.signals.items()}
         chosen = trace.select(names)
         return chosen.resampled(instants[instants <= trace.time[-1]], hold=chosen.names).renamed(names)
@@ -112,10 +118,22 @@ class Keeping:
     every: int = 1
     stream: Path | None = None
 
+    def file(self, number: int) -> Path | None:
+        """Where the record of the case with this number is written while it runs."""
+        return None if self.stream is None else self.stream / f"{number}.parquet"
+
+
+class State(StrEnum):
+    """How far a case came; only one that is done is judged."""
+
+    DONE = "done"
+    INTERRUPTED = "interrupted"
+    NOT_RUN = "not run"
+
 
 @dataclass(frozen=True)
 class CaseResult:
-    """A case that was run: its result, or the error that ended it, and how its expectations turned out.
+    """A case: its result, or the error that ended it, and how its expectations turned out.
 
     Attributes:
         file: where its record is; the result's trace then holds only what expectations look at.
@@ -126,11 +144,13 @@ class CaseResult:
     error: ServotwinError | None
     checks: tuple[Check, ...]
     file: Path | None = None
+    state: State = State.DONE
 
     @property
     def passed(self) -> bool:
-        """All expectations held, and no error came that none of them expected."""
-        return all(each.held for each in self.checks) and (self.error is None or bool(self.checks))
+        """It is done, all expectations held, and no error came that none of them expected."""
+        held = all(each.held for each in self.checks) and (self.error is None or bool(self.checks))
+        return held and self.state is State.DONE
 
 
 @dataclass(frozen=True)
@@ -141,6 +161,8 @@ class ScenarioResult:
     block: ScenarioBlock
     assembled: Assembled
     cases: tuple[CaseResult, ...]
+    keeping: Keeping
+    interrupted: bool = False
 
     @property
     def passed(self) -> bool:
@@ -154,33 +176,67 @@ class ScenarioResult:
         return self.block.recorder.sample(case.result.trace, self.cases.index(case))
 
 
+class ScenarioInterrupted(KeyboardInterrupt):
+    """A scenario was interrupted; `result` has its cases, the one that ran with all up to there.
+
+    From one process to another it travels as a plain KeyboardInterrupt.
+    """
+
+    def __init__(self, result: ScenarioResult) -> None:
+        super().__init__("interrupted")
+        self.result = result
+
+    def __reduce__(self) -> tuple[type, tuple[str]]:
+        return KeyboardInterrupt, (str(self),)
+
+
 def run_scenario(path: Path, overrides: Mapping[str, Value] | None = None, progress: Progress | None = None,
-                 fmus: Path | None = None, keeping: Keeping | None = None) -> ScenarioResult:  # fmt: skip
+                 fmus: Path | None = None, keeping: Keeping | None = None,
+                 isolation: Isolation | None = None) -> ScenarioResult:  # fmt: skip
     """Run every case of a scenario file and judge it.
 
     Args:
         overrides: component.variable -> value, over those of the file.
         fmus: folder that keeps the FMUs that are built; a temporary one by default.
+        isolation: how FMUs given as files are isolated, None where they are not.
 
     Raises:
         InputError: the file or the system does not fit; nothing has run.
         FmuError: an FMU failed in a case that does not expect to be refused.
+        ScenarioInterrupted: a KeyboardInterrupt came when a case had begun to step.
     """
     block = load(path, ScenarioBlock)
     keeping = keeping or Keeping()
     if block.recorder is not None and keeping != Keeping():
         raise ScenarioError(path, "has a recorder, which samples the whole record", "run it without stride and stream")
-    with naming(path), tempfile.TemporaryDirectory(prefix="servotwin-") as folder:
-        assembled = assemble(block, path.parent, fmus or Path(folder), tuple(sorted(block.stimuli)))
-        with OpenSystem(assembled) as opened, opened.simulation(block.run.timing()) as simulation:
-            stimuli = {name: each.values(simulation.instants(), path.parent) for name, each in block.stimuli.items()}
-            simulation.check_record(_recorded(block, simulation.outputs))
-            cases = []
-            for number, case in enumerate(block.cases):
-                part = _part_of(progress, number, len(block.cases))
-                values = block.values() | case.set | dict(overrides or {})
-                cases.append(_run_case(block, case, simulation, values, stimuli, path.parent, keeping, part))
-        return ScenarioResult(path, block, assembled, tuple(cases))
+    with naming(path), scratch(isolation) as folder:
+        assembled = assemble(block, path.parent, fmus or folder, tuple(sorted(block.stimuli)))
+        cases: list[CaseResult] = []
+        try:
+            with OpenSystem(assembled) as opened, opened.simulation(block.run.timing(), isolation) as simulation:
+                instants = simulation.instants()
+                stimuli = {name: each.values(instants, path.parent) for name, each in block.stimuli.items()}
+                simulation.check_record(_recorded(block, simulation.outputs))
+                for number, case in enumerate(block.cases):
+                    part = _part_of(progress, number, len(block.cases))
+                    values = block.values() | case.set | dict(overrides or {})
+                    cases.append(_run_case(block, case, simulation, values, stimuli, path.parent, keeping, part))
+        except KeyboardInterrupt as stop:
+            cases += _unfinished(block, len(cases), stop, keeping)
+            if all(case.state is State.NOT_RUN for case in cases):
+                raise
+            raise ScenarioInterrupted(
+                ScenarioResult(path, block, assembled, tuple(cases), keeping, interrupted=True)
+            ) from None
+        return ScenarioResult(path, block, assembled, tuple(cases), keeping)
+
+
+def _unfinished(block: ScenarioBlock, done: int, stop: KeyboardInterrupt, keeping: Keeping) -> list[CaseResult]:
+    """The cases that are not done: the one that was interrupted where one was, and those that have not begun."""
+    cases = [CaseResult(case.name, None, None, (), state=State.NOT_RUN) for case in block.cases[done:]]
+    if isinstance(stop, Interrupted) and stop.result.account.reached > stop.result.account.start:
+        cases[0] = CaseResult(cases[0].name, stop.result, None, (), keeping.file(done), State.INTERRUPTED)
+    return cases
 
 
 def _run_case(
@@ -196,7 +252,7 @@ def _run_case(
     expected = [*block.expect, *case.expect]
     refusal = any(each.refused is not None for each in expected)
     result, error = None, None
-    file = None if keeping.stream is None else keeping.stream / f"{block.cases.index(case)}.parquet"
+    file = keeping.file(block.cases.index(case))
     try:
         run = Run(values, stimuli, _recorded(block, simulation.outputs), record_every=keeping.every)
         if file is None:
@@ -204,6 +260,8 @@ def _run_case(
         else:
             result = _streamed(simulation, run, progress, file, expected)
     except ServotwinError as failure:
+        if requested():  # an FMU's answer to an interrupt
+            raise KeyboardInterrupt from failure
         if not refusal and len(block.cases) == 1:
             raise
         if not refusal:

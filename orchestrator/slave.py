@@ -9,13 +9,13 @@ import os
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, Protocol
+from typing import Any, Generic, Protocol, TypeVar
 
 from fmus.errors import FmuError, FmuFileError
-from orchestrator.fmi import DISCARD, FATAL, Adapter, Channel, Fmi2, Fmi3, Value
+from orchestrator.fmi import DISCARD, FATAL, Adapter, Channel, CoSimulation, Fmi2, Fmi3, Value
 from orchestrator.fmu_file import FmuFile, Interface, Port
 
-__all__ = ["Component", "Slave", "Value"]
+__all__ = ["Component", "Instance", "Slave", "Value"]
 
 
 LOG = logging.getLogger("servotwin.fmu")
@@ -71,12 +71,22 @@ class Component(Protocol):
         """Free everything."""
 
 
-class Slave:
-    """An instance of an FMU; see `Component` for the meaning of the methods.
+A = TypeVar("A", bound=Adapter)
+
+
+class Instance(Generic[A]):
+    """An instance of an FMU; see `Component` for the meaning of the methods. How it steps is for subclasses to say.
+
+    Attributes:
+        adapters: the FMU's functions, for FMI 2 and 3.
+        tolerance: relative tolerance of the solver that integrates its states, where that is not its own.
 
     Raises (any method):
         FmuError: the FMU returned discard, error or fatal; the message carries what it logged.
     """
+
+    adapters: tuple[type[A], type[A]]
+    tolerance: float | None = None
 
     def __init__(self, fmu: FmuFile, name: str, *, debug_log: bool = False) -> None:
         self.name = name
@@ -85,25 +95,15 @@ class Slave:
         self._messages: deque[str] = deque(maxlen=20)
         self._given: dict[str, Value] = {}
         self._alive = False
-        adapter = Fmi3 if fmu.interface.fmi_version.startswith("3") else Fmi2
+        adapter: Any = self.adapters[fmu.interface.fmi_version.startswith("3")]
         try:
             with _same_folder():
-                self._fmi: Adapter = adapter(fmu, name, self._log, debug_log)
+                self._fmi: A = adapter(fmu, name, self._log, debug_log)
         except Exception as error:
             raise self._failure("instantiate", str(error)) from error
         self._alive = True
         self._log_errors(fmu, debug_log)
         self._inputs = self._outputs = Channel(self._fmi, ())
-
-    @property
-    def adapter(self) -> Adapter:
-        """The FMU's functions."""
-        return self._fmi
-
-    @property
-    def channels(self) -> tuple[Channel, Channel]:
-        """What `write` and `read` carry."""
-        return self._inputs, self._outputs
 
     def set(self, values: Mapping[str, Value]) -> None:
         for name, value in values.items():
@@ -123,7 +123,7 @@ class Slave:
         return value
 
     def begin(self, start: float, stop: float | None) -> None:
-        self._check(self._fmi.begin(start, stop), "enter initialisation")
+        self._check(self._fmi.begin(start, stop, self.tolerance), "enter initialisation")
 
     def bind(self, inputs: Sequence[str], outputs: Sequence[str]) -> None:
         self._inputs = Channel(self._fmi, [self._port(name) for name in inputs])
@@ -155,15 +155,6 @@ class Slave:
         self._check(self._fmi.run(), "initialise")
         for name, value in self._given.items():
             self._require_taken(name, value)
-
-    def step(self, time: float, duration: float) -> None:
-        self.stepped(self._fmi.step(time, duration), time, duration)
-
-    def stepped(self, status: int, time: float, duration: float) -> None:
-        """Take note of how a step went."""
-        status = self._fmi.judged(status)
-        if status:
-            self._check(status, f"step from t = {time:g} s by {duration:g} s", self._fmi.ending)
 
     def save(self) -> Any:
         state = ctypes.c_void_p()
@@ -227,9 +218,39 @@ class Slave:
             returned = f"returned {STATUS[status] if 0 < status < len(STATUS) else status}"
             raise self._failure(action, ending if ending and status == DISCARD else returned)
 
-    def _failure(self, action: str, problem: str) -> FmuError:
+    def _failure(self, action: str, problem: str, fix: str = "") -> FmuError:
         said = f" ({'; '.join(list(self._messages)[-3:])})" if self._messages else ""
-        return FmuError(self.name, f"{action}: {problem}{said}")
+        return FmuError(self.name, f"{action}: {problem}{said}", fix)
+
+
+class Slave(Instance[CoSimulation]):
+    """An instance of a co-simulation FMU, which steps by itself."""
+
+    adapters = (Fmi2, Fmi3)
+
+    @property
+    def adapter(self) -> CoSimulation:
+        """The FMU's functions."""
+        return self._fmi
+
+    @property
+    def channels(self) -> tuple[Channel, Channel]:
+        """What `write` and `read` carry."""
+        return self._inputs, self._outputs
+
+    def step(self, time: float, duration: float) -> None:
+        self.stepped(self._fmi.step(time, duration), time, duration)
+
+    def stepped(self, status: int, time: float, duration: float) -> None:
+        """Take note of how a step went."""
+        status = self._fmi.judged(status)
+        if status:
+            self._check(status, stepping(time, duration), self._fmi.ending)
+
+
+def stepping(time: float, duration: float) -> str:
+    """What an FMU is doing that steps from a time by a duration [s], for messages."""
+    return f"step from t = {time:g} s by {duration:g} s"
 
 
 @contextmanager

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+import signal
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context, parent_process
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -13,6 +16,7 @@ from xml.etree import ElementTree as ET
 
 from fmus.errors import ScenarioError, ServotwinError
 from fmus.files import atomic_write
+from orchestrator.isolation import Isolation
 from orchestrator.run_results import document_of, write_run
 from orchestrator.scenario import ScenarioBlock, run_scenario
 from orchestrator.yaml_file import holds, load
@@ -53,12 +57,20 @@ def find_scenarios(paths: Sequence[Path]) -> list[Path]:
 
 
 def run_suite(
-    files: Sequence[Path], out: Path, processes: int, done: Callable[[Verdict], None] | None = None
+    files: Sequence[Path],
+    out: Path,
+    processes: int,
+    done: Callable[[Verdict], None] | None = None,
+    isolation: Isolation | None = None,
 ) -> list[Verdict]:
-    """Run scenarios in processes of their own, at most `processes` at a time; verdicts in the order of the files."""
+    """Run scenarios in processes of their own, at most `processes` at a time; verdicts in the order of the files.
+
+    With isolation an FMU that crashes fails its scenario alone. An interrupt ends those that run, too.
+    """
     verdicts: dict[Path, Verdict] = {}
-    with ProcessPoolExecutor(processes, get_context("spawn"), max_tasks_per_child=1) as pool:
-        tasks = {pool.submit(_run, file, out / file.parent.name / file.stem): file for file in files}
+    spawn = get_context("spawn")
+    with ProcessPoolExecutor(processes, spawn, _obey, max_tasks_per_child=1) as pool, _ending(pool):
+        tasks = {pool.submit(_run, file, out / file.parent.name / file.stem, isolation): file for file in files}
         for task in as_completed(tasks):
             verdict = task.result()
             verdicts[verdict.file] = verdict
@@ -87,10 +99,39 @@ def write_junit(verdicts: Iterable[Verdict], path: Path) -> None:
     atomic_write(path, ET.tostring(root, encoding="UTF-8", xml_declaration=True))
 
 
-def _run(file: Path, out: Path) -> Verdict:
+@contextmanager
+def _ending(pool: ProcessPoolExecutor) -> Iterator[None]:
+    """Have nothing else run, and what runs end, when an error comes in between."""
+    try:
+        yield
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        for process in active_children():
+            process.terminate()
+        raise
+
+
+def _obey() -> None:
+    """Let this process be interrupted by the main process, and by its end, but not by a terminal: that would be twice.
+
+    An interrupt cleans up; a second one would cut that short.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    threading.Thread(target=_await_end, daemon=True).start()
+
+
+def _await_end() -> None:
+    main_process, main_thread = parent_process(), threading.main_thread().ident
+    assert main_process is not None and main_thread is not None
+    main_process.join()
+    signal.pthread_kill(main_thread, signal.SIGTERM)
+
+
+def _run(file: Path, out: Path, isolation: Isolation | None) -> Verdict:
     begun = perf_counter()
     try:
-        result = run_scenario(file)
+        result = run_scenario(file, isolation=isolation)
         write_run(result, {}, out)
         return Verdict(file, perf_counter() - begun, document_of(result, {}, out))
     except ServotwinError as error:

@@ -5,9 +5,10 @@ An expression traced as it is written gives C that computes what Python computes
 
 from __future__ import annotations
 
+import textwrap
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import reduce
 
 import sympy
@@ -40,10 +41,12 @@ class Dialect:
     Attributes:
         symbols: C of each symbol.
         tables: names of the tables, in the order of the C array `tables`.
+        references: place in the C array `v` of each symbol that is an element of an array.
     """
 
     symbols: Mapping[sympy.Symbol, str]
     tables: Sequence[str] = ()
+    references: Mapping[sympy.Symbol, int] = field(default_factory=dict)
 
 
 def statements(place: str, dialect: Dialect, roots: Sequence[sympy.Basic]) -> tuple[list[str], list[str]]:
@@ -79,7 +82,8 @@ def string(text: str) -> str:
 class _Writer:
     def __init__(self, dialect: Dialect, uses: Counter[sympy.Basic]) -> None:
         self.lines: list[str] = []
-        self._tables, self._uses = list(dialect.tables), uses
+        self._tables, self._uses, self._references = list(dialect.tables), uses, dialect.references
+        self._vectors: dict[tuple[sympy.Basic, ...], str] = {}
         self._texts: dict[sympy.Basic, Text] = {symbol: (name, _ATOM) for symbol, name in dialect.symbols.items()}
 
     def prepare(self, node: sympy.Basic) -> None:
@@ -190,11 +194,29 @@ class _Writer:
         name = type(node).__name__
         if name in _JOINED:
             return _JOINED[name].join(f"({self.text(each)[0]})" for each in node.args), _TERNARY
+        if name == "dot":
+            return self._dot(node.args), _ATOM
         arguments = [self.text(each)[0] for each in node.args]
         if name in _FOLDED:
             return reduce(lambda so_far, each: f"{_FOLDED[name]}({so_far}, {each})", arguments), _ATOM
         function = self._table(name) or f"{self._function(node, name)}("
         return f"{function}{', '.join(arguments)})", _ATOM
+
+    def _dot(self, arguments: Sequence[sympy.Basic]) -> str:
+        size = len(arguments) // 2
+        a, b = self._vector(tuple(arguments[:size])), self._vector(tuple(arguments[size:]))
+        return f"dot({size}, {a}, {b})"
+
+    def _vector(self, parts: tuple[sympy.Basic, ...]) -> str:
+        """C of a pointer to these values: into `v` where they lie there side by side, else to an array of their own."""
+        places = [self._references.get(each, -1) for each in parts]
+        if places[0] >= 0 and places == list(range(places[0], places[0] + len(parts))):
+            return "&" + self.text(parts[0])[0]
+        if parts not in self._vectors:
+            values = textwrap.wrap(", ".join(self.text(each)[0] for each in parts), 100)
+            name = self._vectors[parts] = f"w{len(self.lines)}"
+            self.lines.append(f"const double {name}[] = {{" + "\n        ".join(values) + "};")
+        return self._vectors[parts]
 
     @staticmethod
     def _function(node: sympy.Basic, name: str) -> str:

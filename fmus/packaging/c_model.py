@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
@@ -10,10 +11,10 @@ import sympy
 
 from fmus.errors import ModelError
 from fmus.jacobian import jacobian
-from fmus.model import Model, State
+from fmus.model import Model, State, element, element_names
 from fmus.packaging import c_code
 from fmus.packaging.interface import Exposed, Interface, exchangeable, rate_name
-from fmus.symbolic import Traced, trace
+from fmus.symbolic import Traced, symbols_in, trace
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,199}", re.ASCII)
 _ROLES = {"input": "INPUT", "parameter": "PARAMETER", "output": "OUTPUT"}
@@ -32,7 +33,7 @@ def generate(interface: Interface, token: str) -> dict[str, str]:
         ModelError: a name that is no C identifier, an operation without a counterpart in C, a missing derivative.
     """
     check_names(interface.model)
-    return {"layout.h": _layout(interface, token), "model.c": _Source(interface).text()}
+    return {"layout.h": layout(interface, token), "model.c": _Source(interface).text()}
 
 
 def check_names(model: Model) -> None:
@@ -41,14 +42,16 @@ def check_names(model: Model) -> None:
     Raises:
         ModelError: the first such name.
     """
-    names = [model.name, *model.by_name, *model.tables, *(state.name for state in model.states)]
-    for name in names:
+    variables = [name for name in model.by_name if element(name) is None]
+    states = [state.name for state in model.states]
+    for name in (model.name, *variables, *model.arrays, *model.tables, *states):
         if not _NAME.fullmatch(name):
             fix = "begin with a letter of A-Z, go on with letters, digits and underscores"
             raise ModelError(f"model {model.name}", f"'{name}' is no name in C", fix)
 
 
-def _layout(interface: Interface, token: str) -> str:
+def layout(interface: Interface, token: str) -> str:
+    """layout.h: the only file that has the token."""
     model = interface.model
     places = _array_places(interface)
     sizes = {
@@ -64,14 +67,21 @@ def _layout(interface: Interface, token: str) -> str:
         "SAMPLE_TIME": places[model.sample_time] if model.sampled and model.sample_time else -1,
     }
     lines = [f"    {name} = {value}," for name, value in sizes.items()]
-    references = [f"    vr_{name} = {place}," for name, place in places.items()]
+    named = {name: place for name, place in places.items() if element(name) is None}
+    named |= {name: places[_first(model, name)] for name in model.arrays}
+    references = [f"    vr_{name} = {place}," for name, place in named.items()]
     return "\n".join([
         _HEAD.format(name=model.name) + "#ifndef LAYOUT_H", "#define LAYOUT_H", "",
         f"#define MODEL_NAME {c_code.string(model.name)}", f"#define MODEL_TOKEN {c_code.string(token)}", "",
         "enum {", *lines, "};", "",
-        "/* Value references; the rates of the continuous states and the time follow. */", "enum {", *references, "};",
+        "/* Value references, of arrays the first; those of rates and time follow. */", "enum {", *references, "};",
         "", "#endif", "",
     ])  # fmt: skip
+
+
+def _first(model: Model, name: str) -> str:
+    """Name of an array's first element."""
+    return element_names(name, model.arrays[name])[0]
 
 
 def _array_places(interface: Interface) -> dict[str, int]:
@@ -105,12 +115,12 @@ class _Source:
         self.interface, self.model = interface, interface.model
         self.places = _array_places(interface)
         self.written: Traced = trace(self.model, as_written=True)
-        names = {
-            symbol: prefix + name
-            for kind, prefix in _KINDS
-            for name, symbol in self.written.symbols[kind].items()
-        }  # fmt: skip
-        self.dialect = c_code.Dialect(names | {self.written.time: "t"}, self.model.tables)
+        symbols = self.written.symbols
+        names = {symbol: prefix + name for kind, prefix in _KINDS for name, symbol in symbols[kind].items()}
+        elements = {symbol: name for name, symbol in symbols["p"].items() if element(name) is not None}
+        names |= {symbol: f"v[{self._reference(name)}]" for symbol, name in elements.items()}
+        references = {symbol: self.places[name] for symbol, name in elements.items()}
+        self.dialect = c_code.Dialect(names | {self.written.time: "t"}, self.model.tables, references)
 
     def text(self) -> str:
         head = _HEAD.format(name=self.model.name) + '#include "model.h"\n'
@@ -129,20 +139,34 @@ class _Source:
             self._places("const int model_column[N_VARIABLES]", [name for name, _ in _columns(self.interface)]),
         ]  # fmt: skip
 
+    def _reference(self, name: str) -> str:
+        """C of a value reference."""
+        found = element(name)
+        if found is None:
+            return f"vr_{name}"
+        return f"vr_{found[0]} + {self.places[name] - self.places[_first(self.model, found[0])]}"
+
     def _variables(self) -> list[str]:
         entries = [self._variable(each) for each in self.interface.variables if each.name in self.places]
-        rates = (f"{{{c_code.string(rate_name(s.name))}, REAL, RATE, 0.0}}" for s in self.model.continuous)
-        return [*entries, *rates, '{"time", REAL, TIME, 0.0}']
+        rates = (f"{{{c_code.string(rate_name(s.name))}, REAL, RATE, 0.0, 1}}" for s in self.model.continuous)
+        return [*entries, *rates, '{"time", REAL, TIME, 0.0, 1}']
+
+    def _size(self, name: str) -> int:
+        """How many values FMI 3.0 has behind a value reference."""
+        array, _ = element(name) or ("", ())
+        if not array:
+            return 1
+        return math.prod(self.model.arrays[array]) if name == _first(self.model, array) else 0
 
     def _variable(self, variable: Exposed) -> str:
         states = {state.name for state in self.model.states}
         role = "STATE" if variable.name in states else _ROLES[variable.causality]
-        start = c_code.literal(variable.start or 0.0)
-        return f"{{{c_code.string(variable.name)}, {variable.type.upper()}, {role}, {start}}}"
+        start, size = c_code.literal(variable.start or 0.0), self._size(variable.name)
+        return f"{{{c_code.string(variable.name)}, {variable.type.upper()}, {role}, {start}, {size}}}"
 
     def _state(self, state: State) -> str:
         if isinstance(state.start, str):
-            return f"{{vr_{state.name}, vr_{state.start}, 0.0}}"
+            return f"{{vr_{state.name}, {self._reference(state.start)}, 0.0}}"
         return f"{{vr_{state.name}, -1, {c_code.literal(state.start)}}}"
 
     def _places(self, head: str, names: Sequence[str]) -> str:
@@ -199,7 +223,7 @@ class _Source:
         """Declarations of the symbols in use and of sub-expressions, and the C of each root."""
         place = f"model {self.model.name}, {label}"
         lines, values = c_code.statements(place, self.dialect, roots)
-        used = set().union(*(root.free_symbols for root in roots)) - {self.written.time}
+        used = symbols_in(*roots) - {self.written.time, *self.dialect.references}
         ordered = [(symbol, name) for symbol, name in self.dialect.symbols.items() if symbol in used]
         declared = [f"const double {name} = v[vr_{symbol.name}];" for symbol, name in ordered]
         return declared + lines, values

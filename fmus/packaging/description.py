@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
 from fmus import units
-from fmus.model import Number
+from fmus.model import Number, element, element_names
 from fmus.packaging.interface import Exposed, Interface
 
 GENERATION_TOOL = "servotwin"
@@ -45,6 +45,8 @@ PLAIN = Extras(LOG_CATEGORIES)
 def fmi2(interface: Interface, guid: str, offers: Sequence[Offer], extras: Extras = PLAIN) -> bytes:
     """The XML document of an FMI 2.0 FMU."""
     root = _root(interface, "2.0", "guid", guid, offers)
+    if any(offer.kind == "ModelExchange" for offer in offers):
+        root.set("numberOfEventIndicators", "0")  # optional, but FMI4j wants it
     _unit_definitions(root, _units(interface))
     _type_definitions(root, interface, fmi=2)
     _common(root, extras)
@@ -73,9 +75,12 @@ def fmi3(interface: Interface, token: str, offers: Sequence[Offer], extras: Extr
     _type_definitions(root, interface, fmi=3)
     _common(root, extras)
     parent = ET.SubElement(root, "ModelVariables")
-    for variable in interface.variables:
+    for variable, array in _grouped(interface):
         attributes = _named(variable) | _type_attributes(interface, variable, _reference(interface))
-        ET.SubElement(parent, FMI3_TYPES[variable.type], attributes)
+        if array is None:
+            ET.SubElement(parent, FMI3_TYPES[variable.type], attributes)
+        else:
+            _array(parent, interface, array, attributes)
     ET.SubElement(parent, "Float64", {
         "name": time_name(interface), "valueReference": str(interface.time_reference), "causality": "independent",
         "variability": "continuous", "description": "Time", "unit": TIME_UNIT,
@@ -114,7 +119,7 @@ def _root(interface: Interface, version: str, id_name: str, identity: str, offer
     model = interface.model
     root = ET.Element("fmiModelDescription", {
         "fmiVersion": version, "modelName": model.name, id_name: identity, "description": model.description,
-        "generationTool": GENERATION_TOOL, "variableNamingConvention": "flat",
+        "generationTool": GENERATION_TOOL, "variableNamingConvention": "structured" if model.arrays else "flat",
     })  # fmt: skip
     for offer in offers:
         flags = {name: str(value).lower() for name, value in offer.flags.items()}
@@ -206,15 +211,37 @@ def _position(interface: Interface) -> dict[str, str]:
 
 
 def _reference(interface: Interface) -> dict[str, str]:
-    """Variables by value reference, as FMI 3.0 refers to them."""
-    return {variable.name: str(variable.reference) for variable in interface.variables}
+    """Variables by value reference, as FMI 3.0 refers to them; elements by that of their array."""
+    references = {variable.name: str(variable.reference) for variable in interface.variables}
+    for name, shape in interface.model.arrays.items():
+        first, *others = element_names(name, shape)
+        references |= dict.fromkeys(others, references[first])
+    return references
+
+
+def _grouped(interface: Interface) -> Iterator[tuple[Exposed, str | None]]:
+    """The scalar variables, and of each array its first element with the array's name."""
+    for variable in interface.variables:
+        found = element(variable.name)
+        if found is None or set(found[1]) == {1}:
+            yield variable, found and found[0]
+
+
+def _array(parent: ET.Element, interface: Interface, name: str, of_first: Mapping[str, str]) -> None:
+    """The variable of an array; `of_first` are the attributes that its first element would have."""
+    shape = interface.model.arrays[name]
+    starts = (interface.by_name[each].start or 0.0 for each in element_names(name, shape))
+    attributes = {**of_first, "name": name, "start": " ".join(map(xml_number, starts))}
+    entry = ET.SubElement(parent, "Float64", attributes)
+    for size in shape:
+        ET.SubElement(entry, "Dimension", start=str(size))
 
 
 def _unknowns(
     parent: ET.Element, tag: str, key: str, unknowns: Mapping[str, tuple[str, ...]], places: Mapping[str, str]
 ) -> None:
     for name, dependencies in unknowns.items():
-        numbers = sorted((places[each] for each in dependencies), key=int)
+        numbers = sorted({places[each] for each in dependencies}, key=int)
         ET.SubElement(parent, tag, {key: places[name], "dependencies": " ".join(numbers)})
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
 
 import sympy
 from sympy.printing.mathml import MathMLPresentationPrinter
 
-from fmus.model import Model
+from fmus.model import Model, element
 from fmus.packaging.interface import Exposed, Interface
 from fmus.symbolic import trace
 
@@ -17,6 +18,7 @@ body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto
 table { border-collapse: collapse; } th, td { text-align: left; padding: .2rem .8rem; border-bottom: 1px solid #8886; }
 math { display: block; overflow-x: auto; margin: .8rem 0; }
 """
+_LONG = 12  # operations and operands of a part, from which on it gets a name where it occurs twice
 _SECTIONS = (
     ("derivatives", "Rates of the continuous states"),
     ("update", "Sampled states, at each sample"),
@@ -31,7 +33,7 @@ def page(interface: Interface) -> bytes:
         f"<h1>{escape(model.name)}</h1><p>{escape(model.description)}</p>",
         *_equations(model),
         "<h2>Variables</h2>",
-        _table(("Name", "Unit", "Kind", "Default", "Bounds", "Meaning"), map(_row, interface.variables)),
+        _table(("Name", "Unit", "Kind", "Default", "Bounds", "Meaning"), _rows(interface)),
         *_stepping(model),
         *_list("Requirements at the start; the reason when one does not hold", [r.reason for r in model.requirements]),
         *_list("References", model.references),
@@ -47,30 +49,82 @@ def _equations(model: Model) -> list[str]:
     for label, title in _SECTIONS:
         expressions: Mapping[str, sympy.Expr] = getattr(traced, label)
         if expressions:
+            printer = _Printer(_shared(expressions.values()))
             parts.append(f"<h2>{title}</h2>")
-            parts += [_equation(name, expression, label) for name, expression in expressions.items()]
+            parts += [printer.equation(_left(name, label), expression) for name, expression in expressions.items()]
+            parts += printer.definitions()
     return parts
 
 
-def _equation(name: str, expression: sympy.Expr, label: str) -> str:
+def _left(name: str, label: str) -> str:
+    """What an equation says something about."""
     left = f"<mi>{escape(name)}</mi>"
     if label == "derivatives":
-        left = f"<mfrac><mrow><mi>d</mi>{left}</mrow><mrow><mi>d</mi><mi>t</mi></mrow></mfrac>"
-    if label == "update":
-        left = f"<msub>{left}<mi>new</mi></msub>"
-    printer = _Printer()
-    right = printer.dom.createElement("mrow")
-    right.appendChild(printer._print(expression))
-    return f'<math display="block">{left}<mo>=</mo>{right.toxml()}</math>'
+        return f"<mfrac><mrow><mi>d</mi>{left}</mrow><mrow><mi>d</mi><mi>t</mi></mrow></mfrac>"
+    return f"<msub>{left}<mi>new</mi></msub>" if label == "update" else left
+
+
+def _shared(expressions: Iterable[sympy.Expr]) -> dict[sympy.Basic, str]:
+    """Names of the parts that occur more than once and are long; parts come before what they are parts of."""
+    uses: Counter[sympy.Basic] = Counter()
+    sizes: dict[sympy.Basic, int] = {}
+
+    def size(node: sympy.Basic) -> int:
+        uses[node] += 1
+        if node not in sizes:
+            sizes[node] = 1 + sum(map(size, node.args))
+        return sizes[node]
+
+    for expression in expressions:
+        size(expression)
+    long = [node for node in sizes if uses[node] > 1 and sizes[node] >= _LONG and isinstance(node, sympy.Expr)]
+    return {node: f"w{number}" for number, node in enumerate(long, start=1)}
 
 
 class _Printer(MathMLPresentationPrinter):
-    """Names stay whole: an underscore is no subscript here."""
+    """Names stay whole: an underscore is no subscript here. Shared parts go by their names."""
+
+    def __init__(self, shared: Mapping[sympy.Basic, str]) -> None:
+        super().__init__()
+        self._shared = shared
+
+    def equation(self, left: str, expression: sympy.Basic) -> str:
+        right = self.dom.createElement("mrow")
+        right.appendChild(super()._print(expression))
+        return f'<math display="block">{left}<mo>=</mo>{right.toxml()}</math>'
+
+    def definitions(self) -> list[str]:
+        """The shared parts, under a heading where there are any."""
+        parts = [self.equation(f"<mi>{name}</mi>", node) for node, name in self._shared.items()]
+        return ["<p>with</p>", *parts] if parts else []
+
+    def _print(self, expr: sympy.Basic, **settings: object) -> object:
+        if expr in self._shared:
+            return self._name(self._shared[expr])
+        return super()._print(expr, **settings)
 
     def _print_Symbol(self, sym: sympy.Symbol, style: str = "plain") -> object:  # noqa: N802
+        return self._name(sym.name)
+
+    def _print_dot(self, expr: sympy.Basic) -> object:
+        half = len(expr.args) // 2
+        return self._print(sympy.Add(*map(sympy.Mul, expr.args[:half], expr.args[half:]), evaluate=False))
+
+    def _name(self, text: str) -> object:
         element = self.dom.createElement("mi")
-        element.appendChild(self.dom.createTextNode(sym.name))
+        element.appendChild(self.dom.createTextNode(text))
         return element
+
+
+def _rows(interface: Interface) -> Iterator[list[str]]:
+    """One row a variable; an array has one row, with its size as default."""
+    for variable in interface.variables:
+        name, place = element(variable.name) or ("", ())
+        if not name:
+            yield _row(variable)
+        elif set(place) == {1}:
+            size = " x ".join(map(str, interface.model.arrays[name]))
+            yield [name, variable.unit, variable.causality, size, "", variable.description]
 
 
 def _row(variable: Exposed) -> list[str]:

@@ -62,8 +62,8 @@ class Interface:
 
 
 def exchangeable(model: Model) -> bool:
-    """Whether a model can be offered for model exchange: it has continuous states and no sampled ones."""
-    return bool(model.continuous) and not model.sampled
+    """Whether a model can be offered for model exchange: it has continuous states, no sampled ones and no arrays."""
+    return bool(model.continuous) and not model.sampled and not model.arrays
 
 
 def hidden_states(model: Model) -> tuple[State, ...]:
@@ -108,7 +108,7 @@ def _variable(model: Model, variable: Variable, reference: int, starts: Mapping[
     kinds: dict[str, tuple[str, str | None]] = {
         "parameter": ("fixed", "exact"),
         "input": ("continuous" if variable.type == "Real" else "discrete", None),
-        "output": ("discrete" if model.sampled else "continuous", "calculated"),
+        "output": ("discrete" if model.sampled and not model.plant else "continuous", "calculated"),
     }
     variability, initial = kinds[variable.causality]
     return Exposed(
@@ -165,10 +165,11 @@ def _initial(model: Model, exchange: bool) -> dict[str, tuple[str, ...]]:
     if exchange:
         unknowns |= {state.name: traced.symbols["x"][state.name] for state in hidden_states(model)}
         unknowns |= {rate_name(state.name): traced.derivatives[state.name] for state in model.continuous}
-    reached = {name: expression.free_symbols for name, expression in unknowns.items()}
-    at_start = {name: {s for x in found for s in starts.get(x, x).free_symbols} for name, found in reached.items()}
+    reached = {name: symbolic.symbols_in(expression) for name, expression in unknowns.items()}
+    at_start = {name: symbolic.symbols_in(*(starts.get(x, x) for x in found)) for name, found in reached.items()}
     return {name: tuple(k for k, symbol in known.items() if symbol in at_start[name]) for name in unknowns}
 
 
 def _occurring(expression: sympy.Expr, known: Mapping[str, sympy.Symbol]) -> tuple[str, ...]:
-    return tuple(name for name, symbol in known.items() if symbol in expression.free_symbols)
+    reached = symbolic.symbols_in(expression)
+    return tuple(name for name, symbol in known.items() if symbol in reached)

@@ -118,7 +118,7 @@ def _code(model: Model, fmi: int) -> _Code:
     generated = c_model.generate(shown, "")
     digest = _digest({name: text.encode() for name, text in (fixed | generated).items()})
     token = f"{model.name}-{digest[:32]}"
-    return _Code(fixed | c_model.generate(shown, token), token)
+    return _Code(fixed | generated | {"layout.h": c_model.layout(shown, token)}, token)
 
 
 def _binaries(model: Model, code: _Code, fmi: int, platforms: Sequence[Platform]) -> dict[str, bytes]:

@@ -33,13 +33,13 @@ _CAPABILITIES = {
 # pythonfmu finds the class by the text "class <name>(Fmi2Slave):".
 _SHIM = '''"""Entry point that pythonfmu looks for."""
 from {package}.packaging.python_slave import ModelSlave as Fmi2Slave, hold_module
-from {package}.{module} import MODEL
+from {package} import {module}
 
 hold_module(globals())
 
 
 class Slave(Fmi2Slave):
-    model = MODEL
+    model = {module}.{call}
 '''
 
 
@@ -71,11 +71,11 @@ def _code(model: Model) -> dict[str, bytes]:
     """Sources, pythonfmu's files and binaries, and the shim, by archive name."""
     source = library.source_file(model)
     modules = {name: (_ROOT / name).read_bytes() for name in _TRAVELS} | {source.name: source.read_bytes()}
-    package = f"{model.name}_{_digest(modules)[:12]}"
+    package = f"{model.name}_{_digest(modules | {'': model.call.encode()})[:12]}"
     files = {f"resources/{package}/{name}": text for name, text in modules.items()}
     files |= {f"resources/{package}/{folder}__init__.py": b"" for folder in ("", "packaging/")}
     shim = f"{package}_slave"
-    files[f"resources/{shim}.py"] = _SHIM.format(package=package, module=source.stem).encode()
+    files[f"resources/{shim}.py"] = _SHIM.format(package=package, module=source.stem, call=model.call).encode()
     files["resources/slavemodule.txt"] = shim.encode()
     home = Path(str(pythonfmu.__file__)).parent
     files |= {f"resources/pythonfmu/{file.name}": file.read_bytes() for file in home.glob("*.py")}

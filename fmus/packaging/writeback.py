@@ -19,7 +19,7 @@ from lxml import etree
 
 from fmus.errors import FmuFileError
 from fmus.files import atomic_write
-from fmus.model import Number
+from fmus.model import Number, element, element_number
 from fmus.packaging import archive, defaults, ssv
 from fmus.packaging.description import GENERATION_TOOL, xml_number
 from fmus.packaging.ssv import SetValue
@@ -41,7 +41,8 @@ def write_back(source: Path, values: Mapping[str, SetValue], target: Path, prove
     """Write the FMU `source` with these start values; the files written come back, the FMU or its SSP first.
 
     Args:
-        values: variable -> value, in the variable's unit; an item of an enumeration by its name or its number.
+        values: variable -> value, in the variable's unit; an item of an enumeration by its name or its number, an
+            element of an array as `A[1,2]`.
         target: the FMU to write; for a foreign FMU its suffix gives way to .ssp and .ssv.
         provenance: what the values come from, kept as JSON.
 
@@ -62,7 +63,7 @@ def write_back(source: Path, values: Mapping[str, SetValue], target: Path, prove
         ports = _real_ports(variables)
         return _beside(source, ports, {name: s.shown for name, s in starts.items()}, parameters, target, provenance)
     for name, start in starts.items():
-        _typed(variables[name]).set("start", xml_number(start.value))
+        _put(*_find(source, variables, name), xml_number(start.value))
     files["modelDescription.xml"] = etree.tostring(root, encoding="UTF-8", xml_declaration=True, pretty_print=True)
     old = _defaults(source, files[defaults.RESOURCE])
     files[defaults.RESOURCE] = defaults.dump(old | {name: start.value for name, start in starts.items()}).encode()
@@ -143,10 +144,8 @@ def _start(
     source: Path, root: etree._Element, variables: Mapping[str, etree._Element], name: str, value: SetValue
 ) -> _Start:
     place = f"{source}: {name}"
-    if name not in variables:
-        near = difflib.get_close_matches(name, variables, n=1)
-        raise FmuFileError(place, "no such variable", f"did you mean '{near[0]}'?" if near else "see `servotwin info`")
-    variable, typed = variables[name], _typed(variables[name])
+    variable, _ = _find(source, variables, name)
+    typed = _typed(variable)
     causality = variable.get("causality", "local")
     if causality not in SETTABLE and variable.get("initial") not in ("exact", "approx"):
         raise FmuFileError(place, f"is a variable of causality {causality}", "calibrate a parameter")
@@ -161,6 +160,33 @@ def _start(
     if items and number not in name_of:
         raise FmuFileError(place, f"has no item {value}", f"there are {', '.join(items)}")
     return _Start(number, ssv.Item(name_of[int(number)]) if items else number, unit)
+
+
+def _find(source: Path, variables: Mapping[str, etree._Element], name: str) -> tuple[etree._Element, int | None]:
+    """A variable and None; or for the name of an element, as `A[1,2]`, its array and its number there from 0."""
+    variable = variables.get(name)
+    if variable is not None and variable.find("Dimension") is None:
+        return variable, None
+    array, place = element(name) or ("", ())
+    if array in variables:
+        shape = [int(size.get("start", "0")) for size in variables[array].iterfind("Dimension")]
+        number = element_number(place, shape)
+        if number is not None:
+            return variables[array], number
+    if variable is not None:
+        raise FmuFileError(f"{source}: {name}", "is an array", f"name its elements, as {name}[1]")
+    near = difflib.get_close_matches(name, variables, n=1)
+    raise FmuFileError(f"{source}: {name}", "no such variable",
+                       f"did you mean '{near[0]}'?" if near else "see `servotwin info`")  # fmt: skip
+
+
+def _put(variable: etree._Element, number: int | None, text: str) -> None:
+    """Give a variable, or one element of an array, a start value."""
+    typed = _typed(variable)
+    if number is not None:
+        starts = str(typed.get("start")).split()
+        text = " ".join([*starts[:number], text, *starts[number + 1 :]])
+    typed.set("start", text)
 
 
 def _declared_type(root: etree._Element, typed: etree._Element) -> etree._Element | None:

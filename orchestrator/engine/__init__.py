@@ -1,11 +1,13 @@
 """Stepping a system: the plan (order, ticks), the loop, and simulations that are run again and again."""
 
+from orchestrator.engine.account import Account, Share, shares
 from orchestrator.engine.compiled import Engine
 from orchestrator.engine.plan import CycleSettings, Order, Plan, make_plan
 from orchestrator.engine.recording import Sink
 from orchestrator.engine.simulation import Interrupted, Result, Run, Simulation, Timing
 
 __all__ = [
+    "Account",
     "CycleSettings",
     "Engine",
     "Interrupted",
@@ -13,8 +15,10 @@ __all__ = [
     "Plan",
     "Result",
     "Run",
+    "Share",
     "Simulation",
     "Sink",
     "Timing",
     "make_plan",
+    "shares",
 ]

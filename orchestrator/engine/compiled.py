@@ -44,21 +44,21 @@ def available() -> bool:
     return _compiled is not None
 
 
-def stepper(loop: Loop, ticks: int, engine: Engine) -> Stepper:
-    """What steps this loop for so many ticks.
+def stepper(loop: Loop, ticks: int, engine: Engine) -> tuple[Stepper, str]:
+    """What steps this loop for so many ticks, and where that is Python's loop, why.
 
     Raises:
         WiringError: the compiled loop was demanded and cannot.
     """
     if engine is Engine.PYTHON:
-        return loop
+        return loop, "it was asked for"
     reason = _obstacle(loop, ticks)
     if not reason:
-        return CompiledLoop(loop)
+        return CompiledLoop(loop), ""
     if engine is Engine.COMPILED:
         raise WiringError("engine", f"cannot be the compiled one: {reason}", "leave it to `auto`")
     _say(reason)
-    return loop
+    return loop, reason
 
 
 def _obstacle(loop: Loop, ticks: int) -> str:
@@ -67,7 +67,7 @@ def _obstacle(loop: Loop, ticks: int) -> str:
         return NOT_BUILT
     foreign = [node.component.name for node in loop.nodes if type(node.component) is not Slave]
     if foreign:
-        return f"{foreign[0]} is no FMU"
+        return f"{foreign[0]} is no co-simulation FMU in this process"
     if any(len(group) > 1 or group[0].feeds_itself for group in loop.groups):
         return "there is a cycle of direct feed-through to be iterated"
     if not loop.time.exact(ticks):

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from orchestrator.interrupts import whole
 from orchestrator.rational import Clock
 from orchestrator.trace import FloatArray, Trace
 
@@ -55,9 +56,11 @@ class Recorder:
         fresh = rows if self._order is None else rows[self._order]
         if self._sink is None:
             self._columns[:, self.base : recorded] = fresh
+            self.base = recorded
         elif recorded > self.base:
-            self._sink(self._trace(self.base, np.array(fresh)))  # a copy: the block is used again
-        self.base = recorded
+            with whole():  # interrupted in between, rows would be passed on twice
+                self._sink(self._trace(self.base, np.array(fresh)))  # a copy: the block is used again
+                self.base = recorded
 
     def trace(self) -> Trace:
         """What was kept."""

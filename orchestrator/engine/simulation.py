@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from time import perf_counter
 from types import TracebackType
 
 import numpy as np
 
 from fmus.errors import FmuError, ServotwinError, WiringError
+from orchestrator.engine.account import Account
 from orchestrator.engine.compiled import Engine, stepper
 from orchestrator.engine.loop import Loop, Node, Statistics, Stepper
 from orchestrator.engine.plan import CycleSettings, Order, Plan, make_plan
 from orchestrator.engine.recording import Recorder, Sink
+from orchestrator.interrupts import requested
 from orchestrator.rational import clock, multiples, written
 from orchestrator.slave import Component, Value
 from orchestrator.system import Endpoint, System, check_values
@@ -53,20 +56,28 @@ class Result:
         statistics: component -> calls and seconds.
         warnings: component -> number of warnings its FMU returned.
         iterations: steps of cycles that were taken and taken back.
+        account: how it was stepped, and how far.
     """
 
     trace: Trace
     statistics: Mapping[str, Statistics]
     warnings: Mapping[str, int]
     iterations: int
+    account: Account
 
 
 class Interrupted(KeyboardInterrupt):
-    """A run was interrupted; `result` is what it gave until then, to the last whole tick."""
+    """A run was interrupted; `result` is what it gave until then, to the last whole tick.
+
+    From one process to another it travels as a plain KeyboardInterrupt.
+    """
 
     def __init__(self, result: Result) -> None:
-        super().__init__(f"interrupted after {len(result.trace)} rows")
+        super().__init__(f"interrupted at t = {result.account.reached:g} s")
         self.result = result
+
+    def __reduce__(self) -> tuple[type, tuple[str]]:
+        return KeyboardInterrupt, (str(self),)
 
 
 class Simulation:
@@ -169,18 +180,21 @@ class Simulation:
             component.run()
         self._read_all(loop)
         recorder = self._recorder(loop, chosen, every * run.record_every, steps // run.record_every + 1, sink)
-        engine = stepper(loop, steps * every, self.timing.engine)
+        engine, reason = stepper(loop, steps * every, self.timing.engine)
+        begun = perf_counter()
         try:
             _step(engine, steps * every, recorder, progress)
             engine.finish()
             if steps % run.record_every == 0:
                 loop.record(recorder)
             recorder.empty(loop.recorded)
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, FmuError) as end:
+            if isinstance(end, FmuError) and not requested():
+                raise
             engine.finish()
             recorder.empty(loop.recorded)
-            raise Interrupted(self._result(loop, recorder)) from None
-        return self._result(loop, recorder)
+            raise Interrupted(self._result(loop, recorder, reason, perf_counter() - begun)) from None
+        return self._result(loop, recorder, reason, perf_counter() - begun)
 
     def close(self) -> None:
         """Free all components."""
@@ -322,12 +336,21 @@ class Simulation:
         units = {name: self.system.port(Endpoint.parse(name)).unit or "1" for name in chosen}
         return Recorder(names, chosen, units, loop.time, every, count, sink)
 
-    def _result(self, loop: Loop, recorder: Recorder) -> Result:
+    def _result(self, loop: Loop, recorder: Recorder, reason: str, spent: float) -> Result:
         return Result(
             recorder.trace(),
             {node.component.name: node.statistics for node in loop.nodes},
             {name: getattr(component, "warnings", 0) for name, component in self.components.items()},
             loop.iterations,
+            Account(
+                engine=Engine.PYTHON if reason else Engine.COMPILED,
+                reason=reason,
+                steps=loop.tick // loop.hold,
+                step=float(self.timing.step),
+                start=float(self.timing.start),
+                reached=loop.time(loop.tick),
+                seconds=spent,
+            ),
         )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import pyarrow as pa
 from pyarrow import parquet
@@ -13,9 +13,11 @@ from pyarrow import parquet
 from fmus.errors import TraceError
 from orchestrator.formats.layout import MAX_VALUES, Columns, Layout, choose
 from orchestrator.formats.recording import Table, excerpt
+from orchestrator.interrupts import whole
 from orchestrator.trace import FloatArray, Trace
 
 GROUP = 1 << 16  # rows of a trace in pieces that are written together
+WRITING: dict[str, Any] = {"write_page_checksum": True, "use_dictionary": False}  # samples seldom repeat
 
 
 def read(path: Path, layout: Layout) -> Table:
@@ -37,7 +39,7 @@ def read(path: Path, layout: Layout) -> Table:
 
 def write(trace: Trace, file: BinaryIO) -> None:
     """The trace, bit for bit."""
-    parquet.write_table(_arrow(trace), file, write_page_checksum=True)
+    parquet.write_table(_arrow(trace), file, **WRITING)
 
 
 @contextmanager
@@ -49,7 +51,7 @@ def appending(path: Path) -> Iterator[Callable[[Trace], None]]:
     def flush() -> None:
         nonlocal writer
         if kept:
-            writer = writer or parquet.ParquetWriter(path, kept[0].schema, write_page_checksum=True)
+            writer = writer or parquet.ParquetWriter(path, kept[0].schema, **WRITING)
             writer.write_table(pa.concat_tables(kept).combine_chunks())
             kept.clear()
 
@@ -61,9 +63,10 @@ def appending(path: Path) -> Iterator[Callable[[Trace], None]]:
     try:
         yield append
     finally:
-        flush()
-        if writer is not None:
-            writer.close()
+        with whole():
+            flush()
+            if writer is not None:
+                writer.close()
 
 
 def _arrow(trace: Trace) -> pa.Table:

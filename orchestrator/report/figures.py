@@ -126,6 +126,23 @@ def frequency_response(points: Sequence[Curve], curves: Sequence[Curve] = (), un
     return look.styled(figure, 440)
 
 
+def points(
+    groups: Mapping[str, tuple[Sequence[float], Sequence[float]]],
+    x: str,
+    y: str,
+    limit: float | None = None,
+    logarithmic: bool = False,
+) -> go.Figure:
+    """Points (x, y) in named groups, under titled axes; `limit` ends the x axis, `logarithmic` is the y axis."""
+    figure = go.Figure()
+    for number, (name, (across, up)) in enumerate(groups.items()):
+        marker = {"color": look.colour(number), "size": 6}
+        figure.add_scatter(x=across, y=up, mode="markers", marker=marker, name=look.plain(name))
+    figure.update_xaxes(title_text=x, range=None if limit is None else [0, limit])
+    figure.update_yaxes(title_text=y, type="log" if logarithmic else "linear")
+    return look.styled(figure, 440).update_layout(hovermode="closest")
+
+
 def bars(
     groups: Mapping[str, Mapping[str, float]], target: float | None = None, quantity: str = "", unit: str = ""
 ) -> go.Figure:

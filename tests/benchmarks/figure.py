@@ -29,11 +29,13 @@ class Figure:
     statistical: bool = False
 
 
-def table(figures: Sequence[Figure]) -> str:
-    """The figures as aligned columns."""
+def table(groups: Mapping[str, Sequence[Figure]]) -> str:
+    """The figures as aligned columns, each group below its name where it has one."""
     words = {True: "yes", False: "NO", None: "-"}
     rows = [("name", "asked", "measured", "holds")]
-    rows += [(f.name, f.asked, f.measured, words[f.holds]) for f in figures]
+    for name, figures in groups.items():
+        rows += [("",) * 4, (f"{name}:", "", "", "")] if name else []
+        rows += [(f.name, f.asked, f.measured, words[f.holds]) for f in figures]
     widths = [max(len(row[column]) for row in rows) for column in range(4)]
     rows.insert(1, ("-" * widths[0], "-" * widths[1], "-" * widths[2], "-" * widths[3]))
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
@@ -42,8 +44,13 @@ def table(figures: Sequence[Figure]) -> str:
 
 def report(figures: Sequence[Figure]) -> int:
     """Print the table; the exit code is 1 where a statistical claim does not hold."""
-    print(table(figures))
-    return int(any(figure.statistical and not figure.holds for figure in figures))
+    return report_groups({"": figures})
+
+
+def report_groups(groups: Mapping[str, Sequence[Figure]]) -> int:
+    """Print the table of groups by name; the exit code is 1 where a statistical claim does not hold."""
+    print(table(groups))
+    return int(any(each.statistical and not each.holds for figures in groups.values() for each in figures))
 
 
 def share_inside(intervals: Sequence[Interval], truth: float) -> float:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import fmpy
+import numpy as np
 from fmpy import extract, read_model_description
 from fmpy.fmi2 import FMU2Model, FMU2Slave, fmi2CallbackFunctions
 from fmpy.fmi3 import FMU3Model, FMU3Slave
@@ -73,10 +74,30 @@ class Either:
         return getattr(self.fmu, f"{verb}{'Int64' if kind == 'Enumeration' else kind}")
 
     def set(self, name: str, value: float) -> None:
-        self._accessor("set", name)([self.variables[name].valueReference], [value])
+        """An input or parameter; of an array in FMI 3.0 the whole is set, with one element changed."""
+        if name in self.variables:
+            self._accessor("set", name)([self.variables[name].valueReference], [value])
+            return
+        array, number = self._element(name)
+        values = self._array(array)
+        values[number] = value
+        self.fmu.setFloat64([self.variables[array].valueReference], values)
 
     def get(self, *names: str) -> list[float]:
-        return [self._accessor("get", name)([self.variables[name].valueReference])[0] for name in names]
+        return [self._accessor("get", name)([self.variables[name].valueReference])[0] if name in self.variables
+                else self._array(self._element(name)[0])[self._element(name)[1]] for name in names]  # fmt: skip
+
+    def _element(self, name: str) -> tuple[str, int]:
+        """The array of an element, and its number there from 0."""
+        array, _, place = name.rstrip("]").partition("[")
+        shape = [int(size.start) for size in self.variables[array].dimensions]
+        return array, int(np.ravel_multi_index([int(each) - 1 for each in place.split(",")], shape))
+
+    def _array(self, name: str) -> list[float]:
+        variable = self.variables[name]
+        size = int(np.prod([int(each.start) for each in variable.dimensions]))
+        values: list[float] = self.fmu.getFloat64([variable.valueReference], size)
+        return values
 
     def step(self, time: float, duration: float) -> None:
         self.fmu.doStep(currentCommunicationPoint=time, communicationStepSize=duration)

@@ -123,13 +123,14 @@ static int step(Handle it, double time, double duration)
 static void values(Handle it)
 {
     for (unsigned vr = 0; vr < MOST; vr++) {
-        double real;
+        double real[5];
         int32_t whole;
         int64_t item;
         bool truth;
         uint8_t byte;
-        if (fmi3GetFloat64(it, &vr, 1, &real, 1) == fmi3OK)
-            fmi3SetFloat64(it, &vr, 1, &real, 1);
+        for (size_t n = 0; n < 5; n++) /* one value, all of a small array, or a wrong number */
+            if (fmi3GetFloat64(it, &vr, 1, real, n) == fmi3OK)
+                fmi3SetFloat64(it, &vr, 1, real, n);
         if (fmi3GetInt32(it, &vr, 1, &whole, 1) == fmi3OK)
             fmi3SetInt32(it, &vr, 1, &whole, 1);
         if (fmi3GetInt64(it, &vr, 1, &item, 1) == fmi3OK)
@@ -137,7 +138,6 @@ static void values(Handle it)
         if (fmi3GetBoolean(it, &vr, 1, &truth, 1) == fmi3OK)
             fmi3SetBoolean(it, &vr, 1, &truth, 1);
         fmi3GetUInt8(it, &vr, 1, &byte, 1);
-        fmi3GetFloat64(it, &vr, 1, &real, 2);
     }
 }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ from either import opened
 from hypothesis import strategies as st
 
 from fmus import library, ops
-from fmus.model import Model, State, Variable, input_, output, parameter
+from fmus.model import Model, State, Variable, element, element_names, input_, output, parameter, start_values
 from fmus.packaging import interface
 
 NAMES = library.names()
@@ -23,7 +24,19 @@ RICH: dict[str, dict[str, float]] = {
     "energy_controller": {"amplitude": 1.2, "sample_time": 0.03},
     "excitation": {"shape": 2, "amplitude": 2.0, "begin": 0.1},
     "daq": {"noise": 0.1, "bits": 8, "range": 2.0, "filter_order": 2, "cutoff": 5.0, "sample_time": 0.02},
-}
+    "flexible_arm": {
+        "bending_stiffness": 0.05, "hub_inertia": 0.05, "bristle_stiffness": 20.0, "bristle_damping": 0.5,
+        "stribeck_friction": 0.05, "stribeck_speed": 0.3, "gear_stiffness": 15.0, "backlash": 0.02, "payload": 0.1,
+        "stop_stiffness": 25.0, "stop_angle": 0.3, "angle_start": 0.25, "speed_start": 1.0,
+    },
+    "servo_drive": {"direction": 2, "voltage_limit": 0.6, "gear_ratio": 3.0},
+    "pd": {"compensated_by": 2, "sample_time": 0.02, "error_band": 0.05, "gains": 2},
+    "relay_bound": {"bound": 0.6, "sample_time": 0.02},
+    "state_space": {
+        "A[1,1]": 0.9, "A[1,2]": 0.2, "A[2,1]": -0.3, "A[2,2]": 0.8, "B[2,1]": 0.5, "C[1,1]": 1.5, "C[1,2]": -0.4,
+        "x_start[1]": 1.0, "x_start[2]": -0.7, "sample_time": 0.02,
+    },
+}  # fmt: skip
 KEPT: dict[Path, Any] = {}
 
 
@@ -32,11 +45,19 @@ def drive(t: float) -> float:
 
 
 def value_of(name: str, variable: Variable) -> st.SearchStrategy[Any]:
-    """Values within the bounds, near that of the rich example."""
+    """Values within the bounds, near that of the rich example; nearer for an arm: its solver steps must not be tiny."""
     start = float(RICH[name].get(variable.name, variable.start or 0))
-    low = max(start - 5, -math.inf if variable.minimum is None else max(variable.minimum, 0.02))
-    high = max(low, min(start + 5, math.inf if variable.maximum is None else variable.maximum))
+    span = 0.2 * abs(start) if name == "flexible_arm" else 5
+    low = max(start - span, -math.inf if variable.minimum is None else max(variable.minimum, 0.02))
+    high = max(low, min(start + span, math.inf if variable.maximum is None else variable.maximum))
     return st.integers(math.ceil(low), math.floor(high)) if variable.type == "Integer" else st.floats(low, high)
+
+
+def in_arrays(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
+    """Start values as FMI 3.0 has them: arrays whole, their elements row by row."""
+    starts = start_values(model) | values
+    arrays = {name: [starts[each] for each in element_names(name, shape)] for name, shape in model.arrays.items()}
+    return {name: value for name, value in values.items() if element(name) is None} | arrays
 
 
 class cached:  # noqa: N801 - reads as the function `opened` does

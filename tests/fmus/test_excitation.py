@@ -80,6 +80,33 @@ def test_varying_square_has_the_sign_of_the_sweep() -> None:
     assert set(found) == {1.0, -1.0}
 
 
+@pytest.mark.parametrize("shape", ["sine", "sine sweep", "square", "varying square"])
+def test_a_phase_of_a_quarter_begins_where_a_signal_of_one_hertz_is_after_a_quarter_of_a_second(shape: str) -> None:
+    time = grid(3.0, 0.01)
+    steady = {"frequency": 1.0, "frequency_end": 1.0}
+    later = played(shape, time, **steady)[25:]
+    assert played(shape, time, phase=0.25, **steady)[: len(later)] == pytest.approx(later, abs=1e-9)
+
+
+def test_a_varying_square_from_a_quarter_on_leaves_a_mass_about_where_it_was() -> None:
+    """Force to position: without the phase the mass drifts off by many times the swing."""
+    time = grid(20.0, 1 / 300)
+    sweep = {"frequency": 0.6, "frequency_end": 3.0, "duration": 20.0}
+    swings = [np.abs(np.cumsum(np.cumsum(played("varying square", time, phase=phase, **sweep)))).max() / 300**2
+              for phase in (0.25, 0.0)]  # fmt: skip
+    assert swings[0] < 0.6
+    assert swings[1] > 5
+
+
+def test_alternating_random_is_a_square_of_random_heights() -> None:
+    """The periodic random waveform of the flexible-manipulator thesis."""
+    time = grid(9.99, 0.01)
+    found = played("alternating random", time, frequency=0.5, amplitude=2.0, seed=5)
+    assert np.array_equal(np.sign(found), played("square", time, frequency=0.5))
+    assert stats.kstest(np.abs(found), stats.uniform(0, 2).cdf).pvalue > 1e-4
+    assert len(set(found)) == len(found)
+
+
 def test_steps_go_up_to_the_amplitude_and_down_again() -> None:
     found = played("steps", grid(1.7, 0.1), sample_time=0.1, levels=4, amplitude=8.0)
     up_and_down = [0, 2, 4, 6, 8, 6, 4, 2]

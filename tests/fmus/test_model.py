@@ -2,13 +2,31 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from fmus import library
-from fmus.model import Model, State, Table, input_, output, parameter, start_values
+from fmus.model import (
+    Model,
+    State,
+    Table,
+    Variable,
+    array,
+    assign,
+    element,
+    element_names,
+    element_number,
+    input_,
+    namespace,
+    output,
+    parameter,
+    start_values,
+)
 
 VARIABLES = (
     input_("force", "N", "Input"),
@@ -89,3 +107,53 @@ def test_models_are_values() -> None:
     model = Model(**VALID)
     assert model == replace(model)
     assert model != replace(model, name="other")
+
+
+def with_parameters(*variables: Variable) -> Model:
+    return Model("m", "Model", (output("y", "1", "Output"), *variables), outputs=lambda t, x, u, p: {"y": 0.0})
+
+
+def test_elements_of_arrays_come_as_nested_lists_too() -> None:
+    values = {"A[1,1]": 1.0, "A[1,2]": 2.0, "A[2,1]": 3.0, "A[2,2]": 4.0, "b[1]": 5.0, "c": 6.0}
+    space = namespace(values)
+    assert (space.A, space.b, space.c) == ([[1.0, 2.0], [3.0, 4.0]], [5.0], 6.0)
+    assign(space, "A[2,1]", 9.0)
+    assert space.A == [[1.0, 2.0], [9.0, 4.0]]
+    assert vars(space)["A[2,1]"] == 9.0
+
+
+def test_an_array_declares_an_element_for_each_place_row_by_row() -> None:
+    model = with_parameters(*array("A", "1", (2, 3), "Matrix", range(6)), *array("b", "1", (2,), "Vector"))
+    assert model.arrays == {"A": (2, 3), "b": (2,)}
+    assert start_values(model) == {
+        "A[1,1]": 0, "A[1,2]": 1, "A[1,3]": 2, "A[2,1]": 3, "A[2,2]": 4, "A[2,3]": 5, "b[1]": 0.0, "b[2]": 0.0,
+    }  # fmt: skip
+
+
+@given(st.lists(st.integers(1, 4), min_size=1, max_size=3))
+def test_the_number_of_an_element_is_its_place_among_the_names(shape: list[int]) -> None:
+    places = [element(name) for name in element_names("A", shape)]
+    assert [element_number(place[1], shape) for place in places if place] == list(range(math.prod(shape)))
+    assert element_number([1] * (len(shape) + 1), shape) is None
+    assert element_number([each + 1 for each in shape], shape) is None
+
+
+@pytest.mark.parametrize(
+    ("variables", "problem"),
+    [
+        ([parameter("A[2]", "1", 0.0, "A"), parameter("A[1]", "1", 0.0, "A")], "not all there"),
+        ([parameter("A[1]", "1", 0.0, "A"), parameter("A[3]", "1", 0.0, "A")], "not all there"),
+        (
+            [parameter("A[1]", "1", 0.0, "A"), parameter("b", "1", 0.0, "b"), parameter("A[2]", "1", 0.0, "A")],
+            "not all",
+        ),
+        ([parameter("A[1]", "1", 0.0, "A"), parameter("A", "1", 0.0, "A")], "an array and something else"),
+        ([parameter("A[1]", "1", 3, "A")], "must be real parameters"),
+        ([input_("A[1]", "1", "A")], "must be real parameters"),
+        ([parameter("A[0]", "1", 0.0, "A")], "no name"),
+        ([parameter("1A[1]", "1", 0.0, "A")], "no name"),
+    ],
+)
+def test_arrays_that_are_not_whole_are_refused(variables: list[Variable], problem: str) -> None:
+    with pytest.raises(ValueError, match=problem):
+        with_parameters(*variables)

@@ -35,6 +35,11 @@ RICH: dict[str, dict[str, float]] = {
     "energy_controller": {"amplitude": 1.2, "sample_time": 0.03},
     "excitation": {"shape": 2, "amplitude": 2.0, "begin": 0.1},
     "daq": {"noise": 0.1, "bits": 8, "range": 2.0, "filter_order": 2, "cutoff": 5.0, "sample_time": 0.02},
+    "flexible_arm": {"bending_stiffness": 0.05, "hub_inertia": 0.05, "bristle_stiffness": 20.0, "backlash": 0.02},
+    "servo_drive": {"direction": 2, "voltage_limit": 0.6},
+    "pd": {"compensated_by": 2, "sample_time": 0.02},
+    "relay_bound": {"bound": 0.6, "sample_time": 0.02},
+    "state_space": {"A[1,1]": 0.9, "A[1,2]": 0.2, "A[2,1]": -0.3, "B[2,1]": 0.5, "C[1,1]": 1.5, "x_start[2]": -0.7},
 }
 
 
@@ -185,8 +190,8 @@ def test_numbers_of_the_wrong_type_and_unknown_tables_are_refused(tmp_path: Path
     excitation = library.find("excitation")
     with pytest.raises(ModelError, match=r"excitation.seed: 1.5 is no Integer value"):
         python.build(excitation, tmp_path / "a.fmu", {"seed": 1.5})
-    with pytest.raises(ModelError, match=r"excitation.shape: 9 is outside 1 to 8"):
-        python.build(excitation, tmp_path / "a.fmu", {"shape": 9})
+    with pytest.raises(ModelError, match=r"excitation.shape: 10 is outside 1 to 9"):
+        python.build(excitation, tmp_path / "a.fmu", {"shape": 10})
     with pytest.raises(ModelError, match=r"excitation.table: no such table; it has playback"):
         python.build(excitation, tmp_path / "a.fmu", tables={"table": Table("table")})
 

@@ -1,6 +1,7 @@
 """Native FMUs in importers that none of us wrote: the same trajectories, and calibrated ones with nothing set.
 
-Install them with `pip install 'servotwin[tools]'` (ecospy needs Debian's libtbb12); without, the tests are skipped.
+Install them with `pip install 'servotwin[tools]'` (ecospy needs Debian's libtbb12); FMI4j is fetched by Maven and needs
+Java. Without, the tests are skipped.
 """
 
 from __future__ import annotations
@@ -13,8 +14,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import maven
 import numpy as np
 import pytest
+from moving import moving
 from stepping import stepped
 
 from fmus import library
@@ -28,28 +31,16 @@ STEP, COUNT = 0.01, 40
 SCRIPT = Path(__file__).with_name("tools.py")
 NAMES = library.names()
 CONTINUOUS = [name for name in NAMES if interface.exchangeable(library.find(name))]
-VALUES: dict[str, dict[str, float]] = {
-    "pendulum": {"angle_start": 0.7, "inertia": 0.0021, "coulomb_friction_positive": 0.004, "torque": 0.01},
-    "dc_motor": {"inductance": 0.01, "back_emf": 0.2, "voltage": 1.3, "speed": 0.4},
-    "energy_controller": {"amplitude": 1.2, "sample_time": 0.02, "angle": 0.3, "speed": 1.1},
-    "excitation": {"shape": 6, "amplitude": 2.0, "begin": 0.05, "seed": 42, "sample_time": 0.025},
-    "daq": {
-        "noise": 0.1,
-        "bits": 8,
-        "range": 2.0,
-        "filter_order": 2,
-        "cutoff": 9.0,
-        "sample_time": 0.02,
-        "signal": 0.7,
-    },
-}
 MODULES = {"fmuloader": "fmuloader", "fmuloader_exchange": "fmuloader", "ecos": "ecospy", "libcosim": "libcosimpy",
            "casadi": "casadi"}  # fmt: skip
+FMI4J, FMI4J_EXCHANGE = (pytest.param(tool, 2, marks=pytest.mark.slow) for tool in ("fmi4j", "fmi4j_exchange"))
 
 
 @functools.cache
 def missing(tool: str) -> str:
     """Why a tool cannot be used here, nothing when it can."""
+    if tool.startswith("fmi4j"):
+        return maven.problem(maven.FMI4J)
     if importlib.util.find_spec(MODULES[tool]) is None:
         return f"{MODULES[tool]} is not installed (pip install 'servotwin[tools]')"
     done = subprocess.run(
@@ -88,52 +79,56 @@ def expected(name: str, values: dict[str, float], tables: dict[str, Table] | Non
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """(name, FMI version) -> an FMU that has the values of `VALUES` inside."""
+    """(name, FMI version) -> an FMU that moves with nothing set."""
     folder = tmp_path_factory.mktemp("tools")
 
     @functools.cache
     def build(name: str, fmi: int) -> Path:
-        return native.build(library.find(name), folder / f"{name}{fmi}.fmu", VALUES[name], fmi=fmi)
+        return native.build(library.find(name), folder / f"{name}{fmi}.fmu", moving(name), fmi=fmi)
 
     return build
 
 
 @pytest.mark.parametrize(
-    ("tool", "fmi"), [("fmuloader", 2), ("fmuloader", 3), ("ecos", 2), ("ecos", 3), ("libcosim", 2)]
+    ("tool", "fmi"), [("fmuloader", 2), ("fmuloader", 3), ("ecos", 2), ("ecos", 3), ("libcosim", 2), FMI4J]
 )
 def test_co_simulation_gives_the_trajectories_of_the_instances(built: Any, tool: str, fmi: int) -> None:
     answers = run(tool, [job(built(name, fmi), name, fmi) for name in NAMES])
     for name, rows in zip(NAMES, answers, strict=True):
-        found, wanted = np.array(rows), expected(name, VALUES[name])
+        found, wanted = np.array(rows), expected(name, moving(name))
         assert found[-COUNT:] == pytest.approx(wanted[1:], rel=1e-9, abs=1e-12), name
 
 
-@pytest.mark.parametrize(("tool", "fmi"), [(t, v) for t in ("fmuloader_exchange", "casadi") for v in (2, 3)])
+@pytest.mark.parametrize(
+    ("tool", "fmi"),
+    [("fmuloader_exchange", 2), ("fmuloader_exchange", 3), ("casadi", 2), ("casadi", 3), FMI4J_EXCHANGE],
+)
 def test_model_exchange_gives_the_trajectories_of_the_instances(built: Any, tool: str, fmi: int) -> None:
     """The tool integrates with the inner steps of the co-simulation, so that only rounding is left."""
     jobs = []
     for name in CONTINUOUS:
-        model = library.find(name)
-        start = [VALUES[name].get(str(state.start), 0.0) for state in model.continuous]
+        start = {state.name: moving(name).get(str(state.start), 0.0) for state in library.find(name).continuous}
         jobs.append(job(built(name, fmi), name, fmi, start=start, substeps=inner_steps(name)))
     for name, rows in zip(CONTINUOUS, run(tool, jobs), strict=True):
-        assert np.array(rows) == pytest.approx(expected(name, VALUES[name]), rel=1e-9, abs=1e-11), name
+        assert np.array(rows) == pytest.approx(expected(name, moving(name)), rel=1e-9, abs=1e-11), name
 
 
 def inner_steps(name: str) -> int:
     from fmus.instance import Instance
 
-    instance = Instance(library.find(name), dict(VALUES[name]))
+    instance = Instance(library.find(name), dict(moving(name)))
     step = library.find(name).solver_step
     assert step is not None
     return max(1, int(np.ceil(STEP / step(instance.p) - 1e-9)))
 
 
 @pytest.mark.parametrize("fmi", [2, 3])
-def test_casadi_gets_the_jacobians_of_the_pendulum(built: Any, fmi: int) -> None:
+def test_casadi_gets_the_jacobians_of_the_pendulum(tmp_path: Path, fmi: int) -> None:
     angle, speed = 0.7, 3.0
-    [rows] = run("casadi", [job(built("pendulum", fmi), "pendulum", fmi, start=[angle, speed], substeps=1, count=0,
-                                jacobian=True)])  # fmt: skip
+    values = {"inertia": 0.0021, "coulomb_friction_positive": 0.004}
+    path = native.build(library.find("pendulum"), tmp_path / "pendulum.fmu", values, fmi=fmi)
+    start = {"angle": angle, "speed": speed}
+    [rows] = run("casadi", [job(path, "pendulum", fmi, count=0, start=start, jacobian=True)])
     inertia, weight = 0.0021, 0.04905
     friction = 0.5 * 0.004 * (1 + 2 * np.tanh(speed / 0.05)) * (1 - np.tanh(speed / 0.05) ** 2) / 0.05
     exact = [0, 1, 0, -weight * np.cos(angle) / inertia, -(0.001 + friction) / inertia, 1 / inertia]
@@ -143,13 +138,13 @@ def test_casadi_gets_the_jacobians_of_the_pendulum(built: Any, fmi: int) -> None
 @pytest.mark.parametrize(
     ("tool", "fmi"),
     [("fmuloader", 2), ("fmuloader", 3), ("fmuloader_exchange", 2), ("fmuloader_exchange", 3), ("ecos", 2), ("ecos", 3),
-     ("libcosim", 2), ("casadi", 2), ("casadi", 3)],
+     ("libcosim", 2), ("casadi", 2), ("casadi", 3), FMI4J, FMI4J_EXCHANGE],
 )  # fmt: skip
 def test_a_calibrated_fmu_behaves_calibrated_with_nothing_set(tmp_path: Path, tool: str, fmi: int) -> None:
     plain = native.build(library.find("pendulum"), tmp_path / "plain.fmu", {"angle_start": 0.7}, fmi=fmi)
     values = {"inertia": 0.00213, "viscous_friction": 1.7e-4, "gravity_torque": 1.4e-3}
     [path] = writeback.write_back(plain, values, tmp_path / "calibrated.fmu", {"from": "a test"})
-    [rows] = run(tool, [job(path, "pendulum", fmi, start=[0.7, 0.0], substeps=1)])
+    [rows] = run(tool, [job(path, "pendulum", fmi, start={"angle": 0.7, "speed": 0.0}, substeps=1)])
     wanted = expected("pendulum", values | {"angle_start": 0.7})
     assert np.array(rows)[-COUNT:] == pytest.approx(wanted[1:], rel=1e-9, abs=1e-12)
     assert not np.allclose(wanted, expected("pendulum", {"angle_start": 0.7}), rtol=1e-3)

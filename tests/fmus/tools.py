@@ -2,19 +2,24 @@
 
     python tools.py TOOL < jobs.json > rows.json
 
-A job has `path`, `outputs`, `step` [s], `count` of steps, and the `fmi` version. Nothing is set in the FMU. The answer
-holds, for each job, a row of outputs after each step (the first row is the start where the tool gives it).
+A job has `path`, `outputs`, `step` [s], `count` of steps, and the `fmi` version; for model exchange `substeps` of each
+step, and for CasADi the states' `start`. Nothing is set in the FMU. The answer holds, for each job, a row of outputs
+after each step (the first row is the start where the tool gives it).
 """
 
 from __future__ import annotations
 
 import json
 import os
+import subprocess
 import sys
 import tempfile
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+import maven
 
 Job = dict[str, Any]
 Rows = list[list[float]]
@@ -178,25 +183,57 @@ def casadi(job: Job) -> Rows:
             y = f(t=t, x=x, u=u)["y"].full()[:, 0]
             return [float(y[i]) for i in order]
 
-        x = job["start"]
+        start = x = [job["start"][name] for name in dae.x()]
         rows = [row(0.0, x)]
         for k in range(job["count"]):
             x = integrated(rate, k * job["step"], x, job["step"], job["substeps"])
             rows.append(row((k + 1) * job["step"], x))
         if job.get("jacobian"):
-            exact = f.factory("J", ["t", "x", "u"], ["jac:ode:x", "jac:ode:u"])(t=0, x=job["start"], u=u)
+            exact = f.factory("J", ["t", "x", "u"], ["jac:ode:x", "jac:ode:u"])(t=0, x=start, u=u)
             rows.append(ca.horzcat(exact["jac_ode_x"], exact["jac_ode_u"]).full().ravel().tolist())
         return rows
 
 
-TOOLS = {each.__name__: each for each in (fmuloader, fmuloader_exchange, ecos, libcosim, casadi)}
+def fmi4j(jobs: list[Job]) -> list[Rows]:
+    """Co-simulation in FMI4j."""
+    return in_java([(job, 0) for job in jobs])
+
+
+def fmi4j_exchange(jobs: list[Job]) -> list[Rows]:
+    """Model exchange in FMI4j, integrated by the classical Runge-Kutta method with `substeps` a step."""
+    return in_java([(job, job["substeps"]) for job in jobs])
+
+
+def in_java(jobs: list[tuple[Job, int]]) -> list[Rows]:
+    """Rows of each job from Fmi4j.java; all jobs share the start of Java, which takes longer than they do."""
+    lines = [
+        (job["path"], str(job["step"]), str(job["count"]), str(inner), ",".join(map(str, references(job))))
+        for job, inner in jobs
+    ]
+    with tempfile.TemporaryDirectory() as folder:  # FMI4j leaves its own library behind
+        done = subprocess.run(
+            ["java", f"-Djava.io.tmpdir={folder}", "-cp", f"{maven.jars(maven.FMI4J)}/*",
+             str(Path(__file__).with_name("Fmi4j.java"))],
+            input="".join("\t".join(line) + "\n" for line in lines), stdout=subprocess.PIPE, text=True, check=True,
+        )  # fmt: skip
+    answers = done.stdout.removesuffix("\n\n").split("\n\n")
+    return [[[float(value) for value in row.split()] for row in rows.split("\n")] for rows in answers]
+
+
+def one_by_one(tool: Callable[[Job], Rows]) -> Callable[[list[Job]], list[Rows]]:
+    return lambda jobs: [tool(job) for job in jobs]
+
+
+TOOLS: dict[str, Callable[[list[Job]], list[Rows]]] = {
+    each.__name__: one_by_one(each) for each in (fmuloader, fmuloader_exchange, ecos, libcosim, casadi)
+} | {each.__name__: each for each in (fmi4j, fmi4j_exchange)}
 
 
 def main() -> None:
     jobs = json.load(sys.stdin)
     out = os.dup(1)
     os.dup2(2, 1)  # some tools write to stdout
-    rows = [TOOLS[sys.argv[1]](job) for job in jobs]
+    rows = TOOLS[sys.argv[1]](jobs)
     Path(f"/dev/fd/{out}").write_text(json.dumps(rows))
     os._exit(0)
 

@@ -64,7 +64,7 @@ def test_input_matrix_is_that_of_plain_least_squares() -> None:
 
 def test_states_that_do_not_move_are_refused() -> None:
     still = [Record(np.zeros((50, 2)), np.ones((50, 3)), STEP, FULL.inputs, FULL.outputs)]
-    with pytest.raises(IdentificationError, match="0 of 8 elements"):
+    with pytest.raises(IdentificationError, match="0 of 8 states"):
         updated_output(FULL, still)
     with pytest.raises(IdentificationError, match="no mode is kept"):
         reduced(FULL, [])

@@ -438,7 +438,7 @@ def test_what_the_compiled_loop_does_not_know_is_stepped_in_python_and_said_once
         for _ in range(2):
             simulation([Clock("clock"), Gain("gain", 1.0)]).run()
     assert [record.message for record in caplog.records] == [
-        "stepping in Python, not in the compiled loop: clock is no FMU"
+        "stepping in Python, not in the compiled loop: clock is no co-simulation FMU in this process"
     ]
 
 
@@ -446,7 +446,7 @@ def test_what_the_compiled_loop_does_not_know_is_stepped_in_python_and_said_once
 def test_the_compiled_loop_can_be_demanded(shelf: Shelf) -> None:
     made = simulation([Clock("clock")])
     made.timing = replace(made.timing, engine=Engine.COMPILED)
-    with pytest.raises(WiringError, match="engine: cannot be the compiled one: clock is no FMU"):
+    with pytest.raises(WiringError, match="engine: cannot be the compiled one: clock is no co-simulation FMU"):
         made.run()
 
 

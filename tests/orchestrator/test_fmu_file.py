@@ -231,9 +231,9 @@ def test_fmi_1_is_refused_by_name(pendulum: Path, tmp_path: Path) -> None:
     assert refusal(path) == ": is of FMI version 1.0; export it for FMI 2.0 or 3.0"
 
 
-def test_model_exchange_only_is_refused(pendulum: Path, tmp_path: Path) -> None:
-    path = with_xml(pendulum, tmp_path / "me.fmu", ("<CoSimulation ", "<ModelExchange "))
-    assert refusal(path) == ": offers no co-simulation; export it for co-simulation"
+def test_an_fmu_that_offers_neither_interface_is_refused(pendulum: Path, tmp_path: Path) -> None:
+    path = with_xml(pendulum, tmp_path / "neither.fmu", ("<CoSimulation ", "<ScheduledExecution "))
+    assert refusal(path) == ": offers neither co-simulation nor model exchange; export it for one of them"
 
 
 def test_an_fmu_without_a_binary_for_this_platform_is_refused_with_those_it_has() -> None:

@@ -11,9 +11,10 @@ import pytest
 from plotly.offline import get_plotlyjs
 
 from fmus.files import sha256
-from orchestrator import formats
-from orchestrator.run_results import document_of, rows_of, trace_file, write_run
-from orchestrator.scenario import ScenarioResult, run_scenario
+from orchestrator import accounts, formats
+from orchestrator.engine import compiled
+from orchestrator.run_results import document_of, interruption, rows_of, trace_file, write_run
+from orchestrator.scenario import Keeping, ScenarioInterrupted, ScenarioResult, run_scenario
 
 SCENARIO: dict[str, Any] = {
     "title": "A swing",
@@ -65,6 +66,47 @@ def test_the_manifest_says_what_went_in_and_how_it_went(tmp_path: Path) -> None:
     assert case["statistics"]["hand"]["calls"] == 20 and case["statistics"]["hand"]["seconds"] > 0
     assert "servotwin" in document["versions"] and document["fmus"] == {"hand": "model"}
     assert document == document_of(result, {"hand.inertia": 0.01}, tmp_path / "out")
+
+
+def test_the_manifest_says_how_the_record_was_made(tmp_path: Path) -> None:
+    cases = [{"name": "a"}, {"name": "wrong", "set": {"hand.inertia": -1}, "expect": [{"refused": "bounds"}]}]
+    path = tmp_path / "swing.yaml"
+    path.write_text(json.dumps(SCENARIO | {"cases": cases}))
+    (tmp_path / "aside").mkdir()
+    write_run(run_scenario(path, keeping=Keeping(4, tmp_path / "aside")), {}, tmp_path / "out")
+    document = manifest(tmp_path / "out")
+    assert document["record"] == {"stride": 4, "stream": True} and document["interrupted"] is False
+    made, refused = document["cases"]
+    stepping = made["stepping"]
+    compiled_loop = compiled.available()
+    assert stepping["engine"] == ("compiled" if compiled_loop else "python")
+    assert stepping["reason"] == ("" if compiled_loop else compiled.NOT_BUILT)
+    assert (stepping["steps"], stepping["step"], stepping["start"], stepping["reached"]) == (20, 0.01, 0.0, 0.2)
+    assert stepping["real_time_factor"] == pytest.approx(0.2 / stepping["seconds"], rel=0.01)
+    assert made["statistics"]["hand"]["share"] + made["loop"]["share"] == pytest.approx(100, abs=0.02)
+    assert made["state"] == refused["state"] == "done" and "stepping" not in refused
+
+
+GAIN = '''"""Half of what comes in."""
+from .model import Model, input_, output
+
+def outputs(t, x, u, p):
+    return {"y": 0.5 * u.u}
+
+MODEL = Model("gain", "Gain", (input_("u", "1", "Input"), output("y", "1", "Output")), outputs=outputs)
+'''
+
+
+def test_a_loop_in_python_is_explained(tmp_path: Path) -> None:
+    (tmp_path / "gain.py").write_text(GAIN)
+    components = {name: {"model": "gain.py"} for name in ("one", "two")}
+    result = run(tmp_path, components=components, connections=["one.y -> two.u", "two.y -> one.u"],
+                 run={"stop": 0.2, "step": 0.01, "cycles": {}})  # fmt: skip
+    stepping = document_of(result, {}, tmp_path)["cases"][0]["stepping"]
+    assert stepping["engine"] == "python"
+    reason = "there is a cycle of direct feed-through to be iterated" if compiled.available() else compiled.NOT_BUILT
+    assert stepping["reason"] == reason
+    assert f"by the loop in Python ({reason});" in accounts.sentence_of(result)
 
 
 def test_a_refused_case_has_its_reason_and_no_trace(tmp_path: Path) -> None:
@@ -144,3 +186,28 @@ def test_the_report_shows_checks_and_a_limited_number_of_cases(tmp_path: Path) -
     assert "A swing" in html and "Released at 0.5 rad" in html and "All held." in html
     assert "The first 12 of 14 cases." in html and "stays below 1" in html
     assert "://" not in html
+    assert "280 steps of 0.01 s in " in html and "recorded every step." in html and "(the loop itself)" in html
+
+
+def test_an_interrupted_run_leaves_what_it_has_and_says_how_far_it_came(tmp_path: Path) -> None:
+    def stop(fraction: float) -> None:
+        if fraction > 0.6:
+            raise KeyboardInterrupt
+
+    path = tmp_path / "swing.yaml"
+    changes = {"cases": [{"name": name} for name in "abc"], "run": {"stop": 300, "step": 0.01},
+               "recorder": {"signals": {"angle": "hand.angle"}, "every": 0.5}}  # fmt: skip
+    path.write_text(json.dumps(SCENARIO | changes))
+    with pytest.raises(ScenarioInterrupted) as stopped:
+        run_scenario(path, progress=stop)
+    write_run(stopped.value.result, {}, tmp_path / "out")
+    assert names(tmp_path / "out") == {"a.csv", "b.csv", "manifest.json", "report.html"}
+    reached = manifest(tmp_path / "out")["cases"][1]["stepping"]["reached"]
+    last = formats.read(tmp_path / "out" / "b.csv").trace.time[-1]
+    assert reached - 5 < last < reached <= 300
+    assert interruption(stopped.value.result) == f"interrupted at t = {reached:g} s of case b"
+    assert [row[3] for row in rows_of(stopped.value.result)] == [
+        "ran through", f"interrupted at t = {reached:g} s", "not run",
+    ]  # fmt: skip
+    html = (tmp_path / "out" / "report.html").read_text()
+    assert f"The run was interrupted at t = {reached:g} s of case b." in html and "held." not in html

@@ -183,12 +183,25 @@ fmi3Status fmi3Reset(fmi3Instance instance)
 
 /* Values: real ones are Float64, whole ones Int32, enumerations Int64 */
 
-static Status same_count(fmi3Instance instance, size_t references, size_t values)
+static Status same_count(fmi3Instance instance, size_t wanted, size_t values)
 {
-    if (references == values)
+    if (wanted == values)
         return STATUS_OK;
-    return instance_error(of(instance), "%lu values for %lu scalar variables", (unsigned long)values,
-                          (unsigned long)references);
+    return instance_error(of(instance), "%lu values where there are %lu", (unsigned long)values, (unsigned long)wanted);
+}
+
+/* How many values lie behind a value reference; references that are none are found out when they are used. */
+static size_t size_of(fmi3ValueReference reference)
+{
+    return reference < N_VARIABLES ? (size_t)model_variables[reference].size : 1;
+}
+
+static Status right_count(fmi3Instance instance, const fmi3ValueReference references[], size_t count, size_t values)
+{
+    size_t wanted = 0;
+    for (size_t i = 0; i < count; i++)
+        wanted += size_of(references[i]);
+    return same_count(instance, wanted, values);
 }
 
 #define ACCESSORS(Name, Number, types, from_double)                                                                    \
@@ -196,25 +209,27 @@ static Status same_count(fmi3Instance instance, size_t references, size_t values
                              size_t nValueReferences, Number values[], size_t nValues)                                 \
     {                                                                                                                  \
         REQUIRE(instance, CAN_Get);                                                                                    \
-        if (same_count(instance, nValueReferences, nValues))                                                           \
+        if (right_count(instance, valueReferences, nValueReferences, nValues))                                         \
             return fmi3Error;                                                                                          \
-        for (size_t i = 0; i < nValues; i++) {                                                                         \
-            double value;                                                                                              \
-            if (instance_get(of(instance), valueReferences[i], types, &value))                                         \
-                return fmi3Error;                                                                                      \
-            values[i] = from_double(value);                                                                            \
-        }                                                                                                              \
+        for (size_t i = 0; i < nValueReferences; i++)                                                                  \
+            for (size_t k = 0; k < size_of(valueReferences[i]); k++) {                                                 \
+                double value;                                                                                          \
+                if (instance_get(of(instance), valueReferences[i] + (unsigned)k, types, &value))                       \
+                    return fmi3Error;                                                                                  \
+                *values++ = from_double(value);                                                                        \
+            }                                                                                                          \
         return fmi3OK;                                                                                                 \
     }                                                                                                                  \
     fmi3Status fmi3Set##Name(fmi3Instance instance, const fmi3ValueReference valueReferences[],                        \
                              size_t nValueReferences, const Number values[], size_t nValues)                           \
     {                                                                                                                  \
         REQUIRE(instance, CAN_Set);                                                                                    \
-        if (same_count(instance, nValueReferences, nValues))                                                           \
+        if (right_count(instance, valueReferences, nValueReferences, nValues))                                         \
             return fmi3Error;                                                                                          \
-        for (size_t i = 0; i < nValues; i++)                                                                           \
-            if (instance_set(of(instance), valueReferences[i], types, (double)values[i]))                              \
-                return fmi3Error;                                                                                      \
+        for (size_t i = 0; i < nValueReferences; i++)                                                                  \
+            for (size_t k = 0; k < size_of(valueReferences[i]); k++)                                                   \
+                if (instance_set(of(instance), valueReferences[i] + (unsigned)k, types, (double)*values++))            \
+                    return fmi3Error;                                                                                  \
         return fmi3OK;                                                                                                 \
     }
 

@@ -16,6 +16,7 @@ typedef struct {
     Type type;
     Role role;
     double start; /* of inputs and parameters */
+    int size;     /* how many values FMI 3.0 has behind it: all of an array behind its first element, none behind others */
 } Variable;
 
 typedef struct {

@@ -17,6 +17,15 @@ static inline double maximum(double a, double b) { return a > b ? a : b; }
 static inline double sign(double x) { return (double)((x > 0) - (x < 0)); }
 static inline double square(double x) { return x * x; }
 
+/* Sum of the products of two vectors, added from the first on. */
+static inline double dot(size_t count, const double *a, const double *b)
+{
+    double sum = a[0] * b[0];
+    for (size_t i = 1; i < count; i++)
+        sum += a[i] * b[i];
+    return sum;
+}
+
 /* A number in (0, 1) that depends only on seed and index. */
 double uniform(double seed, double index);
 

@@ -1,0 +1,208 @@
+"""The study file of a campaign of experiments on one rig: its data sets, what is identified, reduced and claimed.
+
+What a publication printed about its own rig stands beside the settings, so that a report can show both.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from orchestrator.yaml_file import Block
+
+Method = Literal["mrm", "msv", "mrmc"]
+Experiment = Literal["open loop", "bounded", "closed loop"]
+Errors = tuple[float, float, float, float, float]
+
+
+class ConditioningBlock(Block):
+    """What is done to every record before a model is fitted; see `preparation.Preparation`."""
+
+    zero_mean: list[str] = []
+    cutoff: float | None = Field(None, gt=0)
+    causal: bool = False
+    filter_input: bool = True
+
+
+class FeedbackBlock(Block):
+    """The controller under which models follow a set-point (Figure 2-3), and the records they are compared with.
+
+    Attributes:
+        proportional, derivative: gains from the measured signals to the input, in their units.
+        position, speed: the outputs that it uses.
+        reference: signal with the set-point.
+        records: payload [kg] -> data set whose set-point and response count for this payload.
+    """
+
+    proportional: float
+    derivative: float
+    position: str
+    speed: str
+    reference: str
+    records: dict[float, str]
+
+
+class PhysicalBlock(Block):
+    """The model that frequencies are compared with.
+
+    Attributes:
+        model: name of the model.
+        payload: its parameter that takes the payload.
+        without: parameters that take friction away, and their values.
+        modes: how many of the lowest count.
+    """
+
+    model: str
+    payload: str
+    without: dict[str, float] = {}
+    modes: int = Field(3, ge=1)
+
+
+class PublishedSet(Block):
+    """What was printed about a data set: stable orders, the order chosen, and delta of each output and their mean."""
+
+    orders: str
+    order: int
+    delta: Errors
+
+
+class SetBlock(Block):
+    """One data set.
+
+    Attributes:
+        volts: greatest magnitude of the excitation.
+        rate: [Hz].
+        payload: [kg].
+        samples: of the record that count; the first half is fitted.
+        compensation: magnitude of the friction compensation in the command [V].
+    """
+
+    experiment: Experiment
+    excitation: str
+    volts: float
+    rate: float = Field(gt=0)
+    payload: float = Field(0.0, ge=0)
+    samples: int = Field(ge=100)
+    compensation: float = Field(0.0, ge=0)
+    published: PublishedSet | None = None
+
+
+class PublishedStage(Block):
+    """Printed delta of a model in the two validations."""
+
+    dmv: Errors | None = None
+    sfv: Errors | None = None
+
+
+class PublishedExample(Block):
+    """What was printed about a reduction: frequency [Hz], damping, rank by MRM and by MSV of each mode, and errors."""
+
+    model: str
+    modes: list[tuple[float | None, float | None, int, int]] = []
+    stages: dict[str, PublishedStage] = {}
+
+
+class ExampleBlock(Block):
+    """A model that is reduced and updated.
+
+    Attributes:
+        name: by which claims call it; models are named after it.
+        data: the data set.
+        table: number of the tables that it fills, none when it only counts in the last one.
+        removed: whether the compensation is taken off the input first (type II), or left in it (type III).
+        unstable: start from the best unstable order, which is then forced to be stable.
+        order, further: states that are kept, and after a second reduction.
+        by: which of the three reductions is updated.
+        update: which matrix is computed anew.
+        listed: whether its updated models stand in the last table.
+    """
+
+    name: str
+    data: str
+    table: str = ""
+    removed: bool = True
+    unstable: bool = False
+    order: int = Field(10, ge=1)
+    further: int | None = Field(None, ge=1)
+    by: Method = "mrmc"
+    update: Literal["input", "output"] = "output"
+    listed: bool = True
+    published: PublishedExample | None = None
+
+
+class InequalityBlock(Block):
+    """Every figure (or number) of `less`, times a factor, is below every one of `than`."""
+
+    less: list[str | float] = Field(min_length=1)
+    than: list[str | float] = Field(min_length=1)
+    times: float = Field(1.0, gt=0)
+
+
+class ClaimBlock(Block):
+    """What was claimed, as inequalities between figures of this study.
+
+    Attributes:
+        reason: why the rig does not bear it out, where it does not.
+    """
+
+    statement: str
+    holds: list[InequalityBlock] = Field(min_length=1)
+    reason: str = ""
+
+
+class ExperimentsBlock(Block):
+    """A study of many data sets of one rig: identified, validated, reduced, updated, and held against claims.
+
+    Attributes:
+        scenarios: whose cases are the data sets, by name.
+        stop: signal that tells how long an end stop was touched.
+        block: block rows of the data matrices (q).
+        orders: least and greatest order that is tried.
+        frequencies: data set -> those [Hz] printed for a model of order `compared`.
+        typical: data sets whose models are listed as typical.
+    """
+
+    title: str
+    description: str = ""
+    method: Literal["experiments"]
+    scenarios: list[Path] = Field(min_length=1)
+    input: str
+    outputs: list[str] = Field(min_length=1)
+    stop: str | None = None
+    preparation: ConditioningBlock = ConditioningBlock()
+    block: int = Field(ge=2)
+    orders: tuple[int, int]
+    compared: int = Field(ge=1)
+    frequencies: dict[str, list[float]] = {}
+    feedback: FeedbackBlock
+    physical: PhysicalBlock
+    sets: dict[str, SetBlock] = Field(min_length=1)
+    typical: list[str] = []
+    examples: list[ExampleBlock] = []
+    claims: list[ClaimBlock] = []
+
+    @model_validator(mode="after")
+    def _known(self) -> ExperimentsBlock:
+        if not 1 <= self.orders[0] <= self.orders[1]:
+            raise ValueError("`orders` is [least, most], from 1 up")
+        used = [
+            *self.feedback.records.values(),
+            *self.frequencies,
+            *self.typical,
+            *(each.data for each in self.examples),
+        ]
+        for code in used:
+            if code not in self.sets:
+                raise ValueError(f"there is no data set '{code}' under `sets`")
+        for name in (*self.preparation.zero_mean, self.feedback.position, self.feedback.speed):
+            if name not in self.outputs:
+                raise ValueError(f"'{name}' is no output")
+        for code, each in self.sets.items():
+            if each.payload not in self.feedback.records:
+                raise ValueError(f"`feedback.records` has none for the payload of {code}, {each.payload:g} kg")
+        names = [each.name for each in self.examples]
+        if len(set(names)) < len(names) or set(names) & set(self.sets):
+            raise ValueError("`examples` need names of their own")
+        return self

@@ -1,0 +1,60 @@
+"""Folders of unpacked FMUs: all in this process that open equal files share one, so that its library is loaded once.
+
+A folder goes when the last who took it has given it back.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import threading
+from collections import Counter
+from pathlib import Path
+
+from fmus.files import sha256
+from fmus.packaging import archive
+from orchestrator.interrupts import UNPACKED
+
+_lock = threading.Lock()
+_shared: dict[str, Path] = {}  # hash of a file -> where it is unpacked
+_users: Counter[Path] = Counter()
+
+
+def take(path: Path, alone: bool) -> Path:
+    """The folder that an FMU is unpacked in, to be given back; with `alone` it is nobody else's.
+
+    Raises:
+        FmuFileError: see `archive.opened`; what the archive raises where its contents are damaged.
+    """
+    digest = sha256(path)
+    with _lock:
+        folder = None if alone else _shared.get(digest)
+        if folder is None or not folder.is_dir():
+            folder = _unpack(path)
+            if not alone:
+                _shared[digest] = folder
+        _users[folder] += 1
+    return folder
+
+
+def give_back(folder: Path) -> None:
+    """Let go of a folder that was taken; the last one removes it."""
+    with _lock:
+        _users[folder] -= 1
+        if _users[folder]:
+            return
+        del _users[folder]
+        for digest in [each for each, shared in _shared.items() if shared == folder]:
+            del _shared[digest]
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _unpack(path: Path) -> Path:
+    folder = Path(tempfile.mkdtemp(prefix=UNPACKED))
+    try:
+        with archive.opened(path) as zipped:
+            zipped.extractall(folder)
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+    return folder

@@ -1,0 +1,164 @@
+"""Interrupts take effect where nothing is torn: after what must be whole, after a step of a Python FMU."""
+
+from __future__ import annotations
+
+import pickle
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scripted import Clock, simulation
+
+from fmus import library
+from fmus.packaging import python
+from orchestrator.engine import Interrupted, Simulation, Timing
+from orchestrator.fmu_file import FmuFile
+from orchestrator.interrupts import Interrupts, requested, whole
+from orchestrator.slave import Slave
+from orchestrator.system import Part, wire
+from orchestrator.trace import Trace
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
+
+
+def interrupt() -> None:
+    signal.raise_signal(signal.SIGINT)
+
+
+@pytest.fixture(autouse=True)
+def same_handler() -> Iterator[None]:
+    """Whatever a test does, the handler afterwards is the one before."""
+    before = signal.getsignal(signal.SIGINT)
+    yield
+    assert signal.getsignal(signal.SIGINT) is before
+    assert sys.gettrace() is None
+
+
+def test_what_must_be_whole_is_finished_before_the_interrupt_takes_effect() -> None:
+    done = []
+    with pytest.raises(KeyboardInterrupt), whole():
+        interrupt()
+        done.append("rest")
+    assert done == ["rest"]
+
+
+def test_without_an_interrupt_nothing_happens() -> None:
+    with whole():
+        pass
+
+
+def test_a_second_interrupt_does_not_wait() -> None:
+    with pytest.raises(KeyboardInterrupt), whole():
+        interrupt()
+        interrupt()
+        pytest.fail("the second one waited")
+
+
+def test_wholes_within_each_other_end_together() -> None:
+    done = []
+    with pytest.raises(KeyboardInterrupt), whole():
+        with whole():
+            interrupt()
+            done.append("inner")
+        done.append("outer")
+    assert done == ["inner", "outer"]
+
+
+def test_an_error_within_is_not_hidden_where_nobody_interrupts() -> None:
+    with pytest.raises(ZeroDivisionError), whole():
+        raise ZeroDivisionError
+
+
+def test_an_interrupt_that_waited_comes_before_the_error_that_ended_the_wait() -> None:
+    with pytest.raises(KeyboardInterrupt) as stopped, whole():
+        interrupt()
+        raise ZeroDivisionError
+    assert isinstance(stopped.value.__context__, ZeroDivisionError)
+
+
+def test_in_another_thread_whole_leaves_the_handler_alone() -> None:
+    seen = []
+
+    def work() -> None:
+        before = signal.getsignal(signal.SIGINT)
+        with whole():
+            seen.append(signal.getsignal(signal.SIGINT) is before)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert seen == [True]
+
+
+def test_it_is_known_that_an_interrupt_was_requested_until_the_command_is_over() -> None:
+    assert not requested()
+    with Interrupts():
+        with pytest.raises(KeyboardInterrupt):
+            interrupt()
+        assert requested()
+    assert not requested()
+
+
+@pytest.mark.parametrize("at", [0, 3, 7])
+def test_a_sink_that_is_interrupted_gets_every_row_once(at: int) -> None:
+    pieces: list[Trace] = []
+
+    def sink(piece: Trace) -> None:
+        if len(pieces) == at:
+            interrupt()
+        pieces.append(piece)
+
+    made = simulation([Clock("clock")], step=Fraction(1, 1000), stop=Fraction(100))
+    with pytest.raises(Interrupted) as stopped:
+        made.run(sink=sink)
+    stamps = np.concatenate([piece.time for piece in pieces])
+    assert np.array_equal(stamps, np.arange(len(stamps)) / 1000)
+    reached = stopped.value.result.account.reached
+    assert len(stamps) == round(1000 * reached) and len(pieces) in (at + 1, at + 2)
+
+
+def test_between_processes_an_interrupted_run_is_a_plain_interrupt() -> None:
+    def stop(fraction: float) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(Interrupted) as stopped:
+        simulation([Clock("clock")]).run(progress=stop)
+    received = pickle.loads(pickle.dumps(stopped.value))
+    assert type(received) is KeyboardInterrupt and str(received) == "interrupted at t = 1 s"
+
+
+SLOW = '''"""A clock whose step takes its time."""
+import time
+from .model import Model, State, output, parameter
+
+def derivatives(t, x, u, p):
+    time.sleep(0.005)
+    return {"y": p.rate}
+
+MODEL = Model("slow", "Slow", (output("y", "1", "Output"), parameter("rate", "1/s", 1.0, "Rate")),
+              states=(State("y"),), derivatives=derivatives, solver_step=lambda p: 0.1)
+'''
+
+
+def test_a_run_of_a_python_fmu_keeps_all_up_to_its_interrupt(tmp_path: Path) -> None:
+    (tmp_path / "slow.py").write_text(SLOW)
+    path = python.build(library.find(str(tmp_path / "slow.py")), tmp_path / "slow.fmu")
+    timing = Timing(Fraction(1000), Fraction(1, 10))
+    with (
+        FmuFile(path) as file,
+        Simulation(wire({"slow": Part(file.interface)}, []), {"slow": Slave(file, "slow")}, timing) as made,
+        Interrupts(),
+    ):
+        timer = threading.Timer(0.5, interrupt)
+        timer.start()
+        with pytest.raises(Interrupted) as stopped:
+            made.run()
+        timer.join()
+    trace, account = stopped.value.result.trace, stopped.value.result.account
+    assert 1 <= account.steps == len(trace) == round(10 * account.reached) < 10_000
+    assert trace["slow.y"] == pytest.approx(np.arange(len(trace)) / 10, abs=1e-9)
