@@ -108,6 +108,10 @@ class _Differentiation:
 
     def _function(self, node: Expr) -> Expr:
         name = type(node).__name__
+        if name == "dot":
+            half = len(node.args) // 2
+            products = zip(node.args[:half], node.args[half:], strict=True)
+            return reduce(_plus, (self._product(factors) for factors in products), _ZERO)
         inner = [self(argument) for argument in node.args]
         if name in _STEPS or all(each == 0 for each in inner):
             return _ZERO

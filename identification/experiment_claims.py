@@ -33,8 +33,7 @@ class Comparison:
     def __str__(self) -> str:
         factor = f"{self.block.times:g} x " if self.block.times != 1 else ""
         sign = "<" if self.held else "not <"
-        left, right = (_side(names) for names in (self.block.less, self.block.than))
-        return f"{factor}{left} = {self.less:.3g} {sign} {right} = {self.than:.3g}"
+        return f"{factor}{_side(self.block.less, self.less)} {sign} {_side(self.block.than, self.than)}"
 
 
 @dataclass(frozen=True)
@@ -132,6 +131,9 @@ def _compared(block: InequalityBlock, known: Mapping[str, float], place: str) ->
     return Comparison(block, float(less.max()) * block.times, float(than.min()))
 
 
-def _side(names: list[str | float]) -> str:
+def _side(names: list[str | float], value: float) -> str:
+    """The names and the figure that counts."""
     words = [name if isinstance(name, str) else f"{name:g}" for name in names]
-    return words[0] if len(words) == 1 else f"({', '.join(words)})"
+    if len(words) > 1:
+        return f"({', '.join(words)}) = {value:.3g}"
+    return f"{words[0]} = {value:.3g}" if isinstance(names[0], str) else words[0]

@@ -18,7 +18,7 @@ from identification.modes import labels, modes
 from identification.reductions import Errors, Reduction
 from orchestrator.report import Report, Section
 from orchestrator.report import figures as plots
-from orchestrator.report.blocks import Kind
+from orchestrator.report.blocks import Cell, Kind
 from orchestrator.results import result_folder, versions, write_json
 
 MARKS: dict[str, Kind] = {"held": "ok", "held in part": "warning", "not borne out": "error"}
@@ -26,7 +26,7 @@ MARKS: dict[str, Kind] = {"held": "ok", "held in part": "warning", "not borne ou
 
 def write_calibration(experiments: Experiments, study_file: Path, target: Path) -> dict[str, Any]:
     """Write the result folder; the summary comes back."""
-    claims, found = judge(experiments), tables(experiments)
+    claims, found = _judged(experiments), tables(experiments)
     document = summary(experiments, claims, found)
     with result_folder(target) as folder:
         shutil.copyfile(study_file, folder / STUDY)
@@ -35,7 +35,16 @@ def write_calibration(experiments: Experiments, study_file: Path, target: Path) 
     return document
 
 
-def summary(experiments: Experiments, claims: list[Judgement], found: list[ThesisTable]) -> dict[str, Any]:
+Verdicts = list[tuple[Judgement, Judgement | None]]  # under the study's preparation, and under the other one
+
+
+def _judged(experiments: Experiments) -> Verdicts:
+    own = judge(experiments)
+    others: list[Judgement] | list[None] = judge(experiments.compared) if experiments.compared else [None] * len(own)
+    return list(zip(own, others, strict=True))
+
+
+def summary(experiments: Experiments, claims: Verdicts, found: list[ThesisTable]) -> dict[str, Any]:
     """The study as plain values, as `summary.json` holds them."""
     study = experiments.study
     return {
@@ -43,11 +52,14 @@ def summary(experiments: Experiments, claims: list[Judgement], found: list[Thesi
         "method": study.method,
         "parameters": {},
         "fit": {},
-        "claims": [_claim(each) for each in claims],
+        "claims": [_claim(each) | {"compared": _claim(other) if other else None} for each, other in claims],
         "sets": {label: _set(experiments, result) for label, result in experiments.results.items()},
         "examples": {name: _example(experiments, each) for name, each in experiments.reductions.items()},
         "linear_models": {name: _model(each) for name, each in final_models(experiments).items()},
         "figures": {name: finite(value) for name, value in figures(experiments).items()},
+        "compared": {name: finite(value) for name, value in figures(experiments.compared).items()}
+        if experiments.compared
+        else None,
         "physical_modes": [
             {"payload": payload, "frequency": each.frequency, "damping": each.damping}
             for payload, found_modes in experiments.physical.items()
@@ -62,12 +74,11 @@ def summary(experiments: Experiments, claims: list[Judgement], found: list[Thesi
     }
 
 
-def report(
-    experiments: Experiments, claims: list[Judgement], found: list[ThesisTable], document: dict[str, Any]
-) -> Report:
+def report(experiments: Experiments, claims: Verdicts, found: list[ThesisTable], document: dict[str, Any]) -> Report:
     """Claims, the tables of both chapters, errors at a glance, physical modes, provenance."""
     page = Report(experiments.study.title, experiments.study.description)
-    _claims(page.section("Claims"), claims, document["warnings"])
+    other = experiments.study.compare
+    _claims(page.section("Claims"), claims, document["warnings"], other.name if other else "")
     _overview(page.section("Errors at a glance"), experiments)
     for number, heading in (("2", "Chapter 2: identification"), ("3", "Chapter 3: reduction and updating")):
         section = page.section(heading)
@@ -82,17 +93,23 @@ def report(
     return page
 
 
-def _claims(section: Section, claims: list[Judgement], warnings: list[str]) -> None:
-    counts = {outcome: sum(each.outcome == outcome for each in claims) for outcome in MARKS}
+def _claims(section: Section, claims: Verdicts, warnings: list[str], name: str) -> None:
+    counts = {outcome: sum(each.outcome == outcome for each, _ in claims) for outcome in MARKS}
     section.highlights([(outcome, count, f"of {len(claims)} claims") for outcome, count in counts.items()])
     for warning in warnings:
         section.callout("warning", warning)
-    for each in claims:
-        verdict = f"{each.outcome} ({each.count} of {len(each.comparisons)})"
-        section.callout(
-            MARKS[each.outcome], " ".join(filter(None, [f"{each.claim.statement}: {verdict}.", each.reason]))
-        )
-        section.table(["comparison", "holds"], [[str(one), one.held] for one in each.comparisons])
+    for each, other in claims:
+        verdict = f"{each.claim.statement}: {_verdict(each)}."
+        against = f"With {name}: {_verdict(other)}." if other else ""
+        section.callout(MARKS[each.outcome], " ".join(filter(None, [verdict, each.reason, against])))
+        rows: list[list[Cell]] = [[str(one), one.held] for one in each.comparisons]
+        for row, one in zip(rows, other.comparisons if other else (), strict=False):
+            row += [str(one), one.held]
+        section.table(["comparison", "holds", *([name, "holds"] if other else [])], rows)
+
+
+def _verdict(judgement: Judgement) -> str:
+    return f"{judgement.outcome} ({judgement.count} of {len(judgement.comparisons)})"
 
 
 def _overview(section: Section, experiments: Experiments) -> None:
@@ -106,6 +123,21 @@ def _overview(section: Section, experiments: Experiments) -> None:
     }
     finite_groups = {name: {code: value for code, value in each.items() if value < 2} for name, each in groups.items()}
     section.figure(plots.bars(finite_groups, None, "mean δ"), "Mean δ; none where the loop is unstable or δ is above 2")
+    if experiments.compared:
+        _preparations(section, experiments, experiments.compared)
+
+
+def _preparations(section: Section, experiments: Experiments, other: Experiments) -> None:
+    """What the preparation makes of each data set."""
+    names = [each.study.preparation.name for each in (experiments, other)]
+    headers = ["data", *(f"{what}, {name}" for name in names for what in ("order", "DMV", "SFV"))]
+    rows = [[label, *_short(result), *_short(other.results[label])] for label, result in experiments.results.items()]
+    section.table(headers, rows, caption="Mean δ under both preparations; a dash stands for an unstable loop")
+
+
+def _short(result: SetResult) -> list[float | None]:
+    errors = result.chosen.errors
+    return [result.chosen.order, finite(mean(errors.dmv)), finite(mean(errors.sfv))]
 
 
 def _frequencies(section: Section, experiments: Experiments) -> None:

@@ -18,8 +18,9 @@ Errors = tuple[float, float, float, float, float]
 
 
 class ConditioningBlock(Block):
-    """What is done to every record before a model is fitted; see `preparation.Preparation`."""
+    """What is done to every record before a model is fitted; see `preparation.Preparation`. `name` is for reports."""
 
+    name: str = "preparation"
     zero_mean: list[str] = []
     cutoff: float | None = Field(None, gt=0)
     causal: bool = False
@@ -157,6 +158,7 @@ class ExperimentsBlock(Block):
 
     Attributes:
         scenarios: whose cases are the data sets, by name.
+        compare: another preparation, under which everything is done again and claims are tried, too.
         stop: signal that tells how long an end stop was touched.
         block: block rows of the data matrices (q).
         orders: least and greatest order that is tried.
@@ -172,6 +174,7 @@ class ExperimentsBlock(Block):
     outputs: list[str] = Field(min_length=1)
     stop: str | None = None
     preparation: ConditioningBlock = ConditioningBlock()
+    compare: ConditioningBlock | None = None
     block: int = Field(ge=2)
     orders: tuple[int, int]
     compared: int = Field(ge=1)
@@ -196,7 +199,8 @@ class ExperimentsBlock(Block):
         for code in used:
             if code not in self.sets:
                 raise ValueError(f"there is no data set '{code}' under `sets`")
-        for name in (*self.preparation.zero_mean, self.feedback.position, self.feedback.speed):
+        others = self.compare.zero_mean if self.compare else []
+        for name in (*self.preparation.zero_mean, *others, self.feedback.position, self.feedback.speed):
             if name not in self.outputs:
                 raise ValueError(f"'{name}' is no output")
         for code, each in self.sets.items():

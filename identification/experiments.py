@@ -5,12 +5,13 @@ Data sets do not know of each other, so each goes to a process of its own. `expe
 
 from __future__ import annotations
 
+import itertools
 import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing import active_children, get_context
 from pathlib import Path
 from typing import TypeVar
@@ -36,12 +37,14 @@ class Experiments:
     Attributes:
         results: label -> result; the label is the data set's code, with a `c` where the compensation was left in.
         physical: payload [kg] -> lowest modes of the physical model.
+        compared: the same under the study's other preparation, where there is one.
     """
 
     study: ExperimentsBlock
     recorded: tuple[Recorded, ...]
     results: dict[str, SetResult]
     physical: dict[float, tuple[PhysicalMode, ...]]
+    compared: Experiments | None = None
 
     @property
     def reductions(self) -> dict[str, Reduction]:
@@ -64,16 +67,26 @@ def run(study: ExperimentsBlock, base: Path, data: Path | None, move: Move) -> E
     physical = {
         payload: _physical(study, payload) for payload in sorted({each.payload for each in study.sets.values()})
     }
+    studies = [study, *([study.model_copy(update={"preparation": study.compare})] if study.compare else [])]
     with _workers() as pool:
         recorded = _read(study, base, data) if data else _simulated(pool, study, base, move)
-        jobs = _jobs(study, recorded, physical)
-        tasks = {pool.submit(work, job): job.label for job in jobs}
-        results = {}
-        for number, task in enumerate(as_completed(tasks), start=1):
-            results[tasks[task]] = _result(task)
-            done = SIMULATED + (IDENTIFIED - SIMULATED) * number / len(tasks)
-            move(done, f"{number} of {len(tasks)} identified, {tasks[task]}")
-    return Experiments(study, tuple(recorded), {job.label: results[job.label] for job in jobs}, physical)
+        jobs = [_jobs(each, recorded, physical) for each in studies]
+        results = _worked_on(pool, list(itertools.chain(*jobs)), move)
+    made = [
+        Experiments(each, tuple(recorded), {job.label: results[job] for job in own}, physical)
+        for each, own in zip(studies, jobs, strict=True)
+    ]
+    return replace(made[0], compared=made[1] if study.compare else None)
+
+
+def _worked_on(pool: ProcessPoolExecutor, jobs: list[Job], move: Move) -> dict[Job, SetResult]:
+    tasks = {pool.submit(work, job): job for job in jobs}
+    results = {}
+    for number, task in enumerate(as_completed(tasks), start=1):
+        results[tasks[task]] = _result(task)
+        done = SIMULATED + (IDENTIFIED - SIMULATED) * number / len(tasks)
+        move(done, f"{number} of {len(tasks)} identified, {tasks[task].label}")
+    return results
 
 
 def _physical(study: ExperimentsBlock, payload: float) -> tuple[PhysicalMode, ...]:

@@ -1,4 +1,4 @@
-"""Values that move the outputs of the library's models, inputs included: for tests that set nothing in FMUs they run."""
+"""Values that move the outputs of a model, inputs included: for tests that set nothing in the FMUs they run."""
 
 from __future__ import annotations
 

@@ -87,6 +87,7 @@ def everything() -> Model:
         first = ops.exp(-(x.x**2)) * ops.sin(u.a) + ops.log(2 + p.k) ** 2 - ops.sqrt(1 + x.x**2) / (3 - ops.cos(u.b))
         second = ops.clip(x.x * u.a, -0.2, 5.0) + ops.sign(u.b) * ops.tanh(p.k) + ops.floor(u.a * 10) * u.b
         noise = ops.uniform(p.seed, ops.floor(t)) * u.a + ops.maximum(u.a, ops.maximum(u.b, x.x)) ** p.k
+        second += ops.dot([u.a, x.x, 2.0], [p.k, u.b, ops.sin(x.x)])
         return {"y": first - second * 2.0**p.k / (1 / x.x), "z": noise - (first - (second - 1.5)) - -u.b}
 
     return Model(

@@ -60,6 +60,15 @@ def test_played_back_tables_have_the_slope_of_their_piece() -> None:
     assert entry == 2 * sympy.Function("playback_slope_drive")(2 * a)
 
 
+def test_a_sum_of_products_has_the_derivative_of_the_sum_written_out() -> None:
+    with sympy.evaluate(False):
+        written = ops.dot([a, a * b, sympy.Float(2.0)], [b, a, a**2])
+    found = jacobian("here", [written], [a, b])
+    point = {a: 0.7, b: 1.9}
+    exact = [(a * b + a**2 * b + 2 * a**2).diff(symbol).subs(point) for symbol in (a, b)]
+    assert [float(entry.subs(point)) for entry in found.values()] == pytest.approx([float(each) for each in exact])
+
+
 def test_a_function_whose_derivative_is_not_known_is_named() -> None:
     with pytest.raises(ModelError, match="here: the derivative of 'asin' is not known"):
         jacobian("here", [sympy.asin(a)], [a])

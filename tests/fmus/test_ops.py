@@ -80,6 +80,16 @@ def test_where_takes_the_branch_of_the_condition_for_floats_arrays_and_symbols(a
     assert traced(choose, a, b, c) == expected
 
 
+@given(st.lists(st.tuples(NUMBERS, NUMBERS), min_size=1, max_size=8))
+def test_dot_is_the_product_of_two_vectors_for_floats_arrays_and_symbols(pairs: list[tuple[float, float]]) -> None:
+    one, other = ([pair[i] for pair in pairs] for i in (0, 1))
+    expected = pytest.approx(float(np.dot(one, other)), rel=1e-12, abs=1e-9)
+    assert ops.dot(one, other) == expected
+    assert ops.dot([np.array([x, 0.0]) for x in one], other)[0] == expected
+    node = ops.dot(sympy.symbols(f"a:{len(one)}"), other)
+    assert (type(node).__name__, len(node.args)) == ("dot", 2 * len(one))
+
+
 def test_where_with_a_condition_known_while_tracing_leaves_no_trace_of_the_other_branch() -> None:
     a, b, _ = SYMBOLS
     assert ops.where(True, a, b) is a
