@@ -8,9 +8,10 @@ inertia (a'^2 + 2 sum c_i a' q_i' + sum q_i'^2) / 2,
     tip_acceleration = length (a'' + sum tip_i q_i'').
 
 A uniform beam with the share s of the inertia has c_i = sqrt(3 s) 2 / beta_i^2 and tip_i = +-2 / sqrt(3 s), with
-cos beta_i cosh beta_i = -1; the defaults are those of s = 0.7. Where the second mode bends far, it loses stiffness, takes
-a part of the third with it, and is dragged by the air: y = q_2 + mix q_3 has the potential energy of a softening spring.
-The torque follows the command with a lag, and saturates. Friction is LuGre's, with bristles soft enough to be seen.
+cos beta_i cosh beta_i = -1; the defaults are those of s = 0.7. Where the second mode bends far, it loses stiffness,
+takes a part of the third with it, and is damped more: y = q_2 + mix q_3 has the potential energy of a softening spring.
+The torque follows the command with a lag, and saturates; the motor's cogging pulls the hub to evenly spaced angles.
+Friction is LuGre's, z' = v - s0 |v| z / F_c, torque = s0 z + s1 z' + c v, with bristles soft enough to be seen.
 """
 
 import math
@@ -43,20 +44,19 @@ def saturated(command, p):
     return p.command_limit * ops.tanh(command / p.command_limit)
 
 
-def coulomb_friction(x, p):
-    """Friction that the bristles reach while the hub slides; another one for either direction."""
-    mean = 0.5 * (p.coulomb_friction_positive + p.coulomb_friction_negative)
-    difference = 0.5 * (p.coulomb_friction_positive - p.coulomb_friction_negative)
-    return mean + difference * ops.tanh(x.speed / p.friction_speed)
+def cogging(x, p):
+    """Torque of the motor's magnets on the hub; it pulls to the nearest detent."""
+    return -p.cogging_torque * ops.sin(2 * math.pi * (x.angle - p.cogging_angle) / p.cogging_period)
 
 
 def resolved_rate(p):
+    """The fastest rate at which the bristles follow [1/s]."""
     return RESOLVED * ops.sqrt(p.bristle_stiffness / (p.inertia * free_share(p)))
 
 
 def bristle_rate(x, p):
-    """LuGre's z'. Where the speed asks for more than the solver resolves, z goes to the same limit as fast as it can."""
-    relaxation = p.bristle_stiffness * ops.absolute(x.speed) / coulomb_friction(x, p)
+    """LuGre's z'. Where the speed asks for more than the solver resolves, z goes to its limit as fast as it can."""
+    relaxation = p.bristle_stiffness * ops.absolute(x.speed) / p.coulomb_friction
     return (x.speed - relaxation * x.bristle) * resolved_rate(p) / ops.maximum(resolved_rate(p), relaxation)
 
 
@@ -83,7 +83,7 @@ def modal_forces(x, p):
 def accelerations(x, p):
     """(a'', [q_i''])."""
     forces, participation = modal_forces(x, p), each("participation", p)
-    driving = (x.torque + p.torque_bias - friction(x, p)) / p.inertia
+    driving = (x.torque + p.torque_bias + cogging(x, p) - friction(x, p)) / p.inertia
     hub = (driving - total(participation, forces)) / free_share(p)
     return hub, [force - c * hub for force, c in zip(forces, participation, strict=True)]
 
@@ -108,10 +108,13 @@ def outputs(t, x, u, p):
 
 
 def solver_step(p):
-    """A quarter radian of a frequency above all modes, the root of the trace of M^-1 K; half of the drive's time constant;
-    a fifth of the damped hub's; all of the bristles'."""
+    """A quarter radian of a frequency above all modes, the root of the trace of M^-1 K; half of the drive's lag; a
+    fifth of the damped hub's; all of the bristles'."""
     couplings = [1 + c**2 / free_share(p) for c in each("participation", p)]
-    highest = 2 * math.pi * ops.sqrt(total(couplings, [f**2 for f in each("frequency", p)]))
+    of_modes = 4 * math.pi**2 * total(couplings, [f**2 for f in each("frequency", p)])
+    detent = 2 * math.pi * ops.absolute(p.cogging_torque) / p.cogging_period
+    of_hub = (p.bristle_stiffness + detent) / (p.inertia * free_share(p))
+    highest = ops.sqrt(of_modes + of_hub)
     damped = 0.2 * p.inertia * free_share(p) / ops.maximum(p.viscous_friction + p.bristle_damping, 1e-12)
     return ops.minimum(ops.minimum(0.25 / highest, 0.5 * p.drive_time), ops.minimum(damped, 1 / resolved_rate(p)))
 
@@ -135,11 +138,12 @@ DRIVE = (
 HUB = (
     parameter("inertia", "kg.m2", 0.01, "Moment of inertia of motor, hub and straight link", minimum=1e-12),
     parameter("viscous_friction", "N.m.s/rad", 0.1, "Viscous friction and back electromotive force", minimum=0),
-    parameter("coulomb_friction_positive", "N.m", 0.01, "Dry friction at positive speed", minimum=1e-9),
-    parameter("coulomb_friction_negative", "N.m", 0.01, "Dry friction at negative speed", minimum=1e-9),
-    parameter("friction_speed", "rad/s", 0.03, "Speed over which one dry friction becomes the other", minimum=1e-6),
+    parameter("coulomb_friction", "N.m", 0.01, "Dry friction (F_c)", minimum=1e-9),
     parameter("bristle_stiffness", "N.m/rad", 1.0, "Stiffness of the bristles (s0)", minimum=1e-9),
     parameter("bristle_damping", "N.m.s/rad", 0.0, "Damping of the bristles (s1)", minimum=0),
+    parameter("cogging_torque", "N.m", 0.0, "Largest torque of the motor's cogging"),
+    parameter("cogging_period", "rad", 0.1, "Angle from one detent of the cogging to the next", minimum=1e-6),
+    parameter("cogging_angle", "rad", 0.0, "Angle of a detent"),
 )
 LARGE = (
     parameter("softening", "1", 0.0, "Share of the second mode's stiffness that is lost far out", minimum=0, maximum=1),
@@ -158,7 +162,7 @@ SENSORS = (
 
 MODEL = Model(
     name="flexible_link",
-    description="Flexible link on a DC motor: three modes, soft LuGre friction, saturations, encoder and accelerometer",
+    description="Flexible link on a DC motor: three modes, friction, cogging, saturations, encoder and accelerometer",
     variables=(
         input_("command", "1", "Command to the drive, in its own units"),
         output("angle", "rad", "Angle of the hub, counter-clockwise"),
@@ -184,7 +188,7 @@ MODEL = Model(
     outputs=outputs,
     solver_step=solver_step,
     requirements=(
-        Requirement(lambda t, x, u, p: free_share(p) > 0, "the squares of the participations must add up to less than 1"),
+        Requirement(lambda t, x, u, p: free_share(p) > 0, "the squares of the participations add up to less than 1"),
     ),
     references=(
         "Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Transactions on Automatic Control 40(3), 1995, pp. 419-425",

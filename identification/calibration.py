@@ -45,8 +45,10 @@ class Judged:
     Attributes:
         simulated: (K, m) a window.
         fit: (W, m) FIT of each window and output.
+        outputs: component.variable of the m outputs.
     """
 
+    outputs: tuple[str, ...]
     cuts: tuple[Cut, ...]
     simulated: tuple[FloatArray, ...]
     fit: FloatArray
@@ -58,9 +60,22 @@ class Judged:
 
     def by_trace(self) -> dict[str, float]:
         """trace -> median FIT of its windows."""
+        return {name: _median(fit) for name, fit in self._traces().items()}
+
+    def by_output(self) -> dict[str, float]:
+        """output -> median FIT over all windows."""
+        return self._outputs(self.fit)
+
+    def by_trace_and_output(self) -> dict[str, dict[str, float]]:
+        """trace -> output -> median FIT of its windows."""
+        return {name: self._outputs(fit) for name, fit in self._traces().items()}
+
+    def _traces(self) -> dict[str, FloatArray]:
         names = dict.fromkeys(cut.trace for cut in self.cuts)
-        rows = {name: [i for i, cut in enumerate(self.cuts) if cut.trace == name] for name in names}
-        return {name: _median(self.fit[indices]) for name, indices in rows.items()}
+        return {name: self.fit[[cut.trace == name for cut in self.cuts]] for name in names}
+
+    def _outputs(self, fit: FloatArray) -> dict[str, float]:
+        return {name: _median(column) for name, column in zip(self.outputs, fit.T, strict=True)}
 
 
 def _median(fit: FloatArray) -> float:
@@ -114,7 +129,7 @@ def calibrate(study: OutputErrorBlock, base: Path, data: Path | None, progress: 
         validation = _judge(study, assembled, unseen, found.values) if unseen else None
         compared = {name: _judge(study, assembled, unseen or train, {**found.values, **other})
                     for name, other in study.compare.items()}  # fmt: skip
-    judged = Judged(tuple(train), found.simulated, found.fit)
+    judged = Judged(tuple(study.outputs), tuple(train), found.simulated, found.fit)
     return Calibration(study, tuple(recorded), found, judged, validation, compared, units)
 
 
@@ -142,7 +157,7 @@ def _judge(study: OutputErrorBlock, assembled: Assembled, cuts: list[Cut], value
     fixed = ParameterSet(tuple(Parameter(name, value, fixed=True) for name, value in values.items()))
     factory = SystemFactory(assembled, cuts, tuple(study.outputs), study.values())
     found = predict(_problem(study, cuts, fixed, _even_weights(cuts), Loss()), factory, Options(processes=processes()))
-    return Judged(tuple(cuts), found.simulated, found.fit)
+    return Judged(tuple(study.outputs), tuple(cuts), found.simulated, found.fit)
 
 
 def _problem(

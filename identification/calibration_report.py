@@ -69,10 +69,22 @@ def _overview(section: Section, calibration: Calibration, document: Mapping[str,
         section.callout("warning", warning)
     headers, rows = parameter_rows(document)
     section.table(headers, rows, caption="Estimates with half of their 95 % intervals")
-    groups = {"fitted": calibration.train.by_trace()}
-    if validation is not None:
-        groups["unseen"] = validation.by_trace()
-    section.figure(figures.bars(groups, target, "median FIT of the trace's windows"), "FIT by trace")
+    groups = {"fitted": calibration.train} | ({} if validation is None else {"unseen": validation})
+    fits(section, groups, target)
+
+
+def fits(section: Section, groups: Mapping[str, Judged], target: float | None) -> None:
+    """FIT by trace as bars; with several outputs also by output, as a table."""
+    bars = {name: judged.by_trace() for name, judged in groups.items()}
+    section.figure(figures.bars(bars, target, "median FIT of the trace's windows"), "FIT by trace")
+    outputs = next(iter(groups.values())).outputs
+    if len(outputs) > 1:
+        rows = [[trace, name, *(None if np.isnan(fit) else f"{fit:.3f}" for fit in by_output.values())]
+                for name, judged in groups.items()
+                for trace, by_output in judged.by_trace_and_output().items()]  # fmt: skip
+        rows += [["median", name, *(f"{fit:.3f}" for fit in judged.by_output().values())]
+                 for name, judged in groups.items()]  # fmt: skip
+        section.table(["trace", "", *outputs], rows, caption="Median FIT of the trace's windows, by output")
 
 
 def overlays(

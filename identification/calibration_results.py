@@ -58,9 +58,10 @@ def summary(calibration: Calibration) -> dict[str, Any]:
 
 
 def judged_summary(judged: Judged) -> dict[str, Any]:
-    """FIT of some windows: their median, and the median of each trace's; null where no output moves."""
+    """FIT of some windows: the median of all, of each trace and of each output; null where none moves."""
     by_trace = {name: finite(value) for name, value in judged.by_trace().items()}
-    return {"median": finite(judged.median), "windows": len(judged.cuts), "traces": by_trace}
+    by_output = {name: finite(value) for name, value in judged.by_output().items()}
+    return {"median": finite(judged.median), "windows": len(judged.cuts), "traces": by_trace, "outputs": by_output}
 
 
 def data_summary(recorded: Iterable[Recorded], held_out: Iterable[str]) -> list[dict[str, str]]:

@@ -22,7 +22,7 @@ from identification import (
     subspace_results,
 )
 from identification.calibration import Judged
-from identification.calibration_report import overlays
+from identification.calibration_report import fits, overlays
 from identification.calibration_results import STUDY, SUMMARY, data_summary, judged_summary
 from identification.campaign import Recorded, load_campaign, stamp_warnings
 from identification.experiment_study import ExperimentsBlock
@@ -171,7 +171,7 @@ def _report(study: OutputErrorBlock, judged: dict[str, Judged], document: dict[s
     section.callout(
         "ok" if document["held"] else "error", f"Target: {target}" if target else "The study sets no target."
     )
-    section.figure(figures.bars({name: each.by_trace() for name, each in judged.items()}, target, "FIT"))
+    fits(section, judged, target)
     for name, each in judged.items():
         overlays(page.section(f"Free runs, {name}"), study, {}, each, {})
     spread = np.concatenate([each.fit.ravel() for each in judged.values()])

@@ -16,6 +16,7 @@ from identification.experiments import Experiments
 from identification.linear_model import LinearModel
 from identification.modes import labels, modes
 from identification.reductions import Errors, Reduction
+from identification.subspace_results import write_model
 from orchestrator.report import Report, Section
 from orchestrator.report import figures as plots
 from orchestrator.report.blocks import Cell, Kind
@@ -25,10 +26,13 @@ MARKS: dict[str, Kind] = {"held": "ok", "held in part": "warning", "not borne ou
 
 
 def write_calibration(experiments: Experiments, study_file: Path, target: Path) -> dict[str, Any]:
-    """Write the result folder; the summary comes back."""
+    """Write the result folder, with every chosen and updated model as an FMU; the summary comes back."""
     claims, found = _judged(experiments), tables(experiments)
     document = summary(experiments, claims, found)
+    provenance = {key: document[key] for key in ("title", "method", "data", "versions")}
     with result_folder(target) as folder:
+        for name, model in final_models(experiments).items():
+            write_model(model, folder / "fmus" / f"{name}.fmu", provenance)
         shutil.copyfile(study_file, folder / STUDY)
         report(experiments, claims, found, document).write(folder / "report.html")
         write_json(folder / SUMMARY, document)

@@ -115,10 +115,12 @@ class SignalBlock(Block):
 class InitialBlock(Block):
     """A start value read off a signal around the beginning of each window.
 
-    A polynomial of `degree` is fitted to the samples within `half_width` [s]; its value or derivative there counts.
+    A polynomial of `degree` is fitted to the samples within `half_width` [s]; its value or derivative there counts,
+    times `factor`, which makes a start value of a reading in a converter's units.
     """
 
     signal: str
+    factor: float = 1.0
     derivative: int = Field(0, ge=0, le=2)
     half_width: float = Field(0.018, gt=0)
     degree: int = Field(2, ge=0, le=6)

@@ -100,7 +100,7 @@ def _cut(
 
 
 def start_value(trace: Trace, start: float, block: InitialBlock) -> float:
-    """Value or derivative of a signal at `start` [s]: a polynomial fitted to the samples around it.
+    """Value or derivative of a signal at `start` [s], scaled: a polynomial fitted to the samples around it.
 
     Raises:
         TraceError: fewer samples lie there than the polynomial has coefficients.
@@ -110,4 +110,4 @@ def start_value(trace: Trace, start: float, block: InitialBlock) -> float:
         raise TraceError(f"{trace.name}.{block.signal}", f"has {len(near)} samples within {block.half_width:g} s of "
                          f"t = {start:g} s", "widen `half_width`")  # fmt: skip
     polynomial = np.polynomial.Polynomial.fit(near.time, near[block.signal], block.degree)
-    return float(polynomial.deriv(block.derivative)(start))
+    return block.factor * float(polynomial.deriv(block.derivative)(start))

@@ -473,6 +473,8 @@ def _fits(document: dict[str, Any]) -> list[str]:
             lines += [f"median FIT of {name}: {_figure(each['median'])}" for name, each in judged.items()]
         elif judged is not None:
             lines.append(f"median FIT, {group}: {_figure(judged['median'])} ({len(judged['traces'])} traces)")
+            outputs = judged.get("outputs", {})
+            lines += [f"  {name}: {_figure(value)}" for name, value in outputs.items() if len(outputs) > 1]
     return lines
 
 

@@ -29,6 +29,10 @@ RICH: dict[str, dict[str, float]] = {
         "stribeck_friction": 0.05, "stribeck_speed": 0.3, "gear_stiffness": 15.0, "backlash": 0.02, "payload": 0.1,
         "stop_stiffness": 25.0, "stop_angle": 0.3, "angle_start": 0.25, "speed_start": 1.0,
     },
+    "flexible_link": {
+        "torque_gain": 0.2, "command_limit": 0.6, "drive_time": 0.02, "bristle_stiffness": 0.5, "bristle_damping": 0.01,
+        "cogging_torque": 0.004, "softening": 0.3, "drag": 1.0, "speed_start": 1.0,
+    },
     "servo_drive": {"direction": 2, "voltage_limit": 0.6, "gear_ratio": 3.0},
     "pd": {"compensated_by": 2, "sample_time": 0.02, "error_band": 0.05, "gains": 2},
     "relay_bound": {"bound": 0.6, "sample_time": 0.02},
@@ -45,9 +49,9 @@ def drive(t: float) -> float:
 
 
 def value_of(name: str, variable: Variable) -> st.SearchStrategy[Any]:
-    """Values within the bounds, near that of the rich example; nearer for an arm: its solver steps must not be tiny."""
+    """Values within the bounds, near that of the rich example; nearer for a beam: its solver steps must not be tiny."""
     start = float(RICH[name].get(variable.name, variable.start or 0))
-    span = 0.2 * abs(start) if name == "flexible_arm" else 5
+    span = 0.15 * abs(start) if name.startswith("flexible") else 5
     low = max(start - span, -math.inf if variable.minimum is None else max(variable.minimum, 0.02))
     high = max(low, min(start + span, math.inf if variable.maximum is None else variable.maximum))
     return st.integers(math.ceil(low), math.floor(high)) if variable.type == "Integer" else st.floats(low, high)

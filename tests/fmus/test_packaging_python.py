@@ -36,6 +36,7 @@ RICH: dict[str, dict[str, float]] = {
     "excitation": {"shape": 2, "amplitude": 2.0, "begin": 0.1},
     "daq": {"noise": 0.1, "bits": 8, "range": 2.0, "filter_order": 2, "cutoff": 5.0, "sample_time": 0.02},
     "flexible_arm": {"bending_stiffness": 0.05, "hub_inertia": 0.05, "bristle_stiffness": 20.0, "backlash": 0.02},
+    "flexible_link": {"torque_gain": 0.2, "bristle_stiffness": 0.5, "softening": 0.3, "drag": 1.0, "speed_start": 1.0},
     "servo_drive": {"direction": 2, "voltage_limit": 0.6},
     "pd": {"compensated_by": 2, "sample_time": 0.02},
     "relay_bound": {"bound": 0.6, "sample_time": 0.02},

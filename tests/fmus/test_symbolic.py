@@ -37,7 +37,7 @@ def compiled(name: str, label: str) -> tuple[tuple[str, ...], Any]:
 def parameter_values(variable: Variable, near: bool) -> st.SearchStrategy[Any]:
     """Values within the bounds, no wider than five around the default, or than a fifth of it."""
     start = float(variable.start or 0)
-    span = 0.2 * abs(start) if near else 5
+    span = 0.15 * abs(start) if near else 5
     low = max(start - span, -math.inf if variable.minimum is None or near else max(variable.minimum, 1e-3))
     high = min(start + span, math.inf if variable.maximum is None else variable.maximum)
     return st.integers(math.ceil(low), math.floor(high)) if variable.type == "Integer" else st.floats(low, high)
