@@ -27,3 +27,9 @@ def _recordings(folder: str) -> Path:
 def butterfly_data() -> Path:
     """Folder with the real recordings of the Butterfly robot."""
     return _recordings("butterfly")
+
+
+@pytest.fixture
+def flexible_link_data() -> Path:
+    """Folder with the real recordings of the flexible link."""
+    return _recordings("flexible-link")
