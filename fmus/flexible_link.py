@@ -34,9 +34,14 @@ def total(factors, others):
     return sum(rest, first)
 
 
+def remainder(p):
+    """The part of the inertia that the modes leave to the hub; a link that is one has some."""
+    return 1 - sum(c**2 for c in each("participation", p))
+
+
 def free_share(p):
     """The part of the inertia that resists the hub when it turns faster than the link follows."""
-    return 1 - sum(c**2 for c in each("participation", p))
+    return ops.maximum(remainder(p), 1e-6)
 
 
 def saturated(command, p):
@@ -141,7 +146,7 @@ HUB = (
     parameter("coulomb_friction", "N.m", 0.01, "Dry friction (F_c)", minimum=1e-9),
     parameter("bristle_stiffness", "N.m/rad", 1.0, "Stiffness of the bristles (s0)", minimum=1e-9),
     parameter("bristle_damping", "N.m.s/rad", 0.0, "Damping of the bristles (s1)", minimum=0),
-    parameter("cogging_torque", "N.m", 0.0, "Largest torque of the motor's cogging"),
+    parameter("cogging_torque", "N.m", 0.0, "Torque of the motor's cogging between two detents"),
     parameter("cogging_period", "rad", 0.1, "Angle from one detent of the cogging to the next", minimum=1e-6),
     parameter("cogging_angle", "rad", 0.0, "Angle of a detent"),
 )
@@ -188,7 +193,7 @@ MODEL = Model(
     outputs=outputs,
     solver_step=solver_step,
     requirements=(
-        Requirement(lambda t, x, u, p: free_share(p) > 0, "the squares of the participations add up to less than 1"),
+        Requirement(lambda t, x, u, p: remainder(p) > 0, "the squares of the participations add up to less than 1"),
     ),
     references=(
         "Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Transactions on Automatic Control 40(3), 1995, pp. 419-425",

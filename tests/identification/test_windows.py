@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -140,6 +141,15 @@ def test_start_values_are_exact_for_polynomials_of_the_degree(
     block = InitialBlock(signal="angle", derivative=derivative, half_width=0.25, degree=degree)
     found = start_value(Trace(time, {"angle": polynomial(time)}), start, block)
     assert found == pytest.approx(float(polynomial.deriv(derivative)(start)), abs=1e-6)
+
+
+def test_a_factor_makes_start_values_of_readings() -> None:
+    counts = Trace(EVEN, {"encoder": 651.9 * np.cos(3 * EVEN)})
+    speed = {"signal": "encoder", "derivative": 1, "half_width": 0.035}
+    radians = InitialBlock.model_validate(speed | {"factor": 1 / 651.9})
+    found = start_value(counts, 5.0, radians)
+    assert found == pytest.approx(start_value(counts, 5.0, InitialBlock.model_validate(speed)) / 651.9, rel=1e-12)
+    assert found == pytest.approx(-3 * math.sin(15), abs=0.02)
 
 
 def test_only_samples_within_the_half_width_count() -> None:
