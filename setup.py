@@ -6,7 +6,7 @@ from Cython.Build import cythonize
 from setuptools import Extension, setup
 
 # A fused multiply-add would round differently from Python.
-FLAGS = [] if os.name == "nt" else ["-O2", "-g0", "-ffp-contract=off"]
+FLAGS = [] if os.name == "nt" else ["-O3", "-g0", "-ffp-contract=off"]
 LOOP = Extension("orchestrator.engine._compiled", ["orchestrator/engine/_compiled.pyx"], extra_compile_args=FLAGS)
 
 extensions = cythonize([LOOP], build_dir="build/cython", quiet=True)

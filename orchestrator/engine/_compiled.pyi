@@ -2,25 +2,23 @@
 
 from enum import IntEnum
 
-from numpy.typing import NDArray
-
 from orchestrator.trace import FloatArray
 
-Group = tuple[int, int, int, int, int | None, NDArray | None, float, float]
+Row = tuple[int, ...]
 
 class Kind(IntEnum):
     FLOAT64 = 0
-    FLOAT32 = 1
-    INT8 = 2
-    UINT8 = 3
-    INT16 = 4
-    UINT16 = 5
-    INT32 = 6
-    UINT32 = 7
-    INT64 = 8
-    UINT64 = 9
-    FLAG = 10
-    BOOL = 11
+    INT32 = 1
+    FLAG = 2
+    FLOAT32 = 3
+    BOOL = 4
+    INT8 = 5
+    UINT8 = 6
+    INT16 = 7
+    UINT16 = 8
+    UINT32 = 9
+    INT64 = 10
+    UINT64 = 11
 
 class Stage(IntEnum):
     RUNNING = 0
@@ -40,29 +38,29 @@ class Core:
     def __init__(
         self,
         capacity: int,
-        values: FloatArray,
-        stimuli: tuple[FloatArray, int, int],
+        stimuli: FloatArray,
+        targets: list[int],
+        hold: int,
         clock: tuple[int, int, int],
-        record_slots: NDArray,
-        record_inputs: NDArray,
+        record_outputs: list[int],
+        record_inputs: list[int],
     ) -> None: ...
-    def add(
+    def add_rate(self, every: int, deferred: list[Row]) -> None: ...
+    def add_node(
         self,
+        rate: int,
         version: int,
         instance: int | None,
-        step: int | None,
+        step: int,
         flags: list[int] | None,
-        every: int,
         duration: float,
-        sources: NDArray,
+        sources: list[int],
         scale: FloatArray | None,
-        held: int,
-        first: int,
-        instant: NDArray,
-        staged: int,
-        written: list[Group],
-        read: list[Group],
+        held: list[int],
+        packed: list[Row],
+        writing: list[Row],
+        reading: list[Row],
+        instant: list[Row],
     ) -> None: ...
     def run(self, last: int, budget: float, rows: FloatArray, record_every: int) -> None: ...
     def statistics(self, number: int) -> tuple[int, float, int]: ...
-    def arrival(self, number: int) -> int | None: ...

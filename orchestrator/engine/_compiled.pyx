@@ -6,10 +6,10 @@ value is the one that `loop.py` and `fmi.py` do, in the same order, so that the 
 """
 
 cimport cython
+from cpython.bytearray cimport PyByteArray_AS_STRING
 from libc.stdint cimport (
     int8_t, int16_t, int32_t, int64_t, uint8_t, uint16_t, uint32_t, uint64_t, uintptr_t,
 )
-from libc.stdlib cimport calloc, free
 from libc.string cimport memcpy
 
 cdef extern from *:
@@ -22,6 +22,14 @@ cdef extern from *:
     typedef int (*Access3)(void *, const unsigned int *, size_t, void *, size_t);
     typedef int (*Step2)(void *, double, double, int);
     typedef int (*Step3)(void *, double, double, bool, void *, void *, void *, double *);
+
+    #ifdef __GNUC__
+    #define fetch(address) __builtin_prefetch(address, 1)
+    #define usually(condition) __builtin_expect(condition, 1)
+    #else
+    #define fetch(address)
+    #define usually(condition) (condition)
+    #endif
 
     #ifdef _WIN32
     #include <windows.h>
@@ -45,11 +53,14 @@ cdef extern from *:
     ctypedef int (*Step2)(void *, double, double, int) noexcept nogil
     ctypedef int (*Step3)(void *, double, double, bint, void *, void *, void *, double *) noexcept nogil
     double rint(double) noexcept nogil
+    double ldexp(double, int) noexcept nogil
     double now() noexcept nogil
+    void fetch(const double *) noexcept nogil
+    bint usually(bint) noexcept nogil
 
 cpdef enum Kind:
-    """How a value lies in memory; FLAG is a truth value in a C int, BOOL one in a byte."""
-    FLOAT64, FLOAT32, INT8, UINT8, INT16, UINT16, INT32, UINT32, INT64, UINT64, FLAG, BOOL
+    """How a value lies in memory, the usual ones first; FLAG is a truth value in a C int, BOOL one in a byte."""
+    FLOAT64, INT32, FLAG, FLOAT32, BOOL, INT8, UINT8, INT16, UINT16, UINT32, INT64, UINT64
 
 cpdef enum Stage:
     """Where in a component's step the loop stopped; RUNNING where it did not. MISFIT: an input fits not its type."""
@@ -65,43 +76,57 @@ ctypedef fused Whole:
     int64_t
     uint64_t
 
-cdef struct Group:
+cdef struct Value:
     Kind kind
+    void *typed  # where the FMU has it
+    double *plain  # where it is a float
+
+cdef struct Values:  # sorted by kind
+    const Value *of
+    int doubles  # so many FLOAT64 come first
+    int usual  # so many are FLOAT64, INT32 or FLAG
     int count
+
+cdef struct Call:  # of a function that gets or sets values of one type
+    void *function
     const unsigned int *references
+    size_t count
     void *values
-    void *access
-    int *places  # NULL where the values are those of the whole channel, as float64
-    double low, beyond
+
+cdef struct Calls:
+    const Call *of
+    int count
+
+cdef struct Rate:
+    int64_t every
+    int64_t next  # tick at which its nodes step next, and at which what they deferred arrives
+    Values deferred
 
 cdef struct Node:
+    Rate *rate
     int version
+    int inputs
+    const double **sources
+    const double *scale  # factors, then offsets; NULL where there are none
+    double *held
+    Values packed  # those of `held` that the FMU wants in another type or elsewhere
+    Calls writing
+    Calls reading
     void *instance
     void *step
-    uint8_t *flags[3]
-    double *reached
-    int inputs
-    int *sources
-    double *scale  # factors, then offsets; NULL where there are none
-    double *held
-    int outputs
-    int first
-    double *staged
-    uint8_t *instant
-    int deferred  # how many outputs are not instant
-    int64_t every
-    int64_t next  # tick of its next step, and of the arrival of what is staged
-    bint waiting
     double duration
-    int written
-    int read
-    Group *groups  # those written, then those read
+    Values instant
+    int64_t countdown  # steps to the next that is timed
+    int64_t gap  # from the latest timed one
     int64_t calls
     int64_t warnings
     double seconds
     int64_t accounted  # steps that `seconds` stands for
-    int64_t gap  # steps from the last timed one to the next
-    int64_t countdown
+    uint8_t *flags[3]
+    double *reached
+
+cdef enum:
+    AHEAD = 16  # rows between the one that is written and the one whose memory is fetched into the cache
 
 cdef double SLOW = 5e-6  # steps longer than this are all timed [s]
 
@@ -119,118 +144,100 @@ cdef double _reading_time() noexcept nogil:
 cdef double READING = _reading_time()
 
 
-cdef inline bint _pack_whole(Whole *values, Group *group, const double *held) noexcept nogil:
-    cdef int i
-    cdef double value
-    for i in range(group.count):
-        value = rint(held[group.places[i]])
-        if not group.low <= value < group.beyond:
-            return False
-        values[i] = <Whole>value
+cdef inline bint _pack_whole(Whole *typed, double plain) noexcept nogil:
+    cdef bint signed = <Whole>-1 < 0
+    cdef double value = rint(plain), beyond = ldexp(1.0, 8 * <int>sizeof(Whole) - signed)
+    if not (-beyond if signed else 0.0) <= value < beyond:
+        return False
+    typed[0] = <Whole>value
     return True
 
 
-cdef inline void _unpack_whole(const Whole *values, Group *group, double *staged) noexcept nogil:
-    cdef int i
-    for i in range(group.count):
-        staged[group.places[i]] = <double>values[i]
-
-
-cdef bint _pack(Group *group, const double *held) noexcept nogil:
-    """Inputs into the memory of their type; False where one does not fit."""
-    cdef int i
-    if group.places == NULL:
-        return True
-    if group.kind == FLOAT64:
-        for i in range(group.count):
-            (<double *>group.values)[i] = held[group.places[i]]
-    elif group.kind == FLOAT32:
-        for i in range(group.count):
-            (<float *>group.values)[i] = <float>held[group.places[i]]
-    elif group.kind == FLAG:
-        for i in range(group.count):
-            (<int *>group.values)[i] = held[group.places[i]] != 0.0
-    elif group.kind == BOOL:
-        for i in range(group.count):
-            (<uint8_t *>group.values)[i] = held[group.places[i]] != 0.0
-    elif group.kind == INT8:
-        return _pack_whole(<int8_t *>group.values, group, held)
-    elif group.kind == UINT8:
-        return _pack_whole(<uint8_t *>group.values, group, held)
-    elif group.kind == INT16:
-        return _pack_whole(<int16_t *>group.values, group, held)
-    elif group.kind == UINT16:
-        return _pack_whole(<uint16_t *>group.values, group, held)
-    elif group.kind == INT32:
-        return _pack_whole(<int32_t *>group.values, group, held)
-    elif group.kind == UINT32:
-        return _pack_whole(<uint32_t *>group.values, group, held)
-    elif group.kind == INT64:
-        return _pack_whole(<int64_t *>group.values, group, held)
+cdef bint _pack(const Value *value) noexcept nogil:
+    """An input into the memory of its type; False where it does not fit."""
+    cdef double plain = value.plain[0]
+    if value.kind == FLOAT64:
+        (<double *>value.typed)[0] = plain
+    elif value.kind == FLOAT32:
+        (<float *>value.typed)[0] = <float>plain
+    elif value.kind == FLAG:
+        (<int *>value.typed)[0] = plain != 0.0
+    elif value.kind == BOOL:
+        (<uint8_t *>value.typed)[0] = plain != 0.0
+    elif value.kind == INT8:
+        return _pack_whole(<int8_t *>value.typed, plain)
+    elif value.kind == UINT8:
+        return _pack_whole(<uint8_t *>value.typed, plain)
+    elif value.kind == INT16:
+        return _pack_whole(<int16_t *>value.typed, plain)
+    elif value.kind == UINT16:
+        return _pack_whole(<uint16_t *>value.typed, plain)
+    elif value.kind == INT32:
+        return _pack_whole(<int32_t *>value.typed, plain)
+    elif value.kind == UINT32:
+        return _pack_whole(<uint32_t *>value.typed, plain)
+    elif value.kind == INT64:
+        return _pack_whole(<int64_t *>value.typed, plain)
     else:
-        return _pack_whole(<uint64_t *>group.values, group, held)
+        return _pack_whole(<uint64_t *>value.typed, plain)
     return True
 
 
-cdef void _unpack(Group *group, double *staged) noexcept nogil:
-    """Outputs from the memory of their type."""
-    cdef int i
-    if group.places == NULL:
-        return
-    if group.kind == FLOAT64:
-        for i in range(group.count):
-            staged[group.places[i]] = (<double *>group.values)[i]
-    elif group.kind == FLOAT32:
-        for i in range(group.count):
-            staged[group.places[i]] = (<float *>group.values)[i]
-    elif group.kind == BOOL:
-        for i in range(group.count):
-            staged[group.places[i]] = (<uint8_t *>group.values)[i] != 0
-    elif group.kind == INT8:
-        _unpack_whole(<int8_t *>group.values, group, staged)
-    elif group.kind == UINT8:
-        _unpack_whole(<uint8_t *>group.values, group, staged)
-    elif group.kind == INT16:
-        _unpack_whole(<int16_t *>group.values, group, staged)
-    elif group.kind == UINT16:
-        _unpack_whole(<uint16_t *>group.values, group, staged)
-    elif group.kind == INT32 or group.kind == FLAG:
-        _unpack_whole(<int32_t *>group.values, group, staged)
-    elif group.kind == UINT32:
-        _unpack_whole(<uint32_t *>group.values, group, staged)
-    elif group.kind == INT64:
-        _unpack_whole(<int64_t *>group.values, group, staged)
+cdef double _unpacked(const Value *value) noexcept nogil:
+    """An output from the memory of its type."""
+    if value.kind == FLOAT32:
+        return (<float *>value.typed)[0]
+    elif value.kind == BOOL:
+        return (<uint8_t *>value.typed)[0] != 0
+    elif value.kind == INT8:
+        return (<int8_t *>value.typed)[0]
+    elif value.kind == UINT8:
+        return (<uint8_t *>value.typed)[0]
+    elif value.kind == INT16:
+        return (<int16_t *>value.typed)[0]
+    elif value.kind == UINT16:
+        return (<uint16_t *>value.typed)[0]
+    elif value.kind == UINT32:
+        return (<uint32_t *>value.typed)[0]
+    elif value.kind == INT64:
+        return <double>(<int64_t *>value.typed)[0]
     else:
-        _unpack_whole(<uint64_t *>group.values, group, staged)
+        return <double>(<uint64_t *>value.typed)[0]
 
 
-cdef inline int _access(Node *node, Group *group) noexcept nogil:
-    if node.version == 2:
-        return (<Access2>group.access)(node.instance, group.references, group.count, group.values)
-    return (<Access3>group.access)(node.instance, group.references, group.count, group.values, group.count)
+cdef inline void _unpack(const Values *values) noexcept nogil:
+    """Let outputs hold."""
+    cdef const Value *of = values.of
+    cdef int i
+    for i in range(values.doubles):
+        of[i].plain[0] = (<double *>of[i].typed)[0]
+    for i in range(values.doubles, values.usual):
+        of[i].plain[0] = (<int32_t *>of[i].typed)[0]
+    for i in range(values.usual, values.count):
+        of[i].plain[0] = _unpacked(&of[i])
 
 
-cdef inline int _access_all(Node *node, int first, int count) noexcept nogil:
-    """The worst status of some groups."""
-    cdef int g, status, worst
-    if count == 0:
+cdef inline int _call(const Node *node, const Call *call) noexcept nogil:
+    if usually(node.version == 2):
+        return (<Access2>call.function)(node.instance, call.references, call.count, call.values)
+    return (<Access3>call.function)(node.instance, call.references, call.count, call.values, call.count)
+
+
+cdef inline int _call_all(const Node *node, const Calls *calls) noexcept nogil:
+    """The worst status."""
+    cdef int worst, status, i
+    if calls.count == 0:
         return 0
-    worst = _access(node, &node.groups[first])
-    for g in range(first + 1, first + count):
-        status = _access(node, &node.groups[g])
+    worst = _call(node, &calls.of[0])
+    for i in range(1, calls.count):
+        status = _call(node, &calls.of[i])
         worst = max(worst, status)
     return worst
 
 
-cdef inline bint _passes(Node *node, int status) noexcept nogil:
-    """Whether the loop goes on after this status; warnings are counted."""
-    node.warnings += status == 1
-    return status == 0 or status == 1
-
-
 @cython.final
 cdef class Core:
-    """A system in C: see `Loop` for what its parts mean.
+    """A system in C: see `Loop` for what its parts mean. Memory is given by its address, and kept by who gives it.
 
     Attributes:
         tick: the next tick to take.
@@ -246,117 +253,116 @@ cdef class Core:
     cdef readonly int status
     cdef readonly int stage
     cdef Node *nodes
-    cdef int count
-    cdef int capacity
+    cdef Rate *rates
+    cdef int node_count
+    cdef int rate_count
     cdef list _kept  # owners of the memory that is pointed to
-    cdef double *values
     cdef const double *stimuli
+    cdef double *stimulus
     cdef int stimulus_count
-    cdef int first_stimulus
     cdef int64_t hold
     cdef int64_t clock_first, clock_each, clock_denominator
-    cdef const int *record_slots
-    cdef int slot_count
-    cdef const int *record_inputs  # (node, input) pairs
+    cdef const double **record_outputs
+    cdef const double **record_inputs
+    cdef int output_count
     cdef int input_count
-    cdef double *row
+    cdef double *row  # the next one
+    cdef int64_t row_stride, column_stride
     cdef int64_t next_record  # tick of the next row
+    cdef int64_t record_every
     cdef double deadline
     cdef bint late
     cdef uint64_t dice
 
-    def __cinit__(self, int capacity, *arguments):
-        self.nodes = <Node *>calloc(max(capacity, 1), sizeof(Node))
-        if self.nodes == NULL:
-            raise MemoryError
-        self.capacity = capacity
-        self._kept = []
-
-    def __init__(self, int capacity, double[::1] values, stimuli, clock, int[::1] record_slots,
-                 int[:, ::1] record_inputs):
-        cdef const double[:, ::1] samples
-        samples, self.first_stimulus, self.hold = stimuli
-        self._kept += [values, samples, record_slots, record_inputs]
-        self.stimulus_count = samples.shape[1]
-        self.slot_count, self.input_count = record_slots.shape[0], record_inputs.shape[0]
-        self.values = &values[0] if values.shape[0] else NULL
-        self.stimuli = &samples[0, 0] if samples.shape[1] else NULL
-        self.record_slots = &record_slots[0] if self.slot_count else NULL
-        self.record_inputs = &record_inputs[0, 0] if self.input_count else NULL
+    def __init__(self, int capacity, const double[:, ::1] stimuli, list targets, int64_t hold, clock,
+                 list record_outputs, list record_inputs):
+        self._kept = [stimuli]
+        self.nodes = <Node *>self._room(capacity * sizeof(Node))
+        self.rates = <Rate *>self._room(capacity * sizeof(Rate))
+        self.stimulus_count, self.hold = len(targets), hold
+        if targets:
+            self.stimuli, self.stimulus = &stimuli[0, 0], <double *><uintptr_t>targets[0]
+        self.output_count, self.record_outputs = len(record_outputs), self._addresses(record_outputs)
+        self.input_count, self.record_inputs = len(record_inputs), self._addresses(record_inputs)
         self.clock_first, self.clock_each, self.clock_denominator = clock
         self.dice = 88172645463325252
 
-    def __dealloc__(self):
-        cdef int n
-        for n in range(self.count):
-            free(self.nodes[n].groups)
-        free(self.nodes)
+    def add_rate(self, int64_t every, list deferred):
+        """The next rate: its nodes step every so many ticks; their deferred outputs as (kind, typed, plain)."""
+        cdef Rate *rate = &self.rates[self.rate_count]
+        rate.every, rate.deferred = every, self._values(deferred)
+        self.rate_count += 1
 
-    def add(self, int version, uintptr_t instance, uintptr_t step, flags, int64_t every, double duration,
-            int[::1] sources, scale, uintptr_t held, int first, uint8_t[::1] instant, uintptr_t staged, written, read):
-        """The next node; groups are (kind, count, references, values, access, places or None, low, beyond)."""
-        if self.count == self.capacity:
-            raise IndexError("no room for another node")
-        cdef Node *node = &self.nodes[self.count]
-        cdef double[::1] factors
+    def add_node(self, int rate, int version, uintptr_t instance, uintptr_t step, flags, double duration,
+                 list sources, double[::1] scale, list held, list packed, list writing, list reading, list instant):
+        """The next node, of the rate of this number; packed and instant as (kind, typed, plain), writing and reading
+        as (function, references, count, values)."""
+        cdef Node *node = &self.nodes[self.node_count]
         cdef int i
-        self._kept += [sources, scale, instant]
-        node.version, node.instance, node.step = version, <void *>instance, <void *>step
+        node.rate = &self.rates[rate]
+        node.version, node.instance, node.step, node.duration = version, <void *>instance, <void *>step, duration
         if version == 3:
             for i in range(3):
                 node.flags[i] = <uint8_t *><uintptr_t>flags[i]
             node.reached = <double *><uintptr_t>flags[3]
-        node.every, node.duration = every, duration
-        node.inputs = len(sources)
-        node.sources = &sources[0] if node.inputs else NULL
+        node.inputs, node.sources = len(sources), self._addresses(sources)
+        if held:
+            node.held = <double *><uintptr_t>held[0]
         if scale is not None:
-            factors = scale
-            node.scale = &factors[0]
-        node.held, node.staged = <double *>held, <double *>staged
-        node.outputs, node.first = len(instant), first
-        node.instant = &instant[0] if node.outputs else NULL
-        for i in range(node.outputs):
-            node.deferred += not instant[i]
+            self._kept.append(scale)
+            node.scale = &scale[0]
+        node.packed, node.instant = self._values(packed), self._values(instant)
+        node.writing, node.reading = self._calls(writing), self._calls(reading)
         node.gap = node.countdown = 1
-        node.groups = <Group *>calloc(max(len(written) + len(read), 1), sizeof(Group))
-        if node.groups == NULL:
-            raise MemoryError
-        self.count += 1
-        for group in written:
-            self._group(&node.groups[node.written], group)
-            node.written += 1
-        for group in read:
-            self._group(&node.groups[node.written + node.read], group)
-            node.read += 1
+        self.node_count += 1
 
-    cdef _group(self, Group *group, given):
-        cdef int[::1] places
-        group.kind = given[0]
-        group.count = given[1]
-        group.references = <const unsigned int *><uintptr_t>given[2]
-        group.values = <void *><uintptr_t>given[3]
-        group.access = <void *><uintptr_t>given[4]
-        if given[5] is not None:
-            places = given[5]
-            group.places = &places[0]
-        group.low, group.beyond = given[6], given[7]
-        self._kept.append(given)
+    cdef char *_room(self, size_t size):
+        """Zeros that live as long as this."""
+        cdef bytearray memory = bytearray(size)
+        self._kept.append(memory)
+        return PyByteArray_AS_STRING(memory)
 
-    def run(self, int64_t last, double budget, double[:, ::1] rows, int64_t record_every):
+    cdef const double **_addresses(self, list given):
+        cdef uintptr_t *addresses = <uintptr_t *>self._room(len(given) * sizeof(uintptr_t))
+        cdef int i
+        for i in range(len(given)):
+            addresses[i] = given[i]
+        return <const double **>addresses
+
+    cdef Values _values(self, list given):
+        cdef Value *of = <Value *>self._room(len(given) * sizeof(Value))
+        cdef Values values = Values(of, 0, 0, len(given))
+        cdef Kind kind
+        cdef uintptr_t typed, plain
+        cdef int i
+        for i, (kind, typed, plain) in enumerate(sorted(given)):
+            of[i] = Value(kind, <void *>typed, <double *>plain)
+            values.doubles += kind == FLOAT64
+            values.usual += kind <= FLAG
+        return values
+
+    cdef Calls _calls(self, list given):
+        cdef Call *of = <Call *>self._room(len(given) * sizeof(Call))
+        cdef uintptr_t function, references, values
+        cdef size_t count
+        cdef int i
+        for i, (function, references, count, values) in enumerate(given):
+            of[i] = Call(<void *>function, <const unsigned int *>references, count, <void *>values)
+        return Calls(of, len(given))
+
+    def run(self, int64_t last, double budget, double[:, :] rows, int64_t record_every):
         """Step towards tick `last` until the rows are full or the budget [s] is used up, then to the tick's end."""
-        cdef int64_t columns = rows.shape[1], full = self.base + rows.shape[0]
-        self.row = &rows[0, 0] + (self.recorded - self.base) * columns if columns else NULL
+        cdef int64_t full = self.base + rows.shape[0]
+        self.row_stride = rows.strides[0] // <int64_t>sizeof(double)
+        self.column_stride = rows.strides[1] // <int64_t>sizeof(double)
+        self.row = &rows[0, 0] + (self.recorded - self.base) * self.row_stride
+        self.record_every = record_every
         with nogil:
             self.deadline = now() + budget
             self.late = False
             while self.tick < last and not self.late and self.recorded < full:
-                if not self._take_tick():
+                if not _take_tick(self):
                     break
-                if self.tick == self.next_record:
-                    self.next_record += record_every
-                    self.recorded += 1
-                    self.row += columns
-                self.tick += 1
 
     def statistics(self, int number):
         """(calls, seconds, warnings) of a node since the beginning."""
@@ -364,119 +370,113 @@ cdef class Core:
         cdef double factor = <double>node.calls / <double>node.accounted if node.accounted else 0.0
         return node.calls, node.seconds * factor, node.warnings
 
-    def arrival(self, int number):
-        """The tick at which what a node has staged arrives; None where nothing waits."""
-        cdef Node *node = &self.nodes[number]
-        return node.next if node.waiting and node.deferred else None
 
-    cdef inline bint _take_tick(self) noexcept nogil:
-        cdef Node *node
-        cdef double time
-        cdef int n
-        self._arrive()
-        if self.tick == self.next_record:
-            for n in range(self.slot_count):
-                self.row[n] = self.values[self.record_slots[n]]
-        time = <double>(self.clock_first + self.tick * self.clock_each) / <double>self.clock_denominator
-        for n in range(self.count):
-            node = &self.nodes[n]
-            if node.next == self.tick and not self._advance(node, time):
-                self.failing = n
-                return False
-        if self.tick == self.next_record:
-            for n in range(self.input_count):
-                node = &self.nodes[self.record_inputs[2 * n]]
-                self.row[self.slot_count + n] = node.held[self.record_inputs[2 * n + 1]]
-        return True
-
-    cdef inline void _arrive(self) noexcept nogil:
-        cdef Node *node
-        cdef int n, i
-        for n in range(self.count):
-            node = &self.nodes[n]
-            if node.waiting and node.next == self.tick:
-                node.waiting = False
-                if node.deferred == node.outputs:
-                    memcpy(self.values + node.first, node.staged, node.outputs * sizeof(double))
-                else:
-                    for i in range(node.outputs):
-                        if not node.instant[i]:
-                            self.values[node.first + i] = node.staged[i]
-        if self.stimulus_count:
-            memcpy(self.values + self.first_stimulus, self.stimuli + self.tick // self.hold * self.stimulus_count,
-                   self.stimulus_count * sizeof(double))
-
-    cdef inline bint _advance(self, Node *node, double time) noexcept nogil:
-        """Take the step of a node that is due; False where it stopped."""
-        cdef double begun = 0.0
-        cdef int i
-        node.countdown -= 1
-        if node.countdown == 0:
-            begun = now()
-        if not (self._write(node) and self._step(node, time) and self._read(node)):
+cdef inline bint _take_tick(Core core) noexcept nogil:
+    """Take a tick, to where the values of the next one have arrived; False where a step stopped."""
+    cdef Rate *rate
+    cdef double time = <double>(core.clock_first + core.tick * core.clock_each) / <double>core.clock_denominator
+    cdef bint recorded = core.tick == core.next_record
+    cdef int n
+    if core.stimulus_count:
+        memcpy(core.stimulus, core.stimuli + core.tick // core.hold * core.stimulus_count,
+               core.stimulus_count * sizeof(double))
+    if recorded:
+        for n in range(core.output_count):
+            core.row[n * core.column_stride] = core.record_outputs[n][0]
+            fetch(core.row + n * core.column_stride + AHEAD)
+    for n in range(core.node_count):
+        if core.nodes[n].rate.next == core.tick and not _advance(core, &core.nodes[n], time):
+            core.failing = n
             return False
-        node.calls += 1
-        if node.countdown == 0:
-            self._time(node, begun)
-        if node.deferred < node.outputs:
-            for i in range(node.outputs):
-                if node.instant[i]:
-                    self.values[node.first + i] = node.staged[i]
-        node.waiting = node.deferred > 0
-        node.next = self.tick + node.every
+    if recorded:
+        for n in range(core.input_count):
+            core.row[(core.output_count + n) * core.column_stride] = core.record_inputs[n][0]
+        core.row += core.row_stride
+        core.recorded += 1
+        core.next_record += core.record_every
+    core.tick += 1
+    for n in range(core.rate_count):
+        rate = &core.rates[n]
+        if rate.next < core.tick:
+            rate.next += rate.every
+        if rate.next == core.tick:
+            _unpack(&rate.deferred)
+    return True
+
+
+cdef inline bint _advance(Core core, Node *node, double time) noexcept nogil:
+    """Take the step of a node that is due; False where it stopped."""
+    cdef double begun = 0.0
+    node.countdown -= 1
+    if node.countdown == 0:
+        begun = now()
+    if not (_write(core, node) and _step(core, node, time) and _read(core, node)):
+        return False
+    node.calls += 1
+    if node.countdown == 0:
+        _time(core, node, begun)
+    if node.instant.count:
+        _unpack(&node.instant)
+    return True
+
+
+cdef inline bint _write(Core core, Node *node) noexcept nogil:
+    cdef int i
+    if node.inputs == 0:
         return True
+    if node.scale == NULL:
+        for i in range(node.inputs):
+            node.held[i] = node.sources[i][0]
+    else:
+        for i in range(node.inputs):
+            node.held[i] = node.scale[i] * node.sources[i][0] + node.scale[node.inputs + i]
+    for i in range(node.packed.count):
+        if not _pack(&node.packed.of[i]):
+            return _stop(core, MISFIT, 0)
+    return _passes(core, node, WRITE, _call_all(node, &node.writing))
 
-    cdef void _time(self, Node *node, double begun) noexcept nogil:
-        """Let a timed step stand for those since the last timed one, and choose the next at random.
 
-        Slow steps are all timed; of fast ones one in 17 to 48.
-        """
-        cdef double ended = now(), spent = ended - begun
-        node.seconds += max(spent - READING, 0.0) * <double>node.gap
-        node.accounted += node.gap
-        self.dice ^= self.dice << 13
-        self.dice ^= self.dice >> 7
-        self.dice ^= self.dice << 17
-        node.gap = 1 if spent > SLOW else 17 + <int64_t>(self.dice & 31)
-        node.countdown = node.gap
-        self.late = self.late or ended > self.deadline
+cdef inline bint _step(Core core, Node *node, double time) noexcept nogil:
+    cdef int status
+    if node.version == 2:
+        return _passes(core, node, STEP, (<Step2>node.step)(node.instance, time, node.duration, 1))
+    status = (<Step3>node.step)(node.instance, time, node.duration, True, node.flags[0], node.flags[1],
+                                node.flags[2], node.reached)
+    if node.flags[1][0] or node.flags[2][0]:
+        return _stop(core, STEP, status)
+    return _passes(core, node, STEP, status)
 
-    cdef inline bint _write(self, Node *node) noexcept nogil:
-        cdef int i
-        if node.inputs == 0:
-            return True
-        if node.scale == NULL:
-            for i in range(node.inputs):
-                node.held[i] = self.values[node.sources[i]]
-        else:
-            for i in range(node.inputs):
-                node.held[i] = node.scale[i] * self.values[node.sources[i]] + node.scale[node.inputs + i]
-        for i in range(node.written):
-            if not _pack(&node.groups[i], node.held):
-                self.stage = MISFIT
-                return False
-        self.status = _access_all(node, 0, node.written)
-        self.stage = WRITE
-        return _passes(node, self.status)
 
-    cdef inline bint _step(self, Node *node, double time) noexcept nogil:
-        self.stage = STEP
-        if node.version == 2:
-            self.status = (<Step2>node.step)(node.instance, time, node.duration, 1)
-            return _passes(node, self.status)
-        self.status = (<Step3>node.step)(node.instance, time, node.duration, True, node.flags[0], node.flags[1],
-                                         node.flags[2], node.reached)
-        if node.flags[1][0] or node.flags[2][0]:
-            return False
-        return _passes(node, self.status)
+cdef inline bint _read(Core core, Node *node) noexcept nogil:
+    return _passes(core, node, READ, _call_all(node, &node.reading))
 
-    cdef inline bint _read(self, Node *node) noexcept nogil:
-        cdef int i
-        self.status = _access_all(node, node.written, node.read)
-        self.stage = READ
-        if not _passes(node, self.status):
-            return False
-        for i in range(node.written, node.written + node.read):
-            _unpack(&node.groups[i], node.staged)
-        self.stage = RUNNING
+
+cdef inline bint _passes(Core core, Node *node, Stage stage, int status) noexcept nogil:
+    """Whether the loop goes on after this status; warnings are counted."""
+    if status == 0:
         return True
+    if status == 1:
+        node.warnings += 1
+        return True
+    return _stop(core, stage, status)
+
+
+cdef bint _stop(Core core, Stage stage, int status) noexcept nogil:
+    core.stage, core.status = stage, status
+    return False
+
+
+cdef void _time(Core core, Node *node, double begun) noexcept nogil:
+    """Let a timed step stand for those since the last timed one, and choose the next at random.
+
+    Slow steps are all timed; of fast ones one in 17 to 48.
+    """
+    cdef double ended = now(), spent = ended - begun
+    node.seconds += max(spent - READING, 0.0) * <double>node.gap
+    node.accounted += node.gap
+    core.dice ^= core.dice << 13
+    core.dice ^= core.dice >> 7
+    core.dice ^= core.dice << 17
+    node.gap = 1 if spent > SLOW else 17 + <int64_t>(core.dice & 31)
+    node.countdown = node.gap
+    core.late = core.late or ended > core.deadline

@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import logging
+from collections.abc import Sequence
 from enum import StrEnum
 from typing import Any, NoReturn
 
@@ -29,6 +30,7 @@ except ImportError:  # no compiler at installation
 LOG = logging.getLogger("servotwin.engine")
 NOT_BUILT = "it was not built at installation, for want of a C compiler"
 BUDGET = 0.05  # between two turns of Python [s]
+Row = tuple[int, ...]  # a value or a call in the terms of the extension
 
 
 class Engine(StrEnum):
@@ -83,24 +85,32 @@ def _say(reason: str) -> None:
 
 
 class CompiledLoop:
-    """A loop that is stepped by the extension; `finish` hands values and statistics back to it."""
+    """A loop that is stepped by the extension; `finish` hands back its statistics and the values that hold at its next
+    tick."""
 
     def __init__(self, loop: Loop) -> None:
         self._loop = loop
-        self._nodes = [_FmuNode(node) for node in loop.nodes]
         self._values = np.array(loop.values, dtype=float)
-        number = {id(each.node): n for n, each in enumerate(self._nodes)}
-        recorded_inputs = [(number[id(node)], place) for node, place in loop.record_inputs]
+        slots = _addresses(self._values)
+        self._nodes = [_FmuNode(node, slots) for node in loop.nodes]
+        inputs = {id(each.node): each.inputs for each in self._nodes}
         self._core = _compiled.Core(
             len(self._nodes),
-            self._values,
-            (np.ascontiguousarray(loop.stimuli), loop.first_stimulus, loop.hold),
+            np.ascontiguousarray(loop.stimuli),
+            slots[loop.first_stimulus :],
+            loop.hold,
             (loop.time.first, loop.time.each, loop.time.denominator),
-            np.array(loop.record_slots, dtype=np.int32),
-            np.array(recorded_inputs, dtype=np.int32).reshape(-1, 2),
+            [slots[slot] for slot in loop.record_slots],
+            [inputs[id(node)][place] for node, place in loop.record_inputs],
         )
+        rates: dict[int, list[Row]] = {}
         for each in self._nodes:
-            self._core.add(*each.described())
+            rates.setdefault(each.node.every, []).extend(each.deferred)
+        for every, deferred in rates.items():
+            self._core.add_rate(every, deferred)
+        number = {every: rate for rate, every in enumerate(rates)}
+        for each in self._nodes:
+            self._core.add_node(number[each.node.every], *each.described())
 
     @property
     def tick(self) -> int:
@@ -120,15 +130,11 @@ class CompiledLoop:
         loop, core = self._loop, self._core
         loop.tick, loop.recorded = core.tick, core.recorded
         loop.values[:] = self._values.tolist()
-        loop.pending = {}
         for n, each in enumerate(self._nodes):
-            statistics = each.node.statistics
+            node, statistics = each.node, each.node.statistics
             statistics.calls, statistics.seconds, warnings = core.statistics(n)
             each.slave.warnings = each.warnings + warnings
-            each.node.held = each.held.tolist()
-            arrival = core.arrival(n)
-            if arrival is not None:
-                loop.defer(each.node, each.staged.tolist(), arrival)
+            node.held = each.held.tolist()
 
     def _fail(self) -> NoReturn:
         """Raise the error of the Python loop."""
@@ -148,53 +154,57 @@ class _FmuNode:
     """A node in the terms of the extension.
 
     Attributes:
-        held, staged: (n,) its inputs and outputs as floats; where all are of that type, the memory the FMU is given.
+        held: (n,) its inputs as floats.
+        inputs: their addresses.
+        deferred: its outputs that are not instant, as (kind, address in the FMU's type, address as float).
         warnings: those before the first step.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, slots: Sequence[int]) -> None:
         assert isinstance(node.component, Slave)
         self.node, self.slave, self.warnings = node, node.component, node.component.warnings
+        self.held = np.zeros(len(node.sources))
+        self.inputs = _addresses(self.held)
+        self._sources = [slots[slot] for slot in node.sources]
         inputs, outputs = self.slave.channels
-        self.held, self._written = _memory(inputs, len(node.sources), "set")
-        self.staged, self._read = _memory(outputs, len(node.instant), "get")
+        self._packed, self._writing = _moved(inputs, self.inputs, "set", True)
+        own = slots[node.first : node.first + len(node.instant)]
+        unpacked, self._reading = _moved(outputs, own, "get", all(node.instant))
+        at_once = {address for address, instant in zip(own, node.instant, strict=True) if instant}
+        self._instant = [value for value in unpacked if value[2] in at_once]
+        self.deferred = [value for value in unpacked if value[2] not in at_once]
 
     def described(self) -> tuple[Any, ...]:
-        """Arguments of `Core.add`."""
+        """Arguments of `Core.add_node` after the rate."""
         node, fmi = self.node, self.slave.adapter
         flags = [*map(ctypes.addressof, fmi.flags), ctypes.addressof(fmi.reached)] if isinstance(fmi, Fmi3) else None
-        return (
-            3 if flags else 2,
-            fmi.handle.value,
-            _address(fmi.do_step),
-            flags,
-            node.every,
-            node.duration,
-            np.array(node.sources, dtype=np.int32),
-            None if node.scale is None else np.ascontiguousarray(np.array(node.scale, dtype=float).T).ravel(),
-            self.held.ctypes.data,
-            node.first,
-            np.array(node.instant, dtype=np.uint8),
-            self.staged.ctypes.data,
-            self._written,
-            self._read,
-        )
+        scale = None if node.scale is None else np.ascontiguousarray(np.array(node.scale, dtype=float).T).ravel()
+        return (3 if flags else 2, fmi.handle.value, _entry(fmi.do_step), flags, node.duration, self._sources, scale,
+                self.inputs, self._packed, self._writing, self._reading, self._instant)  # fmt: skip
 
 
-def _memory(channel: Channel, size: int, verb: str) -> tuple[FloatArray, list[tuple[Any, ...]]]:
-    """Memory for the values of a channel as floats, and its groups as `Core.add` wants them."""
-    shared = [_kind(group.kind, group.ctype) for group in channel.groups] == [_compiled.Kind.FLOAT64]
-    memory = np.frombuffer(channel.groups[0].values) if shared else np.zeros(size)
-    groups = []
+def _moved(channel: Channel, floats: Sequence[int], verb: str, direct: bool) -> tuple[list[Row], list[Row]]:
+    """The values of a channel that are converted between the FMU's types and floats, and the calls that get or set
+    all; where it may be `direct`, floats that lie side by side are not converted: the FMU is given their place."""
+    values: list[Row] = []
+    calls: list[Row] = []
     for group in channel.groups:
-        kind = _kind(group.kind, group.ctype)
-        low, beyond = _range(group.ctype)
-        places = None if shared else np.array(group.places, dtype=np.int32)
-        pointers = [ctypes.addressof(group.references), ctypes.addressof(group.values), _address(getattr(group, verb))]
-        groups.append((kind, len(group.places), *pointers, places, low, beyond))
-    return memory, groups
+        kind, size, places = _kind(group.kind, group.ctype), ctypes.sizeof(group.ctype), group.places
+        typed, count = ctypes.addressof(group.values), len(places)
+        if direct and kind == _compiled.Kind.FLOAT64 and places[-1] - places[0] == count - 1:
+            typed = floats[places[0]]
+        else:
+            values += [(kind, typed + size * i, floats[place]) for i, place in enumerate(places)]
+        calls.append((_entry(getattr(group, verb)), ctypes.addressof(group.references), count, typed))
+    return values, calls
 
 
+def _addresses(values: FloatArray) -> list[int]:
+    first = int(values.__array_interface__["data"][0])
+    return list(range(first, first + values.nbytes, values.itemsize))
+
+
+@functools.cache
 def _kind(kind: str, ctype: Any) -> int:
     """How the extension calls an FMI type kept as this C type."""
     size = ctypes.sizeof(ctype)
@@ -206,11 +216,6 @@ def _kind(kind: str, ctype: Any) -> int:
     return int(getattr(_compiled.Kind, f"{'' if signed else 'U'}INT{8 * size}"))
 
 
-def _range(ctype: Any) -> tuple[float, float]:
-    """Least whole number of a C type, and the first beyond its greatest."""
-    bits = 8 * ctypes.sizeof(ctype)
-    return (-(2.0 ** (bits - 1)), 2.0 ** (bits - 1)) if ctype(-1).value == -1 else (0.0, 2.0**bits)
-
-
-def _address(function: Any) -> int | None:
-    return ctypes.cast(function, ctypes.c_void_p).value
+def _entry(function: Any) -> int:
+    """Its address."""
+    return ctypes.c_size_t.from_buffer(function).value

@@ -1,4 +1,4 @@
-"""Where the rows of a run go: into a block of memory while it steps, from there into columns or to a sink.
+"""Where the rows of a run go: straight into columns that are kept, or into a block that is passed to a sink when full.
 
 A block is small, so that a run whose record goes to a sink needs little memory however long it is.
 """
@@ -37,10 +37,12 @@ class Recorder:
     def __init__(self, names: Sequence[str], chosen: Sequence[str], units: dict[str, str], clock: Clock,
                  every: int, count: int, sink: Sink | None) -> None:  # fmt: skip
         self.every, self.base = every, 0
-        self.rows = np.empty((min(count, ROWS, max(1, VALUES // max(1, len(names)))), len(names)))
-        self._order = None if list(names) == list(chosen) else [names.index(name) for name in chosen]
-        self._chosen, self._units, self._clock, self._sink = tuple(chosen), units, clock, sink
-        self._columns = np.empty((len(chosen), 0 if sink else count))
+        size = min(count, ROWS, max(1, VALUES // max(1, len(names)))) if sink else count + 1  # never full
+        self._columns = _spread(len(names), size)
+        self.rows = self._columns.T
+        places = {name: place for place, name in enumerate(names)}
+        self._places = {name: places[name] for name in chosen}
+        self._units, self._clock, self._sink, self._kept = units, clock, sink, 0
 
     def row(self, number: int) -> FloatArray:
         """(n,) the memory of a row."""
@@ -52,20 +54,25 @@ class Recorder:
 
     def empty(self, recorded: int) -> None:
         """Pass the rows on up to this number of rows since the beginning."""
-        rows = self.rows[: recorded - self.base].T
-        fresh = rows if self._order is None else rows[self._order]
         if self._sink is None:
-            self._columns[:, self.base : recorded] = fresh
-            self.base = recorded
+            self._kept = recorded
         elif recorded > self.base:
             with whole():  # interrupted in between, rows would be passed on twice
-                self._sink(self._trace(self.base, np.array(fresh)))  # a copy: the block is used again
+                self._sink(self._trace(self._columns[:, : recorded - self.base].copy()))  # the block is used again
                 self.base = recorded
 
     def trace(self) -> Trace:
         """What was kept."""
-        return self._trace(0, self._columns[:, : self.base])
+        return self._trace(self._columns[:, : self._kept])
 
-    def _trace(self, first: int, columns: FloatArray) -> Trace:
-        time = self._clock.times(first * self.every, columns.shape[1], self.every)
-        return Trace(time, dict(zip(self._chosen, columns, strict=True)), self._units, "simulation")
+    def _trace(self, columns: FloatArray) -> Trace:
+        time = self._clock.times(self.base * self.every, columns.shape[1], self.every)
+        signals = {name: columns[place] for name, place in self._places.items()}
+        return Trace(time, signals, self._units, "simulation")
+
+
+def _spread(count: int, size: int) -> FloatArray:
+    """(count, size) memory, an odd number of cache lines from row to row: were it a power of two, the values of one
+    column would push each other out of the cache."""
+    lines = -(-size // 8) | 1
+    return np.empty((count, 8 * lines))[:, :size]

@@ -18,7 +18,7 @@ static const fmi2CallbackFunctions callbacks = {quiet, calloc, free, NULL, NULL}
 
 static double now(void) {
     struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
     return t.tv_sec + 1e-9 * t.tv_nsec;
 }
 
@@ -29,8 +29,8 @@ static void *symbol(void *library, const char *name) {
 }
 
 /* Steps `count` FMUs. The record is (steps + 1, count * OUTPUTS), or (steps + 1, count) of the outputs that drive the
-   ring where not all are wanted. Returns the seconds from the first step to the last, a negative number where an FMU
-   failed. */
+   ring where not all are wanted. Returns the processor's seconds from the first step to the last, a negative number
+   where an FMU failed. */
 double ring(const char *path, const char *guid, const char *resources, int count, long steps, double h, int all,
             double *record) {
     void *library = dlopen(path, RTLD_NOW);

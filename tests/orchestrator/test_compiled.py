@@ -29,7 +29,9 @@ from fmus import library
 from fmus.errors import FmuError, WiringError
 from fmus.packaging import python
 from orchestrator.engine import CycleSettings, Engine, Interrupted, Order, Result, Run, Simulation, Timing, compiled
+from orchestrator.engine.recording import Recorder
 from orchestrator.fmu_file import FmuFile, Port
+from orchestrator.rational import clock
 from orchestrator.slave import Slave, Value
 from orchestrator.system import Part, System, wire
 from orchestrator.trace import FloatArray, Trace
@@ -313,6 +315,24 @@ def test_the_pieces_a_sink_is_given_are_the_record(shelf: Shelf, engine: Engine,
     result = case.run(shelf, engine, sink=pieces.append)
     assert len(result.trace) == 0
     assert joined(pieces) == bits(case.run(shelf, engine).trace)
+
+
+@pytest.mark.parametrize("count", [1, 8, 20_000, 20_479])
+def test_columns_of_a_record_do_not_push_each_other_out_of_the_cache(count: int) -> None:
+    recorder = Recorder(["a", "b"], ["b", "a"], {}, clock(Fraction(0), STEP), 1, count, None)
+    assert recorder.rows.strides[1] // 64 % 2 == 1
+    assert recorder.rows.strides[1] % 64 == 0
+
+
+def test_a_record_is_kept_where_it_was_written() -> None:
+    recorder = Recorder(["a", "b"], ["b", "a"], {}, clock(Fraction(0), STEP), 1, 3, None)
+    for number in range(3):
+        recorder.row(number)[:] = [number, 10 + number]
+    recorder.empty(3)
+    trace = recorder.trace()
+    assert trace.names == ("b", "a")
+    assert trace["a"].tolist() == [0, 1, 2]
+    assert np.shares_memory(trace["b"], recorder.rows)
 
 
 @needs_loop
