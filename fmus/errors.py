@@ -6,8 +6,10 @@ ServotwinError            anything we refuse; the command line prints its one li
 │   ├── TraceError        a recording: unreadable, wrong column, NaN, bad stamps
 │   ├── WiringError       wiring: unknown component or variable, units, cycles, steps
 │   ├── ScenarioError     a scenario or study file that does not fit its schema
+│   ├── DatabaseError     a CAN database (DBC, ...) that cannot be read, or lacks what was asked of it
 │   └── FmuFileError      an FMU that cannot be read, or has no binary for this platform
 ├── FmuError              an FMU failed while it was used (exit code 3)
+├── BusError              a CAN bus or its adapter failed while it was used (exit code 3)
 └── IdentificationError   the data cannot answer the question that was asked (exit code 2)
 """
 
@@ -47,12 +49,22 @@ class ScenarioError(InputError):
     """A scenario or study file has an unknown key, a wrong type or an impossible value."""
 
 
+class DatabaseError(InputError):
+    """A CAN database cannot be read, or does not hold what was asked of it."""
+
+
 class FmuFileError(InputError):
     """An FMU file cannot be used here: no zip, bad XML, no binary for this platform."""
 
 
 class FmuError(ServotwinError, RuntimeError):
     """An FMU returned an error status, or did not take a value."""
+
+    exit_code = 3
+
+
+class BusError(ServotwinError, RuntimeError):
+    """A CAN bus could not be opened, or failed while it was used."""
 
     exit_code = 3
 

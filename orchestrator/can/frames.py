@@ -1,0 +1,141 @@
+"""Frames as columns: the one form in which raw CAN data flow, from logs and buses to signals and back.
+
+Work on many frames at once goes through NumPy; single frames on a live bus stay python-can's `Message`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from enum import IntFlag
+
+import can
+import numpy as np
+from numpy.typing import NDArray
+
+from orchestrator.trace import FloatArray
+
+CLASSIC, LONGEST = 8, 64  # data bytes of a classic and of a CAN FD frame
+
+
+class Flag(IntFlag):
+    """What a frame is besides a data frame with a standard identifier."""
+
+    EXTENDED = 1
+    REMOTE = 2
+    ERROR = 4
+    FD = 8
+    BITRATE_SWITCH = 16
+    ERROR_STATE = 32
+    SENT = 64
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """Frames in the order of a log or a bus.
+
+    Attributes:
+        time: (K,) stamps as the log has them: POSIX time, or seconds from its start [s].
+        id: (K,) identifiers, uint32.
+        flags: (K,) of `Flag`, uint8.
+        channel: (K,) number of the channel, from 0, uint8.
+        length: (K,) data bytes, uint8.
+        data: (K, 8) or (K, 64), uint8; what lies beyond a frame's length is 0.
+    """
+
+    time: FloatArray
+    id: NDArray[np.uint32]
+    flags: NDArray[np.uint8]
+    channel: NDArray[np.uint8]
+    length: NDArray[np.uint8]
+    data: NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def __getitem__(self, rows: slice | NDArray[np.bool_] | NDArray[np.intp]) -> Frames:
+        """The frames of these rows."""
+        return Frames(
+            self.time[rows], self.id[rows], self.flags[rows], self.channel[rows], self.length[rows], self.data[rows]
+        )
+
+    def has(self, flag: Flag) -> NDArray[np.bool_]:
+        """(K,) which frames carry the flag."""
+        return (self.flags & np.uint8(flag)) != 0
+
+    def messages(self) -> Iterator[can.Message]:
+        """The frames one by one, as python-can has them."""
+        columns = (
+            self.time.tolist(),
+            self.id.tolist(),
+            self.flags.tolist(),
+            self.channel.tolist(),
+            self.length.tolist(),
+        )
+        for row, (time, identifier, flags, channel, length) in enumerate(zip(*columns, strict=True)):
+            remote = bool(flags & Flag.REMOTE)
+            yield can.Message(
+                timestamp=time,
+                arbitration_id=identifier,
+                is_extended_id=bool(flags & Flag.EXTENDED),
+                is_remote_frame=remote,
+                is_error_frame=bool(flags & Flag.ERROR),
+                is_fd=bool(flags & Flag.FD),
+                bitrate_switch=bool(flags & Flag.BITRATE_SWITCH),
+                error_state_indicator=bool(flags & Flag.ERROR_STATE),
+                is_rx=not flags & Flag.SENT,
+                channel=channel,
+                dlc=length,
+                data=b"" if remote else self.data[row, :length].tobytes(),
+            )
+
+
+def empty() -> Frames:
+    """No frames."""
+    return from_messages(())
+
+
+def concatenated(parts: Sequence[Frames]) -> Frames:
+    """Parts in a row."""
+    if not parts:
+        return empty()
+    width = max(part.data.shape[1] for part in parts)
+    return Frames(
+        np.concatenate([part.time for part in parts]),
+        np.concatenate([part.id for part in parts]),
+        np.concatenate([part.flags for part in parts]),
+        np.concatenate([part.channel for part in parts]),
+        np.concatenate([part.length for part in parts]),
+        np.concatenate([np.pad(part.data, ((0, 0), (0, width - part.data.shape[1]))) for part in parts]),
+    )
+
+
+def from_messages(messages: Iterable[can.Message]) -> Frames:
+    """The columns of python-can's messages; a channel that is no number counts as 0."""
+    taken = list(messages)
+    width = LONGEST if any(len(each.data) > CLASSIC for each in taken) else CLASSIC
+    data = b"".join(bytes(each.data).ljust(width, b"\0") for each in taken)
+    return Frames(
+        np.array([each.timestamp for each in taken], dtype=np.float64),
+        np.array([each.arbitration_id for each in taken], dtype=np.uint32),
+        np.array([_flags(each) for each in taken], dtype=np.uint8),
+        np.array([_channel(each) for each in taken], dtype=np.uint8),
+        np.array([each.dlc if each.is_remote_frame else len(each.data) for each in taken], dtype=np.uint8),
+        np.frombuffer(data, dtype=np.uint8).reshape(len(taken), width).copy(),
+    )
+
+
+def _flags(message: can.Message) -> int:
+    return (
+        Flag.EXTENDED * message.is_extended_id
+        | Flag.REMOTE * message.is_remote_frame
+        | Flag.ERROR * message.is_error_frame
+        | Flag.FD * message.is_fd
+        | Flag.BITRATE_SWITCH * message.bitrate_switch
+        | Flag.ERROR_STATE * message.error_state_indicator
+        | Flag.SENT * (not message.is_rx)
+    )
+
+
+def _channel(message: can.Message) -> int:
+    return message.channel if isinstance(message.channel, int) and 0 <= message.channel < 256 else 0
