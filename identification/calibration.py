@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -118,7 +118,7 @@ def calibrate(study: OutputErrorBlock, base: Path, data: Path | None, progress: 
         InputError: the study, the system or the traces do not fit together; nothing has been simulated.
         FmuError: the FMUs fail with every start, or with the estimates on the traces kept aside.
     """
-    recorded = load_campaign(study.traces, base, data)
+    recorded = load_campaign(study.traces, base, data, signals=study.signals)
     fitted, kept = split(recorded, study.traces.hold_out)
     with tempfile.TemporaryDirectory(prefix="servotwin-") as folder:
         assembled = assemble(study, base, Path(folder), tuple(sorted(study.inputs)))
@@ -230,23 +230,24 @@ def _checked_units(study: OutputErrorBlock, assembled: Assembled) -> dict[str, s
                 must_be(system, name, "parameter", key)
         for name, block in study.parameters.items():
             for value in (block.start, block.min, block.max):
-                check_values(system, {} if value is None else {name: value})
+                check_values(system, {} if value is None or name in study.delays else {name: value})
         for values in study.compare.values():
-            check_values(system, values)
+            check_values(system, {name: value for name, value in values.items() if name not in study.delays})
         named = [*study.parameters, *study.outputs, *study.initial]
-        return {name: system.port(Endpoint.parse(name)).unit or "1" for name in named}
+        units = {name: system.port(Endpoint.parse(name)).unit or "1" for name in named if name not in study.delays}
+        return units | dict.fromkeys(study.delays, "s")
 
 
 def _named_parameters(study: OutputErrorBlock) -> dict[str, list[str]]:
-    """Key of the study -> the parameters that it names."""
-    compared = {f"compare.{name}": list(values) for name, values in study.compare.items()}
-    return {
-        "initial": list(study.initial),
-        "traces.values": list(study.traces.values),
-        "parameters": list(study.parameters),
-        "truth": list(study.truth),
-        **compared,
+    """Key of the study -> the parameters of components that it names."""
+    named: dict[str, Iterable[str]] = {
+        "initial": study.initial,
+        "traces.values": study.traces.values,
+        "parameters": study.parameters,
+        "truth": study.truth,
+        **{f"compare.{name}": values for name, values in study.compare.items()},
     }
+    return {key: [name for name in names if name not in study.delays] for key, names in named.items()}
 
 
 def must_be(system: System, name: str, causality: str, key: str) -> None:

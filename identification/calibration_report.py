@@ -136,7 +136,7 @@ def _frequency_response(section: Section, calibration: Calibration, judged: Judg
 def _gains(cut: Cut, simulated: FloatArray) -> tuple[float, float, float] | None:
     """Strongest frequency of the first input [rad/s] and the gains of the first output there, measured and simulated;
     None where the window holds no sine."""
-    driven = next(iter(cut.stimuli.values()))
+    driven = next(iter(cut.stimuli.values()))[cut.rows]
     try:
         start = dominant_frequency(driven, float(cut.step))
         frequency = fit_sine(cut.time, driven, start, refine=True).frequency

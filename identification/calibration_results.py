@@ -13,9 +13,10 @@ from fmus.packaging import ssv
 from fmus.packaging.writeback import write_back
 from identification import calibration_report
 from identification.calibration import Calibration, Judged
-from identification.campaign import Recorded, stamp_warnings
-from identification.study import OutputErrorBlock
-from orchestrator.assembly import SystemBlock, assemble
+from identification.campaign import Recorded, recording_warnings
+from identification.study import OutputErrorBlock, ResonanceBlock
+from identification.trace_source import LayoutBlock
+from orchestrator.assembly import assemble
 from orchestrator.results import result_folder, versions, write_json
 from orchestrator.slave import Value
 
@@ -53,7 +54,7 @@ def summary(calibration: Calibration) -> dict[str, Any]:
         },
         "data": data_summary(calibration.recorded, study.traces.hold_out),
         "versions": versions(),
-        "warnings": [*found.warnings, *stamp_warnings(calibration.recorded)],
+        "warnings": [*found.warnings, *recording_warnings(calibration.recorded)],
     }
 
 
@@ -64,8 +65,8 @@ def judged_summary(judged: Judged) -> dict[str, Any]:
     return {"median": finite(judged.median), "windows": len(judged.cuts), "traces": by_trace, "outputs": by_output}
 
 
-def data_summary(recorded: Iterable[Recorded], held_out: Iterable[str]) -> list[dict[str, str]]:
-    """File, hash and role of each trace."""
+def data_summary(recorded: Iterable[Recorded], held_out: Iterable[str]) -> list[dict[str, Any]]:
+    """File, hash and role of each trace, and the notes on its file where there are some."""
     kept = set(held_out)
     return [
         {
@@ -74,6 +75,7 @@ def data_summary(recorded: Iterable[Recorded], held_out: Iterable[str]) -> list[
             "sha256": each.sha256,
             "stamps": each.stamps,
             "role": "held out" if each.trace.name in kept else "fit",
+            **({"notes": list(each.notes)} if each.notes else {}),
         }
         for each in recorded
     ]
@@ -89,15 +91,16 @@ def write_calibration(calibration: Calibration, study_file: Path, target: Path) 
     values = calibration.estimate.values
     with result_folder(target) as folder:
         write_system(calibration.study, study_file, folder, values, document)
-        units = {name: unit for name, unit in calibration.units.items() if name in values and unit != "1"}
-        (folder / "parameters.ssv").write_bytes(ssv.parameter_set("calibrated", values, units))
+        of_components = {name: value for name, value in values.items() if name not in calibration.study.delays}
+        units = {name: unit for name, unit in calibration.units.items() if name in of_components and unit != "1"}
+        (folder / "parameters.ssv").write_bytes(ssv.parameter_set("calibrated", of_components, units))
         calibration_report.report(calibration, document).write(folder / "report.html")
         write_json(folder / SUMMARY, document)
     return document
 
 
 def write_system(
-    study: SystemBlock,
+    study: OutputErrorBlock | ResonanceBlock,
     study_file: Path,
     folder: Path,
     values: Mapping[str, float],
@@ -105,7 +108,7 @@ def write_system(
 ) -> None:
     """The study's FMUs with its own and these values as defaults in `fmus/`, and the study beside them."""
     provenance = {key: document[key] for key in ("title", "method", "parameters", "data", "versions")}
-    shutil.copyfile(study_file, folder / STUDY)
+    keep_study(study.traces.layout, study_file, folder)
     with tempfile.TemporaryDirectory(prefix="servotwin-") as built:
         assembled = assemble(study, study_file.parent, Path(built))
         for name, source in assembled.files.items():
@@ -114,6 +117,14 @@ def write_system(
             write_back(source, own, target, provenance)
             if not assembled.built[name] and not target.exists():
                 shutil.copyfile(source, target)
+
+
+def keep_study(layout: LayoutBlock, study_file: Path, folder: Path) -> None:
+    """Copy the study into a result folder, and the database of its CAN logs beside it."""
+    shutil.copyfile(study_file, folder / STUDY)
+    database = layout.database_file(study_file.parent)
+    if database is not None and database.is_file():
+        shutil.copyfile(database, folder / database.name)
 
 
 def component_values(component: str, values: Mapping[str, Value]) -> dict[str, Value]:

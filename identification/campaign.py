@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from fmus.errors import ScenarioError, TraceError
 from fmus.files import sha256
-from identification.study import TracesBlock
+from identification.trace_source import Signals, TracesBlock
 from orchestrator import formats
+from orchestrator.can.log_suffixes import is_log
+from orchestrator.formats import Layout
 from orchestrator.scenario import Progress, run_scenario
 from orchestrator.trace import Trace
+
+NONE = Signals()
 
 
 @dataclass(frozen=True)
@@ -23,6 +27,9 @@ class Recorded:
         fields: what its file name (or the case that made it) tells, by field [SI].
         source: file it came from, and that file's hash.
         stamps: what was found in its time stamps, in words.
+        clean: whether they were in order.
+        notes: what else was found in the file, a line each.
+        held: whether commands keep their value from stamp to stamp, as those of frames do.
     """
 
     trace: Trace
@@ -31,25 +38,34 @@ class Recorded:
     sha256: str
     stamps: str
     clean: bool = True
+    notes: tuple[str, ...] = ()
+    held: bool = False
 
 
 def load_campaign(
-    traces: TracesBlock, base: Path, data: Path | None, progress: Progress | None = None
+    traces: TracesBlock,
+    base: Path,
+    data: Path | None,
+    progress: Progress | None = None,
+    signals: Signals = NONE,
 ) -> list[Recorded]:
     """All traces of a study, by name.
 
     Args:
         base: folder of the study file, to which its paths are relative.
         data: folder (or one file) of recordings, over the study's folder.
+        signals: what the study uses; of a CAN log the rest is not decoded.
 
     Raises:
         TraceError: there are none, one cannot be read, or its name does not tell what it has to.
+        DatabaseError: the database of CAN logs cannot be read, or lacks a signal.
         ScenarioError: `hold_out` names a trace that is not there.
     """
     if traces.scenario is not None:
         recorded = _simulated(base / traces.scenario, progress)
     else:
-        recorded = [_read(file, traces) for file in _files(traces, data or base)]
+        layout = traces.layout.layout(base, signals)
+        recorded = [_read(file, traces, layout) for file in _files(traces, data or base)]
     return sorted(recorded, key=lambda each: each.trace.name)
 
 
@@ -69,13 +85,16 @@ def split(recorded: list[Recorded], hold_out: list[str]) -> tuple[list[Recorded]
     return fitted, [each for each in recorded if each.trace.name in hold_out]
 
 
-def stamp_warnings(recorded: Iterable[Recorded]) -> list[str]:
-    """One sentence about the traces whose time stamps had to be put in order; none when all were fine."""
-    uneven = [each for each in recorded if not each.clean]
-    if not uneven:
-        return []
-    return [f"time stamps of {len(uneven)} recordings repeat or run backwards (details under data); the first: "
-            f"{uneven[0].trace.name}, {uneven[0].stamps}"]  # fmt: skip
+def recording_warnings(recorded: Sequence[Recorded]) -> list[str]:
+    """A sentence about the traces whose time stamps had to be put in order, and one about those with notes."""
+    warnings = []
+    if uneven := [each for each in recorded if not each.clean]:
+        warnings.append(f"time stamps of {len(uneven)} recordings repeat or run backwards (details under data); "
+                        f"the first: {uneven[0].trace.name}, {uneven[0].stamps}")  # fmt: skip
+    if noted := [each for each in recorded if each.notes]:
+        warnings.append(f"{len(noted)} of {len(recorded)} recordings are not as they should be (details under data); "
+                        f"the first: {noted[0].trace.name}, {'; '.join(noted[0].notes)}")  # fmt: skip
+    return warnings
 
 
 def _files(traces: TracesBlock, folder: Path) -> list[Path]:
@@ -102,11 +121,12 @@ def _distinct(files: list[Path]) -> list[Path]:
     return files
 
 
-def _read(file: Path, traces: TracesBlock) -> Recorded:
+def _read(file: Path, traces: TracesBlock, layout: Layout) -> Recorded:
     fields = _fields(file, traces)
-    recording = formats.read(file, traces.layout.layout())
+    recording = formats.read(file, layout)
     trace = replace(recording.trace, name=file.stem)
-    return Recorded(trace, fields, file, recording.sha256, str(recording.stamps), recording.stamps.clean)
+    return Recorded(trace, fields, file, recording.sha256, str(recording.stamps), recording.stamps.clean,
+                    recording.notes, is_log(file))  # fmt: skip
 
 
 def _fields(file: Path, traces: TracesBlock) -> dict[str, float]:
@@ -132,7 +152,7 @@ def _simulated(path: Path, progress: Progress | None) -> list[Recorded]:
     for case, block in zip(result.cases, result.block.cases, strict=True):
         if case.result is None:
             raise ScenarioError(f"{path}: case {case.name}", f"gave no trace ({case.error})", "correct the scenario")
-        values = result.block.values() | block.set
+        values = result.block.values_of(block)
         fields = {name: float(value) for name, value in values.items() if not isinstance(value, str)}
         trace = replace(result.recorded(case), name=case.name)
         recorded.append(Recorded(trace, fields, path, digest, "simulated"))

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fmus.errors import IdentificationError, InputError
+from fmus.errors import IdentificationError, InputError, ScenarioError
 from fmus.packaging import archive, ssv
 from fmus.packaging.writeback import description_of, is_ours
 from identification import (
@@ -24,7 +24,7 @@ from identification import (
 from identification.calibration import Judged
 from identification.calibration_report import fits, overlays
 from identification.calibration_results import STUDY, SUMMARY, data_summary, judged_summary
-from identification.campaign import Recorded, load_campaign, stamp_warnings
+from identification.campaign import Recorded, load_campaign, recording_warnings
 from identification.experiment_study import ExperimentsBlock
 from identification.output_error import Progress
 from identification.study import OutputErrorBlock, ResonanceBlock, SubspaceBlock, load_study
@@ -64,6 +64,26 @@ def calibrate_study(study_file: Path, data: Path | None, target: Path, move: Mov
         return calibration_results.write_calibration(done, study_file, target)
 
 
+def judge_claims(study_file: Path, target: Path) -> dict[str, Any]:
+    """How the claims of a study of experiments come out, a case each, for the regression suite.
+
+    Raises:
+        InputError, FmuError: as in `calibrate_study`.
+    """
+    if not isinstance(load_study(study_file), ExperimentsBlock):
+        raise ScenarioError(study_file, "states claims but is no study of experiments", "set `method: experiments`")
+    found = calibrate_study(study_file, None, target, lambda fraction, doing: None)
+    cases = [_case(claim) for claim in found["claims"]]
+    return {"title": found["title"], "passed": found["as_stated"], "out": str(target), "cases": cases}
+
+
+def _case(claim: dict[str, Any]) -> dict[str, Any]:
+    checks = [{key: each[key] for key in ("text", "held")} | {"found": each["text"]} for each in claim["comparisons"]]
+    stated = claim["outcome"] == claim["stated"]
+    problem = None if stated else f"{claim['outcome']}, where the study states '{claim['stated']}'"
+    return {"name": claim["statement"], "passed": stated, "error": problem, "checks": checks}
+
+
 def validate_result(folder: Path, data: Path, target: Path, move: Move) -> dict[str, Any]:
     """Free runs of a result's calibrated FMUs on recordings, with nothing set but what the recordings tell.
 
@@ -77,7 +97,8 @@ def validate_result(folder: Path, data: Path, target: Path, move: Move) -> dict[
     if not isinstance(study, OutputErrorBlock) or study.traces.files is None:
         raise IdentificationError(folder / STUDY, "is no output-error study of recordings", "calibrate one")
     check_target(target)
-    recorded = load_campaign(study.traces, folder, data)
+    recorded = load_campaign(study.traces, folder, data, signals=study.signals)
+    delays = _found_delays(study, folder)
     groups = {"unseen": [each for each in recorded if each.sha256 not in used],
               "fitted": [each for each in recorded if each.sha256 in used]}  # fmt: skip
     judged = {}
@@ -85,7 +106,7 @@ def validate_result(folder: Path, data: Path, target: Path, move: Move) -> dict[
         move(number / 2, f"{len(traces)} {name} traces")
         if traces:
             with naming(folder / STUDY):
-                judged[name] = _judge(study, folder, traces)
+                judged[name] = _judge(study, folder, traces, delays)
     document = _verdict(study, judged, recorded, [each.trace.name for each in groups["unseen"]])
     with result_folder(target) as fresh:
         _report(study, judged, document).write(fresh / "report.html")
@@ -96,7 +117,9 @@ def validate_result(folder: Path, data: Path, target: Path, move: Move) -> dict[
 def layout_of(study_file: Path) -> Layout:
     """How a study reads its recordings."""
     study = load_study(study_file)
-    return Layout() if isinstance(study, ExperimentsBlock) else study.traces.layout.layout()
+    if isinstance(study, ExperimentsBlock):
+        return Layout()
+    return study.traces.layout.layout(study_file.parent, study.signals)
 
 
 def _listener(study: OutputErrorBlock, move: Move) -> Callable[[Progress], None]:
@@ -124,7 +147,17 @@ def _used_hashes(folder: Path) -> set[str]:
         raise InputError(file, f"is not a calibration's summary ({error!r})", "calibrate again") from error
 
 
-def _judge(study: OutputErrorBlock, folder: Path, traces: list[Recorded]) -> Judged:
+def _found_delays(study: OutputErrorBlock, folder: Path) -> dict[str, float]:
+    """The delays that the calibration found; they are no parameters of an FMU."""
+    file = _result_file(folder, SUMMARY)
+    try:
+        entries = json.loads(file.read_text())["parameters"]
+        return {name: float(entries[name]["value"]) for name in study.delays}
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(file, f"does not tell the delays of its study ({error!r})", "calibrate again") from error
+
+
+def _judge(study: OutputErrorBlock, folder: Path, traces: list[Recorded], delays: Mapping[str, float]) -> Judged:
     files = {name: folder / "fmus" / f"{name}.fmu" for name in study.components}
     components = {
         name: block.model_copy(update={"parameters": _beside(files[name])}) for name, block in study.components.items()
@@ -133,7 +166,7 @@ def _judge(study: OutputErrorBlock, folder: Path, traces: list[Recorded]) -> Jud
     stimulated = tuple(sorted(study.inputs))
     assembled = Assembled(files, dict.fromkeys(files, False), calibrated, stimulated)
     windows = study.validation or study.windows
-    return calibration.judge(calibrated, assembled, traces, windows, {})
+    return calibration.judge(calibrated, assembled, traces, windows, delays)
 
 
 def _beside(file: Path) -> dict[str, Value]:
@@ -157,7 +190,7 @@ def _verdict(
         "held": target is None or counted.median >= target,
         "data": data_summary(recorded, unseen),
         "versions": versions(),
-        "warnings": warnings + stamp_warnings(recorded),
+        "warnings": warnings + recording_warnings(recorded),
     }
 
 

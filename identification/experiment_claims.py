@@ -5,17 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
 from fmus.errors import ScenarioError
 from identification.experiment_set import SetResult, mean
-from identification.experiment_study import ClaimBlock, InequalityBlock
+from identification.experiment_study import ClaimBlock, InequalityBlock, Outcome
 from identification.experiments import Experiments
 from identification.reductions import Reduction
-
-Outcome = Literal["held", "held in part", "not borne out"]
 
 
 @dataclass(frozen=True)
@@ -54,6 +51,11 @@ class Judgement:
         if self.count == len(self.comparisons):
             return "held"
         return "held in part" if self.count else "not borne out"
+
+    @property
+    def as_stated(self) -> bool:
+        """Whether the study states this outcome."""
+        return self.outcome == self.claim.outcome
 
     @property
     def reason(self) -> str:

@@ -56,6 +56,7 @@ def summary(experiments: Experiments, claims: Verdicts, found: list[ThesisTable]
         "method": study.method,
         "parameters": {},
         "fit": {},
+        "as_stated": all(each.as_stated for each, _ in claims),
         "claims": [_claim(each) | {"compared": _claim(other) if other else None} for each, other in claims],
         "sets": {label: _set(experiments, result) for label, result in experiments.results.items()},
         "examples": {name: _example(experiments, each) for name, each in experiments.reductions.items()},
@@ -74,7 +75,7 @@ def summary(experiments: Experiments, claims: Verdicts, found: list[ThesisTable]
         },
         "data": data_summary(experiments.recorded, []),
         "versions": versions(),
-        "warnings": _warnings(experiments),
+        "warnings": [*_warnings(experiments), *_unexpected(claims)],
     }
 
 
@@ -114,6 +115,15 @@ def _claims(section: Section, claims: Verdicts, warnings: list[str], name: str) 
 
 def _verdict(judgement: Judgement) -> str:
     return f"{judgement.outcome} ({judgement.count} of {len(judgement.comparisons)})"
+
+
+def _unexpected(claims: Verdicts) -> list[str]:
+    """Claims that come out otherwise than the study states."""
+    return [
+        f"'{each.claim.statement}' is {each.outcome}, where the study states '{each.claim.outcome}'"
+        for each, _ in claims
+        if not each.as_stated
+    ]
 
 
 def _overview(section: Section, experiments: Experiments) -> None:
@@ -168,6 +178,7 @@ def _claim(judgement: Judgement) -> dict[str, Any]:
     return {
         "statement": judgement.claim.statement,
         "outcome": judgement.outcome,
+        "stated": judgement.claim.outcome,
         "reason": judgement.reason,
         "comparisons": [
             {"text": str(each), "less": finite(each.less), "than": finite(each.than), "held": each.held}

@@ -133,6 +133,9 @@ class ExampleBlock(Block):
     published: PublishedExample | None = None
 
 
+Outcome = Literal["held", "held in part", "not borne out"]
+
+
 class InequalityBlock(Block):
     """Every figure (or number) of `less`, times a factor, is below every one of `than`."""
 
@@ -145,11 +148,13 @@ class ClaimBlock(Block):
     """What was claimed, as inequalities between figures of this study.
 
     Attributes:
+        outcome: how the claim is known to come out here; another outcome is a regression.
         reason: why the rig does not bear it out, where it does not.
     """
 
     statement: str
     holds: list[InequalityBlock] = Field(min_length=1)
+    outcome: Outcome
     reason: str = ""
 
 

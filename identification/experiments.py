@@ -23,7 +23,7 @@ from identification.experiment_set import Job, SetResult, work
 from identification.experiment_study import ExperimentsBlock
 from identification.physical_modes import PhysicalMode, physical_modes
 from identification.reductions import Reduction
-from identification.study import TracesBlock
+from identification.trace_source import TracesBlock
 
 Move = Callable[[float, str], None]
 Value = TypeVar("Value")

@@ -15,7 +15,7 @@ from fmus.packaging import ssv
 from identification.added_mass import Bounds
 from identification.calibration import must_be
 from identification.calibration_results import SUMMARY, data_summary, finite, write_system
-from identification.campaign import Recorded, load_campaign, stamp_warnings
+from identification.campaign import Recorded, load_campaign, recording_warnings
 from identification.estimate import EstimatedValue
 from identification.resonance_study import (
     RECORDINGS_SCRIPT,
@@ -62,7 +62,7 @@ def calibrate(
         InputError: traces are missing, too short or too few, or a field is not known.
     """
     _check_targets(block, base)
-    recorded = load_campaign(block.traces, base, data, progress)
+    recorded = load_campaign(block.traces, base, data, progress, block.signals)
     experiments = [experiment(block.campaign, each) for each in recorded]
     processing = SCRIPTS[block.script]
     lower, upper = np.array(block.bounds.lower), np.array(block.bounds.upper)
@@ -122,7 +122,7 @@ def summary(result: ResonanceCalibration) -> dict[str, Any]:
         "fit": {"train": {"median": float(np.median(list(fits.values()))), "traces": fits}, "validation": None},
         "data": data_summary(result.recorded, ()),
         "versions": versions(),
-        "warnings": [*result.taken.warnings, *stamp_warnings(result.recorded)],
+        "warnings": [*result.taken.warnings, *recording_warnings(result.recorded)],
     }
 
 

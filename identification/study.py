@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import decimal
-import math
-import re
-from collections.abc import Mapping
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, Literal
@@ -18,98 +14,31 @@ from identification.experiment_study import ExperimentsBlock
 from identification.parameters import Scale
 from identification.poles import Poles
 from identification.range_space import Weighting
+from identification.trace_source import Signals, TracesBlock
 from orchestrator.assembly import SystemBlock, exact_seconds
-from orchestrator.formats import Layout
-from orchestrator.slave import Value
 from orchestrator.yaml_file import Block, load
 
-Decimal = Literal["point", "underscore", "after first digit"]
-
-
-class LayoutBlock(Block):
-    """Which column of a recording is which signal."""
-
-    variable: str | None = None
-    time: int | str = "time"
-    columns: dict[str, int | str] | None = None
-    units: dict[str, str] = {}
-
-    def layout(self) -> Layout:
-        return Layout(self.variable, self.time, self.columns, self.units)
-
-
-class FieldBlock(Block):
-    """How digits in a file's name make a number: where its decimal point is, and a factor to SI."""
-
-    decimal: Decimal = "point"
-    factor: float = 1.0
-
-    def number(self, text: str) -> float:
-        """The number that the digits mean, in SI.
-
-        Raises:
-            ValueError: they are none.
-        """
-        if self.decimal == "underscore":
-            text = text.replace("_", ".")
-        elif self.decimal == "after first digit":
-            text = f"{text[:1]}.{text[1:]}"
-        try:
-            number = float(decimal.Decimal(text) * decimal.Decimal(repr(self.factor)))
-        except ArithmeticError:
-            raise ValueError(f"'{text}' is no number") from None
-        if not math.isfinite(number):
-            raise ValueError(f"'{text}' is not finite")
-        return number
-
-
-class FileNameBlock(Block):
-    """What the files' names tell: named groups of a regular expression, as numbers."""
-
-    pattern: str
-    fields: dict[str, FieldBlock] = {}
-
-    @model_validator(mode="after")
-    def _groups(self) -> FileNameBlock:
-        try:
-            groups = set(re.compile(self.pattern).groupindex)
-        except re.error as error:
-            raise ValueError(f"`pattern` is no regular expression ({error})") from error
-        if set(self.fields) - groups:
-            raise ValueError(f"`pattern` has no group {sorted(set(self.fields) - groups)[0]}; write (?P<name>...)")
-        return self
-
-
-class TracesBlock(Block):
-    """Where traces come from: files (a pattern under the data folder), or the cases of a scenario that is run.
-
-    Attributes:
-        values: component.variable -> field of the file's name, given to every window of that trace.
-        hold_out: names of traces that are kept out of the fit and judged afterwards.
-    """
-
-    files: str | None = None
-    scenario: Path | None = None
-    layout: LayoutBlock = LayoutBlock()
-    file_name: FileNameBlock | None = None
-    values: dict[str, str] = {}
-    hold_out: list[str] = []
-
-    @model_validator(mode="after")
-    def _one_source(self) -> TracesBlock:
-        if (self.files is None) == (self.scenario is None):
-            raise ValueError("give either `files` or `scenario`")
-        known = set(self.file_name.fields) if self.file_name else set()
-        for name, field in self.values.items():
-            if self.files is not None and field not in known:
-                raise ValueError(f"{name}: `file_name` has no field '{field}'")
-        return self
+Delay = float | str  # [s], or the name of a parameter
 
 
 class SignalBlock(Block):
-    """A signal of the traces."""
+    """A signal of the traces, and how much later than the system it is (an output) or reaches it (an input).
+
+    Attributes:
+        factor: from the signal's unit to the variable's.
+        delay: [s] or the name of a parameter of the study; a command with a delay counts by its mean over each
+            communication step, one without by its value at the beginning.
+    """
 
     signal: str
+    factor: float = 1.0
+    delay: Delay | None = None
+
+    @field_validator("delay", mode="before")
+    @classmethod
+    def _exact(cls, value: Any) -> Any:
+        number = isinstance(value, str) and value[:1] in "+-.0123456789"
+        return float(exact_seconds(value)) if number else value
 
 
 class InitialBlock(Block):
@@ -176,6 +105,12 @@ class ParameterBlock(Block):
             raise ValueError("a tied parameter has no start and no bounds")
         return self
 
+    @property
+    def spans(self) -> bool:
+        """Whether it is told where it may lie."""
+        known = self.start is not None and (self.fixed or (self.min is not None and self.max is not None))
+        return known or self.tied is not None
+
 
 class LossBlock(Block):
     """How much a sample counts that lies far off; `scale` is in standard deviations of the weighted output."""
@@ -236,6 +171,51 @@ class OutputErrorBlock(SystemBlock):
                 raise ValueError(f"{name} is given by `traces.values` and by another key; remove one")
         return self
 
+    @model_validator(mode="after")
+    def _known_delays(self) -> OutputErrorBlock:
+        for name, signal in {**self.inputs, **self.outputs}.items():
+            if isinstance(signal.delay, str) and signal.delay not in self.delays:
+                raise ValueError(
+                    f"{name}: delay '{signal.delay}' is no parameter of the study; declare it, without a dot"
+                )
+        for name in self.delays:
+            block = self.parameters[name]
+            if not block.spans:
+                raise ValueError(f"{name}: a delay needs `start`, `min` and `max`, or `start` and `fixed: true`")
+            if block.tied is not None and (block.tied not in self.delays or self.parameters[block.tied].tied):
+                raise ValueError(f"{name}: a delay can only be tied to another delay, itself not tied")
+        return self
+
+    @model_validator(mode="after")
+    def _one_delay_a_signal(self) -> OutputErrorBlock:
+        read: dict[str, Delay | None] = {}
+        for block in self.outputs.values():
+            if read.setdefault(block.signal, block.delay) != block.delay:
+                raise ValueError(f"signal {block.signal} has two delays")
+        return self
+
+    @model_validator(mode="after")
+    def _compared_within_bounds(self) -> OutputErrorBlock:
+        for name, values in self.compare.items():
+            for delay in set(values) & set(self.delays):
+                block, value = self.parameters[delay], values[delay]
+                if (block.min is not None and value < block.min) or (block.max is not None and value > block.max):
+                    raise ValueError(f"compare.{name}: {delay} is not within its bounds")
+        return self
+
+    @property
+    def signals(self) -> Signals:
+        """What it uses of the traces."""
+        measured = {block.signal for blocks in (self.outputs, self.initial) for block in blocks.values()}
+        return Signals(frozenset(block.signal for block in self.inputs.values()), frozenset(measured))
+
+    @property
+    def delays(self) -> list[str]:
+        """The parameters that are delays and not of a component: named by a signal, or what such a one is tied to."""
+        named = {block.delay for block in (*self.inputs.values(), *self.outputs.values())}
+        tied = {block.tied for name, block in self.parameters.items() if name in named}
+        return [name for name in self.parameters if "." not in name and name in named | tied]
+
 
 class SineBlock(Block):
     """What each trace of a sine campaign was made with: constants, or fields of the file's name.
@@ -280,6 +260,11 @@ class ResonanceBlock(SystemBlock):
     write: dict[Literal["p1", "p2", "p3", "p4"], str]
     take: Literal["published", "corrected"] = "corrected"
     truth: dict[str, float] = {}
+
+    @property
+    def signals(self) -> Signals:
+        """What it uses of the traces."""
+        return Signals(measured=frozenset({self.campaign.signal}))
 
     @model_validator(mode="after")
     def _nothing_unused(self) -> ResonanceBlock:
@@ -393,6 +378,11 @@ class SubspaceBlock(Block):
         return self
 
     @property
+    def signals(self) -> Signals:
+        """What it uses of the traces."""
+        return Signals(frozenset(self.inputs), frozenset(self.outputs))
+
+    @property
     def models(self) -> list[str]:
         """Names of the models that the study makes, the most worked on last."""
         return [*self.weightings, *(["refined"] if self.refine else []), *(["reduced"] if self.reduce else [])]
@@ -429,16 +419,3 @@ def load_study(path: Path) -> Study:
     if method not in METHODS:
         raise ScenarioError(f"{path}: method", f"'{method}' is unknown", f"use {' or '.join(METHODS)}")
     return load(path, METHODS[method])
-
-
-def trace_values(traces: TracesBlock, trace: str, fields: Mapping[str, float]) -> dict[str, Value]:
-    """component.variable -> value that is known of a trace, by its fields.
-
-    Raises:
-        ScenarioError: a field is not known of it.
-    """
-    for name, field in traces.values.items():
-        if field not in fields:
-            raise ScenarioError(f"traces.values.{name}", f"trace {trace} has no field '{field}'",
-                                f"there are {', '.join(fields) or 'none'}")  # fmt: skip
-    return {name: fields[field] for name, field in traces.values.items()}

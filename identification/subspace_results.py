@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -14,8 +13,8 @@ import numpy as np
 from fmus.packaging import linear
 from fmus.packaging.writeback import write_back
 from fmus.state_space import matrices
-from identification.calibration_results import STUDY, SUMMARY, data_summary, finite
-from identification.campaign import stamp_warnings
+from identification.calibration_results import SUMMARY, data_summary, finite, keep_study
+from identification.campaign import recording_warnings
 from identification.linear_model import LinearModel
 from identification.mode_tracking import Spread, spreads, stabilisation
 from identification.modes import labels, modes, ranked
@@ -38,7 +37,7 @@ def write_calibration(result: SubspaceCalibration, study_file: Path, target: Pat
     with result_folder(target) as folder:
         provenance = {key: document[key] for key in ("title", "method", "models", "data", "versions")}
         write_model(result.taken.model, folder / "fmus" / f"{result.study.name}.fmu", provenance, units_of(result))
-        shutil.copyfile(study_file, folder / STUDY)
+        keep_study(result.study.traces.layout, study_file, folder)
         report(result, document).write(folder / "report.html")
         write_json(folder / SUMMARY, document)
     return document
@@ -72,7 +71,7 @@ def summary(result: SubspaceCalibration) -> dict[str, Any]:
                 "validation": _fits(result, taken, taken.unseen, fitted=False) if len(taken.unseen) else None},
         "data": data_summary(result.recorded, study.traces.hold_out),
         "versions": versions(),
-        "warnings": [*_warnings(result), *stamp_warnings(result.recorded)],
+        "warnings": [*_warnings(result), *recording_warnings(result.recorded)],
     }  # fmt: skip
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 
 import numpy as np
 
@@ -39,20 +38,23 @@ class SystemSimulator:
         self._factory = factory
         self._opened = OpenSystem(factory.assembled)
         step = factory.cuts[0].step
-        longest = max(len(cut.measured) for cut in factory.cuts) - 1
+        longest = max(cut.stop for cut in factory.cuts)
         try:
-            self._simulation: Simulation = self._opened.simulation(Timing(stop=longest * step, step=step))
+            self._simulation: Simulation = self._opened.simulation(Timing(stop=longest, step=step))
         except BaseException:
             self._opened.close()
             raise
 
     def simulate(self, window: int, values: Mapping[str, float]) -> FloatArray:
-        """(K, m) outputs of a window; `values` go over the trace's own, and those over the study's."""
-        cut = self._factory.cuts[window]
-        stop: Fraction = (len(cut.measured) - 1) * cut.step
-        merged = {**self._factory.values, **cut.constants, **values}
-        result = self._simulation.run(merged, cut.stimuli, self._factory.outputs, stop=stop)
-        return np.column_stack([result.trace[name] for name in self._factory.outputs])
+        """(K, m) what a window's outputs are recorded as; `values` go over the trace's own, those over the study's.
+
+        Values of names without a dot are delays.
+        """
+        cut, outputs = self._factory.cuts[window], self._factory.outputs
+        own = {name: value for name, value in values.items() if "." in name}
+        merged = {**self._factory.values, **cut.constants, **own, **cut.start_values(values)}
+        result = self._simulation.run(merged, cut.driven(values), outputs, stop=cut.stop)
+        return cut.recorded(np.column_stack([result.trace[name] for name in outputs]), values)
 
     def close(self) -> None:
         """Free the FMUs."""

@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 from fmus.errors import ScenarioError, ServotwinError, WiringError
 from orchestrator import formats
 from orchestrator.assembly import Assembled, OpenSystem, RunBlock, SystemBlock, assemble
+from orchestrator.can.block import CanBlock
 from orchestrator.engine import Interrupted, Result, Run, Simulation
 from orchestrator.expectations import Check, Expectation, check
 from orchestrator.formats import parquet
@@ -87,7 +88,13 @@ class CaseBlock(Block):
 
 
 class ScenarioBlock(SystemBlock):
-    """A scenario file."""
+    """A scenario file.
+
+    Attributes:
+        own_noise: whether every case draws noise of its own: each `seed` that a component is given, and the case does
+            not set, grows by 1000 from case to case.
+        can: how it is coupled to a CAN bus; a plain run takes the safe values, as if nobody else were there.
+    """
 
     title: str
     description: str = ""
@@ -95,6 +102,8 @@ class ScenarioBlock(SystemBlock):
     run: RunBlock
     record: list[str] | None = None
     recorder: RecorderBlock | None = None
+    own_noise: bool = False
+    can: CanBlock | None = None
     cases: list[CaseBlock] = Field(default_factory=lambda: [CaseBlock(name="run")], min_length=1)
     expect: list[Expectation] = []
 
@@ -104,6 +113,27 @@ class ScenarioBlock(SystemBlock):
         if len(set(names)) != len(names):
             raise ValueError("two cases have one name")
         return self
+
+    @model_validator(mode="after")
+    def _one_source_each(self) -> ScenarioBlock:
+        twice = sorted(set(self.stimuli) & set(self.can.receive if self.can else ()))
+        if twice:
+            raise ValueError(f"{twice[0]} has two sources, a stimulus and a signal of the bus")
+        return self
+
+    def driven(self) -> dict[str, StimulusBlock]:
+        """component.input -> what drives it where there is no bus: its stimulus, or the safe value of its signal."""
+        received = self.can.receive if self.can else {}
+        return dict(self.stimuli) | {name: StimulusBlock(constant=each.safe) for name, each in received.items()}
+
+    def values_of(self, case: CaseBlock) -> dict[str, Value]:
+        """component.variable -> value in a case."""
+        values = self.values()
+        if self.own_noise:
+            number = self.cases.index(case)
+            seeds = {name: seed for name, seed in values.items() if name.endswith(".seed") and isinstance(seed, int)}
+            values |= {name: seed + 1000 * number for name, seed in seeds.items()}
+        return values | case.set
 
 
 @dataclass(frozen=True)
@@ -210,16 +240,16 @@ def run_scenario(path: Path, overrides: Mapping[str, Value] | None = None, progr
     if block.recorder is not None and keeping != Keeping():
         raise ScenarioError(path, "has a recorder, which samples the whole record", "run it without stride and stream")
     with naming(path), scratch(isolation) as folder:
-        assembled = assemble(block, path.parent, fmus or folder, tuple(sorted(block.stimuli)))
+        assembled = assemble(block, path.parent, fmus or folder, tuple(sorted(block.driven())))
         cases: list[CaseResult] = []
         try:
             with OpenSystem(assembled) as opened, opened.simulation(block.run.timing(), isolation) as simulation:
                 instants = simulation.instants()
-                stimuli = {name: each.values(instants, path.parent) for name, each in block.stimuli.items()}
-                simulation.check_record(_recorded(block, simulation.outputs))
+                stimuli = {name: each.values(instants, path.parent) for name, each in block.driven().items()}
+                simulation.check_record(recorded_names(block, simulation.outputs))
                 for number, case in enumerate(block.cases):
                     part = _part_of(progress, number, len(block.cases))
-                    values = block.values() | case.set | dict(overrides or {})
+                    values = block.values_of(case) | dict(overrides or {})
                     cases.append(_run_case(block, case, simulation, values, stimuli, path.parent, keeping, part))
         except KeyboardInterrupt as stop:
             cases += _unfinished(block, len(cases), stop, keeping)
@@ -254,7 +284,7 @@ def _run_case(
     result, error = None, None
     file = keeping.file(block.cases.index(case))
     try:
-        run = Run(values, stimuli, _recorded(block, simulation.outputs), record_every=keeping.every)
+        run = Run(values, stimuli, recorded_names(block, simulation.outputs), record_every=keeping.every)
         if file is None:
             result = simulation.execute(run, progress)
         else:
@@ -283,7 +313,7 @@ def _streamed(
     return replace(result, trace=formats.read(file, formats.Layout(columns=signals)).trace)
 
 
-def _recorded(block: ScenarioBlock, outputs: tuple[str, ...]) -> list[str]:
+def recorded_names(block: ScenarioBlock, outputs: tuple[str, ...]) -> list[str]:
     """The file's `record`, or all outputs; and whatever the recorder or an expectation of any case looks at."""
     expected = [*block.expect, *(each for case in block.cases for each in case.expect)]
     looked_at = [each.signal for each in expected if each.signal is not None]

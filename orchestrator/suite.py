@@ -1,11 +1,13 @@
-"""The regression suite: every scenario under some paths, run side by side, with a verdict each and a JUnit file."""
+"""The regression suite: every scenario, study with claims and procedure under some paths; a verdict each."""
 
 from __future__ import annotations
 
 import signal
+import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import active_children, get_context, parent_process
@@ -14,17 +16,20 @@ from time import perf_counter
 from typing import Any
 from xml.etree import ElementTree as ET
 
-from fmus.errors import ScenarioError, ServotwinError
+from fmus.errors import FmuError, ScenarioError, ServotwinError
 from fmus.files import atomic_write
 from orchestrator.isolation import Isolation
+from orchestrator.procedure import run_procedure
 from orchestrator.run_results import document_of, write_run
 from orchestrator.scenario import ScenarioBlock, run_scenario
-from orchestrator.yaml_file import holds, load
+from orchestrator.yaml_file import keys, load
+
+Study = Callable[[Path, Path], dict[str, Any]]  # runs a study into a folder: whether all came out as stated, and cases
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """How one scenario went: `document` as `servotwin run --json` prints it, or the `error` that ended it."""
+    """How one file went: what came out, with `passed` and `cases`, or the `error` that ended it."""
 
     file: Path
     seconds: float
@@ -37,18 +42,19 @@ class Verdict:
 
 
 def find_scenarios(paths: Sequence[Path]) -> list[Path]:
-    """The scenario files among and under these paths: YAML files with a `run`.
+    """The files to be judged among and under these paths: YAML files with `run`, `claims` or `procedure`.
 
     Raises:
-        ScenarioError: a path is not there, a file given by name does not fit, or there is no scenario at all.
+        ScenarioError: a path is not there, a file given by name is no such file, or there is none at all.
     """
     found: list[Path] = []
     for path in paths:
         if path.is_file():
-            load(path, ScenarioBlock)
+            if not _kind(path):
+                load(path, ScenarioBlock)  # says what is missing
             found.append(path)
         elif path.is_dir():
-            found += [file for file in sorted(path.rglob("*.yaml")) if holds(file, "run")]
+            found += [file for file in sorted(path.rglob("*.yaml")) if _kind(file)]
         else:
             raise ScenarioError(path, "no such file or folder", "check the path")
     if not found:
@@ -56,21 +62,29 @@ def find_scenarios(paths: Sequence[Path]) -> list[Path]:
     return list(dict.fromkeys(found))
 
 
+def _kind(file: Path) -> str:
+    """The key that tells what the file is, nothing where it is not for the suite."""
+    return next((key for key in keys(file) if key in ("run", "claims", "procedure")), "")
+
+
 def run_suite(
     files: Sequence[Path],
     out: Path,
     processes: int,
+    study: Study,
     done: Callable[[Verdict], None] | None = None,
     isolation: Isolation | None = None,
 ) -> list[Verdict]:
-    """Run scenarios in processes of their own, at most `processes` at a time; verdicts in the order of the files.
+    """Run each file in a process of its own, at most `processes` at a time; verdicts in the order of the files.
 
-    With isolation an FMU that crashes fails its scenario alone. An interrupt ends those that run, too.
+    An FMU that crashes its process fails that file alone. An interrupt ends those that run, too.
+
+    Args:
+        study: runs the files that are studies; a function that another process can import.
     """
     verdicts: dict[Path, Verdict] = {}
-    spawn = get_context("spawn")
-    with ProcessPoolExecutor(processes, spawn, _obey, max_tasks_per_child=1) as pool, _ending(pool):
-        tasks = {pool.submit(_run, file, out / file.parent.name / file.stem, isolation): file for file in files}
+    with ThreadPoolExecutor(processes) as pool, _ending(pool):
+        tasks = [pool.submit(_apart, file, out / file.parent.name / file.stem, study, isolation) for file in files]
         for task in as_completed(tasks):
             verdict = task.result()
             verdicts[verdict.file] = verdict
@@ -100,7 +114,7 @@ def write_junit(verdicts: Iterable[Verdict], path: Path) -> None:
 
 
 @contextmanager
-def _ending(pool: ProcessPoolExecutor) -> Iterator[None]:
+def _ending(pool: ThreadPoolExecutor) -> Iterator[None]:
     """Have nothing else run, and what runs end, when an error comes in between."""
     try:
         yield
@@ -111,11 +125,13 @@ def _ending(pool: ProcessPoolExecutor) -> Iterator[None]:
         raise
 
 
-def _obey() -> None:
-    """Let this process be interrupted by the main process, and by its end, but not by a terminal: that would be twice.
+def _obey(scratch: str) -> None:
+    """Have this process keep its temporary files there, and be interrupted by the main process, and by its end, but not
+    by a terminal: that would be twice.
 
     An interrupt cleans up; a second one would cut that short.
     """
+    tempfile.tempdir = scratch
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     threading.Thread(target=_await_end, daemon=True).start()
@@ -128,16 +144,41 @@ def _await_end() -> None:
     signal.pthread_kill(main_thread, signal.SIGTERM)
 
 
-def _run(file: Path, out: Path, isolation: Isolation | None) -> Verdict:
+def _apart(file: Path, out: Path, study: Study, isolation: Isolation | None) -> Verdict:
+    """The verdict of a file that is run in a process of its own."""
     begun = perf_counter()
     try:
-        result = run_scenario(file, isolation=isolation)
-        write_run(result, {}, out)
-        return Verdict(file, perf_counter() - begun, document_of(result, {}, out))
+        with (
+            tempfile.TemporaryDirectory(prefix="servotwin-") as scratch,  # gone with all in it also after a crash
+            ProcessPoolExecutor(1, get_context("spawn"), _obey, (scratch,)) as process,
+        ):
+            return process.submit(_run, file, out, study, isolation).result()
+    except BrokenProcessPool:
+        crash = FmuError(file, "an FMU crashed the process that ran it", "give --isolate to learn which one and where")
+        return Verdict(file, perf_counter() - begun, None, str(crash))
+
+
+def _run(file: Path, out: Path, study: Study, isolation: Isolation | None) -> Verdict:
+    begun = perf_counter()
+    try:
+        return Verdict(file, perf_counter() - begun, _document(file, out, study, isolation))
     except ServotwinError as error:
         return Verdict(file, perf_counter() - begun, None, str(error))
 
 
+def _document(file: Path, out: Path, study: Study, isolation: Isolation | None) -> dict[str, Any]:
+    kind = _kind(file)
+    if kind == "procedure":
+        return run_procedure(file, out)
+    return study(file, out) if kind == "claims" else _run_scenario(file, out, isolation)
+
+
+def _run_scenario(file: Path, out: Path, isolation: Isolation | None) -> dict[str, Any]:
+    result = run_scenario(file, isolation=isolation)
+    write_run(result, {}, out)
+    return document_of(result, {}, out)
+
+
 def _why(case: dict[str, Any]) -> str:
     missed = [f"{check['text']}: {check['found']}" for check in case["checks"] if not check["held"]]
-    return "; ".join(missed) or str(case["error"])
+    return str(case["error"]) if case["error"] else "; ".join(missed)

@@ -45,9 +45,13 @@ def load(path: Path, schema: type[B]) -> B:
         raise _complaint(path, document, schema, error) from None
 
 
-def holds(path: Path, key: str) -> bool:
-    """Whether the file is YAML with this key at the top."""
-    return key in _parse(path)
+def keys(path: Path) -> list[str]:
+    """The keys at the top of a YAML file.
+
+    Raises:
+        ScenarioError: no such file, or no YAML.
+    """
+    return [str(key) for key in _parse(path)]
 
 
 @contextmanager

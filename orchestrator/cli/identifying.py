@@ -25,7 +25,10 @@ def calibrate(
     quiet: Quiet = False,
     verbose: Verbose = 0,
 ) -> None:
-    """Traces to calibrated FMUs, parameters.ssv, summary.json and report.html."""
+    """Traces to calibrated FMUs, parameters.ssv, summary.json and report.html.
+
+    Exit code 1 when a claim does not come out as the study states.
+    """
 
     def work(terminal: Terminal) -> Answer:
         from identification.commands import calibrate_study
@@ -36,7 +39,8 @@ def calibrate(
         shows = next((each for key, each in _RESULTS.items() if key in document), _parameters)
         shown: list[Table | str] = [shows(document), *_fits(document), *_warnings(document)]
         fmus = f"FMUs in {folder / 'fmus'}, " if (folder / "fmus").is_dir() else ""
-        return Answer(document, [*shown, f"{fmus}report in {folder / 'report.html'}"])
+        shown.append(f"{fmus}report in {folder / 'report.html'}")
+        return Answer(document, shown, document.get("as_stated", True))
 
     answered(work, as_json, quiet, verbose)
 

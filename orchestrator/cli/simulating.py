@@ -121,7 +121,7 @@ def run(
 @app.command()
 def test(
     paths: Annotated[
-        list[Path] | None, typer.Argument(help="Scenario files and folders; scenarios/ by default.")
+        list[Path] | None, typer.Argument(help="Scenarios, studies with claims, and folders; scenarios/ by default.")
     ] = None,
     jobs: Annotated[int, typer.Option("-j", "--jobs", min=1, help="Scenarios run side by side.")] = 1,
     junit: Annotated[Path | None, typer.Option(help="JUnit XML file to write.")] = None,
@@ -132,9 +132,13 @@ def test(
     quiet: Quiet = False,
     verbose: Verbose = 0,
 ) -> None:
-    """Run all scenarios under the paths: the regression suite; exit code 1 when one fails."""
+    """Run all scenarios, and all studies that state claims, under the paths: the regression suite.
+
+    Exit code 1 when an expectation fails, or a claim does not come out as its study states.
+    """
 
     def work(terminal: Terminal) -> Answer:
+        from identification.commands import judge_claims
         from orchestrator.suite import Verdict, find_scenarios, run_suite, write_junit
 
         isolation = _isolation(isolate, patience)
@@ -148,7 +152,7 @@ def test(
                 finished += 1
                 move(finished / len(files), verdict.file.stem)
 
-            verdicts = run_suite(files, out or Path("out/test"), jobs, done, isolation)
+            verdicts = run_suite(files, out or Path("out/test"), jobs, judge_claims, done, isolation)
         if junit is not None:
             write_junit(verdicts, junit)
         for each in verdicts:

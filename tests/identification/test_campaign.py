@@ -15,8 +15,8 @@ from typer.testing import CliRunner
 from fmus.errors import ScenarioError, TraceError
 from fmus.files import sha256
 from identification import calibration
-from identification.campaign import load_campaign, split, stamp_warnings
-from identification.study import TracesBlock
+from identification.campaign import load_campaign, recording_warnings, split
+from identification.trace_source import TracesBlock
 from orchestrator.cli import app
 
 LAYOUT = {"variable": "D", "time": 0, "columns": {"voltage": 1, "angle": 2}, "units": {"voltage": "V", "angle": "rad"}}
@@ -68,9 +68,9 @@ def test_stamps_out_of_order_are_put_in_order_and_told(tmp_path: Path) -> None:
     save(tmp_path, "rig_0__a", columns())
     save(tmp_path, "rig_0__b", columns()[np.r_[0:10, 9, 11, 10, 12:COUNT]])
     recorded = load_campaign(traces(), tmp_path, None)
-    (warning,) = stamp_warnings(recorded)
+    (warning,) = recording_warnings(recorded)
     assert "1 recordings" in warning and "rig_0__b" in warning and "1 repeated" in warning
-    assert stamp_warnings(recorded[:1]) == []
+    assert recording_warnings(recorded[:1]) == []
 
 
 def test_holding_out_splits_by_name(tmp_path: Path) -> None:

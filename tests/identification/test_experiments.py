@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 from scipy.signal import cont2discrete
+from typer.testing import CliRunner
 
 from fmus.errors import IdentificationError, ScenarioError
 from identification.commands import calibrate_study, validate_result
@@ -23,6 +24,7 @@ from identification.experiments import Experiments, run
 from identification.linear_model import LinearModel
 from identification.modes import Mode, from_modes
 from identification.physical_modes import PhysicalMode, physical_modes
+from orchestrator.cli import app
 from orchestrator.yaml_file import load
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios" / "flexible_arm"
@@ -91,9 +93,9 @@ def study_of(**changes: Any) -> dict[str, Any]:
         "typical": ["O_dat1"],
         "examples": [{"name": "Ac1", "data": "C_dat1", "table": "3-1", "order": 3}],
         "claims": [
-            {"statement": "without is better",
+            {"statement": "without is better", "outcome": "held",
              "holds": [{"less": ["C_dat1.sfv"], "than": ["C_dat1c.sfv"], "times": 5}]},
-            {"statement": "the opposite", "reason": "because",
+            {"statement": "the opposite", "outcome": "not borne out", "reason": "because",
              "holds": [{"less": ["C_dat1c.sfv"], "than": ["C_dat1.sfv"]}]},
         ],
         **changes,
@@ -141,6 +143,17 @@ def test_claims_are_judged_and_only_those_not_borne_out_are_explained(found: Exp
     held, failed = judge(found)
     assert (held.outcome, held.reason) == ("held", "")
     assert (failed.outcome, failed.reason) == ("not borne out", "because")
+
+
+def test_a_claim_that_comes_out_otherwise_than_stated_fails_the_command(linear: Path, tmp_path: Path) -> None:
+    study = study_of()
+    study["claims"][1]["outcome"] = "held in part"
+    (linear / "otherwise.yaml").write_text(json.dumps(study))
+    places = [str(linear / "otherwise.yaml"), "--data", str(linear / "data"), "--out", str(tmp_path / "out")]
+    answer = CliRunner().invoke(app, ["calibrate", *places, "--json"])
+    document = json.loads(answer.stdout)
+    assert answer.exit_code == 1
+    assert "'the opposite' is not borne out, where the study states 'held in part'" in document["warnings"]
 
 
 def test_claims_are_tried_under_the_other_preparation_too(result: Path) -> None:
@@ -271,33 +284,13 @@ def test_reduction_by_mrm_and_updating_keep_what_reduction_by_msv_loses_on_the_a
     assert error["further"] < 1.1 * error["updated"]
 
 
-HELD = [
-    "Of open-loop excitations at 2 V and 300 Hz the square gives the best model, the random one the worst",
-    "Closed-loop models (compensation taken off) are better in set-point following than open-loop ones, at 0 g",
-    "At 0 g, models with the compensation left in (type III) follow set-points worse than without it (type II)",
-    "The first three flexible modes are within 3 %, from closed-loop data at 0 g, compensation left in",
-    "MRM gives the better reduced model on the other examples (those above the order they are reduced to)",
-    "An order-8 model does as well as one of order 10 (within 10 %)",
-]
-NOT_BORNE_OUT = [
-    "In bounded experiments a constant magnitude gives better models than a random one, from 2 V",
-    "Open-loop models look better in data matching than closed-loop ones, at 0 g",
-]
-
-
 @pytest.mark.slow
-def test_the_claims_of_the_thesis_that_hold_on_the_arm_hold_with_a_margin(tmp_path: Path) -> None:
+def test_the_claims_of_the_thesis_come_out_on_the_arm_as_the_study_states(tmp_path: Path) -> None:
     found = run(load(SCENARIOS / "chapters.yaml", ExperimentsBlock), SCENARIOS, None, silent)
-    outcomes = {each.claim.statement: each.outcome for each in judge(found)}
-    assert [outcomes[statement] for statement in HELD] == ["held"] * len(HELD)
-    assert [outcomes[statement] for statement in NOT_BORNE_OUT] == ["not borne out"] * len(NOT_BORNE_OUT)
-    known = figures(found)
-    at_2_v = [known[f"O_dat{number}.dmv"] for number in (2, 10, 6, 13)]
-    assert at_2_v[0] < 0.95 * min(at_2_v[1:])
-    assert at_2_v[3] > 1.03 * max(at_2_v[:3])
+    assert [each.claim.statement for each in judge(found) if not each.as_stated] == []
+    known = figures(found)  # margins that five draws of the noise leave
     closed_loop = [known[f"C_dat{number}.sfv"] for number in (1, 2, 3, 4)]
     assert 1.7 * max(closed_loop) < min(known[f"O_dat{number}.sfv"] for number in (2, 6, 10, 13))
-    assert all(known[f"C_dat{number}c.sfv"] > 1.8 * known[f"C_dat{number}.sfv"] for number in (1, 2, 3, 4))
-    assert known["Ac2.msv.dmv"] > 1.9 * known["Ac2.mrm.dmv"]
-    assert known["Ac3.msv.dmv"] > 1.4 * known["Ac3.mrm.dmv"]
+    assert all(known[f"C_dat{number}c.sfv"] > 1.7 * known[f"C_dat{number}.sfv"] for number in (1, 2, 3, 4))
+    assert all(known[f"{name}.msv.dmv"] > 1.3 * known[f"{name}.mrm.dmv"] for name in ("Ac2", "Ac3"))
     assert all(known[f"{name}.updated.dmv"] < 1.15 * known[f"{name}.initial.dmv"] for name in ("Ac2", "Ac3", "Ac11"))

@@ -30,6 +30,7 @@ from typer.testing import CliRunner
 from fmus import library
 from fmus.errors import FmuError, FmuFileError, InputError, ServotwinError
 from fmus.packaging import python
+from identification.commands import judge_claims
 from orchestrator import suite
 from orchestrator.assembly import ComponentBlock, OpenSystem, SystemBlock, assemble
 from orchestrator.cli import app
@@ -426,10 +427,21 @@ def test_the_other_scenarios_of_a_suite_go_on(fmus: dict[int, Path], tmp_path: P
 
 def test_a_scenario_with_a_crash_fails_and_leaves_no_result(fmus: dict[int, Path], tmp_path: Path) -> None:
     path = write_scenario(tmp_path, fmus[2], mood=Mood.ABORT)
-    verdict = suite._run(path, tmp_path / "out", Isolation())
+    verdict = suite._run(path, tmp_path / "out", judge_claims, Isolation())
     assert not verdict.passed and verdict.document is None
     assert "wheel: its FMU crashed (signal SIGABRT) in the step from t = 0.5 s by 0.01 s" in verdict.error
     assert not Path("out").exists()
+
+
+@pytest.mark.slow
+def test_without_isolation_a_crash_fails_its_scenario_alone_and_points_to_isolation(
+    fmus: dict[int, Path], tmp_path: Path
+) -> None:
+    files = [write_scenario(tmp_path, fmus[2], name, mood=mood) for name, mood in {"a": Mood.ABORT, "b": 0}.items()]
+    running = process("test", *files, "--out", "out", "--json")
+    crashed, well = json.loads(running.communicate(timeout=300)[0])["scenarios"]
+    assert well["passed"]
+    assert crashed["error"].startswith(f"{files[0]}: an FMU crashed the process that ran it; give --isolate")
 
 
 def process(*arguments: object) -> subprocess.Popen[str]:

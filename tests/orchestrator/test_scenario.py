@@ -22,14 +22,14 @@ from orchestrator.interrupts import Interrupts
 from orchestrator.scenario import Keeping, ScenarioInterrupted, ScenarioResult, parse_override, run_scenario
 from orchestrator.slave import Value
 from orchestrator.trace import Trace
-from orchestrator.yaml_file import holds
+from orchestrator.yaml_file import keys
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 LONG = {"synthetic_campaign.yaml", "rig.yaml"}
 FILES = [
     pytest.param(path, id=str(path.relative_to(SCENARIOS)), marks=pytest.mark.slow if path.name in LONG else ())
     for path in sorted(SCENARIOS.rglob("*.yaml"))
-    if holds(path, "run")
+    if "run" in keys(path)
 ]
 
 
@@ -110,6 +110,25 @@ def test_the_order_of_cases_does_not_matter_by_one_bit(tmp_path: Path) -> None:
     for number in range(3):
         one, other = trace_of(there, number), trace_of(back, 2 - number)
         assert all(np.array_equal(one[name], other[name]) for name in one.names)
+
+
+NOISY = """
+title: noise
+components:
+  meter: {model: daq, parameters: {noise: 1.0, seed: 3, sample_time: 0.1}}
+stimuli: {meter.signal: {constant: 0.0}}
+run: {stop: 1, step: 0.1}
+cases: [{name: a}, {name: b}, {name: c, set: {meter.seed: 3}}]
+"""
+
+
+def test_cases_have_the_same_noise_unless_each_is_to_draw_its_own(tmp_path: Path) -> None:
+    same = [trace_of(run(tmp_path, NOISY), i)["meter.measured"] for i in range(3)]
+    own = [trace_of(run(tmp_path, NOISY + "own_noise: true"), i)["meter.measured"] for i in range(3)]
+    assert np.array_equal(same[0], same[1])
+    assert np.array_equal(own[0], same[0])
+    assert not np.any(own[1][1:] == own[0][1:])
+    assert np.array_equal(own[2], own[0])  # the case sets its seed
 
 
 def test_a_case_that_fails_its_expectation_fails_the_scenario_and_says_by_how_much(tmp_path: Path) -> None:

@@ -1,0 +1,147 @@
+"""Delays between a system and the recordings of it: latencies of commands and readings, and offsets of their clocks.
+
+With a delay d of an input the plant gets at t the command of t - d; with a delay d of an output the plant's output of
+t - d is recorded at t. What is known of an output corrects its stamps. What is a parameter moves the simulated output,
+smoothly, as it moves commands, so that it can be estimated.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+from numpy.polynomial import Polynomial
+from scipy.interpolate import CubicHermiteSpline
+
+from identification.study import Delay, OutputErrorBlock
+from orchestrator.trace import FloatArray
+
+_ROUNDING = 1e-9  # of a step
+
+
+@dataclass(frozen=True)
+class Span:
+    """Where a delay may lie and where its estimation begins [s]."""
+
+    lowest: float
+    start: float
+    highest: float
+
+
+def span(study: OutputErrorBlock, delay: Delay) -> Span:
+    """The span of a delay: its parameter's bounds; the value itself for a number, and where a bound is missing."""
+    if not isinstance(delay, str):
+        return Span(delay, delay, delay)
+    block = study.parameters[delay]
+    if block.tied is not None:
+        other = span(study, block.tied)
+        ends = sorted((block.factor * other.lowest, block.factor * other.highest))
+        return Span(ends[0], block.factor * other.start, ends[1])
+    assert block.start is not None
+    return Span(block.start if block.min is None else block.min, block.start,
+                block.start if block.max is None else block.max)  # fmt: skip
+
+
+def seconds(delay: Delay | None, values: Mapping[str, float]) -> float:
+    """A delay [s] with these values of the parameters; 0 where there is none."""
+    return values[delay] if isinstance(delay, str) else delay or 0.0
+
+
+def known(delay: Delay | None) -> float:
+    """What the stamps of an output are corrected by [s]."""
+    return delay if isinstance(delay, float) else 0.0
+
+
+def compared_rows(study: OutputErrorBlock, count: int) -> slice:
+    """Which of a free run's `count` instants are compared: those whose outputs lie within the run for every delay."""
+    spans = [span(study, block.delay) for block in study.outputs.values() if isinstance(block.delay, str)]
+    late = max((each.highest for each in spans), default=0.0)
+    early = max((-each.lowest for each in spans), default=0.0)
+    return slice(_steps(late, study.step), max(count - _steps(early, study.step), 0))
+
+
+def _steps(duration: float, step: Fraction) -> int:
+    """Whole steps that cover a duration [s]; none for a negative one."""
+    return max(0, math.ceil(duration / float(step) - _ROUNDING))
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """A command that keeps the value of each sample until the next; before the first stamp it has the first value.
+
+    Attributes:
+        time: (K,) stamps [s].
+        values: (K,) samples.
+    """
+
+    time: FloatArray
+    values: FloatArray
+
+    def between(self, start: float, stop: float) -> Held:
+        """The part that says what it is from start to stop [s]."""
+        first = max(int(np.searchsorted(self.time, start, side="right")) - 1, 0)
+        last = max(int(np.searchsorted(self.time, stop, side="right")), first + 1)
+        return Held(self.time[first:last], self.values[first:last])
+
+    def means(self, edges: FloatArray) -> FloatArray:
+        """(N,) exact means between N + 1 rising edges [s]."""
+        return np.asarray(np.diff(self._integral(edges)) / np.diff(edges))
+
+    def _integral(self, instants: FloatArray) -> FloatArray:
+        """(N,) integral from the first stamp to these instants."""
+        known = np.concatenate([[0.0], np.cumsum(self.values[:-1] * np.diff(self.time))])
+        rows = np.clip(np.searchsorted(self.time, instants, side="right") - 1, 0, len(self.time) - 1)
+        return np.asarray(known[rows] + self.values[rows] * (instants - self.time[rows]))
+
+
+@dataclass(frozen=True, eq=False)
+class Command:
+    """A recorded command that reaches an input with a delay."""
+
+    delay: Delay
+    held: Held
+
+    def values(self, instants: FloatArray, delay: float) -> FloatArray:
+        """(K,) what the input gets from each of these even instants to the next, by its mean [s]."""
+        step = (instants[-1] - instants[0]) / (len(instants) - 1)
+        return self.held.means(np.append(instants, instants[-1] + step) - delay)
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """A start value that is read off a signal with a delay.
+
+    Attributes:
+        curve: the value over the time of the signal.
+        at: where the window begins [s].
+    """
+
+    delay: Delay
+    curve: Polynomial
+    at: float
+
+    def value(self, delay: float) -> float:
+        """The start value: what the signal shows `delay` [s] after the window's beginning."""
+        return float(self.curve(self.at + delay))
+
+
+def late_outputs(simulated: FloatArray, step: float, delays: Sequence[float | None], rows: slice) -> FloatArray:
+    """(K', m) what is recorded of outputs (K, m) at the instants `rows`, each by its delay [s].
+
+    Between the instants of the free run an output is the cubic through its values, with central differences as
+    slopes: exact for parabolas. An output without a delay (None) is taken as it is.
+    """
+    time = np.asarray(np.arange(len(simulated)) * step, dtype=float)
+    columns = [
+        simulated[rows, i] if delay is None else _curve(time, simulated[:, i])(time[rows] - delay)
+        for i, delay in enumerate(delays)
+    ]
+    return np.column_stack(columns)
+
+
+def _curve(time: FloatArray, values: FloatArray) -> CubicHermiteSpline:
+    slopes = np.gradient(values, time, edge_order=2 if len(time) > 2 else 1)
+    return CubicHermiteSpline(time, values, slopes)
