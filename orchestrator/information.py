@@ -13,6 +13,7 @@ from fmus.errors import InputError, TraceError
 from fmus.packaging import archive, defaults
 from fmus.packaging.writeback import PROVENANCE
 from orchestrator import formats
+from orchestrator.can.log_suffixes import is_log
 from orchestrator.fmu_file import FmuFile
 from orchestrator.formats import mat5
 from orchestrator.results import MARKS
@@ -59,7 +60,12 @@ def about_fmu(path: Path) -> dict[str, Any]:
 
 
 def about_trace(path: Path, layout: formats.Layout | None = None) -> dict[str, Any]:
-    """Signals and time stamps of a recording; of a matrix without names what a layout has to say."""
+    """Signals and time stamps of a recording; of a matrix without names what a layout has to say.
+
+    Of a CAN log without a database its frames.
+    """
+    if path.is_file() and is_log(path) and (layout is None or layout.database is None):
+        return about_log(path)
     try:
         recording = formats.read(path, layout)
     except TraceError as error:
@@ -73,6 +79,7 @@ def about_trace(path: Path, layout: formats.Layout | None = None) -> dict[str, A
         "from": float(trace.time[0]),
         "to": float(trace.time[-1]),
         "stamps": str(recording.stamps),
+        **({} if recording.start is None else _about_decoding(recording, recording.start)),
         "sha256": recording.sha256,
         "signals": [
             {
@@ -84,6 +91,24 @@ def about_trace(path: Path, layout: formats.Layout | None = None) -> dict[str, A
             for name in trace.names
         ],
     }
+
+
+def _about_decoding(recording: formats.Recording, start: float) -> dict[str, Any]:
+    """When a log began, and what was found while it was read and decoded."""
+    from orchestrator.can.logs.tally import moment  # noqa: PLC0415
+
+    return {"start": moment(start), "notes": list(recording.notes), "found": dict(recording.found)}
+
+
+def about_log(path: Path) -> dict[str, Any]:
+    """Frames of a CAN log by identifier, and what could not be read."""
+    from orchestrator.can import logs  # noqa: PLC0415 (it brings python-can along)
+    from orchestrator.can.logs.tally import Tally  # noqa: PLC0415
+
+    log, tally = logs.read(path), Tally()
+    for batch in log:
+        tally.feed(batch)
+    return {"name": path.stem, **tally.document(), **({"notes": found} if (found := log.findings.lines()) else {})}
 
 
 def about_result(folder: Path) -> dict[str, Any]:

@@ -112,7 +112,7 @@ def wire(parts: Mapping[str, Part], connections: Iterable[tuple[str, str]], stim
     links = [_link(bare, Endpoint.parse(source), Endpoint.parse(target)) for source, target in connections]
     driven = [Endpoint.parse(name) for name in stimulated]
     for endpoint in driven:
-        _require(bare, endpoint, "input", "can be stimulated")
+        require(bare, endpoint, "input", "can be stimulated")
     _one_source_each(links, driven)
     system = System(dict(parts), tuple(links), frozenset(driven))
     _every_input_set(system)
@@ -137,10 +137,15 @@ def check_values(system: System, values: Mapping[str, Value]) -> None:
         if endpoint in sources:
             raise WiringError(name, f"takes its value from {sources[endpoint]}", "do not set it")
         if not isinstance(value, str):
-            _check_bounds(name, port, value)
+            check_bounds(name, port, value)
 
 
-def _check_bounds(name: str, port: Port, value: float) -> None:
+def check_bounds(name: str, port: Port, value: float) -> None:
+    """See that a value is finite and lies within the variable's bounds.
+
+    Raises:
+        WiringError: it does not; the message names `name`.
+    """
     if not math.isfinite(value):
         raise WiringError(name, f"is {value}", "give a finite number")
     low, high = port.minimum, port.maximum
@@ -151,8 +156,8 @@ def _check_bounds(name: str, port: Port, value: float) -> None:
 
 def _link(system: System, source: Endpoint, target: Endpoint) -> Connection:
     place = f"{source} -> {target}"
-    output = _require(system, source, "output", "can be a source", place)
-    input_ = _require(system, target, "input", "can be a target", place)
+    output = require(system, source, "output", "can be a source", place)
+    input_ = require(system, target, "input", "can be a target", place)
     for port in (output, input_):
         if not port.numeric:
             raise WiringError(place, f"{with_article(port.type)} cannot be connected", "set it as a start value")
@@ -162,10 +167,15 @@ def _link(system: System, source: Endpoint, target: Endpoint) -> Connection:
             f"{with_article(output.type)} cannot drive {with_article(input_.type)}",
             "round it in a component between",
         )
-    return Connection(source, target, *_conversion(place, output, input_))
+    return Connection(source, target, unit_factor(place, output.unit, input_.unit))
 
 
-def _require(system: System, endpoint: Endpoint, causality: str, role: str, place: str = "") -> Port:
+def require(system: System, endpoint: Endpoint, causality: str, role: str, place: str = "") -> Port:
+    """The variable at an endpoint, which has that causality.
+
+    Raises:
+        WiringError: it has another, or there is no such variable; `place` is named, `role` says what it is for.
+    """
     port = system.port(endpoint, place)
     if port.causality != causality:
         there = ", ".join(p.name for p in system.parts[endpoint.component].interface.of(causality)) or "none"
@@ -175,15 +185,18 @@ def _require(system: System, endpoint: Endpoint, causality: str, role: str, plac
     return port
 
 
-def _conversion(place: str, source: Port, target: Port) -> tuple[float, float]:
-    if not source.unit or not target.unit or source.unit == target.unit:
-        return 1.0, 0.0
-    one, other = units.parse(source.unit), units.parse(target.unit)
-    if one is None or other is None:
-        return 1.0, 0.0
+def unit_factor(place: str, source: str | None, target: str | None) -> float:
+    """What a value in the unit `source` is multiplied by to be one in `target`; 1 where either is not known.
+
+    Raises:
+        WiringError: they are units of different quantities.
+    """
+    one, other = units.parse(source or ""), units.parse(target or "")
+    if not source or not target or source == target or one is None or other is None:
+        return 1.0
     if not one.fits(other):
-        raise WiringError(place, f"{source.unit} does not fit {target.unit}", "connect like quantities")
-    return one.factor / other.factor, 0.0
+        raise WiringError(place, f"{source} does not fit {target}", "connect like quantities")
+    return one.factor / other.factor
 
 
 def _one_source_each(links: Iterable[Connection], driven: Iterable[Endpoint]) -> None:

@@ -9,7 +9,7 @@ import gc
 
 import typer
 
-from orchestrator.cli import identifying, simulating, traces
+from orchestrator.cli import can, coupling, identifying, simulating, traces
 
 __all__ = ["app", "main"]
 
@@ -18,6 +18,8 @@ app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_
 app.add_typer(simulating.app)
 app.add_typer(identifying.app)
 app.add_typer(traces.app, name="trace")
+app.add_typer(can.app, name="can")
+can.app.add_typer(coupling.app)
 
 
 def main() -> None:

@@ -2,33 +2,43 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from orchestrator.cli.terminal import Answer, Json, Quiet, Terminal, Verbose, answered, facts
+
+if TYPE_CHECKING:
+    from orchestrator.formats import Layout
 
 app = typer.Typer(no_args_is_help=True, help="Look at recordings, convert and plot them.")
 
 LayoutFrom = Annotated[Path | None, typer.Option("--layout", metavar="STUDY", help="Columns as this study file says.")]
 
 
+Dbc = Annotated[Path | None, typer.Option("--dbc", metavar="FILE", help="Database of a CAN log: .dbc, .arxml, ...")]
+Signals = Annotated[list[str] | None, typer.Option("--signal", help="Only this one of the database; repeatable.")]
+
+
 @app.command("info")
 def trace_info(
     files: Annotated[list[Path], typer.Argument(help="Recordings.")],
     layout: LayoutFrom = None,
+    dbc: Dbc = None,
+    signal: Signals = None,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
 ) -> None:
-    """What recordings hold: signals, units, time stamps."""
+    """What recordings hold: signals, units, time stamps; of a CAN log without --dbc its frames."""
 
     def work(terminal: Terminal) -> Answer:
         from orchestrator.information import about_trace
 
-        documents = [about_trace(file, _layout(layout)) for file in files]
-        return Answer({"traces": documents}, [facts(document) for document in documents])
+        documents = [about_trace(file, _layout(layout, dbc, signal)) for file in files]
+        return Answer({"traces": documents}, [facts({**each, "found": []}) for each in documents])
 
     answered(work, as_json, quiet, verbose)
 
@@ -38,20 +48,22 @@ def trace_convert(
     source: Annotated[Path, typer.Argument(help="A recording.")],
     target: Annotated[Path, typer.Argument(help="The file to write; its suffix names the format.")],
     layout: LayoutFrom = None,
+    dbc: Dbc = None,
+    signal: Signals = None,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
 ) -> None:
-    """Write a recording in another format."""
+    """Write a recording in another format; a CAN log becomes a trace, or a trace a log, with --dbc."""
 
     def work(terminal: Terminal) -> Answer:
-        from orchestrator import formats
+        from orchestrator.formats.can_conversion import convert
 
-        recording = formats.read(source, _layout(layout))
-        formats.write(recording.trace, target)
-        document = {"source": str(source), "target": str(target), "samples": len(recording.trace),
-                    "stamps": str(recording.stamps)}  # fmt: skip
-        return Answer(document, [f"{target}: {recording.stamps}"])
+        with terminal.bar(source.name) as move:
+            done = convert(source, target, _layout(layout, dbc, signal), lambda share: move(share, ""))
+        document = {"source": str(source), "target": str(target), done.what: done.count, "start": done.begin,
+                    "notes": list(done.notes), "found": done.found}  # fmt: skip
+        return Answer(document, done.lines(target))
 
     answered(work, as_json, quiet, verbose)
 
@@ -61,6 +73,8 @@ def trace_plot(
     files: Annotated[list[Path], typer.Argument(help="Recordings.")],
     out: Annotated[Path, typer.Option("--out", help="The HTML file to write.")] = Path("out/traces.html"),
     layout: LayoutFrom = None,
+    dbc: Dbc = None,
+    signal: Signals = None,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
@@ -71,16 +85,21 @@ def trace_plot(
         from orchestrator import formats
         from orchestrator.report.plot import plot_traces
 
-        plot_traces([formats.read(file, _layout(layout)) for file in files]).write(out)
+        plot_traces([formats.read(file, _layout(layout, dbc, signal)) for file in files]).write(out)
         return Answer({"report": str(out)}, [f"plotted into {out}"])
 
     answered(work, as_json, quiet, verbose)
 
 
-def _layout(study: Path | None) -> Any:
-    """The layout that a study file gives, None without one."""
-    if study is None:
-        return None
-    from identification.commands import layout_of
+def _layout(study: Path | None, dbc: Path | None, signals: list[str] | None) -> Layout:
+    """The layout that a study file gives, with the database and the signals of the command."""
+    from orchestrator.formats import Layout
 
-    return layout_of(study)
+    layout = Layout()
+    if study is not None:
+        from identification.commands import layout_of
+
+        layout = layout_of(study)
+    if dbc is not None:
+        layout = replace(layout, database=dbc)
+    return layout if signals is None else replace(layout, signals=signals)

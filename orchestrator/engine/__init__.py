@@ -2,6 +2,7 @@
 
 from orchestrator.engine.account import Account, Share, shares
 from orchestrator.engine.compiled import Engine
+from orchestrator.engine.live import LiveRun
 from orchestrator.engine.plan import CycleSettings, Order, Plan, make_plan
 from orchestrator.engine.recording import Sink
 from orchestrator.engine.simulation import Interrupted, Result, Run, Simulation, Timing
@@ -11,6 +12,7 @@ __all__ = [
     "CycleSettings",
     "Engine",
     "Interrupted",
+    "LiveRun",
     "Order",
     "Plan",
     "Result",

@@ -136,6 +136,9 @@ class CompiledLoop:
             each.slave.warnings = each.warnings + warnings
             node.held = each.held.tolist()
 
+    def held(self, slots: Sequence[int]) -> list[float]:
+        return [self._values.item(slot) for slot in slots]
+
     def _fail(self) -> NoReturn:
         """Raise the error of the Python loop."""
         each, status = self._nodes[self._core.failing], self._core.status

@@ -89,6 +89,9 @@ class Stepper(Protocol):
     def finish(self) -> None:
         """See that the loop holds the values and statistics."""
 
+    def held(self, slots: Sequence[int]) -> list[float]:
+        """The values of these slots at the next tick, before anything steps from there."""
+
 
 @dataclass
 class Loop:
@@ -146,6 +149,10 @@ class Loop:
 
     def finish(self) -> None:
         """Nothing: it holds them."""
+
+    def held(self, slots: Sequence[int]) -> list[float]:
+        self.arrive(self.tick)
+        return [self.values[slot] for slot in slots]
 
     def record(self, recorder: Recorder) -> None:
         """Fill the row of a tick from which no step is taken."""

@@ -13,9 +13,10 @@ import numpy as np
 from fmus.errors import FmuError, ServotwinError, WiringError
 from orchestrator.engine.account import Account
 from orchestrator.engine.compiled import Engine, stepper
+from orchestrator.engine.live import FARTHEST, HELD, LiveRun
 from orchestrator.engine.loop import Loop, Node, Statistics, Stepper
 from orchestrator.engine.plan import CycleSettings, Order, Plan, make_plan
-from orchestrator.engine.recording import Recorder, Sink
+from orchestrator.engine.recording import ROWS, Recorder, Sink
 from orchestrator.interrupts import requested
 from orchestrator.rational import clock, multiples, written
 from orchestrator.slave import Component, Value
@@ -103,6 +104,7 @@ class Simulation:
         self._inputs: dict[str, list[Endpoint]] = {name: [] for name in system.parts}
         for target in [link.target for link in system.connections] + sorted(system.stimulated, key=str):
             self._inputs[target.component].append(target)
+        self._every = multiples(timing.step, self.plan.tick, "step")  # ticks of a communication step
 
     def instants(self) -> FloatArray:
         """(K,) the communication instants, at which stimuli are wanted and rows recorded [s]."""
@@ -171,14 +173,8 @@ class Simulation:
         self._check_stimuli(run.stimuli, steps + 1)
         if run.record_every < 1:
             raise WiringError("record_every", f"is {run.record_every}", "give 1 or more")
-        every = multiples(self.timing.step, self.plan.tick, "step")
-        self._bind(chosen)
-        self._initialise(run.values)
-        loop = self._loop(run.stimuli, every, chosen)
-        self._propagate(loop)
-        for component in self.components.values():
-            component.run()
-        self._read_all(loop)
+        every = self._every
+        loop = self._begun(run.values, run.stimuli, chosen, chosen, every)
         recorder = self._recorder(loop, chosen, every * run.record_every, steps // run.record_every + 1, sink)
         engine, reason = stepper(loop, steps * every, self.timing.engine)
         begun = perf_counter()
@@ -195,6 +191,27 @@ class Simulation:
             recorder.empty(loop.recorded)
             raise Interrupted(self._result(loop, recorder, reason, perf_counter() - begun)) from None
         return self._result(loop, recorder, reason, perf_counter() - begun)
+
+    def live(self, run: Run, outputs: Sequence[str], sink: Sink) -> LiveRun[Result]:
+        """A run that is stepped from outside, without an end; `run` has one value of each stimulus to begin with.
+
+        Args:
+            outputs: component.output whose values are wanted after each step.
+            sink: is given the record in pieces, in order.
+        """
+        chosen = self.outputs if run.record is None else tuple(dict.fromkeys(run.record))
+        check_values(self.system, run.values)
+        self.check_record([*chosen, *outputs])
+        self._check_stimuli(run.stimuli, 1)
+        loop = self._begun(run.values, run.stimuli, chosen, [*chosen, *outputs], HELD)
+        recorder = self._recorder(loop, chosen, self._every * run.record_every, ROWS, sink)
+        engine, reason = stepper(loop, FARTHEST, self.timing.engine)
+        slots = self._slots()
+        read = [(name, slots[e], e.variable in self.plan.instant[e.component])
+                for name in outputs for e in [Endpoint.parse(name)]]  # fmt: skip
+        inputs = sorted(map(str, self.system.stimulated))
+        return LiveRun(loop, engine, recorder, self._every, inputs, read,
+                       lambda spent: self._result(loop, recorder, reason, spent))  # fmt: skip
 
     def close(self) -> None:
         """Free all components."""
@@ -253,7 +270,19 @@ class Simulation:
         for component in self.components.values():
             component.begin(float(self.timing.start), None)
 
-    def _loop(self, stimuli: Mapping[str, FloatArray], every: int, chosen: Sequence[str]) -> Loop:
+    def _begun(self, values: Mapping[str, Value], stimuli: Mapping[str, FloatArray], recorded: Sequence[str],
+               read: Sequence[str], hold: int) -> Loop:  # fmt: skip
+        """A loop over components that are initialised with these values."""
+        self._bind(read)
+        self._initialise(values)
+        loop = self._loop(stimuli, hold, recorded)
+        self._propagate(loop)
+        for component in self.components.values():
+            component.run()
+        self._read_all(loop)
+        return loop
+
+    def _loop(self, stimuli: Mapping[str, FloatArray], hold: int, chosen: Sequence[str]) -> Loop:
         slots = self._slots()
         names = sorted(str(e) for e in self.system.stimulated)
         nodes = {name: self._node(name, slots) for name in self.components}
@@ -264,7 +293,7 @@ class Simulation:
             values=[0.0] * (len(slots) + len(names)),
             stimuli=np.column_stack([c[: min(map(len, columns))] for c in columns]) if columns else np.zeros((0, 0)),
             first_stimulus=len(slots),
-            hold=every,
+            hold=hold,
             time=clock(self.timing.start, self.plan.tick),
             cycles=self.timing.cycles,
             record_slots=[slots[endpoint] for endpoint in recorded if endpoint in slots],
@@ -345,7 +374,7 @@ class Simulation:
             Account(
                 engine=Engine.PYTHON if reason else Engine.COMPILED,
                 reason=reason,
-                steps=loop.tick // loop.hold,
+                steps=loop.tick // self._every,
                 step=float(self.timing.step),
                 start=float(self.timing.start),
                 reached=loop.time(loop.tick),

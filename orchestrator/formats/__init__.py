@@ -12,6 +12,7 @@ from typing import BinaryIO, Protocol
 
 from fmus.errors import TraceError
 from fmus.files import atomic_write, sha256
+from orchestrator.can.log_suffixes import SUFFIXES, is_log
 from orchestrator.formats import csv, mat, parquet, text
 from orchestrator.formats.layout import Layout
 from orchestrator.formats.recording import Recording, Table
@@ -36,8 +37,13 @@ def read(path: str | Path, layout: Layout | None = None) -> Recording:
 
     Raises:
         TraceError: an unknown suffix, no such file, nothing in it, or it does not hold what `layout` says.
+        DatabaseError: it is a CAN log, and the layout's database cannot be read or lacks a signal.
     """
     file = Path(path)
+    if file.exists() and is_log(file):
+        from orchestrator.formats import can_log  # noqa: PLC0415 (it brings python-can and cantools along)
+
+        return can_log.read(file, layout or Layout())
     form = _format(file)
     _check_there(file)
     table = form.read(file, layout or Layout())
@@ -61,7 +67,8 @@ def _format(path: Path) -> Format:
     try:
         return FORMATS[path.suffix.lower()]
     except KeyError:
-        raise TraceError(path, f"format '{path.suffix}' is not known", f"use {', '.join(FORMATS)}") from None
+        known = ", ".join(dict.fromkeys((*FORMATS, *SUFFIXES)))
+        raise TraceError(path, f"format '{path.suffix}' is not known", f"use {known}") from None
 
 
 def _check_there(path: Path) -> None:

@@ -6,6 +6,8 @@ An empty cell is a missing sample (NaN).
 from __future__ import annotations
 
 import csv
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
@@ -49,6 +51,21 @@ def write(trace: Trace, file: BinaryIO) -> None:
     """The trace as text; every number keeps all its bits."""
     text = ",".join(_quoted(heading) for heading in headings.headings(trace))
     file.write(text.encode() + b"\n")
+    _write_rows(trace, file)
+
+
+@contextmanager
+def appending(path: Path) -> Iterator[Callable[[Trace], None]]:
+    """A function that appends the rows of a trace to the file."""
+    with path.open("wb") as file:
+
+        def append(piece: Trace) -> None:
+            (_write_rows if file.tell() else write)(piece, file)
+
+        yield append
+
+
+def _write_rows(trace: Trace, file: BinaryIO) -> None:
     table = pa.table([trace.time, *trace.signals.values()], names=headings.headings(trace))
     arrow.write_csv(table, file, arrow.WriteOptions(include_header=False))
 

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -28,12 +28,20 @@ class Layout:
         time: column of the time stamps, a number from 0 or a name.
         columns: signal name -> column number or name; None takes every column under its own name.
         units: signal name (or the time column's) -> unit, over what the file says.
+        database: what the frames of a CAN log mean; its signals are the columns.
+        signals: those to read of the database; None reads all.
+        interpolated: signals of the database that run linearly between their frames instead of being held.
+        channel: of the log, from 0; None takes the frames of all.
     """
 
     variable: str | None = None
     time: int | str = "time"
     columns: Mapping[str, int | str] | None = None
     units: Mapping[str, str] = field(default_factory=dict)
+    database: Path | None = None
+    signals: Sequence[str] | None = None
+    interpolated: Collection[str] = ()
+    channel: int | None = None
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from orchestrator.trace import FloatArray, StampReport, Trace
@@ -35,12 +35,18 @@ class Recording:
         stamps: what had to be done to the stamps.
         path: the file.
         sha256: hexadecimal hash of the file.
+        notes: what else was found in it, a line each.
+        start: POSIX time of the trace's time 0 [s], where the file knows it.
+        found: the notes' figures, as plain values.
     """
 
     trace: Trace
     stamps: StampReport
     path: Path
     sha256: str
+    notes: tuple[str, ...] = ()
+    start: float | None = None
+    found: Mapping[str, object] = field(default_factory=dict)
 
 
 def excerpt(problem: object, most: int = 160) -> str:

@@ -195,6 +195,21 @@ def distribution(
     return look.styled(figure, 340).update_layout(bargap=0.04, showlegend=False, hovermode="closest")
 
 
+def counts(bins: Sequence[tuple[float, float, int]], quantity: str, unit: str | None = None) -> go.Figure:
+    """How many fell into each bin (lower end, upper end, count), which widen from one to the next, on both axes
+    logarithmic."""
+    ends = [max(bins[0][0], bins[0][1] / 2), *(high for _, high, _ in bins)]
+    heights = [count or None for _, _, count in bins]
+    figure = go.Figure()
+    figure.add_scatter(
+        x=ends, y=[heights[0], *heights], mode="lines", line={"shape": "vh", "color": look.colour(0)},
+        fill="tozeroy", name="count",
+    )  # fmt: skip
+    figure.update_xaxes(title_text=look.with_unit(quantity, unit), type="log", dtick=1)
+    figure.update_yaxes(title_text="count", type="log", dtick=1)
+    return look.styled(figure, 340).update_layout(showlegend=False, hovermode="closest")
+
+
 def _bins(values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Lower ends, upper ends and counts of the bins of a histogram."""
     counts, edges = np.histogram(values, bins="auto" if np.ptp(values) else 1)

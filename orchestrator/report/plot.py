@@ -32,6 +32,8 @@ def _describe(recording: Recording, section: Section) -> None:
     trace, stamps = recording.trace, recording.stamps
     if not stamps.clean:
         section.callout("warning", str(stamps))
+    for note in recording.notes:
+        section.callout("warning", note)
     for name in trace.names:
         problem = _oddity(trace, name)
         if problem:

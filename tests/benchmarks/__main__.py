@@ -19,9 +19,12 @@ MODULES = {
     "subspace_speed": "subspace identification beside other tools",
     "calibration_speed": "the calibration from the real recordings; a step of a Python FMU",
     "many_runs": "1,000 runs of energy control",
+    "can_codec": "CAN frames to a trace and back, beside cantools; a day of log",
+    "can_wire": "frames over serial ports, relayed, received and recorded",
     "loop_speed": "a step in our loops, in C and in other tools",
     "loop_scaling": "time and memory over components and steps",
     "loop_endurance": "what 100,000 lives of an FMU and 1,000,000 resets leave behind",
+    "can_bridge": "deadlines and lost frames of a bridge at 1 kHz over serial adapters",
 }
 
 

@@ -1,0 +1,145 @@
+"""What was found in a stream of CAN frames: how many of what, and everything that was not as it should be."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+MOST = 1000  # different unknown identifiers, or places, that are kept; beyond it they are only counted
+OTHERS = "others"
+
+
+@dataclass(frozen=True)
+class Setback:
+    """A clock that jumped backwards.
+
+    Attributes:
+        frame: number of the first frame after it, from 0.
+        before, after: stamps on either side [s].
+    """
+
+    frame: int
+    before: float
+    after: float
+
+    def __str__(self) -> str:
+        return f"at frame {self.frame} from {self.before:.6f} s to {self.after:.6f} s"
+
+
+@dataclass
+class Census:
+    """Counts over a stream of frames; all but the first two are of things that are not as they should be.
+
+    Attributes:
+        frames: all frames, whatever they are.
+        messages: message -> its frames, those of a wrong length included.
+        unknown: identifier as hexadecimal digits (three, or eight of an extended one) -> frames; when there are
+            more than `MOST` the rest is under "others".
+        errors, remotes: error frames, remote frames.
+        short: message -> frames with too few bytes, which are not decoded; long: with too many, which are.
+        multiplexers: message -> frames whose multiplexer has a value that no signal belongs to.
+        duplicates: message -> frames that repeat the one before in stamp and data; they are dropped.
+        missing: message -> lost frames, estimated from its counter or else from its cycle time.
+        counters: message -> steps of its counter that are not one; checksums: wrong checksums.
+        not_finite: signal -> received values that are NaN or infinite (the last finite one is held).
+        out_of_range: signal -> received values outside its range.
+        saturated: signal -> sent values that did not fit and were limited.
+        disordered: frames with a stamp before that of a frame before them (sorted).
+        late: rows with a stamp before what had been passed on (dropped).
+        strays: frames whose stamp alone is off, or not a time; they take the stamp before.
+        setbacks: clocks that jumped backwards, the first `MOST`; setback_count counts all.
+    """
+
+    frames: int = 0
+    messages: Counter[str] = field(default_factory=Counter)
+    unknown: Counter[str] = field(default_factory=Counter)
+    errors: int = 0
+    remotes: int = 0
+    short: Counter[str] = field(default_factory=Counter)
+    long: Counter[str] = field(default_factory=Counter)
+    multiplexers: Counter[str] = field(default_factory=Counter)
+    duplicates: Counter[str] = field(default_factory=Counter)
+    missing: Counter[str] = field(default_factory=Counter)
+    counters: Counter[str] = field(default_factory=Counter)
+    checksums: Counter[str] = field(default_factory=Counter)
+    not_finite: Counter[str] = field(default_factory=Counter)
+    out_of_range: Counter[str] = field(default_factory=Counter)
+    saturated: Counter[str] = field(default_factory=Counter)
+    disordered: int = 0
+    late: int = 0
+    strays: int = 0
+    setbacks: list[Setback] = field(default_factory=list)
+    setback_count: int = 0
+
+    @property
+    def clean(self) -> bool:
+        """Whether everything was as it should be."""
+        return not self.lines()
+
+    def add_unknown(self, identifier: int, extended: bool, count: int = 1) -> None:
+        """Count frames of an identifier that is not in the database."""
+        name = f"{identifier:08X}" if extended else f"{identifier:03X}"
+        self.unknown[name if name in self.unknown or len(self.unknown) < MOST else OTHERS] += count
+
+    def add_setback(self, frame: int, before: float, after: float) -> None:
+        """Count a clock that jumped backwards."""
+        self.setback_count += 1
+        if len(self.setbacks) < MOST:
+            self.setbacks.append(Setback(frame, before, after))
+
+    def lines(self) -> list[str]:
+        """A line for each kind of trouble, for people; none when there was none."""
+        found = [f"{text}: {_listed(counts)}" for text, counts in self._by_name().items() if counts]
+        found += [f"{text}: {count}" for text, count in self._in_all().items() if count]
+        if self.setback_count:
+            places = ", ".join(map(str, self.setbacks[:3])) + (", ..." if self.setback_count > 3 else "")
+            found.append(f"clock jumped backwards {places}; later stamps were moved to follow on")
+        return found
+
+    def document(self) -> dict[str, object]:
+        """All counts by name, for JSON; what did not occur is left out."""
+        kept: dict[str, object] = {"frames": self.frames, "messages": dict(self.messages)}
+        for name, value in vars(self).items():
+            if name not in (*kept, "setbacks") and value:
+                kept[name] = dict(value) if isinstance(value, Counter) else value
+        if self.setbacks:
+            kept["setbacks"] = [vars(each) for each in self.setbacks]
+        return kept
+
+    def _by_name(self) -> dict[str, Counter[str]]:
+        return {
+            "frames of unknown identifiers": self.unknown,
+            "frames too short, not decoded": self.short,
+            "frames longer than their message": self.long,
+            "frames with an unknown multiplexer value": self.multiplexers,
+            "repeated frames, dropped": self.duplicates,
+            "frames missing (estimated)": self.missing,
+            "wrong steps of the message counter": self.counters,
+            "wrong checksums": self.checksums,
+            "values not finite": self.not_finite,
+            "values outside their range": self.out_of_range,
+            "values limited to fit": self.saturated,
+        }
+
+    def _in_all(self) -> dict[str, int]:
+        return {
+            "error frames": self.errors,
+            "remote frames": self.remotes,
+            "frames out of order, sorted": self.disordered,
+            "frames too late to be sorted in, dropped": self.late,
+            "frames with a stray stamp, given the one before": self.strays,
+        }
+
+
+def add(counts: Counter[str], name: str, count: int) -> None:
+    """Count so many under the name; names without any do not appear."""
+    if count:
+        counts[name] += count
+
+
+def _listed(counts: Mapping[str, int], most: int = 5) -> str:
+    """The total and the largest shares."""
+    largest = sorted(counts.items(), key=lambda each: -each[1])
+    shown = ", ".join(f"{name} {count}" for name, count in largest[:most]) + (", ..." if len(largest) > most else "")
+    return shown if len(largest) == 1 else f"{sum(counts.values())} ({shown})"

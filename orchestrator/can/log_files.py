@@ -1,0 +1,164 @@
+"""Log files that are written while frames come: one after the other, each whole on disk up to the last second."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import can
+
+from fmus.errors import InputError
+
+_CHUNK = 1 << 20
+
+
+@dataclass
+class LogFile:
+    """A file and what is in it; stamps of its first and latest frame [s], None where it has none."""
+
+    path: Path
+    frames: int = 0
+    first: float | None = None
+    last: float | None = None
+    sha256: str = ""
+
+    def document(self) -> dict[str, Any]:
+        """For the manifest."""
+        return {"file": self.path.name, "frames": self.frames, "bytes": self.path.stat().st_size, "first": self.first,
+                "last": self.last, "sha256": self.sha256}  # fmt: skip
+
+
+class _BlfWriter(can.BLFWriter):
+    """python-can's, which would keep frames until 128 KiB have come, and the header until the end."""
+
+    def sync(self) -> None:
+        self._flush()
+        end = self.file.tell()
+        self.file.seek(0)
+        self._write_header(end)
+        self.file.seek(end)
+        self.file.flush()
+
+
+WRITERS: dict[str, Any] = {".blf": _BlfWriter, ".asc": can.ASCWriter, ".log": can.CanutilsLogWriter,
+                           ".csv": can.CSVWriter}  # fmt: skip
+
+
+def writer_of(suffix: str) -> Any:
+    """python-can's writer of the format that a suffix names.
+
+    Raises:
+        InputError: the format cannot be written while frames come.
+    """
+    if suffix not in WRITERS:
+        raise InputError(f"--format {suffix.lstrip('.')}", "cannot be written frame by frame and without loss",
+                         f"choose {', '.join(each.lstrip('.') for each in WRITERS)}; `servotwin trace convert` makes "
+                         "other formats of it")  # fmt: skip
+    return WRITERS[suffix]
+
+
+class LogFiles:
+    """Writes frames to `name_0001.blf`, `name_0002.blf`, ...
+
+    A new file begins when one has reached its size or age, and with a frame whose stamp is before the file's first:
+    logs count from their first frame, and a clock that was set back would be lost.
+
+    Args:
+        suffix: names the format.
+        size: of a file at most, up to the frames of one call [bytes]; None: any.
+        seconds: for which a file is written at most; None: any.
+
+    Raises (any method):
+        InputError: the format cannot be written while frames come, or the file cannot be written.
+    """
+
+    def __init__(self, folder: Path, name: str, suffix: str, size: float | None, seconds: float | None) -> None:
+        self._make_writer = writer_of(suffix)
+        self._folder, self._name, self._suffix = folder, name, suffix
+        self._size, self._seconds = size, seconds
+        self.files: list[LogFile] = []
+        self._writer: Any = None
+        self._open()
+
+    def write(self, messages: Sequence[can.Message]) -> None:
+        """Add frames."""
+        try:
+            if messages and self._is_full():
+                self._next()
+            for message in messages:
+                self._add(message)
+        except OSError as error:
+            raise self._unwritable(error) from error
+
+    def sync(self) -> None:
+        """Let the file hold all frames so far, whatever becomes of this process."""
+        try:
+            if isinstance(self._writer, _BlfWriter):
+                self._writer.sync()
+            else:
+                self._writer.file.flush()
+        except OSError as error:
+            raise self._unwritable(error) from error
+
+    def close(self) -> None:
+        """Finish the file, see it on the disk, and know its hash."""
+        if self._writer is None:
+            return
+        writer, self._writer = self._writer, None
+        try:
+            writer.stop()
+            _flush_to_disk(self.files[-1].path)
+            self.files[-1].sha256 = _sha256(self.files[-1].path)
+        except OSError as error:
+            raise self._unwritable(error) from error
+
+    def _add(self, message: can.Message) -> None:
+        file = self.files[-1]
+        if file.first is not None and message.timestamp < file.first:
+            self._next()
+            file = self.files[-1]
+        self._writer.on_message_received(message)
+        file.frames += 1
+        file.first = message.timestamp if file.first is None else file.first
+        file.last = message.timestamp
+
+    def _is_full(self) -> bool:
+        if not self.files[-1].frames:
+            return False
+        large = self._size is not None and self._writer.file_size() >= self._size
+        return large or (self._seconds is not None and time.monotonic() - self._opened >= self._seconds)
+
+    def _next(self) -> None:
+        self.close()
+        self._open()
+
+    def _open(self) -> None:
+        path = self._folder / f"{self._name}_{len(self.files) + 1:04d}{self._suffix}"
+        try:
+            self._writer = self._make_writer(path)
+        except OSError as error:
+            raise InputError(path, f"cannot be written ({error.strerror})", "give another --out") from error
+        self.files.append(LogFile(path))
+        self._opened = time.monotonic()
+
+    def _unwritable(self, error: OSError) -> InputError:
+        return InputError(self.files[-1].path, f"cannot be written ({error.strerror})",
+                          "make room on the disk; what was written before is kept")  # fmt: skip
+
+
+def _flush_to_disk(path: Path) -> None:
+    with path.open("rb+") as file:
+        os.fsync(file.fileno())
+
+
+def _sha256(path: Path) -> str:
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while chunk := file.read(_CHUNK):
+            digest.update(chunk)
+    return digest.hexdigest()

@@ -1,0 +1,59 @@
+"""What reading a log came across besides frames: places that could not be read, and events that are no frames.
+
+Readers report here instead of stopping, so that one bad byte costs one line or one object and not the log.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+KEPT = 1000  # places that are remembered; those beyond are only counted
+
+
+@dataclass(frozen=True)
+class Damage:
+    """A place of a log that could not be read.
+
+    Attributes:
+        offset: of its first byte in the file; None inside a database.
+        line: its number from 1 in a text file, the row's in a database.
+    """
+
+    offset: int | None
+    problem: str
+    line: int | None = None
+
+    def __str__(self) -> str:
+        if self.offset is None:
+            return f"row {self.line}: {self.problem}"
+        return f"byte {self.offset}{'' if self.line is None else f', line {self.line}'}: {self.problem}"
+
+
+@dataclass
+class Findings:
+    """What was found so far.
+
+    Attributes:
+        damage: the first `KEPT` places that could not be read.
+        damaged: how many there are.
+        skipped: events that are no CAN frames: markers, statistics, other buses.
+    """
+
+    damage: list[Damage] = field(default_factory=list)
+    damaged: int = 0
+    skipped: int = 0
+
+    def add(self, offset: int | None, problem: str, line: int | None = None) -> None:
+        """Note a place."""
+        self.damaged += 1
+        if len(self.damage) < KEPT:
+            self.damage.append(Damage(offset, problem, line))
+
+    def lines(self, most: int = 5) -> list[str]:
+        """For people: nothing where nothing was found, else the first places and the counts."""
+        told = [f"could not be read: {each}" for each in self.damage[:most]]
+        if self.damaged > len(told):
+            told.append(f"could not be read: {self.damaged - len(told)} more places")
+        if self.skipped:
+            told.append(f"{self.skipped} events that are no CAN frames passed over")
+        return told

@@ -1,0 +1,174 @@
+"""Series of several messages, each with stamps of its own, onto common stamps: batch by batch, in bounded memory."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from orchestrator.can.census import Census
+from orchestrator.trace import FloatArray, Trace
+
+PATIENCE = 0.1  # [s]: by how much frames of different batches may be out of order
+
+
+@dataclass(frozen=True)
+class Series:
+    """The signals of one message.
+
+    Attributes:
+        time: (K,) stamps of its frames, in the order of the stream [s].
+        values: public signal name -> (K,) values; NaN where a multiplexed signal is not in the frame.
+        units: public signal name -> unit, where it is known.
+    """
+
+    time: FloatArray
+    values: Mapping[str, FloatArray]
+    units: Mapping[str, str]
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def __getitem__(self, rows: slice | NDArray[np.intp] | NDArray[np.bool_]) -> Series:
+        return Series(self.time[rows], {name: each[rows] for name, each in self.values.items()}, self.units)
+
+
+def joined(parts: Sequence[Series]) -> Series:
+    """Parts of one message's series in a row."""
+    if len(parts) == 1:
+        return parts[0]
+    values = {name: np.concatenate([part.values[name] for part in parts]) for name in parts[0].values}
+    return Series(np.concatenate([part.time for part in parts]), values, parts[0].units)
+
+
+def ascending(series: Series) -> Series:
+    """The series sorted by its stamps, where they are not ascending already."""
+    if np.all(series.time[1:] >= series.time[:-1]):
+        return series
+    return series[np.argsort(series.time, kind="stable")]
+
+
+@dataclass
+class Merger:
+    """Rows at all stamps of all messages, where every signal holds its last finite value.
+
+    Rows begin when every one of `signals` has been seen. Samples newer than the newest less `patience` are kept back
+    until later ones have come, so that disorder up to there is sorted; a sample older than the last row passed on is
+    dropped and counted. Signals in `interpolated` run linearly between their own samples instead, which needs a
+    whole recording in one feed: between batches they hold.
+
+    Attributes:
+        signals: names of the columns, in their order.
+        start: stamp that becomes time 0 [s].
+    """
+
+    signals: Sequence[str]
+    start: float = 0.0
+    patience: float = PATIENCE
+    interpolated: Collection[str] = ()
+    name: str = "can"
+    census: Census = field(default_factory=Census)
+    _held: dict[str, float] = field(default_factory=dict)
+    _units: dict[str, str] = field(default_factory=dict)
+    _kept: dict[str, Series] = field(default_factory=dict)
+    _passed: float = -np.inf
+
+    def feed(self, batch: Mapping[str, Series]) -> Trace:
+        """The rows that can be told after these series, by name of their message; maybe none."""
+        for message, series in batch.items():
+            if len(series):
+                self._units |= series.units
+                parts = [self._kept[message]] if message in self._kept else []
+                self._kept[message] = joined([*parts, series])
+        newest = max((float(np.max(each.time)) for each in self._kept.values() if len(each)), default=-np.inf)
+        return self._rows(newest - self.patience)
+
+    def finish(self) -> Trace:
+        """The rows that were kept back."""
+        return self._rows(np.inf)
+
+    def _rows(self, until: float) -> Trace:
+        """Rows with stamps up to `until`; what is newer stays."""
+        due: list[Series] = []
+        for message, series in self._kept.items():
+            ordered = ascending(series)
+            end = int(np.searchsorted(ordered.time, until, side="right"))
+            due.append(self._in_time(ordered[:end]))
+            self._kept[message] = ordered[end:]
+        samples = [Series(each.time - self.start, each.values, each.units) for each in due if len(each)]
+        time, places = _union([each.time for each in samples])
+        columns = {name: np.full(len(time), self._held.get(name, np.nan)) for name in self.signals}
+        for series, rows in zip(samples, places, strict=True):
+            columns |= self._columns(series, rows, time)
+        if len(time):
+            self._passed = float(time[-1]) + self.start
+        return self._begun(time, columns)
+
+    def _in_time(self, series: Series) -> Series:
+        late = int(np.searchsorted(series.time, self._passed, side="right"))
+        self.census.late += late
+        return series[late:]
+
+    def _columns(self, series: Series, rows: NDArray[np.intp], time: FloatArray) -> dict[str, FloatArray]:
+        """The series' signals at all rows; `rows` says at which its samples are."""
+        newest = _newest(rows, len(time))
+        columns = {}
+        for name, values in series.values.items():
+            finite = np.isfinite(values)
+            if finite.all():
+                own, at, last = values, series.time, newest
+            else:
+                own, at, last = values[finite], series.time[finite], _newest(rows[finite], len(time))
+            if name not in self.signals or not len(own):
+                continue
+            columns[name] = self._between(name, own, at, time) if name in self.interpolated else self._hold(
+                name, own, last)  # fmt: skip
+            self._held[name] = float(own[-1])
+        return columns
+
+    def _hold(self, name: str, values: FloatArray, newest: NDArray[np.intp]) -> FloatArray:
+        if newest[0] >= 0:
+            return values[newest]
+        return np.concatenate((values, [self._held.get(name, np.nan)]))[newest]  # -1 is the last: what was held
+
+    def _between(self, name: str, values: FloatArray, at: FloatArray, time: FloatArray) -> FloatArray:
+        distinct = np.append(at[1:] > at[:-1], True)
+        return np.interp(time, at[distinct], values[distinct], left=self._held.get(name, np.nan))
+
+    def _begun(self, time: FloatArray, columns: dict[str, FloatArray]) -> Trace:
+        """The trace from the row on where every signal has been seen."""
+        first = max((_first_finite(values) for values in columns.values()), default=0)
+        units = {name: unit for name, unit in self._units.items() if name in columns}
+        return Trace(time[first:], {name: values[first:] for name, values in columns.items()}, units, self.name)
+
+
+def _union(times: Iterable[FloatArray]) -> tuple[FloatArray, list[NDArray[np.intp]]]:
+    """All distinct stamps, ascending, and for each of the ascending columns the rows of its stamps among them."""
+    columns = list(times)
+    if not columns:
+        return np.empty(0), []
+    together = np.concatenate(columns)
+    order = np.argsort(together, kind="stable")
+    sorted_times = together[order]
+    new = np.concatenate(([True], sorted_times[1:] > sorted_times[:-1]))
+    rows = np.empty(len(together), dtype=np.intp)
+    rows[order] = np.cumsum(new) - 1
+    ends = np.cumsum([len(each) for each in columns])
+    return sorted_times[new], np.split(rows, ends[:-1])
+
+
+def _newest(rows: NDArray[np.intp], count: int) -> NDArray[np.intp]:
+    """(count,) the number of the newest sample at each row, -1 before the first; `rows` (K,) ascend, one a sample."""
+    newest = np.full(count, -1, dtype=np.intp)
+    newest[rows] = np.arange(len(rows))
+    return np.maximum.accumulate(newest)
+
+
+def _first_finite(values: FloatArray) -> int:
+    """Place of the first finite value; past the end where there is none."""
+    if len(values) and np.isfinite(values[0]):
+        return 0
+    finite = np.isfinite(values)
+    return int(np.argmax(finite)) if finite.any() else len(values)

@@ -1,0 +1,89 @@
+"""Makes the time stamps of a stream of frames usable: one stray stamp, or a clock that is set back, must not spoil all.
+
+What a logger writes may jump: by a restart, a synchronisation, a flipped bit. Everything done here is counted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from orchestrator.can.census import Census
+from orchestrator.can.frames import Frames
+from orchestrator.trace import LATEST, FloatArray
+
+JUMP = 1.0  # [s]: what frames may be out of order by, and more is a jump
+CONTINUED = 1e-6  # [s] from the last stamp before a setback to the first after it
+
+
+@dataclass
+class Clock:
+    """Stamps of a stream as a clock that does not jump backwards has them.
+
+    A single frame whose stamp is more than `JUMP` away from both its neighbours' in one batch, or is no time, takes
+    the stamp of the frame before. Where all that follows lies more than `JUMP` back, the clock was set back: those
+    stamps are moved to follow on. Smaller disorder is left to sorting, and forward jumps are gaps.
+    """
+
+    census: Census
+    seen: int = 0
+    first: float | None = None
+    last: float | None = None
+    moved: float = 0.0
+    latest: float = -np.inf
+
+    def straightened(self, frames: Frames) -> Frames:
+        """The frames with such stamps, in the same order."""
+        if len(frames) == 0:
+            return frames
+        time = self._without_strays(frames.time)
+        self.first = float(time[0]) if self.first is None else self.first
+        before = np.concatenate(([time[0] if self.last is None else self.last], time[:-1]))
+        steps = time - before
+        back = np.flatnonzero(steps < -JUMP)
+        self.last = float(time[-1])
+        if len(back) or self.moved:
+            time = self._follow_on(time, before, back)
+        self.seen += len(frames)
+        self._count_disorder(time)
+        return replace(frames, time=time)
+
+    def _without_strays(self, time: FloatArray) -> FloatArray:
+        wrong = ~(np.abs(time) < LATEST)
+        if wrong.any():
+            self.census.strays += int(np.count_nonzero(wrong))
+            time = _filled(time, wrong, self.last)
+        steps = np.diff(time, prepend=time[0] if self.last is None else self.last)
+        far = np.abs(steps) > JUMP
+        if not far.any():
+            return time
+        returns = np.abs(steps[:-1] + steps[1:]) <= JUMP
+        stray = np.append(far[:-1] & returns & far[1:], False)
+        stray[1:] &= ~stray[:-1]
+        self.census.strays += int(np.count_nonzero(stray))
+        return _filled(time, stray, self.last)
+
+    def _follow_on(self, time: FloatArray, before: FloatArray, back: NDArray[np.intp]) -> FloatArray:
+        moves = np.zeros(len(time))
+        moves[back] = before[back] - time[back] + CONTINUED
+        for row in back.tolist():
+            self.census.add_setback(self.seen + row, float(before[row]), float(time[row]))
+        moved = self.moved + np.cumsum(moves)
+        self.moved = float(moved[-1])
+        return time + moved
+
+    def _count_disorder(self, time: FloatArray) -> None:
+        highest = np.maximum.accumulate(np.concatenate(([self.latest], time)))
+        self.census.disordered += int(np.count_nonzero(time < highest[:-1]))
+        self.latest = float(highest[-1])
+
+
+def _filled(time: FloatArray, wrong: NDArray[np.bool_], last: float | None) -> FloatArray:
+    """Stamps where the wrong ones take the last right one before; at the very beginning the first right one, or 0."""
+    rows = np.where(wrong, -1, np.arange(len(time)))
+    rows = np.maximum.accumulate(rows)
+    right = time[~wrong]
+    first = last if last is not None else float(right[0]) if len(right) else 0.0
+    return np.where(rows < 0, first, time[rows])

@@ -1,0 +1,177 @@
+"""Commands on a CAN bus: can record, replay, database."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.table import Table
+
+from fmus.errors import InputError
+from orchestrator.cli.terminal import Answer, Json, Quiet, Terminal, Verbose, answered
+
+if TYPE_CHECKING:
+    from orchestrator.can.bus import BusSettings
+
+app = typer.Typer(no_args_is_help=True, help="Record a CAN bus, play back onto it, couple systems to it.")
+
+Interface = Annotated[str, typer.Option("--interface", help="python-can's name: socketcan, pcan, kvaser, slcan, ...")]
+Channel = Annotated[str, typer.Option("--channel", help="What the interface calls the bus: can0, a serial port, ...")]
+Bitrate = Annotated[
+    int | None, typer.Option("--bitrate", min=1, metavar="BIT/S", help="As the adapter is set by default.")
+]
+Fd = Annotated[bool, typer.Option("--fd", help="The bus has CAN FD frames.")]
+DataBitrate = Annotated[
+    int | None, typer.Option("--data-bitrate", min=1, metavar="BIT/S", help="Of CAN FD frames that switch.")
+]
+Options = Annotated[
+    list[str] | None, typer.Option("--option", metavar="NAME=VALUE", help="For this interface only; repeatable.")
+]
+Dbc = Annotated[Path | None, typer.Option("--dbc", help="Database of the bus: DBC, ARXML, KCD or SYM.")]
+
+
+@app.command()
+def record(
+    interface: Interface,
+    channel: Channel,
+    bitrate: Bitrate = None,
+    fd: Fd = False,
+    data_bitrate: DataBitrate = None,
+    option: Options = None,
+    dbc: Dbc = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Folder of the recording; a new one by default.")] = None,
+    duration: Annotated[float | None, typer.Option(min=0.0, metavar="SECONDS", help="Until Ctrl-C by default.")] = None,
+    rotate_size: Annotated[float | None, typer.Option(min=0.0, metavar="MB", help="New files at this size.")] = None,
+    rotate_after: Annotated[float | None, typer.Option(min=0.0, metavar="SECONDS", help="... at this age.")] = None,
+    format_: Annotated[str, typer.Option("--format", help="blf, asc, log or csv.")] = "blf",
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+) -> None:
+    """Write all frames of a bus to log files, with a manifest; Ctrl-C or SIGTERM ends it."""
+
+    def work(terminal: Terminal) -> Answer:
+        from orchestrator.can.recorder import Recording, Status
+        from orchestrator.can.recorder import record as record_bus
+
+        folder = out or Path("out") / f"recording_{datetime.now():%Y-%m-%d_%H%M%S}"
+        bus = bus_settings(interface, channel, bitrate, fd, data_bitrate, option)
+        size = None if rotate_size is None else rotate_size * 1e6
+        recording = Recording(bus, folder, dbc, duration, size, rotate_after, f".{format_.lower()}")
+        with terminal.bar(bus.place) as move:
+
+            def show(status: Status) -> None:
+                move(min(status.elapsed / duration, 1.0) if duration else 0.0, _line(status))
+
+            document = record_bus(recording, show)
+        return Answer(document, [_counts(document), *document["remarks"], f"recorded into {folder}"])
+
+    answered(work, as_json, quiet, verbose)
+
+
+@app.command()
+def replay(
+    log: Annotated[Path, typer.Argument(help="A log file of frames.")],
+    interface: Interface,
+    channel: Channel,
+    bitrate: Bitrate = None,
+    fd: Fd = False,
+    data_bitrate: DataBitrate = None,
+    option: Options = None,
+    speed: Annotated[float, typer.Option(metavar="FACTOR", help="How many times faster than recorded.")] = 1.0,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+) -> None:
+    """Send the frames of a log with their original timing."""
+
+    def work(terminal: Terminal) -> Answer:
+        from orchestrator.can.replay import replay as replay_log
+
+        bus = bus_settings(interface, channel, bitrate, fd, data_bitrate, option)
+        with terminal.bar(log.name) as move:
+            done = replay_log(bus, log, speed, lambda share, sent: move(share, f"{sent:,} frames"))
+        document = {"log": str(log), "speed": speed} | done.document()
+        stopped = f"interrupted after {done.sent:,} frames" if done.stopped else ""
+        return Answer(document, [*_replayed(document), *done.damage], interrupted=stopped)
+
+    answered(work, as_json, quiet, verbose)
+
+
+@app.command()
+def database(
+    scenario: Annotated[Path, typer.Argument(help="A scenario file.")],
+    out: Annotated[Path, typer.Option("--out", metavar="FILE.dbc", help="The database to write.")],
+    every: Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="Period of all messages; by default the components' steps.")
+    ] = None,
+    fd: Fd = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+) -> None:
+    """Lay out CAN messages for a scenario's recorded outputs and driven inputs, and write them as a DBC."""
+
+    def work(terminal: Terminal) -> Answer:
+        from orchestrator.can.database import load
+        from orchestrator.can.declared import declared
+        from orchestrator.can.generation import generate
+
+        if out.suffix.lower() != ".dbc":
+            raise InputError(out, "is no DBC by its name", "give a name that ends in .dbc")
+        if out.exists():
+            raise InputError(out, "is there already", "give another --out, or remove it")
+        signals = declared(scenario, every)
+        out.parent.mkdir(parents=True, exist_ok=True)
+        generate(signals, out, fd)
+        messages = load(out).messages
+        table = Table("message", "identifier", "bytes", "period [s]", "signals")
+        for each in messages:
+            names = ", ".join(signal.name for signal in each.signals)
+            table.add_row(each.name, f"{each.id:03X}", str(each.length), f"{each.cycle:g}", names)
+        document = {each.name: {"identifier": each.id, "length": each.length, "period": each.cycle,
+                                "signals": [signal.name for signal in each.signals]} for each in messages}  # fmt: skip
+        return Answer({"database": str(out), "messages": document}, [table, f"written to {out}"])
+
+    answered(work, as_json, quiet, verbose)
+
+
+def bus_settings(
+    interface: str, channel: str, bitrate: int | None, fd: bool, data_bitrate: int | None, options: list[str] | None
+) -> BusSettings:
+    """The bus that the options of a command name."""
+    from orchestrator.can.bus import BusSettings, parse_option
+
+    return BusSettings(interface, channel, bitrate, fd, data_bitrate, dict(map(parse_option, options or [])))
+
+
+def _line(status: Any) -> str:
+    load = "" if status.load is None else f", load {100 * status.load:.0f} %"
+    lost = f", {status.dropped:,} dropped" if status.dropped else ""
+    errors = f", {status.errors:,} error frames" if status.errors else ""
+    return f"{status.frames:,} frames, {status.rate:,.0f}/s{load}{lost}{errors}"
+
+
+def _replayed(document: dict[str, Any]) -> list[str]:
+    late = document["lateness"]
+    lines = [f"{document['sent']:,} frames in {document['duration']:.3f} s; late by {1e3 * late['median']:.2f} ms "
+             f"(median), {1e3 * late['p99']:.2f} ms (99 %), {1e3 * late['worst']:.2f} ms (most)"]  # fmt: skip
+    if document["skipped"]:
+        lines.append(f"{document['skipped']:,} error frames of the log were not sent")
+    if document["error_frames"]:
+        lines.append(f"{document['error_frames']:,} error frames came from the bus meanwhile")
+    if document["setbacks"]:
+        lines.append(f"the log's clock jumped backwards {document['setbacks']:,} times; later frames follow on")
+    return lines
+
+
+def _counts(document: dict[str, Any]) -> Table:
+    """Frames by message, or by identifier without a database."""
+    found = document["found"]
+    table = Table("message", "frames", title=f"{document['frames']:,} frames")
+    for kind in ("messages", "identifiers"):
+        for name, count in sorted(found.get(kind, {}).items()):
+            table.add_row(name, f"{count:,}")
+    return table

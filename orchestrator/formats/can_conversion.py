@@ -1,0 +1,178 @@
+"""CAN logs into other files and back: decoded into a trace piece by piece, copied frame by frame, or encoded."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from fmus.errors import TraceError
+from fmus.files import atomic_write
+from orchestrator import formats
+from orchestrator.can import logs
+from orchestrator.can.database import Database, load
+from orchestrator.can.decoding import Decoder
+from orchestrator.can.encoding import Encoder
+from orchestrator.can.logs.tally import moment
+from orchestrator.can.merging import Merger
+from orchestrator.formats import can_log, csv, parquet
+from orchestrator.formats.layout import Layout
+from orchestrator.trace import Trace
+
+Progress = Callable[[float], None]
+
+STREAMED: dict[str, Callable[[Path], AbstractContextManager[Callable[[Trace], None]]]] = {
+    ".csv": csv.appending,
+    ".parquet": parquet.appending,
+}
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """What was written.
+
+    Attributes:
+        count: of `what`: samples or frames.
+        start: POSIX time of time 0 of a trace made from a log [s].
+        notes: what was found on the way or could not be kept, a line each.
+        found: the notes' figures.
+    """
+
+    count: int
+    what: str
+    start: float | None = None
+    notes: tuple[str, ...] = ()
+    found: dict[str, object] = field(default_factory=dict)
+
+    @property
+    def begin(self) -> str | None:
+        """Time 0 as date and time."""
+        return None if self.start is None else moment(self.start)
+
+    def lines(self, target: Path) -> list[str]:
+        """For people."""
+        since = "" if self.start is None else f", time 0 is {self.begin}"
+        return [f"{target}: {self.count} {self.what}{since}", *self.notes]
+
+
+def convert(source: Path, target: Path, layout: Layout, progress: Progress) -> Conversion:
+    """A recording or log written in the format that the target's suffix names.
+
+    A log becomes a log of the same frames, or with a database a trace; a trace becomes a log with a database.
+
+    Raises:
+        TraceError: the source cannot be read, or the target cannot hold it.
+        DatabaseError: the database cannot be read, or lacks a signal.
+    """
+    is_csv = target.suffix.lower() == ".csv"
+    to_log = target.suffix.lower() in logs.SUFFIXES and not is_csv
+    if not logs.is_log(source):
+        return encoded(source, target, layout) if to_log else _copied(source, target, layout)
+    if to_log or (is_csv and layout.database is None):
+        return relogged(source, target, layout, progress)
+    if target.suffix.lower() in STREAMED and not layout.interpolated:
+        return streamed(source, target, layout, progress)
+    return _copied(source, target, layout)
+
+
+def relogged(source: Path, target: Path, layout: Layout, progress: Progress) -> Conversion:
+    """The same frames in another format of logs."""
+    log, lost = logs.read(source, progress), Counter[str]()
+    count = logs.write(target, log, layout.database, lost)
+    told = tuple(f"{target.suffix} does not hold {what}: {times} times" for what, times in lost.items())
+    found = can_log.damage(log) | ({"lost": dict(lost)} if lost else {})
+    return Conversion(count, "frames", None, (*log.findings.lines(), *told), found)
+
+
+def encoded(source: Path, target: Path, layout: Layout) -> Conversion:
+    """The frames that carry a trace: the signals that the layout chooses, or all that the database has.
+
+    A signal `hand.angle` of a system is `hand_angle` in a database that has no message `hand`.
+    """
+    if layout.database is None:
+        raise TraceError(target, "takes frames; a database says how signals become frames", "give it as --dbc FILE")
+    recording, database = formats.read(source, replace(layout, database=None, signals=None)), load(layout.database)
+    known = {signal.name for message in database.messages for signal in message.signals}
+    trace = recording.trace.renamed({name: flat for name in recording.trace.names
+                                     if (flat := name.replace(".", "_")) in known})  # fmt: skip
+    wanted = layout.signals or [name for name in trace.names if name.rpartition(".")[2] in known]
+    if not wanted:
+        raise TraceError(source, f"has no signal of {layout.database}", f"it holds {', '.join(trace.names)}")
+    encoder, lost = Encoder(database, list(wanted)), Counter[str]()
+    count = logs.write(target, [encoder.encode(trace)], layout.database, lost)
+    left = [name for name in trace.names if name not in wanted]
+    told = [f"not in the database: {', '.join(left)}"] if left and layout.signals is None else []
+    told += [f"{target.suffix} does not hold {what}: {times} times" for what, times in lost.items()]
+    return Conversion(count, "frames", None, (*encoder.census.lines(), *told), encoder.census.document())
+
+
+def streamed(source: Path, target: Path, layout: Layout, progress: Progress) -> Conversion:
+    """A log decoded into a file of samples, in memory that does not grow with the log.
+
+    The log is read twice: first to know which signals are in it, from when on rows are complete.
+    """
+    database = can_log.database_of(source, layout)
+    start, units = _survey(source, database, layout, lambda share: progress(share / 2))
+    log = logs.read(source, lambda share: progress(0.5 + share / 2))
+    decoder = Decoder(database, list(units))
+    merger = Merger(list(units), start=start, name=source.stem, census=decoder.census)
+    known = {name: unit for name, unit in units.items() if unit}
+    rows = 0
+
+    def content(file: BinaryIO) -> None:
+        nonlocal rows
+        with STREAMED[target.suffix.lower()](Path(file.name)) as append:
+            for piece in _pieces(log, decoder, merger, layout):
+                whole = Trace(piece.time, piece.signals, known, piece.name)
+                append(can_log.laid_out(whole, layout, database))
+                rows += len(piece)
+
+    atomic_write(target, content)
+    notes = (*log.findings.lines(), *decoder.census.lines())
+    return Conversion(rows, "samples", start, notes, {**decoder.census.document(), **can_log.damage(log)})
+
+
+def _copied(source: Path, target: Path, layout: Layout) -> Conversion:
+    recording = formats.read(source, layout)
+    formats.write(recording.trace, target)
+    notes = (str(recording.stamps), *recording.notes)
+    return Conversion(len(recording.trace), "samples", recording.start, notes, dict(recording.found))
+
+
+def _pieces(log: logs.LogReader, decoder: Decoder, merger: Merger, layout: Layout) -> Iterator[Trace]:
+    for batch in log:
+        yield merger.feed(decoder.feed(batch if layout.channel is None else batch[batch.channel == layout.channel]))
+    yield merger.finish()
+
+
+def _survey(source: Path, database: Database, layout: Layout, progress: Progress) -> tuple[float, dict[str, str]]:
+    """Stamp of the first frame, and the signals that have a value in the log with their units ("" unknown).
+
+    Raises:
+        TraceError: there are none, or one that was asked for is not among them.
+    """
+    wanted = can_log.signals(layout)
+    counted = can_log.Counted(logs.read(source, progress))
+    decoder, units = Decoder(database, wanted), dict[str, str]()
+    for batch in counted:
+        chosen = batch if layout.channel is None else batch[batch.channel == layout.channel]
+        for series in decoder.feed(chosen).values():
+            for name, values in series.values.items():
+                if name not in units and np.isfinite(values).any():
+                    units[name] = series.units.get(name, "")
+    order = [database.public_name(message, signal) for message in database.messages for signal in message.signals]
+    if wanted is not None:
+        order = [database.public_name(*database.signal(each)) for each in wanted]
+        missing = [name for name in order if name not in units]
+        if missing:
+            error = TraceError(source, f"holds no frame with the signal {', '.join(missing)}", "check the database")
+            raise can_log.refusal(source, error, counted.tally)
+    if not units:
+        error = TraceError(source, "holds no frame of the database", "check that log and database belong together")
+        raise can_log.refusal(source, error, counted.tally)
+    return decoder.start or 0.0, {name: units[name] for name in order if name in units}

@@ -1,0 +1,103 @@
+"""CAN logs as recordings: their frames decoded with a database into one trace over the time since the first frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from fmus.errors import TraceError
+from fmus.files import sha256
+from orchestrator.can import decoding, logs
+from orchestrator.can.database import Database, load
+from orchestrator.can.frames import Frames
+from orchestrator.can.logs.tally import Tally
+from orchestrator.formats.layout import Layout
+from orchestrator.formats.recording import Recording
+from orchestrator.trace import Trace, ordered
+
+
+def read(path: Path, layout: Layout, progress: Callable[[float], None] | None = None) -> Recording:
+    """The recording in a log: the signals that the layout chooses, all of the database by default.
+
+    Raises:
+        TraceError: the layout names no database, nothing of it is in the log, or the log cannot be read.
+        DatabaseError: the database cannot be read, or lacks a signal.
+    """
+    database = database_of(path, layout)
+    log = logs.read(path, progress)
+    counted = Counted(log)
+    try:
+        decoded = decoding.trace(counted, database, signals(layout), layout.interpolated, layout.channel, str(path))
+    except TraceError as error:
+        raise refusal(path, error, counted.tally) from None
+    trace, stamps = ordered(decoded.trace.time, decoded.trace.signals, decoded.trace.units, str(path))
+    found = {**decoded.census.document(), **damage(log)}
+    notes = (*log.findings.lines(), *decoded.census.lines())
+    named = laid_out(Trace(trace.time, trace.signals, trace.units, path.stem), layout, database)
+    return Recording(named, stamps, path, sha256(path), notes, decoded.start, found)
+
+
+@dataclass
+class Counted:
+    """Batches as they pass by, and what they hold."""
+
+    batches: Iterable[Frames]
+    tally: Tally = field(default_factory=Tally)
+
+    def __iter__(self) -> Iterator[Frames]:
+        for batch in self.batches:
+            self.tally.feed(batch)
+            yield batch
+
+
+def database_of(path: Path, layout: Layout) -> Database:
+    """The database that the layout names.
+
+    Raises:
+        TraceError: it names none.
+    """
+    if layout.database is None:
+        raise TraceError(path, "holds raw CAN frames; a database says what they mean",
+                         "give it as --dbc FILE, in a study as traces.layout.database")  # fmt: skip
+    return load(layout.database)
+
+
+def signals(layout: Layout) -> list[str] | None:
+    """The database's signals that are wanted, None for all."""
+    if layout.columns is not None:
+        return [str(column) for column in layout.columns.values()]
+    return None if layout.signals is None else list(layout.signals)
+
+
+def laid_out(trace: Trace, layout: Layout, database: Database) -> Trace:
+    """The trace with the names and units that the layout gives.
+
+    Raises:
+        TraceError: units are given for a signal that is not read.
+    """
+    if layout.columns is not None:
+        names = {name: database.public_name(*database.signal(str(each))) for name, each in layout.columns.items()}
+        units = {name: trace.units[each] for name, each in names.items() if each in trace.units}
+        trace = Trace(trace.time, {name: trace[each] for name, each in names.items()}, units, trace.name)
+    stray = set(layout.units) - set(trace.names)
+    if stray:
+        raise TraceError(trace.name, f"units are given for '{min(stray)}', which is not read", "correct the layout")
+    return Trace(trace.time, trace.signals, {**trace.units, **layout.units}, trace.name)
+
+
+def refusal(path: Path, error: TraceError, tally: Tally) -> TraceError:
+    """The decoder's refusal with what is in the log."""
+    if error.place != str(path):
+        return error
+    there = f"identifiers in the log: {tally.listed()}" if tally.identifiers else "there are no data frames in it"
+    return TraceError(path, f"{error.problem} ({there})", error.fix)
+
+
+def damage(log: logs.LogReader) -> dict[str, object]:
+    """What could not be read, as plain values; nothing where all could."""
+    found = log.findings
+    document: dict[str, object] = {"skipped": found.skipped} if found.skipped else {}
+    if found.damaged:
+        document |= {"damaged": found.damaged, "damage": [vars(each) for each in found.damage]}
+    return document

@@ -1,0 +1,117 @@
+"""Does a bridge keep its deadlines at 1 kHz, and is every frame on the wire received? Linux only.
+
+Three processes: a rig behind a bus, its controller on a bridge, and serial adapters between them at 500 kbit/s, which
+the two messages of every step keep busy to nearly a half.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from orchestrator.can.slcan_hub import hub_process
+
+from .figure import Figure, report
+
+ROOT = Path(__file__).parents[2]
+COMMAND = [sys.executable, "-c", "from orchestrator.cli import main; main()", "can"]
+SECONDS, BITRATE = 60, 500_000
+ASKED = 0.999  # share of steps within 1 ms of their deadline
+DATABASE = """VERSION ""
+BU_: RIG LAW
+BO_ 256 State: 8 RIG
+ SG_ angle : 0|32@1- (0.000001,0) [0|0] "rad" LAW
+ SG_ speed : 32|32@1- (0.00001,0) [0|0] "rad/s" LAW
+BO_ 257 Command: 4 LAW
+ SG_ voltage : 0|32@1- (0.000001,0) [-24|24] "V" RIG
+BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
+BA_DEF_DEF_ "GenMsgCycleTime" 1;
+"""
+RIG: dict[str, Any] = {
+    "title": "Rig",
+    "components": {"motor": {"model": "dc_motor"}, "hand": {"model": "pendulum", "parameters": {"angle_start": 0.7}}},
+    "connections": ["hand.speed -> motor.speed", "motor.torque -> hand.torque"],
+    "run": {"stop": 1, "step": 0.001},
+    "can": {
+        "database": "rig.dbc",
+        "receive": {"motor.voltage": {"signal": "voltage", "safe": 0}},
+        "send": {"angle": "hand.angle", "speed": "hand.speed"},
+    },
+}
+LAW: dict[str, Any] = {
+    "title": "Law",
+    "components": {"law": {"model": "energy_controller", "parameters": {"gain": 0.02, "sample_time": 0.001}}},
+    "run": {"stop": 1, "step": 0.001},
+    "can": {
+        "database": "rig.dbc",
+        "receive": {"law.angle": {"signal": "angle", "safe": 0}, "law.speed": {"signal": "speed", "safe": 0}},
+        "send": {"voltage": {"source": "law.voltage", "safe": 0}},
+    },
+}
+
+
+def figures(seconds: int = SECONDS) -> list[Figure]:
+    """How the deadlines were kept on both sides, and what became of the frames."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "rig.dbc").write_text(DATABASE)
+        for name, scenario in (("rig", RIG), ("law", LAW)):
+            (folder / f"{name}.yaml").write_text(json.dumps(scenario))
+        with hub_process(folder / "bus", bitrate=BITRATE) as hub:
+            rig = start("bench", folder, "rig", 0)
+            law = start("bridge", folder, "law", 1, "--duration", str(seconds))
+            law.wait()
+            rig.send_signal(signal.SIGTERM)
+            rig.wait()
+            wire = hub.statistics()
+        return judged({each: _manifest(folder, each) for each in ("rig", "law")}, wire, seconds)
+
+
+def start(mode: str, folder: Path, name: str, port: int, *options: str) -> subprocess.Popen[str]:
+    """One side as a process, once it is on the bus."""
+    bus = ["--interface", "slcan", "--channel", str(folder / "bus" / str(port)), "--bitrate", str(BITRATE)]
+    process = subprocess.Popen(
+        [*COMMAND, mode, str(folder / f"{name}.yaml"), *bus, "--out", str(folder / "out" / name), *options],
+        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert process.stderr is not None
+    for line in process.stderr:
+        if "is on slcan" in line:
+            return process
+    raise RuntimeError(f"{name} did not get on the bus")
+
+
+def judged(about: dict[str, dict[str, Any]], wire: dict[str, Any], seconds: int) -> list[Figure]:
+    """The figures."""
+    found = []
+    for name, title in (("law", "bridge"), ("rig", "bench")):
+        kept = about[name]["deadlines"]
+        late = kept["lateness"]
+        found.append(
+            Figure(
+                f"{title} at 1 kHz for {seconds} s: steps within 1 ms of their deadline",
+                f"at least {100 * ASKED:g} %",
+                f"{100 * kept['on_time']:.3f} % (99.9 %: {1e3 * late['p99_9']:.2f} ms, worst "
+                f"{1e3 * late['worst']:.2f} ms, work of a step {1e6 * kept['work']['median']:.0f} µs)",
+                kept["on_time"] >= ASKED,
+            )
+        )
+    sent, taken = about["law"]["sent"]["messages"]["Command"], about["rig"]["received"]["messages"]["Command"]
+    lost = sent - taken + sum(port["lost"] + port["refused"] for port in wire["ports"])
+    found.append(Figure("frames lost on the wire", "0", f"{lost} of {wire['frames']:,}", lost == 0))
+    return [*found, Figure("time the wire was busy", "-", f"{100 * wire['busy'] / wire['elapsed']:.0f} %")]
+
+
+def _manifest(folder: Path, name: str) -> dict[str, Any]:
+    about: dict[str, Any] = json.loads((folder / "out" / name / "manifest.json").read_text())["can"]
+    return about
+
+
+if __name__ == "__main__":
+    sys.exit(report(figures()))

@@ -1,0 +1,132 @@
+"""How fast frames become a trace and a trace becomes frames, beside a plain cantools loop; and a day of log in a stream.
+
+The database is generated: three messages of a rig, 16-bit numbers and floats, at 1 kHz and 100 Hz.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from statistics import median
+from time import perf_counter
+
+import numpy as np
+
+from orchestrator.can import database, decoding
+from orchestrator.can.encoding import Encoder
+from orchestrator.can.frames import Frames
+from orchestrator.can.generation import Declared, generate
+from orchestrator.trace import Trace
+
+from .figure import Figure, report
+from .loop_endurance import resources
+
+DECODED, ENCODED, TIMES_CANTOOLS = 2e6, 3e5, 20
+FRAMES, PLAIN, REPEATS = 1_000_000, 50_000, 5
+DAY = 86_400.0  # [s]
+MEMORY_LIMIT = 4e6  # [B]
+SIGNALS = [
+    Declared("angle", "rad", -10, 10, every=0.001),
+    Declared("speed", "rad/s", -200, 200, every=0.001),
+    Declared("torque", "N.m", every=0.001),
+    Declared("voltage", "V", -24, 24, every=0.001, sender="Controller"),
+    Declared("setpoint", "rad", -10, 10, every=0.001, sender="Controller"),
+    Declared("temperature", "K", 200, 400, every=0.01),
+    Declared("current", "A", -20, 20, every=0.01),
+]
+
+
+def figures(frames: int = FRAMES, seconds: float = DAY) -> list[Figure]:
+    """Rates of decoding and encoding, the ratio to cantools in the same run, and memory over a day's frames."""
+    with tempfile.TemporaryDirectory() as folder:
+        generate(SIGNALS, Path(folder) / "rig.dbc")
+        base = database.load(Path(folder) / "rig.dbc")
+    trace = recorded(frames / 2100)
+    encoder = Encoder(base, trace.names)
+    log = encoder.encode(trace)
+    encoded = len(log) / timed(lambda: encoder.encode(trace))
+    decoded = len(log) / timed(lambda: decoding.trace([log], base))
+    plain = cantools_rate(base, log[:PLAIN])
+    return [
+        Figure(f"{len(log):,} frames in memory to a trace, a core", f"at least {DECODED:,.0f} a second",
+               f"{decoded:,.0f} a second", decoded >= DECODED),
+        Figure("a plain cantools loop, decoding alone", "-", f"{plain:,.0f} a second"),
+        Figure("to a trace, against that", f"at least {TIMES_CANTOOLS} times", f"{decoded / plain:.0f} times",
+               decoded >= TIMES_CANTOOLS * plain),
+        Figure("values that are not cantools' to the last bit", "0", f"{different(base, log[:PLAIN])}",
+               different(base, log[:PLAIN]) == 0, statistical=True),
+        Figure("a trace to frames", f"at least {ENCODED:,.0f} a second", f"{encoded:,.0f} a second",
+               encoded >= ENCODED),
+        *streamed(base, log[: 1 << 16], seconds),
+    ]  # fmt: skip
+
+
+def recorded(seconds: float) -> Trace:
+    """Random signals at 1 kHz, most of them within their ranges."""
+    rng = np.random.default_rng(0)
+    time = 0.001 * np.arange(int(1000 * seconds))
+    columns = {each.name: (each.maximum or 5) * np.sin(rng.normal(size=len(time)).cumsum() / 30) for each in SIGNALS}
+    return Trace(time, columns | {"temperature": 300 + columns["temperature"] / 10})
+
+
+def timed(action: Callable[[], object]) -> float:
+    """Median time [s]."""
+    times = []
+    for _ in range(REPEATS):
+        begun = perf_counter()
+        action()
+        times.append(perf_counter() - begun)
+    return median(times)
+
+
+def cantools_rate(base: database.Database, log: Frames) -> float:
+    """Frames a second of a loop that decodes each into lists."""
+    raw = {each.id: each.raw for each in base.messages}
+    messages = list(log.messages())
+
+    def loop() -> dict[str, list[float]]:
+        found: dict[str, list[float]] = {each.name: [] for each in SIGNALS}
+        for message in messages:
+            for name, value in raw[message.arbitration_id].decode(message.data, decode_choices=False).items():
+                found[name].append(value)
+        return found
+
+    return len(messages) / timed(loop)
+
+
+def different(base: database.Database, log: Frames) -> int:
+    """Number of values that differ from cantools'."""
+    decoded, wrong = decoding.Decoder(base).feed(log), 0
+    for message in base.messages:
+        own = log[log.id == message.id]
+        expected = [message.raw.decode(each.data, decode_choices=False) for each in own.messages()]
+        for name, values in decoded[message.name].values.items():
+            wrong += int(np.count_nonzero(values != [each[name] for each in expected]))
+    return wrong
+
+
+def streamed(base: database.Database, batch: Frames, seconds: float) -> list[Figure]:
+    """Frames of a long log through decoder and merger, the same batch over and over with later stamps."""
+    decoder, merger = decoding.Decoder(base), decoding.Merger([each.name for each in SIGNALS])
+    period = float(batch.time[-1] - batch.time[0]) + 0.001
+    count, rows, begun, memory, most = int(seconds / period) + 1, 0, perf_counter(), 0, 0
+    for number in range(count):
+        rows += len(merger.feed(decoder.feed(replace(batch, time=batch.time + number * period))))
+        if number == count // 20:
+            memory = resources()[0]
+        elif number % 50 == 0:
+            most = max(most, resources()[0])
+    gain = max(most, resources()[0]) - memory
+    name = f"{seconds / 3600:g} h of log, {count * len(batch):,} frames, streamed"
+    return [
+        Figure(f"{name}: memory gained", f"under {MEMORY_LIMIT / 1e6:.0f} MB", f"{gain / 1e6:.2f} MB",
+               gain < MEMORY_LIMIT),
+        Figure(f"{name}: time", "-", f"{perf_counter() - begun:.1f} s, {rows:,} rows"),
+    ]  # fmt: skip
+
+
+if __name__ == "__main__":
+    sys.exit(report(figures()))

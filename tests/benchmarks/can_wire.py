@@ -1,0 +1,124 @@
+"""The way to and from a bus: the stand-in for serial adapters, our serial bus beside python-can's, a recording.
+
+Everything over pseudo-terminals on this machine, sender, bus and receiver in three processes where there are three.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import threading
+import time
+from functools import partial
+from pathlib import Path
+from statistics import median
+
+import can
+
+from orchestrator.can.bus import BusSettings, open_bus, opened, send
+from orchestrator.can.recorder import Recording, record
+from orchestrator.can.slcan_hub import Hub, hub_process
+
+from .figure import Figure
+
+BITRATE = 500_000
+FRAME = can.Message(arbitration_id=0x123, is_extended_id=False, data=bytes(8))
+LINES = b"t12381122334455667788\r"
+
+
+def figures() -> list[Figure]:
+    """All of them."""
+    with tempfile.TemporaryDirectory() as folder:
+        with hub_process(Path(folder) / "unpaced", 2, paced=False) as hub:
+            found = [_throughput(hub), _latency(hub)]
+        with hub_process(Path(folder) / "paced", 2, BITRATE) as hub:
+            found.append(_recording(hub, Path(folder) / "recording"))
+    ours, theirs = _reading(ours=True), _reading(ours=False)
+    return [*found, Figure("frames read from a serial port, ours beside python-can's", "4,000/s",
+                           f"{ours:,.0f}/s beside {theirs:,.0f}/s", ours >= 4000)]  # fmt: skip
+
+
+def _settings(hub: Hub, port: int) -> BusSettings:
+    return BusSettings("slcan", str(hub.paths[port]), BITRATE)
+
+
+def _throughput(hub: Hub, bursts: int = 40, size: int = 1000) -> Figure:
+    """Bursts that fit into the ports' buffers, each received before the next."""
+    with opened(_settings(hub, 0)) as one, opened(_settings(hub, 1)) as other:
+        time.sleep(0.1)
+        begun = time.perf_counter()
+        received = 0
+        for _ in range(bursts):
+            for _ in range(size):
+                send(one, FRAME)
+            received += sum(1 for _ in zip(range(size), iter(partial(other.recv, 1.0), None), strict=False))
+        rate = received / (time.perf_counter() - begun)
+    return Figure("frames relayed between two serial ports, none lost", "4,000/s", f"{rate:,.0f}/s",
+                  rate >= 4000 and received == bursts * size)  # fmt: skip
+
+
+def _latency(hub: Hub, count: int = 500) -> Figure:
+    taken = []
+    with opened(_settings(hub, 0)) as one, opened(_settings(hub, 1)) as other:
+        time.sleep(0.1)
+        for _ in range(count):
+            begun = time.perf_counter()
+            send(one, FRAME)
+            other.recv(1.0)
+            taken.append(time.perf_counter() - begun)
+            time.sleep(0.002)
+    return Figure("a frame from port to port, idle, median", "well below 1 ms", f"{1e6 * median(taken):.0f} µs",
+                  median(taken) < 5e-4)  # fmt: skip
+
+
+def _recording(hub: Hub, folder: Path, seconds: float = 5.0) -> Figure:
+    """As many frames as the wire carries, recorded."""
+    ending = threading.Event()
+
+    def fill() -> None:
+        with opened(_settings(hub, 0)) as one:
+            while not ending.is_set():
+                send(one, FRAME)
+
+    sender = threading.Thread(target=fill)
+    sender.start()
+    try:
+        document = record(Recording(_settings(hub, 1), folder, duration=seconds))
+    finally:
+        ending.set()
+        sender.join()
+    lost = document["dropped"] + hub.statistics()["ports"][1]["lost"]
+    rate = document["frames"] / seconds
+    return Figure("a full bus of 500 kbit/s recorded as BLF: frames lost", "0", f"{lost} of {document['frames']:,} "
+                  f"({rate:,.0f}/s)", lost == 0 and rate > 3000)  # fmt: skip
+
+
+def _reading(ours: bool, seconds: float = 2.0) -> float:
+    """Frames per second that a bus gets out of a port which always has some."""
+    master, slave = os.openpty()
+    name = os.ttyname(slave)
+    settings = BusSettings("slcan", name)
+    bus = open_bus(settings) if ours else can.Bus(name, "slcan", sleep_after_open=0.0)
+    os.set_blocking(master, False)
+    ending = threading.Event()
+
+    def fill() -> None:
+        left = b""
+        while not ending.is_set():
+            try:
+                left = left or LINES * 100
+                left = left[os.write(master, left) :]
+            except BlockingIOError:
+                time.sleep(0.0005)
+
+    writer = threading.Thread(target=fill)
+    writer.start()
+    begun, count = time.perf_counter(), 0
+    while time.perf_counter() - begun < seconds:
+        count += bus.recv(0.5) is not None
+    ending.set()
+    writer.join()
+    bus.shutdown()
+    os.close(slave)
+    os.close(master)
+    return count / seconds
