@@ -18,9 +18,7 @@ $(READY): pyproject.toml constraints.txt $(wildcard setup.py orchestrator/engine
 
 demo: $(READY)
 	$(BIN)/servotwin build --out $(DEMO)/fmus
-	$(BIN)/servotwin run scenarios/butterfly/rig.yaml --out $(DEMO)/rig
-	$(BIN)/servotwin calibrate scenarios/butterfly/rig_calibration.yaml --data $(DEMO)/rig --out $(DEMO)/calibrated
-	$(BIN)/servotwin validate $(DEMO)/calibrated --data $(DEMO)/rig/154g_square.csv
+	$(BIN)/servotwin test scenarios/butterfly/bus/procedure.yaml --out $(DEMO) -v
 
 test: lint
 	$(BIN)/python -m pytest -m "not readme" -n 2

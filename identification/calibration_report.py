@@ -65,7 +65,7 @@ def _overview(section: Section, calibration: Calibration, document: Mapping[str,
     for name, judged in calibration.compared.items():
         highlights.append((f"median FIT, {name}", f"{judged.median:.3f}", "the same windows as the first figure"))
     section.highlights(highlights)
-    for warning in calibration.estimate.warnings:
+    for warning in document["warnings"]:
         section.callout("warning", warning)
     headers, rows = parameter_rows(document)
     section.table(headers, rows, caption="Estimates with half of their 95 % intervals")
@@ -178,5 +178,6 @@ def _uncertainty(section: Section, calibration: Calibration) -> None:
 
 def _provenance(section: Section, document: Mapping[str, Any]) -> None:
     section.provenance(document["versions"])
-    rows = [[each["trace"], each["role"], each["stamps"], each["sha256"]] for each in document["data"]]
-    section.table(["trace", "role", "time stamps", "SHA-256"], rows)
+    rows = [[each["trace"], each["role"], "; ".join([each["stamps"], *each.get("notes", [])]), each["sha256"]]
+            for each in document["data"]]  # fmt: skip
+    section.table(["trace", "role", "time stamps and notes", "SHA-256"], rows)

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,8 +24,7 @@ from fmus.files import sha256
 from orchestrator.results import check_target, versions, write_json
 from orchestrator.yaml_file import Block, load, naming
 
-READY = "ready"  # a line that begins so is what a command says on stderr when others may come
-START_TIME, END_TIME, RUN_TIME = 120.0, 30.0, 1800.0  # to be ready, to end when asked to, to run [s]
+START_TIME, END_TIME, RUN_TIME = 120.0, 30.0, 1800.0  # for a first line, to end when asked to, to run [s]
 LINES_KEPT = 60
 COMMAND = [sys.executable, "-c", "from orchestrator.cli import main; main()"]
 
@@ -34,7 +33,8 @@ class StepBlock(Block):
     """Commands without `servotwin`; `{here}` is the folder of the file and `{out}` that of the results.
 
     Attributes:
-        beside: started first, one after the other as each is ready, and ended (SIGTERM) when all of `run` are done.
+        beside: started first, each when the one before has said its first line (that it is on a bus), and ended
+            (SIGTERM) in the opposite order when all of `run` are done.
         run: run side by side.
     """
 
@@ -105,9 +105,10 @@ def run_procedure(path: Path, out: Path) -> dict[str, Any]:
 
 def _step(block: StepBlock, names: Mapping[str, str]) -> list[Done]:
     with ExitStack() as stack:
-        beside = [stack.enter_context(_running(command, names)) for command in block.beside]
-        for each in beside:
-            each.await_ready()
+        beside = []
+        for command in block.beside:
+            beside.append(stack.enter_context(_running(command, names)))
+            beside[-1].await_first_line()
         front = [stack.enter_context(_running(command, names)) for command in block.run]
         done = [each.ended(RUN_TIME) for each in front]
         return done + [each.stopped() for each in reversed(beside)]
@@ -122,14 +123,14 @@ class _Process:
         self._process = subprocess.Popen([*COMMAND, *arguments], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
                                          stderr=subprocess.STDOUT, text=True, errors="replace")  # fmt: skip
         self._lines: deque[str] = deque(maxlen=LINES_KEPT)
-        self._ready = threading.Event()
+        self._heard = threading.Event()
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
-    def await_ready(self) -> None:
-        """Wait for its line; one that ended instead is told by its exit code later."""
-        if not self._ready.wait(START_TIME):
-            raise ScenarioError(self.command, f"is not ready after {START_TIME:g} s", "see what it waits for")
+    def await_first_line(self) -> None:
+        """Wait until it has said something, or ended."""
+        if not self._heard.wait(START_TIME):
+            raise ScenarioError(self.command, f"has said nothing after {START_TIME:g} s", "see what it waits for")
 
     def ended(self, limit: float) -> Done:
         """What it gave, once it has ended by itself."""
@@ -158,9 +159,8 @@ class _Process:
         assert self._process.stdout is not None
         for line in self._process.stdout:
             self._lines.append(line)
-            if line.startswith(READY):
-                self._ready.set()
-        self._ready.set()
+            self._heard.set()
+        self._heard.set()
 
 
 @contextmanager
@@ -179,6 +179,7 @@ def _filled(word: str, names: Mapping[str, str]) -> str:
     return word
 
 
-def outputs_of(cases: Sequence[Mapping[str, Any]]) -> str:
-    """What the commands said, for people."""
-    return "\n".join(f"$ servotwin {case['name']}\n{case['output'].rstrip()}" for case in cases)
+def outputs_of(document: Mapping[str, Any] | None) -> str:
+    """What the commands of a procedure said, for people; nothing of another scenario, or of none."""
+    cases = document["cases"] if document else []
+    return "\n".join(f"$ servotwin {case['name']}\n{case['output'].rstrip()}" for case in cases if "output" in case)

@@ -10,6 +10,7 @@ from fmus.errors import WiringError
 from orchestrator.can.block import CanBlock, ReceivedBlock
 from orchestrator.can.census import Census
 from orchestrator.can.database import Database, MessageSpec, SignalSpec
+from orchestrator.can.frames import LONGEST
 from orchestrator.can.inward import Inlet, Intake, Inward
 from orchestrator.can.outward import Discharge, Outlet
 from orchestrator.fmu_file import Port
@@ -143,6 +144,10 @@ def _check_free(where: str, message: MessageSpec, signal: SignalSpec, others: Se
     """See that something can be sent in this signal."""
     if any(each.signal.name == signal.name for each in others):
         raise WiringError(where, f"{message.name}.{signal.name} is sent twice", "remove one")
+    if message.length > LONGEST:
+        raise WiringError(where, f"{message.name} is longer than a frame", "use a message of its own")
+    if any(each.scale == 0 for each in message.signals):
+        raise WiringError(where, f"{message.name} has a signal with the scale 0", "correct the database")
     if any(each.is_multiplexer for each in message.signals):
         raise WiringError(where, f"{message.name} is multiplexed, which cannot be sent", "use a message of its own")
     protection = message.protection

@@ -6,6 +6,7 @@ about is located by line.
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,17 +17,19 @@ import cantools
 from fmus.errors import DatabaseError
 
 SUFFIXES = (".dbc", ".arxml", ".kcd", ".sym")
-LARGEST = 64 << 20  # bytes
-LARGEST_SIZE = 1 << 17  # bits of a signal or a message; the parser makes lists of that length
+LARGEST = 32 << 20  # bytes
+LARGEST_SIZE = 1 << 14  # bits of a signal, bytes of a message; the parser makes lists of that length
 MOST_SELECTIONS = 1 << 16  # combinations of multiplexer values of a file
 
 _SIZES = {
-    ".dbc": re.compile(r"BO_\s+\d+\s+\w+\s*:\s*(\d+)|SG_\s+\w+[\s\w]*:\s*(\d+)\s*\|\s*(\d+)"),
+    ".dbc": re.compile(r"\bBO_\s+\d+\s+\w+\s*:\s*(\d+)|\bSG_\s[\s\w]{2,400}:\s*(\d+)\s*\|\s*(\d+)"),
     ".kcd": re.compile(r"\b(?:length|offset)\s*=\s*[\"']\s*(\d+)"),
     ".arxml": re.compile(r"<(?:\w+:)?(?:LENGTH|START-POSITION|FRAME-LENGTH)\b[^<>]*>\s*(\d+)"),
     ".sym": re.compile(r"\b(?:Len|DLC|MaxLen)\s*=\s*(\d+)|\s(\d+)\s*,\s*(\d+)"),
 }
-_SELECTED = re.compile(r"SG_MUL_VAL_\s+(\d+)\s+(\w+)\s+(\w+)\s+([\d\s,-]+);")
+_SELECTED = re.compile(r"\bSG_MUL_VAL_\s+(\d+)\s+(\w+)\s+(\w+)\s+(\d[\d\s,-]*);")
+_RANGE = re.compile(r"(?<!\d)(\d+)\s*-\s*(\d+)")
+_SKIPPED = re.compile(r'"[^"\\]*(?:\\.[^"\\]*)*"|//[^\n]*')  # strings and comments
 _PLACE = re.compile(r"line (\d+), column (\d+)")
 
 Selected = list[tuple[str, tuple[int, int]]]  # signals and the range of multiplexer values they belong to
@@ -43,6 +46,7 @@ def read(path: Path, encoding: str | None) -> Any:
         raise DatabaseError(path, f"'{path.suffix}' is no format of a CAN database", f"use {', '.join(SUFFIXES)}")
     text = _text(path, encoding)
     _refuse_hostile(path, suffix, text)
+    _silence()
     try:
         return cantools.database.load_string(text, suffix[1:], prune_choices=False)
     except cantools.database.UnsupportedDatabaseFormatError as error:
@@ -50,6 +54,13 @@ def read(path: Path, encoding: str | None) -> Any:
         raise _complaint(path, suffix, text, cause) from error
     except (RecursionError, MemoryError) as error:
         raise DatabaseError(path, f"is too deeply nested or too large ({type(error).__name__})") from error
+
+
+def _silence() -> None:
+    """Keep cantools' warnings off the terminal where nobody asked for them: what matters in them is refused here."""
+    logger = logging.getLogger("cantools")
+    if not logger.handlers:
+        logger.addHandler(logging.NullHandler())
 
 
 def _text(path: Path, encoding: str | None) -> str:
@@ -79,6 +90,8 @@ def _refuse_hostile(path: Path, suffix: str, text: str) -> None:
         found = re.search(r"<!\s*(DOCTYPE|ENTITY)", text, re.IGNORECASE)
         if found:
             raise _at(path, text, found.start(), "declares a document type or entities", "remove the declaration")
+    if suffix in (".dbc", ".sym"):
+        text = _SKIPPED.sub(lambda skipped: "\n" * skipped[0].count("\n"), text)
     for found in _SIZES[suffix].finditer(text):
         size = next((each for each in found.groups("0") if len(each) > 6 or int(each) > LARGEST_SIZE), None)
         if size:
@@ -106,8 +119,9 @@ def _refuse_many_selections(path: Path, text: str) -> None:
 
 
 def _ranges(text: str) -> Iterator[tuple[int, int]]:
-    for found in re.finditer(r"(\d{1,12})\s*-\s*(\d{1,12})", text):
-        yield int(found[1]), int(found[2])
+    for found in _RANGE.finditer(text):
+        low, high = found.groups()
+        yield (int(low), int(high)) if max(len(low), len(high)) < 12 else (0, MOST_SELECTIONS)
 
 
 def _selections(tree: dict[str, Selected], multiplexer: str, above: tuple[str, ...]) -> int:
@@ -128,7 +142,7 @@ def _complaint(path: Path, suffix: str, text: str, cause: Exception) -> Database
     problem = " ".join(str(cause).split())[:300] or type(cause).__name__
     fix = "correct the line, or export the file again"
     if found := _PLACE.search(problem):
-        shown = re.sub(r"^.*?line \d+, column \d+: *", "", problem).strip("\"'")
+        shown = re.sub(r"^.*?line \d+, column \d+: *|: line \d+, column \d+$", "", problem).strip("\"' ")
         return DatabaseError(f"{path}, line {found[1]}", f"cannot be read at column {found[2]}: {shown}", fix)
     offset = _offset(suffix, text, problem)
     if offset is None:

@@ -99,9 +99,13 @@ class Merger:
             self._kept[message] = ordered[end:]
         samples = [Series(each.time - self.start, each.values, each.units) for each in due if len(each)]
         time, places = _union([each.time for each in samples])
-        columns = {name: np.full(len(time), self._held.get(name, np.nan)) for name in self.signals}
+        held = dict(self._held)
+        found: dict[str, FloatArray] = {}
         for series, rows in zip(samples, places, strict=True):
-            columns |= self._columns(series, rows, time)
+            found |= self._columns(series, rows, time)
+        columns = {
+            name: found[name] if name in found else np.full(len(time), held.get(name, np.nan)) for name in self.signals
+        }
         if len(time):
             self._passed = float(time[-1]) + self.start
         return self._begun(time, columns)

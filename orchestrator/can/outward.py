@@ -15,8 +15,7 @@ import can
 from orchestrator.can.census import Census
 from orchestrator.can.checks import checksum
 from orchestrator.can.database import MessageSpec, SignalSpec, checksum_byte
-
-_LARGEST = {16: 65504.0, 32: 3.4028234663852886e38, 64: 1.7976931348623157e308}  # of floats, by their bits
+from orchestrator.can.fields import longest, raw_limits, resting
 
 
 @dataclass(frozen=True)
@@ -48,9 +47,10 @@ class Outlet:
                  switched: bool = False) -> None:  # fmt: skip
         self.message, self.discharges, self.every = message, tuple(discharges), every
         self._census, self._switched = census, switched
-        self._raw = {each.name: _resting(each) for each in message.signals} | dict.fromkeys(message.left_out, 0)
-        self._scales = [(each, _limits(each.signal)) for each in discharges]
-        self._seal = _seal(message)
+        self._raw = {each.name: _raw(each, raw_limits(each), resting(each)) for each in message.signals}
+        self._raw |= dict.fromkeys(message.left_out, 0)
+        self._limits = [(each, raw_limits(each.signal)) for each in discharges]
+        self._seal, self._length = _seal(message), longest(message)
 
     @property
     def others(self) -> list[str]:
@@ -62,7 +62,7 @@ class Outlet:
 
     def frame(self, outputs: Sequence[float]) -> can.Message:
         """The next frame, with these values of the outputs that are read."""
-        for each, limits in self._scales:
+        for each, limits in self._limits:
             self._fill(each.signal, limits, outputs[each.place] * each.factor)
         return self._sealed()
 
@@ -70,60 +70,39 @@ class Outlet:
         """The frame with the safe values, and what was sent last in signals without one; None without any."""
         if all(each.safe is None for each in self.discharges):
             return None
-        for each, limits in self._scales:
+        for each, limits in self._limits:
             if each.safe is not None:
                 self._fill(each.signal, limits, each.safe * each.factor)
         return self._sealed()
 
     def _fill(self, signal: SignalSpec, limits: tuple[float, float], value: float) -> None:
         raw, (low, high) = (value - signal.offset) / signal.scale, limits
-        if low <= raw <= high:
-            self._raw[signal.name] = raw if signal.is_float else round(raw)
-        elif math.isnan(raw):
+        if math.isnan(raw):
             self._census.not_finite[signal.name] += 1
-        else:
-            self._raw[signal.name] = low if raw < low else high
-            if max(low - raw, raw - high) > 0.5 or signal.is_float:  # less is lost by rounding anyway
-                self._census.saturated[signal.name] += 1
+            return
+        self._raw[signal.name] = _raw(signal, limits, value)
+        slack = 0.0 if signal.is_float else 0.5  # less is lost by rounding anyway
+        if not low - slack <= raw <= high + slack:
+            self._census.saturated[signal.name] += 1
 
     def _sealed(self) -> can.Message:
         protection = self.message.protection
         if protection is not None and protection.counter:
             self._raw[protection.counter] = (int(self._raw[protection.counter]) + 1) % protection.modulus
         data = self.message.raw.encode(self._raw, scaling=False, strict=False)
+        data = data if self._seal is None else self._seal(data)
         self._census.messages[self.message.name] += 1
         return can.Message(
             arbitration_id=self.message.id, is_extended_id=self.message.extended, is_fd=self.message.fd,
             bitrate_switch=self.message.fd and self._switched, is_rx=False,
-            data=data if self._seal is None else self._seal(data),
+            data=data.ljust(self._length, b"\0"),
         )  # fmt: skip
 
 
-def _resting(signal: SignalSpec) -> float:
-    """The raw value that a signal has before it is given one: its initial value, else that nearest to zero."""
-    low, high = _limits(signal)
-    raw = ((signal.initial or 0.0) - signal.offset) / signal.scale
-    raw = min(max(raw, low), high)
+def _raw(signal: SignalSpec, limits: tuple[float, float], value: float) -> float:
+    """The raw number nearest to a value that is not NaN."""
+    raw = min(max((value - signal.offset) / signal.scale, limits[0]), limits[1])
     return raw if signal.is_float else round(raw)
-
-
-def _limits(signal: SignalSpec) -> tuple[float, float]:
-    """Lowest and highest raw value: what the bits hold, within the signal's range where one is declared."""
-    if signal.is_float:
-        low, high = -_LARGEST[signal.length], _LARGEST[signal.length]
-    else:
-        low = -(1 << signal.length - 1) if signal.is_signed else 0
-        high = low + (1 << signal.length) - 1
-    least, most = low, high
-    ends = [None if end is None else (end - signal.offset) / signal.scale for end in (signal.minimum, signal.maximum)]
-    if None not in ends and ends[0] == ends[1]:
-        return low, high
-    first, last = ends if signal.scale > 0 else reversed(ends)
-    if first is not None:
-        low = max(low, first if signal.is_float else math.ceil(first - 1e-6))
-    if last is not None:
-        high = min(high, last if signal.is_float else math.floor(last + 1e-6))
-    return (low, high) if low <= high else (least, most)
 
 
 def _seal(message: MessageSpec) -> Callable[[bytes], bytes] | None:

@@ -127,8 +127,15 @@ class _Counts:
                 self.census.add_unknown(each.arbitration_id, each.is_extended_id)
 
 
-def record(recording: Recording, progress: Callable[[Status], None] = lambda status: None) -> dict[str, Any]:
+def record(
+    recording: Recording,
+    progress: Callable[[Status], None] = lambda status: None,
+    ready: Callable[[], None] = lambda: None,
+) -> dict[str, Any]:
     """Record until the duration is over, Ctrl-C or SIGTERM comes, or the bus fails; the manifest's document.
+
+    Args:
+        ready: called when every frame from now on will be recorded.
 
     Raises:
         InputError: the folder holds something, or cannot be written; the database cannot be read.
@@ -138,7 +145,7 @@ def record(recording: Recording, progress: Callable[[Status], None] = lambda sta
     _prepare(recording.out)
     with opened(recording.bus) as bus:
         session = _Session(recording, bus, database)
-        document = session.run(progress)
+        document = session.run(progress, ready)
     if session.failure is not None:
         raise BusError(recording.bus.place, f"failed after {document['frames']:,} frames ({session.failure})",
                        f"they are kept in {recording.out}")  # fmt: skip
@@ -163,13 +170,14 @@ class _Session:
         self._recent: deque[tuple[float, int, float]] = deque(maxlen=25)  # when, frames, busy: the latest second or so
         self.failure: Exception | None = None
 
-    def run(self, progress: Callable[[Status], None]) -> dict[str, Any]:
+    def run(self, progress: Callable[[Status], None], ready: Callable[[], None]) -> dict[str, Any]:
         """Record; the manifest's document, which is on disk."""
         ended = "unfinished"
         with quiet(), stop_requests() as stop:
             try:
                 self._write_manifest(ended)
                 with self._receiver:
+                    ready()
                     while not stop.requested and not self._over() and self._receiver.failure is None:
                         stop.sleep_until(time.monotonic() + _PERIOD)
                         self._work()

@@ -10,7 +10,7 @@ import typer
 from rich.table import Table
 
 from fmus.errors import InputError
-from orchestrator.cli.terminal import Answer, Json, Quiet, Terminal, Verbose, answered
+from orchestrator.cli.terminal import ERR, Answer, Json, Quiet, Terminal, Verbose, answered
 
 if TYPE_CHECKING:
     from orchestrator.can.bus import BusSettings
@@ -65,7 +65,11 @@ def record(
             def show(status: Status) -> None:
                 move(min(status.elapsed / duration, 1.0) if duration else 0.0, _line(status))
 
-            document = record_bus(recording, show)
+            def ready() -> None:
+                if not terminal.quiet:
+                    ERR.print(f"recording {bus.place}", soft_wrap=True)
+
+            document = record_bus(recording, show, ready)
         return Answer(document, [_counts(document), *document["remarks"], f"recorded into {folder}"])
 
     answered(work, as_json, quiet, verbose)

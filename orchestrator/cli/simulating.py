@@ -139,6 +139,7 @@ def test(
 
     def work(terminal: Terminal) -> Answer:
         from identification.commands import judge_claims
+        from orchestrator.procedure import outputs_of
         from orchestrator.suite import Verdict, find_scenarios, run_suite, write_junit
 
         isolation = _isolation(isolate, patience)
@@ -157,11 +158,14 @@ def test(
             write_junit(verdicts, junit)
         for each in verdicts:
             table.add_row(str(each.file), "passed" if each.passed else "FAILED", f"{each.seconds:.1f}", each.error)
+        shown: list[Table | str] = [table]
+        if verbose:
+            shown[:0] = [said for each in verdicts if (said := outputs_of(each.document))]
         held = all(each.passed for each in verdicts)
         document = {"passed": held, "scenarios": [
             {"file": str(each.file), "passed": each.passed, "seconds": round(each.seconds, 3), "error": each.error,
              "result": each.document} for each in verdicts]}  # fmt: skip
-        return Answer(document, [table], held)
+        return Answer(document, shown, held)
 
     answered(work, as_json, quiet, verbose)
 

@@ -40,7 +40,8 @@ def read(path: str | Path, layout: Layout | None = None) -> Recording:
         DatabaseError: it is a CAN log, and the layout's database cannot be read or lacks a signal.
     """
     file = Path(path)
-    if file.exists() and is_log(file):
+    if is_log(file):
+        _check_there(file)
         from orchestrator.formats import can_log  # noqa: PLC0415 (it brings python-can and cantools along)
 
         return can_log.read(file, layout or Layout())

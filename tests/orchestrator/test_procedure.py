@@ -33,7 +33,7 @@ def test_commands_find_the_folders_and_pass_files_on(tmp_path: Path) -> None:
     assert [case["name"].split()[1] for case in found["cases"]] == ["convert", "info", "info"]
     assert json.loads(found["cases"][2]["output"])["traces"][0]["samples"] == 2
     assert (tmp_path / "out" / "c.csv").is_file()
-    assert "$ servotwin trace convert" in outputs_of(found["cases"])
+    assert "$ servotwin trace convert" in outputs_of(found)
     assert json.loads((tmp_path / "out" / "manifest.json").read_text())["passed"]
 
 

@@ -16,13 +16,12 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 
 from orchestrator.can.frames import Frames
-from orchestrator.can.logs.blf_objects import PADDING, SIGNATURE, SLACK, chain, decoded
+from orchestrator.can.logs.blf_objects import LOG_CONTAINER, PADDING, SIGNATURE, SLACK, chain, decoded
 from orchestrator.can.logs.findings import Findings
 
 FILE_HEADER = struct.Struct("<4sL8xQ16x8H8H")  # signature, sizes of header and file, first and last time
 OBJECT = struct.Struct("<4sHHLL")  # signature, size of the header, its version, size, type
 CONTAINER = struct.Struct("<H6xL4x")  # compression, size of the content
-LOG_CONTAINER = 10
 STORED, DEFLATED = 0, 2
 MAX_CONTAINER = 1 << 25  # bytes of a container's content, compressed or not
 GATHERED = 1 << 21  # bytes of objects that are decoded at once

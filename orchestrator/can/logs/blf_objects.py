@@ -22,6 +22,7 @@ SLACK = 256  # zero bytes behind the objects, so that the fields of one at the e
 MAX_OBJECT, MAX_FRAME = 1 << 25, 4096  # bytes; what claims more has a broken size
 
 CAN_MESSAGE, CAN_ERROR, CAN_ERROR_EXT, CAN_MESSAGE2, CAN_FD_MESSAGE, CAN_FD_MESSAGE_64 = 1, 2, 73, 86, 100, 101
+LOG_CONTAINER = 10
 TEN_MICROSECONDS = 1  # the flag of a stamp's unit; any other value means nanoseconds
 LENGTHS = np.array([*range(9), 12, 16, 20, 24, 32, 48, 64], dtype=np.uint8)  # data bytes of a CAN FD length code
 

@@ -80,7 +80,7 @@ def _bounds(database: sqlite3.Connection, path: Path) -> tuple[int, int]:
         database.execute(ROWS, (0, 0))
         first = database.execute("SELECT min(rowid) FROM messages").fetchone()[0]
         last = database.execute("SELECT max(rowid) FROM messages").fetchone()[0]
-    except sqlite3.Error as problem:
+    except (sqlite3.Error, UnicodeError) as problem:  # SQLite quotes what it does not understand
         raise TraceError(path, f"is no readable SQLite database of messages ({shortened(problem)})",
                          "record or export it again") from None  # fmt: skip
     return (1, 0) if first is None else (int(first), int(last))

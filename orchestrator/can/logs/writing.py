@@ -13,16 +13,14 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from can.io import ASCWriter, BLFWriter, CanutilsLogWriter, CSVWriter, TRCWriter
+from can.io import ASCWriter, CanutilsLogWriter, CSVWriter, TRCWriter
 from can.io.generic import MessageWriter
 
 from fmus.errors import TraceError
 from fmus.files import atomic_write
 from orchestrator.can.frames import Flag, Frames
-from orchestrator.can.logs import mf4_records, sqlite
+from orchestrator.can.logs import blf_writing, mf4_records, sqlite
 from orchestrator.can.logs.messages import silence
-
-FIRST_CALENDAR = 631152000.0  # [s] 1990; a BLF header has no earlier date
 
 
 @dataclass(frozen=True)
@@ -93,20 +91,17 @@ def _fill(file: BinaryIO, target: Path, batches: Iterator[Frames], database: Pat
     suffix, part = target.suffix.lower(), Path(file.name)
     if suffix == ".mf4":
         return mf4_records.fill(file, batches, database)
+    if suffix == ".blf":
+        return blf_writing.fill(file, batches)
     if suffix == ".db":
         return sqlite.fill(part, batches)
     silence()
-    writer, count = None, 0
-    try:
+    count = 0
+    with WRITERS[suffix](part, target) as writer:
         for batch in batches:
             for message in batch.messages():
-                writer = writer or WRITERS[suffix](part, target, message.timestamp)
                 writer.on_message_received(message)
             count += len(batch)
-        writer = writer or WRITERS[suffix](part, target, 0.0)
-    finally:
-        if writer is not None:
-            writer.stop()
     return count
 
 
@@ -158,26 +153,18 @@ class _Asc(ASCWriter):
         return dt.strftime(self.FORMAT_DATE.format(f"{dt.microsecond // 1000:03d}"))
 
 
-def _blf(part: Path, target: Path, first: float) -> MessageWriter:
-    writer = BLFWriter(part)
-    if first < FIRST_CALENDAR:
-        writer.start_timestamp = 0.0  # stamps that are no dates stay as they are
-    return writer
-
-
-def _trc(part: Path, target: Path, first: float) -> MessageWriter:
+def _trc(part: Path, target: Path) -> MessageWriter:
     writer = TRCWriter(part)
     writer.filepath = target.name
     return writer
 
 
-def _plain(kind: Callable[..., MessageWriter]) -> Callable[[Path, Path, float], Any]:
-    return lambda part, target, first: kind(part)
+def _plain(kind: Callable[..., MessageWriter]) -> Callable[[Path, Path], Any]:
+    return lambda part, target: kind(part)
 
 
-WRITERS: dict[str, Callable[[Path, Path, float], Any]] = {
+WRITERS: dict[str, Callable[[Path, Path], Any]] = {
     ".asc": _plain(_Asc),
-    ".blf": _blf,
     ".csv": _plain(CSVWriter),
     ".log": _plain(CanutilsLogWriter),
     ".trc": _trc,

@@ -39,6 +39,8 @@ BO_ 261 Rare: 2 RIG
  SG_ slow : 0|16@1- (0.1,0) [0|0] "V" LAW
 BO_ 262 Other: 1 RIG
  SG_ enable : 0|1@1+ (1,0) [0|1] "" LAW
+BO_ 263 Wide: 10 RIG
+ SG_ wide : 64|16@1- (0.001,0) [0|0] "rad" LAW
 SIG_VALTYPE_ 258 target : 2;
 BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
 BA_DEF_ BO_ "CounterSignal" STRING;

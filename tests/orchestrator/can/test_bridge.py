@@ -29,6 +29,7 @@ from orchestrator.can import coupled_results
 from orchestrator.can.bridge import Coupled, couple
 from orchestrator.can.bus import BusSettings
 from orchestrator.can.preparing import Job
+from orchestrator.can.slcan_hub import hub_process
 from orchestrator.can.stopping import Stop
 from orchestrator.cli import app
 from orchestrator.engine import LiveRun, Result
@@ -264,6 +265,29 @@ def test_an_adapter_that_leaves_the_bus_is_lost_to_a_bridge_and_may_come_back_to
     assert coupled.about["received"]["errors"] == 1
 
 
+@pytest.mark.parametrize(("trouble", "said"), [("unplug", "the adapter is gone"), ("bus_off", "(bus off)")])
+def test_a_serial_adapter_that_is_lost_ends_a_bridge_with_what_there_is(
+    folder: Path, tmp_path: Path, trouble: str, said: str
+) -> None:
+    with hub_process(tmp_path / "bus") as hub:
+        path = written(folder, run={"stop": 20, "step": 0.005}, can={"every": {"State": 0.005}})
+
+        def soon(stop: Stop) -> None:
+            threading.Timer(0.3, getattr(hub, trouble), [0]).start()
+
+        coupled = couple(Job(path, BusSettings("slcan", str(hub.paths[0]), 500_000)), tmp_path, soon)
+    assert isinstance(coupled.ending.failure, BusError)
+    assert said in str(coupled.ending.failure)
+    assert 0.2 < trace_of(coupled).time[-1] < 10
+
+
+def test_frames_that_came_too_fast_are_said(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    wire = Wire().plug_in(monkeypatch)
+    wire.dropped = 7
+    said = coupled_results.remarks(go(folder, tmp_path))
+    assert "7 frames were dropped: they came faster than they could be taken" in said
+
+
 def test_frames_without_room_in_the_adapter_are_counted_and_the_next_are_sent(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -311,6 +335,11 @@ REFUSED: list[tuple[dict[str, Any], dict[str, Any], str]] = [
     ({}, {"case": "fast"}, "--case fast: there is no such case; choose run"),
     ({}, {"duration": Fraction(1, 3000)}, "--duration: 1/3000 s is not a multiple of 0.001 s; use 0.001 s"),
     ({}, {"bus": BusSettings("virtual", "x", 100_000)}, "is too slow: what is sent needs 1"),
+    (
+        {"can": {"send": {"wide": "hand.angle"}, "every": {"Wide": 0.01}}},
+        {},
+        "is no CAN FD bus, but Wide has CAN FD fr",
+    ),
     ({}, {"overrides": {"motor.voltage": 1.0}}, "motor.voltage: takes its value from a stimulus"),
 ]
 

@@ -79,6 +79,11 @@ def test_a_log_without_a_database_says_what_to_give(rig: Path) -> None:
         formats.read(rig / "rig.blf")
 
 
+@pytest.mark.parametrize("command", ["info", "plot"])
+def test_a_log_that_is_not_there_is_said_to_be_missing(tmp_path: Path, command: str) -> None:
+    assert "there is no such file" in servotwin("trace", command, tmp_path / "none.blf").stderr
+
+
 def test_a_log_of_other_identifiers_lists_them(rig: Path) -> None:
     frames = any_frames(50)
     strange = frames[(frames.id != 256) & (frames.id != 257) & ~frames.has(Flag.ERROR | Flag.REMOTE)]

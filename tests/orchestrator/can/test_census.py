@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -132,8 +133,8 @@ def test_rows_of_batches_always_ascend_and_what_came_too_late_is_counted(
     merger = Merger(["A", "B"], patience=1.0)
     traces = [merger.feed(series(stream[begin : begin + batch])) for begin in range(0, len(stream), batch)]
     rows = rows_of([*traces, merger.finish()])
-    assert all(one[0] < other[0] for one, other in zip(rows, rows[1:], strict=False))
-    ordered = all(one[0] <= other[0] for one, other in zip(stream, stream[1:], strict=False))
+    assert all(one[0] < other[0] for one, other in pairwise(rows))
+    ordered = all(one[0] <= other[0] for one, other in pairwise(stream))
     assert merger.census.late <= len(stream) and not (ordered and merger.census.late)
     assert not ordered or rows == by_hand(stream)
 

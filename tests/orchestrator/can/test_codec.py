@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import struct
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from random_databases import databases, written
 
 from fmus.errors import DatabaseError, TraceError
 from orchestrator.can import database, decoding, frames
-from orchestrator.can.bits import Field
+from orchestrator.can.bits import BIG, LITTLE, Field, words
 from orchestrator.can.database import Database, MessageSpec
 from orchestrator.can.decoding import Decoder, SingleDecoder
 from orchestrator.can.encoding import Encoder
@@ -125,6 +126,15 @@ def expected(message: MessageSpec, values: dict[str, float], resting: list[str])
     return bytes(message.raw.encode(raw, scaling=False, strict=False))
 
 
+@given(st.binary(min_size=2, max_size=2), st.integers(0, 48), st.booleans())
+def test_floats_of_16_bits_are_those_of_the_standard(half: bytes, lowest: int, big: bool) -> None:
+    field = Field(lowest + 15 if big else lowest, 16, big, False, True, 1, 0)
+    number = int.from_bytes(half, "little") << (48 - lowest if big else lowest)
+    data = np.frombuffer(number.to_bytes(8, "big" if big else "little"), np.uint8).reshape(1, 8)
+    value = float(field.values(field.raw(words(data, BIG if big else LITTLE)))[0])
+    assert same(value, struct.unpack("<e", half)[0])
+
+
 DBC = """VERSION ""
 BU_: A B
 BO_ 100 State: 8 A
@@ -223,6 +233,15 @@ def test_values_that_do_not_fit_are_limited_and_counted(base: Database) -> None:
 def test_a_value_that_is_no_number_is_not_sent(base: Database) -> None:
     with pytest.raises(TraceError, match=r"voltage: is not finite at t = 0.5 s \(1 samples\)"):
         sent(base, [0.0, 0.5], voltage=[1.0, math.nan])
+
+
+def test_no_frame_is_lost_when_the_clock_is_set_back(base: Database) -> None:
+    first = sent(base, [0.0, 1.0, 2.0], 5000.0, voltage=[1, 2, 3])
+    later = sent(base, [0.0, 1.0, 2.0], 40.0, voltage=[4, 5, 6])
+    decoded = decoding.trace([frames.concatenated([first, later])], base, ["voltage"])
+    np.testing.assert_allclose(decoded.trace["voltage"], [1, 2, 3, 4, 5, 6])
+    np.testing.assert_allclose(decoded.trace.time, [0, 1, 2, 2, 3, 4], atol=1e-5)
+    assert [str(each) for each in decoded.census.setbacks] == ["at frame 3 from 5002.000000 s to 40.000000 s"]
 
 
 def test_a_float_signal_that_is_no_number_is_counted_and_the_last_value_held(base: Database) -> None:

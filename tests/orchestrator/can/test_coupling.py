@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+import tempfile
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -11,13 +12,18 @@ from typing import Any
 import numpy as np
 import pytest
 from coupling_samples import frame, sample_database, sample_system
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from random_databases import databases, written
 
 from fmus.errors import InputError, ScenarioError
 from orchestrator.can.block import CanBlock
+from orchestrator.can.census import Census
 from orchestrator.can.coupling import Coupling, coupled
 from orchestrator.can.database import Database
+from orchestrator.can.database import load as load_database
+from orchestrator.can.fields import raw_limits
+from orchestrator.can.outward import Discharge, Outlet
 from orchestrator.trace import FloatArray
 from orchestrator.yaml_file import load
 
@@ -113,6 +119,28 @@ def test_what_is_sent_comes_back_to_half_a_step_of_its_resolution(rig: Database,
     assert coupling.sent.clean
 
 
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(made=databases(), data=st.data())
+def test_any_value_goes_into_any_message_as_the_nearest_that_it_holds(made: Any, data: st.DataObject) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        rig = load_database(written(made, Path(folder)))
+    for message in rig.messages:
+        if any(each.is_multiplexer for each in message.signals):
+            continue
+        census = Census()
+        discharges = [Discharge(each, "rig.any", place, 1.0, None) for place, each in enumerate(message.signals)]
+        values = data.draw(st.lists(st.floats(), min_size=len(discharges), max_size=len(discharges)))
+        found = message.raw.decode(bytes(Outlet(message, discharges, 1, census).frame(values).data))
+        assert sum(census.not_finite.values()) == sum(map(math.isnan, values))
+        for each, value in zip(message.signals, values, strict=True):
+            low, high = raw_limits(each)
+            raw = min(max((value - each.offset) / each.scale, low), high)
+            slack = 1e-6 * abs(raw) if each.is_float else 0.5 + 1e-12 * abs(raw)
+            if not math.isnan(value):
+                nearest, slack = raw * each.scale + each.offset, slack * abs(each.scale)
+                assert found[each.name] == pytest.approx(nearest, abs=slack + 1e-9 * abs(each.offset), rel=1e-12)
+
+
 @given(angle=st.floats(allow_nan=False), before=st.floats(-100, 100))
 def test_a_value_beyond_the_range_is_limited_and_counted(rig: Database, angle: float, before: float) -> None:
     coupling = couple(rig, send={"angle": "rig.angle"})
@@ -146,6 +174,14 @@ def test_the_last_frame_has_the_safe_values_and_leaves_the_others(rig: Database)
     assert couple(rig, send={"angle": "rig.angle"}).outlets[0].last_frame() is None
 
 
+def test_a_can_fd_frame_is_filled_up_to_a_length_that_there_is(rig: Database) -> None:
+    block = CanBlock.model_validate({"database": rig.path, "send": {"wide": "rig.angle"}, "every": {"Wide": 0.01}})
+    (outlet,) = coupled(block, sample_system(), rig, STEP, switched=True).outlets
+    frame_ = outlet.frame([0.5])
+    assert (frame_.is_fd, frame_.bitrate_switch, len(frame_.data)) == (True, True, 12)
+    assert rig.message("Wide").raw.decode(bytes(frame_.data))["wide"] == 0.5
+
+
 def test_periods_come_from_the_block_or_else_from_the_database(rig: Database) -> None:
     coupling = couple(rig, send={"angle": "rig.angle", "torque": "rig.torque"}, every={"Guarded": "0.004"})
     assert [each.every for each in coupling.outlets] == [1, 4]
@@ -154,7 +190,7 @@ def test_periods_come_from_the_block_or_else_from_the_database(rig: Database) ->
 VOLTAGE = {"rig.voltage": SAFE}
 REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"receive": {"rig.voltage": {"signal": "Command.volts", "safe": 0}}},
-     "message Command: has no signal 'volts'; did you mean 'voltage'?"),
+     "{database}: message Command: has no signal 'volts'; did you mean 'voltage'?"),
     ({"receive": {"rig.enable": {"signal": "enable", "safe": 0}}},
      "{database}: signal 'enable' is in 2 messages; write 'Command.enable' or 'Other.enable'"),
     ({"receive": {"rig.voltage": {"signal": "angle", "safe": 0}}},

@@ -7,6 +7,7 @@ from time import perf_counter
 
 import cantools
 import pytest
+from cantools.database.can import Message, Signal
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -168,6 +169,11 @@ BAD = {
     "not a database": ("time,angle\n0,1\n", LINE.format(1) + "cannot be read"),
     "no such signal": (DBC.replace('100 "crc"', '100 "sum"'), "message State: has no signal 'sum'"),
     "selections": (DBC + "SG_MUL_VAL_ 102 status angle 0-4000000000;\n", LINE.format(27) + ".*too many multiplexer"),
+    "long range": (DBC + "SG_MUL_VAL_ 102 status angle 900000000000-9000000000000;\n", "too many multiplexer"),
+    "hidden": (DBC.replace(" SG_ voltage : 0|16", ' SG_ //"\n voltage : 0|99999999'), LINE.format(9) + ".*more than"),
+    "spaces": (DBC + "SG_MUL_VAL_ 102 a b" + " " * 200_000 + "x", LINE.format(27) + "cannot be read"),
+    "words": (DBC + "SG_ " * 100_000, LINE.format(27) + "cannot be read"),
+    "quotes": (DBC + '"' * 100_001, LINE.format(27) + "cannot be read"),
     "nested": (DBC + "".join(f"SG_MUL_VAL_ 102 s{n + 1} s{n} 0-9, 20-29;\n" for n in range(30)), "too many combin"),
     "loop": (DBC + "SG_MUL_VAL_ 102 a b 0-1;\nSG_MUL_VAL_ 102 b a 0-1;\n", "too many combinations"),
 }  # fmt: skip
@@ -200,7 +206,7 @@ def test_what_is_no_file_of_a_database_is_refused(tmp_path: Path) -> None:
             database.load(tmp_path / name)
     with (tmp_path / "large.dbc").open("wb") as large:
         large.truncate(100 << 20)
-    with pytest.raises(DatabaseError, match="is larger than 64 MiB"):
+    with pytest.raises(DatabaseError, match="is larger than 32 MiB"):
         database.load(tmp_path / "large.dbc")
 
 
@@ -215,8 +221,7 @@ def test_a_damaged_file_is_read_or_refused_but_never_crashes(tmp_path: Path, at:
 
 
 def test_a_signal_that_is_no_number_is_left_out(tmp_path: Path) -> None:
-    signals = [cantools.db.Signal("name", 0, 72), cantools.db.Signal("value", 72, 8)]
-    message = cantools.db.Message(1, "Long", 16, signals)
+    message = Message(1, "Long", 16, [Signal("name", 0, 72), Signal("value", 72, 8)])
     path = tmp_path / "long.dbc"
     cantools.database.dump_file(cantools.database.can.Database([message]), str(path))
     read = database.load(path).message("Long")

@@ -339,7 +339,7 @@ def test_a_log_is_there_as_a_whole_or_not_at_all(tmp_path: Path, suffix: str) ->
 
 
 def test_stamps_that_are_no_dates_at_all_are_refused(tmp_path: Path) -> None:
-    for form in (".asc", ".trc", ".mf4"):
+    for form in (".asc", ".blf", ".trc", ".mf4"):
         with pytest.raises(TraceError, match="cannot hold these time stamps"):
             logs.write(tmp_path / f"a{form}", [rig_frames(1, start=1e14)])
 
