@@ -40,6 +40,8 @@ class LayoutBlock(Block):
         database: of CAN logs, beside the study file; there `columns` names signals of the database, and without them
             the study's signals are the database's.
         channel: of CAN logs; None takes the frames of all.
+        steady: messages of CAN logs with a counter whose sender keeps an even schedule: their frames get its stamps,
+            however late each came.
     """
 
     variable: str | None = None
@@ -48,6 +50,7 @@ class LayoutBlock(Block):
     units: dict[str, str] = {}
     database: Path | None = None
     channel: int | None = Field(None, ge=0)
+    steady: list[str] = []
 
     def layout(self, base: Path, signals: Signals) -> Layout:
         """How to read a recording.
@@ -61,7 +64,7 @@ class LayoutBlock(Block):
         columns = self.columns or {name: name for name in sorted(signals.commands | signals.measured)}
         linear = [str(columns[name]) for name in sorted(signals.measured - signals.commands) if name in columns]
         return replace(plain, columns=columns, database=self.database_file(base), channel=self.channel,
-                       interpolated=linear)  # fmt: skip
+                       interpolated=linear, steady=self.steady)  # fmt: skip
 
     def database_file(self, base: Path) -> Path | None:
         """Where the database is: where the study says, or beside the study by its own name, as in a result folder."""

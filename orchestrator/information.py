@@ -6,6 +6,7 @@ import json
 import math
 import struct
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -59,15 +60,17 @@ def about_fmu(path: Path) -> dict[str, Any]:
     return document
 
 
-def about_trace(path: Path, layout: formats.Layout | None = None) -> dict[str, Any]:
+def about_trace(
+    path: Path, layout: formats.Layout | None = None, progress: Callable[[float], None] | None = None
+) -> dict[str, Any]:
     """Signals and time stamps of a recording; of a matrix without names what a layout has to say.
 
     Of a CAN log without a database its frames.
     """
     if path.is_file() and is_log(path) and (layout is None or layout.database is None):
-        return about_log(path)
+        return about_log(path, progress)
     try:
-        recording = formats.read(path, layout)
+        recording = formats.read(path, layout, progress)
     except TraceError as error:
         if path.suffix.lower() != ".mat" or not path.is_file() or layout is not None:
             raise
@@ -100,12 +103,12 @@ def _about_decoding(recording: formats.Recording, start: float) -> dict[str, Any
     return {"start": moment(start), "notes": list(recording.notes), "found": dict(recording.found)}
 
 
-def about_log(path: Path) -> dict[str, Any]:
+def about_log(path: Path, progress: Callable[[float], None] | None = None) -> dict[str, Any]:
     """Frames of a CAN log by identifier, and what could not be read."""
     from orchestrator.can import logs  # noqa: PLC0415 (it brings python-can along)
     from orchestrator.can.logs.tally import Tally  # noqa: PLC0415
 
-    log, tally = logs.read(path), Tally()
+    log, tally = logs.read(path, progress), Tally()
     for batch in log:
         tally.feed(batch)
     return {"name": path.stem, **tally.document(), **({"notes": found} if (found := log.findings.lines()) else {})}

@@ -88,8 +88,8 @@ def couple(
             live = system.simulation.live(system.run, system.coupling.outputs,
                                           lambda piece: background.do(partial(append, piece)))  # fmt: skip
             bus = stack.enter_context(opened(job.bus))
-            receiver = stack.enter_context(Receiver(bus, QUEUE))
             stack.enter_context(quiet())
+            receiver = stack.enter_context(Receiver(bus, QUEUE))
             inlets = system.coupling.inward.inlets
             watchdog = Watchdog(inlets, lambda line: background.do(partial(LOG.warning, "%s", line)))
             exchange = Exchange(bus, receiver, system.coupling, watchdog)
@@ -105,7 +105,7 @@ def couple(
         }
         judged = _judged(job, system, result, ending, file)
         found = (*system.coupling.inward.census.lines(), *system.coupling.sent.lines())
-        return Coupled(job, judged, session.deadlines, about, found, ending, stop.interrupted)
+        return Coupled(job, judged, session.deadlines, about, found, ending, ending.stopped and stop.interrupted)
 
 
 def _document(job: Job, system: Prepared, bus: can.BusABC, receiver: Receiver, exchange: Exchange) -> dict[str, Any]:
@@ -133,10 +133,10 @@ def _judged(job: Job, system: Prepared, result: Result, ending: Ending, file: Pa
     """The scenario's result with this case alone; judged where it came to its end and is no stand-in."""
     block, case = system.block, system.case
     expected = [] if job.stand_in else [*block.expect, *case.expect]
-    early = ending.failure is not None or (ending.stopped and system.course.steps is not None)
+    early = ending.failure is not None or (ending.stopped and not job.stand_in)
     names = system.run.record or ()
     looked_at = {each.signal for each in expected if each.signal is not None}
-    result = replace(result, trace=_read(file, tuple(names), looked_at, result))
+    result = replace(result, trace=_read(file, job.every, tuple(names), looked_at, result))
     checks = () if early else tuple(_check(each, result.trace, job.scenario.parent) for each in expected)
     state = State.INTERRUPTED if early else State.DONE
     judged = CaseResult(case.name, result, ending.failure, checks, file if file.exists() else None, state)
@@ -152,10 +152,10 @@ def _check(expectation: Expectation, trace: Trace, base: Path) -> Check:
         return Check(error.place, False, error.problem)
 
 
-def _read(file: Path, names: Sequence[str], looked_at: Collection[str], result: Result) -> Trace:
+def _read(file: Path, every: int, names: Sequence[str], looked_at: Collection[str], result: Result) -> Trace:
     """What was recorded; of a long record what expectations look at."""
-    rows = result.account.steps
+    rows = result.account.steps // every + 1
     chosen = names if rows * len(names) <= READABLE else [name for name in names if name in looked_at]
-    if not chosen or not file.exists():
+    if not chosen or rows < 2 or not file.exists():
         return result.trace
     return formats.read(file, formats.Layout(columns={name: name for name in chosen})).trace

@@ -18,6 +18,7 @@ from orchestrator.can.database import Database, MessageSpec
 from orchestrator.can.frames import Flag, Frames
 from orchestrator.can.merging import Merger, Series, ascending, joined
 from orchestrator.can.message_reader import MessageReader, channels
+from orchestrator.can.schedule import Schedule, counter_of, on_schedule
 from orchestrator.can.single_decoding import SingleDecoder
 from orchestrator.can.stamps import Clock
 from orchestrator.trace import Trace
@@ -111,12 +112,14 @@ class Decoded:
         trace: all signals that are in the log, over time from 0 at the first frame [s].
         start: stamp of the first frame [s].
         series: message -> its series, over the same time.
+        schedules: of the messages whose stamps were put on one.
     """
 
     trace: Trace
     start: float
     census: Census
     series: Mapping[str, Series]
+    schedules: tuple[Schedule, ...] = ()
 
 
 def trace(
@@ -125,6 +128,7 @@ def trace(
     signals: Sequence[str] | None = None,
     interpolated: Collection[str] = (),
     channel: int | None = None,
+    steady: Collection[str] = (),
     name: str = "can",
 ) -> Decoded:
     """A whole log in memory: rows at all stamps, from where every signal that is in the log has been seen.
@@ -132,12 +136,14 @@ def trace(
     Args:
         interpolated: signals that run linearly between their frames (measured quantities) instead of being held.
         channel: only frames of this channel.
+        steady: messages whose frames get the stamps of the even schedule that their sender kept.
 
     Raises:
-        DatabaseError: a signal is not in the database.
-        TraceError: none of the signals is in the log, or one that was named is not.
+        DatabaseError: a signal or message is not in the database.
+        TraceError: none of the signals is in the log, one that was named is not, or a steady message has no counter.
     """
-    decoder = Decoder(database, signals)
+    counters = {message: counter_of(database, message) for message in steady}
+    decoder = Decoder(database, None if signals is None else [*signals, *counters.values()])
     linear = {database.public_name(*database.signal(each)) for each in interpolated}
     pieces: dict[str, list[Series]] = {}
     for batch in frames:
@@ -146,9 +152,16 @@ def trace(
             pieces.setdefault(message, []).append(part)
     start = decoder.start or 0.0
     series = {message: _from(start, joined(parts)) for message, parts in pieces.items()}
+    schedules = []
+    for message in counters.keys() & series.keys():
+        protection = database.message(message).protection
+        assert protection is not None
+        own = series[message]
+        series[message], found = on_schedule(own, message, own.values[counters[message]], protection.modulus)
+        schedules.append(found)
     named = None if signals is None else [database.public_name(*database.signal(each)) for each in signals]
     merger = Merger(_columns(named, series, name), interpolated=linear, name=name, census=decoder.census, patience=0.0)
-    return Decoded(merger.feed(series), start, decoder.census, series)
+    return Decoded(merger.feed(series), start, decoder.census, series, tuple(schedules))
 
 
 def _tables(messages: Sequence[MessageSpec]) -> tuple[Numbers, NDArray[np.uint32], Numbers]:

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from fractions import Fraction
 
 from orchestrator.can.stopping import Stop
+from orchestrator.can.turns import short_turns
 
 SPIN = 1e-4  # before a deadline, in which turns are left to other threads instead of sleeping [s]
 _SWITCHING = 2e-4  # for which another thread may keep the one that has deadlines waiting [s]
@@ -39,13 +40,14 @@ class Pace:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Threads take turns quickly within the block, and what there is already is not searched for garbage."""
+    """Threads take short turns within the block, and what there is already is not searched for garbage."""
     former = sys.getswitchinterval()
     sys.setswitchinterval(_SWITCHING)
     gc.collect()
     gc.freeze()
     try:
-        yield
+        with short_turns():
+            yield
     finally:
         gc.unfreeze()
         sys.setswitchinterval(former)

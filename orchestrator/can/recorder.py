@@ -25,7 +25,7 @@ from orchestrator.can.decoding import Decoder
 from orchestrator.can.log_files import LogFiles, writer_of
 from orchestrator.can.pacing import quiet
 from orchestrator.can.receiving import Receiver
-from orchestrator.can.stopping import stop_requests
+from orchestrator.can.stopping import Stop, stop_requests
 from orchestrator.results import versions, write_json
 
 LOG = logging.getLogger("servotwin.can")
@@ -143,9 +143,15 @@ def record(
     """
     database = None if recording.database is None else load(recording.database)
     _prepare(recording.out)
-    with opened(recording.bus) as bus:
-        session = _Session(recording, bus, database)
-        document = session.run(progress, ready)
+    with (
+        quiet(),  # takes a while, in which frames would wait for their stamps, so it comes first
+        stop_requests() as stop,
+        opened(recording.bus) as bus,
+        Receiver(bus, recording.queue) as receiver,
+    ):
+        session = _Session(recording, bus, receiver, database)
+        ready()
+        document = session.run(stop, progress)
     if session.failure is not None:
         raise BusError(recording.bus.place, f"failed after {document['frames']:,} frames ({session.failure})",
                        f"they are kept in {recording.out}")  # fmt: skip
@@ -155,40 +161,37 @@ def record(
 class _Session:
     """One recording while it is made."""
 
-    def __init__(self, recording: Recording, bus: can.BusABC, database: Database | None) -> None:
+    def __init__(self, recording: Recording, bus: can.BusABC, receiver: Receiver, database: Database | None) -> None:
         settings = recording.bus
         decoder = None if database is None else Decoder(database)
-        self._recording, self._bus = recording, bus
+        self._recording, self._bus, self._receiver = recording, bus, receiver
         self._counts = _Counts(
             decoder.census if decoder else Census(), decoder, (settings.bitrate, settings.data_bitrate)
         )
         self._log = LogFiles(recording.out, recording.out.resolve().name, recording.suffix, recording.rotate_size,
                              recording.rotate_seconds)  # fmt: skip
-        self._receiver = Receiver(bus, recording.queue)
         self._started = datetime.now(UTC)
         self._begin = self._synced = time.monotonic()
         self._recent: deque[tuple[float, int, float]] = deque(maxlen=25)  # when, frames, busy: the latest second or so
         self.failure: Exception | None = None
 
-    def run(self, progress: Callable[[Status], None], ready: Callable[[], None]) -> dict[str, Any]:
+    def run(self, stop: Stop, progress: Callable[[Status], None]) -> dict[str, Any]:
         """Record; the manifest's document, which is on disk."""
         ended = "unfinished"
-        with quiet(), stop_requests() as stop:
-            try:
-                self._write_manifest(ended)
-                with self._receiver:
-                    ready()
-                    while not stop.requested and not self._over() and self._receiver.failure is None:
-                        stop.sleep_until(time.monotonic() + _PERIOD)
-                        self._work()
-                        progress(self._status())
+        try:
+            self._write_manifest(ended)
+            while not stop.requested and not self._over() and self._receiver.failure is None:
+                stop.sleep_until(time.monotonic() + _PERIOD)
                 self._work()
-                ended = self._ending()
+                progress(self._status())
+            self._receiver.finish()
+            self._work()
+            ended = self._ending()
+        finally:
+            try:
+                self._log.close()
             finally:
-                try:
-                    self._log.close()
-                finally:
-                    document = self._write_manifest(ended)
+                document = self._write_manifest(ended)
         self.failure = self._receiver.failure
         return document
 

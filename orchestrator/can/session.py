@@ -62,13 +62,14 @@ class Session:
     def run(self, stop: Stop, progress: Progress) -> Ending:
         """Go on to the end; whatever it is, the safe values are sent."""
         failure: ServotwinError | None = None
+        stopped = False
         start = time.monotonic() + _LEAD
         try:
-            self._go(start, stop, progress)
+            stopped = self._go(start, stop, progress)
         except ServotwinError as error:
             failure = error
         except KeyboardInterrupt:
-            stop.requested = stop.interrupted = True
+            stopped = stop.interrupted = True
         finally:
             elapsed = max(time.monotonic() - start, 0.0)
             self._exchange.rest()
@@ -76,9 +77,10 @@ class Session:
         if failure is None and self._exchange.trouble and not self._course.endures:
             failure = BusError(self._place, f"failed at t = {elapsed:.3f} s ({self._exchange.trouble})",
                                "see to the adapter and the wiring")  # fmt: skip
-        return Ending(stop.requested, failure, elapsed)
+        return Ending(stopped, failure, elapsed)
 
-    def _go(self, start: float, stop: Stop, progress: Progress) -> None:
+    def _go(self, start: float, stop: Stop, progress: Progress) -> bool:
+        """Step until the course or the bus ends; True where it was told to end before."""
         pace = Pace(start, self._step)
         live, exchange, deadlines, course = self._live, self._exchange, self.deadlines, self._course
         reports = max(1, round(_REPORTS / float(self._step)))
@@ -86,8 +88,10 @@ class Session:
         for number in itertools.count():
             deadline = pace.deadline(number)
             now = pace.wait(deadline, stop)
-            if stop.requested or number == course.steps or (exchange.trouble and not course.endures):
-                return
+            if number == course.steps or (exchange.trouble and not course.endures):
+                break
+            if stop.requested:
+                return True
             deadlines.begun(now - deadline)
             if course.columns:
                 live.given[course.columns] = course.stimuli[min(number, last)]
@@ -97,3 +101,4 @@ class Session:
             deadlines.work.add(time.monotonic() - now)
             if number % reports == 0:
                 progress(number / course.steps if course.steps else 0.0, now - start)
+        return False

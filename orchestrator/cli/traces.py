@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
@@ -13,6 +14,7 @@ from orchestrator.cli.terminal import Answer, Json, Quiet, Terminal, Verbose, an
 if TYPE_CHECKING:
     from orchestrator.formats import Layout
 
+Result = TypeVar("Result")
 app = typer.Typer(no_args_is_help=True, help="Look at recordings, convert and plot them.")
 
 LayoutFrom = Annotated[Path | None, typer.Option("--layout", metavar="STUDY", help="Columns as this study file says.")]
@@ -21,6 +23,8 @@ LayoutFrom = Annotated[Path | None, typer.Option("--layout", metavar="STUDY", he
 Dbc = Annotated[Path | None, typer.Option("--dbc", metavar="FILE", help="Database of a CAN log: .dbc, .arxml, ...")]
 Signals = Annotated[list[str] | None, typer.Option("--signal", help="Only this one of the database; repeatable.")]
 
+Channel = Annotated[int | None, typer.Option("--channel", min=0, help="Only frames of this channel of a CAN log.")]
+
 
 @app.command("info")
 def trace_info(
@@ -28,6 +32,7 @@ def trace_info(
     layout: LayoutFrom = None,
     dbc: Dbc = None,
     signal: Signals = None,
+    channel: Channel = None,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
@@ -37,7 +42,8 @@ def trace_info(
     def work(terminal: Terminal) -> Answer:
         from orchestrator.information import about_trace
 
-        documents = [about_trace(file, _layout(layout, dbc, signal)) for file in files]
+        chosen = _layout(layout, dbc, signal, channel)
+        documents = [_with_bar(terminal, file, lambda file, told: about_trace(file, chosen, told)) for file in files]
         return Answer({"traces": documents}, [facts({**each, "found": []}) for each in documents])
 
     answered(work, as_json, quiet, verbose)
@@ -50,6 +56,7 @@ def trace_convert(
     layout: LayoutFrom = None,
     dbc: Dbc = None,
     signal: Signals = None,
+    channel: Channel = None,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
@@ -59,8 +66,8 @@ def trace_convert(
     def work(terminal: Terminal) -> Answer:
         from orchestrator.formats.can_conversion import convert
 
-        with terminal.bar(source.name) as move:
-            done = convert(source, target, _layout(layout, dbc, signal), lambda share: move(share, ""))
+        chosen = _layout(layout, dbc, signal, channel)
+        done = _with_bar(terminal, source, lambda file, told: convert(file, target, chosen, told))
         document = {"source": str(source), "target": str(target), done.what: done.count, "start": done.begin,
                     "notes": list(done.notes), "found": done.found}  # fmt: skip
         return Answer(document, done.lines(target))
@@ -75,6 +82,7 @@ def trace_plot(
     layout: LayoutFrom = None,
     dbc: Dbc = None,
     signal: Signals = None,
+    channel: Channel = None,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
@@ -85,13 +93,21 @@ def trace_plot(
         from orchestrator import formats
         from orchestrator.report.plot import plot_traces
 
-        plot_traces([formats.read(file, _layout(layout, dbc, signal)) for file in files]).write(out)
+        chosen = _layout(layout, dbc, signal, channel)
+        recordings = [_with_bar(terminal, file, lambda file, told: formats.read(file, chosen, told)) for file in files]
+        plot_traces(recordings).write(out)
         return Answer({"report": str(out)}, [f"plotted into {out}"])
 
     answered(work, as_json, quiet, verbose)
 
 
-def _layout(study: Path | None, dbc: Path | None, signals: list[str] | None) -> Layout:
+def _with_bar(terminal: Terminal, file: Path, work: Callable[[Path, Callable[[float], None]], Result]) -> Result:
+    """What the work on a file gives, while a bar shows how much of it is read."""
+    with terminal.bar(file.name) as move:
+        return work(file, lambda share: move(share, ""))
+
+
+def _layout(study: Path | None, dbc: Path | None, signals: list[str] | None, channel: int | None) -> Layout:
     """The layout that a study file gives, with the database and the signals of the command."""
     from orchestrator.formats import Layout
 
@@ -102,4 +118,6 @@ def _layout(study: Path | None, dbc: Path | None, signals: list[str] | None) -> 
         layout = layout_of(study)
     if dbc is not None:
         layout = replace(layout, database=dbc)
+    if channel is not None:
+        layout = replace(layout, channel=channel)
     return layout if signals is None else replace(layout, signals=signals)

@@ -5,6 +5,7 @@ Files come from outside: whatever is wrong with one ends in a `TraceError` that 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -32,8 +33,11 @@ class Format(Protocol):
 FORMATS: dict[str, Format] = {".csv": csv, ".mat": mat, ".parquet": parquet, ".txt": text}
 
 
-def read(path: str | Path, layout: Layout | None = None) -> Recording:
+def read(path: str | Path, layout: Layout | None = None, progress: Callable[[float], None] | None = None) -> Recording:
     """The recording in a file; its trace is named after the file where the file does not name it.
+
+    Args:
+        progress: told the share of a CAN log that is read.
 
     Raises:
         TraceError: an unknown suffix, no such file, nothing in it, or it does not hold what `layout` says.
@@ -44,7 +48,7 @@ def read(path: str | Path, layout: Layout | None = None) -> Recording:
         _check_there(file)
         from orchestrator.formats import can_log  # noqa: PLC0415 (it brings python-can and cantools along)
 
-        return can_log.read(file, layout or Layout())
+        return can_log.read(file, layout or Layout(), progress)
     form = _format(file)
     _check_there(file)
     table = form.read(file, layout or Layout())

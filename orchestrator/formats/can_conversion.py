@@ -75,15 +75,15 @@ def convert(source: Path, target: Path, layout: Layout, progress: Progress) -> C
         return encoded(source, target, layout) if to_log else _copied(source, target, layout)
     if to_log or (is_csv and layout.database is None):
         return relogged(source, target, layout, progress)
-    if target.suffix.lower() in STREAMED and not layout.interpolated:
+    if target.suffix.lower() in STREAMED and not (layout.interpolated or layout.steady):
         return streamed(source, target, layout, progress)
     return _copied(source, target, layout)
 
 
 def relogged(source: Path, target: Path, layout: Layout, progress: Progress) -> Conversion:
-    """The same frames in another format of logs."""
+    """The same frames in another format of logs, all or those of the layout's channel."""
     log, lost = logs.read(source, progress), Counter[str]()
-    count = logs.write(target, log, layout.database, lost)
+    count = logs.write(target, (can_log.of_channel(batch, layout) for batch in log), layout.database, lost)
     told = tuple(f"{target.suffix} does not hold {what}: {times} times" for what, times in lost.items())
     found = can_log.damage(log) | ({"lost": dict(lost)} if lost else {})
     return Conversion(count, "frames", None, (*log.findings.lines(), *told), found)
@@ -147,7 +147,7 @@ def _copied(source: Path, target: Path, layout: Layout) -> Conversion:
 
 def _pieces(log: logs.LogReader, decoder: Decoder, merger: Merger, layout: Layout) -> Iterator[Trace]:
     for batch in log:
-        yield merger.feed(decoder.feed(batch if layout.channel is None else batch[batch.channel == layout.channel]))
+        yield merger.feed(decoder.feed(can_log.of_channel(batch, layout)))
     yield merger.finish()
 
 
@@ -161,8 +161,7 @@ def _survey(source: Path, database: Database, layout: Layout, progress: Progress
     counted = can_log.Counted(logs.read(source, progress))
     decoder, units = Decoder(database, wanted), dict[str, str]()
     for batch in counted:
-        chosen = batch if layout.channel is None else batch[batch.channel == layout.channel]
-        for series in decoder.feed(chosen).values():
+        for series in decoder.feed(can_log.of_channel(batch, layout)).values():
             for name, values in series.values.items():
                 if name not in units and np.isfinite(values).any():
                     units[name] = series.units.get(name, "")

@@ -28,12 +28,13 @@ def read(path: Path, layout: Layout, progress: Callable[[float], None] | None = 
     log = logs.read(path, progress)
     counted = Counted(log)
     try:
-        decoded = decoding.trace(counted, database, signals(layout), layout.interpolated, layout.channel, str(path))
+        decoded = decoding.trace(counted, database, signals(layout), layout.interpolated, layout.channel,
+                                 layout.steady, str(path))  # fmt: skip
     except TraceError as error:
         raise refusal(path, error, counted.tally) from None
     trace, stamps = ordered(decoded.trace.time, decoded.trace.signals, decoded.trace.units, str(path))
     found = {**decoded.census.document(), **damage(log)}
-    notes = (*log.findings.lines(), *decoded.census.lines())
+    notes = (*log.findings.lines(), *decoded.census.lines(), *map(str, decoded.schedules))
     named = laid_out(Trace(trace.time, trace.signals, trace.units, path.stem), layout, database)
     return Recording(named, stamps, path, sha256(path), notes, decoded.start, found)
 
@@ -61,6 +62,11 @@ def database_of(path: Path, layout: Layout) -> Database:
         raise TraceError(path, "holds raw CAN frames; a database says what they mean",
                          "give it as --dbc FILE, in a study as traces.layout.database")  # fmt: skip
     return load(layout.database)
+
+
+def of_channel(frames: Frames, layout: Layout) -> Frames:
+    """The frames of the layout's channel."""
+    return frames if layout.channel is None else frames[frames.channel == layout.channel]
 
 
 def signals(layout: Layout) -> list[str] | None:

@@ -32,6 +32,7 @@ class Layout:
         signals: those to read of the database; None reads all.
         interpolated: signals of the database that run linearly between their frames instead of being held.
         channel: of the log, from 0; None takes the frames of all.
+        steady: messages of the database whose frames get the stamps of the even schedule that their sender kept.
     """
 
     variable: str | None = None
@@ -42,6 +43,7 @@ class Layout:
     signals: Sequence[str] | None = None
     interpolated: Collection[str] = ()
     channel: int | None = None
+    steady: Collection[str] = ()
 
 
 @dataclass(frozen=True)

@@ -69,6 +69,7 @@ def figures(seconds: int = SECONDS) -> list[Figure]:
         (folder / "rig.dbc").write_text(DATABASE)
         for name, scenario in (("rig", RIG), ("law", LAW)):
             (folder / f"{name}.yaml").write_text(json.dumps(scenario))
+        waiting, stolen = only_waiting(min(seconds, 10)), _stolen()
         with hub_process(folder / "bus", bitrate=BITRATE) as hub:
             rig = start("bench", folder, "rig", 0)
             law = start("bridge", folder, "law", 1, "--duration", str(seconds))
@@ -76,10 +77,8 @@ def figures(seconds: int = SECONDS) -> list[Figure]:
             rig.send_signal(signal.SIGTERM)
             rig.wait()
             wire = hub.statistics()
-        return [
-            only_waiting(min(seconds, 10)),
-            *judged({each: _manifest(folder, each) for each in ("rig", "law")}, wire, seconds),
-        ]
+        host = Figure("processor time that the host took away meanwhile", "-", f"{_stolen() - stolen:.2f} s")
+        return [waiting, *judged({each: _manifest(folder, each) for each in ("rig", "law")}, wire, seconds), host]
 
 
 def only_waiting(seconds: int) -> Figure:
@@ -128,6 +127,11 @@ def judged(about: dict[str, dict[str, Any]], wire: dict[str, Any], seconds: int)
     lost = sent - taken + sum(port["lost"] + port["refused"] for port in wire["ports"])
     found.append(Figure("frames lost on the wire", "0", f"{lost} of {wire['frames']:,}", lost == 0))
     return [*found, Figure("time the wire was busy", "-", f"{100 * wire['busy'] / wire['elapsed']:.0f} %")]
+
+
+def _stolen() -> float:
+    """Time for which processors of a virtual machine were ready and not run, since it was started [s]."""
+    return int(Path("/proc/stat").read_text().split()[8]) / os.sysconf("SC_CLK_TCK")
 
 
 def _manifest(folder: Path, name: str) -> dict[str, Any]:

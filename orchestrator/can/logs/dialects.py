@@ -10,6 +10,7 @@ import can
 from can.io import ASCReader, CanutilsLogReader, CSVReader, TRCReader
 
 from fmus.errors import TraceError
+from orchestrator.can.frames import CLASSIC
 from orchestrator.can.log_suffixes import CSV_HEADER
 from orchestrator.can.logs.text import Dialect, Verdict
 
@@ -82,8 +83,9 @@ def _broken(line: str) -> Verdict:
     return Verdict.BROKEN
 
 
-def _no_change(message: can.Message, line: str) -> None:
-    """The reader takes all there is."""
+def _long(message: can.Message, line: str) -> None:
+    """A frame of more than eight bytes is one of CAN FD, which the format does not say."""
+    message.is_fd = len(message.data) > CLASSIC
 
 
 def _channel_from_1(message: can.Message, line: str) -> None:
@@ -115,5 +117,5 @@ def _csv_header(line: str) -> str:
 
 ASC = Dialect(_asc_reader, _asc_header, _asc_verdict, _asc, ASC_PREAMBLE, "internal events logged")
 CANDUMP = Dialect(_candump_reader, _never, _broken, _candump)
-CSV = Dialect(_csv_reader, _csv_header, _broken, _no_change)
+CSV = Dialect(_csv_reader, _csv_header, _broken, _long)
 TRC = Dialect(_trc_reader, _trc_header, _trc_verdict, _channel_from_1)

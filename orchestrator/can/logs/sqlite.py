@@ -12,7 +12,7 @@ from urllib.parse import quote
 import can
 
 from fmus.errors import TraceError
-from orchestrator.can.frames import Frames, from_messages
+from orchestrator.can.frames import CLASSIC, Frames, from_messages
 from orchestrator.can.logs.findings import Findings
 from orchestrator.can.logs.messages import BATCH, oddity, shortened
 
@@ -108,6 +108,6 @@ def _message(values: list[Any]) -> tuple[can.Message | None, str]:
         return None, "a value of another type"
     message = can.Message(
         timestamp=time, arbitration_id=identifier, is_extended_id=bool(extended), is_remote_frame=bool(remote),
-        is_error_frame=bool(error), is_fd=len(data or b"") > 8, dlc=length, data=data,
+        is_error_frame=bool(error), is_fd=len(data or b"") > CLASSIC, dlc=length, data=data,
     )  # fmt: skip
     return message, oddity(message)

@@ -146,7 +146,7 @@ def _reduced(batch: Frames, holds: Holds, first: float) -> tuple[Frames, Counter
     return kept[~gone] if gone.any() else kept, +missing
 
 
-class _Asc(ASCWriter):
+class AscWriter(ASCWriter):
     """python-can's writer with the milliseconds of dates in three digits: it writes 7 ms as .7 s."""
 
     def _format_header_datetime(self, dt: datetime) -> str:
@@ -164,7 +164,7 @@ def _plain(kind: Callable[..., MessageWriter]) -> Callable[[Path, Path], Any]:
 
 
 WRITERS: dict[str, Callable[[Path, Path], Any]] = {
-    ".asc": _plain(_Asc),
+    ".asc": _plain(AscWriter),
     ".csv": _plain(CSVWriter),
     ".log": _plain(CanutilsLogWriter),
     ".trc": _trc,

