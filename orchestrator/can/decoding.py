@@ -185,7 +185,7 @@ def _from(start: float, series: Series) -> Series:
 
 
 def _columns(wanted: Sequence[str] | None, series: Mapping[str, Series], name: str) -> list[str]:
-    """The signals that have a value in the log.
+    """The wanted signals, by default all that have a value in the log.
 
     Raises:
         TraceError: there are none, or one that was named has none.
@@ -197,4 +197,4 @@ def _columns(wanted: Sequence[str] | None, series: Mapping[str, Series], name: s
                          "check the database, the channel and the log")  # fmt: skip
     if not found:
         raise TraceError(name, "holds no frame of the database", "check that log and database belong together")
-    return found
+    return found if wanted is None else list(dict.fromkeys(wanted))

@@ -135,7 +135,7 @@ def test_any_value_goes_into_any_message_as_the_nearest_that_it_holds(made: Any,
         for each, value in zip(message.signals, values, strict=True):
             low, high = raw_limits(each)
             raw = min(max((value - each.offset) / each.scale, low), high)
-            slack = 1e-6 * abs(raw) if each.is_float else 0.5 + 1e-12 * abs(raw)
+            slack = 1e-6 * abs(raw) + 1e-37 if each.is_float else 0.5 + 1e-12 * abs(raw)
             if not math.isnan(value):
                 nearest, slack = raw * each.scale + each.offset, slack * abs(each.scale)
                 assert found[each.name] == pytest.approx(nearest, abs=slack + 1e-9 * abs(each.offset), rel=1e-12)
