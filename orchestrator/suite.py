@@ -42,7 +42,8 @@ class Verdict:
 
 
 def find_scenarios(paths: Sequence[Path]) -> list[Path]:
-    """The files to be judged among and under these paths: YAML files with `run`, `claims` or `procedure`.
+    """The files to be judged among and under these paths: YAML files with `run`, `claims` or `procedure`, but those
+    with a `can` block only where they are named.
 
     Raises:
         ScenarioError: a path is not there, a file given by name is no such file, or there is none at all.
@@ -63,8 +64,9 @@ def find_scenarios(paths: Sequence[Path]) -> list[Path]:
 
 
 def _kind(file: Path) -> str:
-    """The key that tells what the file is, nothing where it is not for the suite."""
-    return next((key for key in keys(file) if key in ("run", "claims", "procedure")), "")
+    """The key that tells what the file is, nothing where it is not for the suite: one side of a bus needs the other."""
+    found = keys(file)
+    return "" if "can" in found else next((key for key in found if key in ("run", "claims", "procedure")), "")
 
 
 def run_suite(

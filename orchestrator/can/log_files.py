@@ -13,6 +13,7 @@ from typing import Any
 import can
 
 from fmus.errors import InputError
+from orchestrator.can.logs.writing import AscWriter
 
 _CHUNK = 1 << 20
 
@@ -45,8 +46,7 @@ class _BlfWriter(can.BLFWriter):
         self.file.flush()
 
 
-WRITERS: dict[str, Any] = {".blf": _BlfWriter, ".asc": can.ASCWriter, ".log": can.CanutilsLogWriter,
-                           ".csv": can.CSVWriter}  # fmt: skip
+WRITERS: dict[str, Any] = {".blf": _BlfWriter, ".asc": AscWriter, ".log": can.CanutilsLogWriter}
 
 
 def writer_of(suffix: str) -> Any:

@@ -45,7 +45,7 @@ def record(
     duration: Annotated[float | None, typer.Option(min=0.0, metavar="SECONDS", help="Until Ctrl-C by default.")] = None,
     rotate_size: Annotated[float | None, typer.Option(min=0.0, metavar="MB", help="New files at this size.")] = None,
     rotate_after: Annotated[float | None, typer.Option(min=0.0, metavar="SECONDS", help="... at this age.")] = None,
-    format_: Annotated[str, typer.Option("--format", help="blf, asc, log or csv.")] = "blf",
+    format_: Annotated[str, typer.Option("--format", help="blf, asc or log.")] = "blf",
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,

@@ -33,8 +33,9 @@ def read(path: Path, layout: Layout, progress: Callable[[float], None] | None = 
     except TraceError as error:
         raise refusal(path, error, counted.tally) from None
     trace, stamps = ordered(decoded.trace.time, decoded.trace.signals, decoded.trace.units, str(path))
-    found = {**decoded.census.document(), **damage(log)}
-    notes = (*log.findings.lines(), *decoded.census.lines(), *map(str, decoded.schedules))
+    schedules = {"schedules": [*map(str, decoded.schedules)]} if decoded.schedules else {}
+    found = {**decoded.census.document(), **damage(log), **schedules}
+    notes = (*log.findings.lines(), *decoded.census.lines())
     named = laid_out(Trace(trace.time, trace.signals, trace.units, path.stem), layout, database)
     return Recording(named, stamps, path, sha256(path), notes, decoded.start, found)
 

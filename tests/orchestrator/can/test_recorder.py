@@ -176,7 +176,7 @@ def test_a_flood_fills_the_queue_and_no_more(tmp_path: Path, monkeypatch: pytest
     assert len(recorded(tmp_path / "run")) == found["frames"]
 
 
-@pytest.mark.parametrize("suffix", [".blf", ".asc", ".log", ".csv"])
+@pytest.mark.parametrize("suffix", [".blf", ".asc", ".log"])
 def test_frames_are_recorded_in_the_format_that_is_asked_for(tmp_path: Path, suffix: str) -> None:
     found = virtual(f"format{suffix}", tmp_path / "run", stream(300), suffix=suffix)
     assert [each["file"] for each in found["files"]] == [f"run_0001{suffix}"]
@@ -250,7 +250,7 @@ def test_a_recording_is_never_overwritten(tmp_path: Path) -> None:
 
 
 def test_a_format_that_loses_frames_is_refused_before_anything_is_opened(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"--format trc.*choose blf, asc, log, csv"):
+    with pytest.raises(InputError, match=r"--format trc.*choose blf, asc, log"):
         Recording(BusSettings("virtual", "refused"), tmp_path / "run", suffix=".trc")
     assert list(tmp_path.iterdir()) == []
 
