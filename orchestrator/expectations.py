@@ -78,14 +78,15 @@ def check(expectation: Expectation, trace: Trace | None, error: ServotwinError |
 def _judge(expectation: Expectation, text: str, trace: Trace, base: Path) -> Check:
     assert expectation.signal is not None
     time, values = _window(expectation, trace)
-    unit = trace.unit(expectation.signal) or ""
+    unit = trace.unit(expectation.signal) or "1"
+    unit = "" if unit == "1" else f" {unit}"
     if expectation.below is not None:
-        return Check(text, bool(values.max() < expectation.below), f"largest {values.max():.6g} {unit}")
+        return Check(text, bool(values.max() < expectation.below), f"largest {values.max():.6g}{unit}")
     if expectation.above is not None:
-        return Check(text, bool(values.min() > expectation.above), f"smallest {values.min():.6g} {unit}")
+        return Check(text, bool(values.min() > expectation.above), f"smallest {values.min():.6g}{unit}")
     assert expectation.within is not None
     deviation = float(np.max(np.abs(values - _target(expectation, time, base))))
-    return Check(text, deviation <= expectation.within, f"largest deviation {deviation:.3g} {unit}")
+    return Check(text, deviation <= expectation.within, f"largest deviation {deviation:.3g}{unit}")
 
 
 def _target(expectation: Expectation, time: FloatArray, base: Path) -> FloatArray:

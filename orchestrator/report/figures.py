@@ -5,6 +5,7 @@ Units stand on the axes; curves are thinned so that their peaks stay.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -38,6 +39,7 @@ class _Drawn:
 
 
 ROW = 210  # height of a row of stacked windows [px]
+NONE = 0.5  # how high no count at all is drawn on a logarithmic axis
 BAND_99 = 2.5758  # two-sided 99 % point of the standard normal distribution
 
 
@@ -51,7 +53,7 @@ def overlay(measured: Trace, simulated: Sequence[tuple[str, Trace]] = (), signal
                 figure.add_trace(drawn.line(name, row == 1), row=row, col=1)
         figure.update_yaxes(title_text=look.axis_title(measured, name), row=row, col=1)
     figure.update_xaxes(title_text="time [s]", row=len(names), col=1)
-    return look.styled(figure, 80 + ROW * len(names))
+    return look.styled(figure, 80 + ROW * len(names)).update_layout(showlegend=bool(simulated))
 
 
 def overlays_grid(
@@ -199,14 +201,14 @@ def counts(bins: Sequence[tuple[float, float, int]], quantity: str, unit: str | 
     """How many fell into each bin (lower end, upper end, count), which widen from one to the next, on both axes
     logarithmic."""
     ends = [max(bins[0][0], bins[0][1] / 2), *(high for _, high, _ in bins)]
-    heights = [count or None for _, _, count in bins]
+    heights = [max(count, NONE) for _, _, count in bins]
     figure = go.Figure()
     figure.add_scatter(
         x=ends, y=[heights[0], *heights], mode="lines", line={"shape": "vh", "color": look.colour(0)},
         fill="tozeroy", name="count",
     )  # fmt: skip
     figure.update_xaxes(title_text=look.with_unit(quantity, unit), type="log", dtick=1)
-    figure.update_yaxes(title_text="count", type="log", dtick=1)
+    figure.update_yaxes(title_text="count", type="log", dtick=1, range=[math.log10(NONE), None])
     return look.styled(figure, 340).update_layout(showlegend=False, hovermode="closest")
 
 

@@ -39,7 +39,7 @@ def _describe(recording: Recording, section: Section) -> None:
         if problem:
             section.callout("warning", f"{name} {problem}")
     if trace.names:
-        section.figure(figures.overlay(trace).update_layout(showlegend=False))
+        section.figure(figures.overlay(trace))
     section.table(
         ["signal", "unit", "lowest", "highest", "mean", "standard deviation"],
         [[name, trace.unit(name) or "–", *_statistics(trace, name)] for name in trace.names],
