@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -189,6 +190,24 @@ def _columns(time: ArrayLike, signals: Mapping[str, ArrayLike], name: str) -> tu
         if values.shape != stamps.shape:
             raise TraceError(f"{name}.{key}", f"has shape {values.shape}, time has {stamps.shape}")
     return stamps, columns
+
+
+def check_file(path: Path) -> None:
+    """See that a recording is there and holds something.
+
+    Raises:
+        TraceError: it is not, is empty, or cannot be read.
+    """
+    if not path.is_file():
+        problem = "is a folder" if path.is_dir() else "there is no such file"
+        raise TraceError(path, problem, "check the path")
+    try:
+        with path.open("rb") as file:
+            empty = not file.read(1)
+    except OSError as error:
+        raise TraceError(path, f"cannot be read ({error.strerror})", "check its permissions") from None
+    if empty:
+        raise TraceError(path, "is empty", "record or export it again")
 
 
 def usable(trace: Trace, names: Sequence[str]) -> Trace:

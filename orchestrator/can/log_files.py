@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import time
 from collections.abc import Sequence
@@ -13,9 +12,8 @@ from typing import Any
 import can
 
 from fmus.errors import InputError
+from fmus.files import sha256
 from orchestrator.can.logs.writing import AscWriter
-
-_CHUNK = 1 << 20
 
 
 @dataclass
@@ -113,7 +111,7 @@ class LogFiles:
         try:
             writer.stop()
             _flush_to_disk(self.files[-1].path)
-            self.files[-1].sha256 = _sha256(self.files[-1].path)
+            self.files[-1].sha256 = sha256(self.files[-1].path)
         except OSError as error:
             raise self._unwritable(error) from error
 
@@ -154,11 +152,3 @@ class LogFiles:
 def _flush_to_disk(path: Path) -> None:
     with path.open("rb+") as file:
         os.fsync(file.fileno())
-
-
-def _sha256(path: Path) -> str:
-    digest = hashlib.sha256()
-    with path.open("rb") as file:
-        while chunk := file.read(_CHUNK):
-            digest.update(chunk)
-    return digest.hexdigest()

@@ -17,7 +17,7 @@ from orchestrator.can.log_suffixes import SUFFIXES, is_log
 from orchestrator.formats import csv, mat, parquet, text
 from orchestrator.formats.layout import Layout
 from orchestrator.formats.recording import Recording, Table
-from orchestrator.trace import Trace, ordered
+from orchestrator.trace import Trace, check_file, ordered
 
 __all__ = ["FORMATS", "Layout", "Recording", "read", "write"]
 
@@ -45,12 +45,12 @@ def read(path: str | Path, layout: Layout | None = None, progress: Callable[[flo
     """
     file = Path(path)
     if is_log(file):
-        _check_there(file)
+        check_file(file)
         from orchestrator.formats import can_log  # noqa: PLC0415 (it brings python-can and cantools along)
 
         return can_log.read(file, layout or Layout(), progress)
     form = _format(file)
-    _check_there(file)
+    check_file(file)
     table = form.read(file, layout or Layout())
     trace, stamps = ordered(table.time, table.signals, table.units, str(file))
     return Recording(replace(trace, name=table.name or file.stem), stamps, file, sha256(file))
@@ -74,16 +74,3 @@ def _format(path: Path) -> Format:
     except KeyError:
         known = ", ".join(dict.fromkeys((*FORMATS, *SUFFIXES)))
         raise TraceError(path, f"format '{path.suffix}' is not known", f"use {known}") from None
-
-
-def _check_there(path: Path) -> None:
-    if not path.is_file():
-        problem = "is a folder" if path.is_dir() else "there is no such file"
-        raise TraceError(path, problem, "check the path")
-    try:
-        with path.open("rb") as file:
-            empty = not file.read(1)
-    except OSError as problem:
-        raise TraceError(path, f"cannot be read ({problem.strerror})", "check its permissions") from None
-    if empty:
-        raise TraceError(path, "is empty", "record or export it again")

@@ -14,6 +14,7 @@ from orchestrator.can.log_suffixes import CSV_HEADER, SUFFIXES, is_log
 from orchestrator.can.logs import blf, dialects, mf4, sqlite, text
 from orchestrator.can.logs.findings import Damage, Findings
 from orchestrator.can.logs.writing import write
+from orchestrator.trace import check_file
 
 __all__ = ["SUFFIXES", "Damage", "LogReader", "is_log", "read", "write"]
 
@@ -83,16 +84,7 @@ def read(path: str | Path, progress: Progress | None = None) -> LogReader:
         TraceError: no such file, an empty one, or a format that is not known; or what comes up while reading.
     """
     file = Path(path)
-    if not file.is_file():
-        problem = "is a folder" if file.is_dir() else "there is no such file"
-        raise TraceError(file, problem, "check the path")
-    try:
-        with file.open("rb") as content:
-            empty = not content.read(1)
-    except OSError as problem:
-        raise TraceError(file, f"cannot be read ({problem.strerror})", "check its permissions") from None
-    if empty:
-        raise TraceError(file, "is empty", "record it again")
+    check_file(file)
     if not is_log(file):
         fix = f"begin with '{CSV_HEADER}'" if file.suffix.lower() == ".csv" else f"use {', '.join(SUFFIXES)}"
         raise TraceError(file, "is no log of CAN frames that is known", fix)

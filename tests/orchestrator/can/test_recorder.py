@@ -157,10 +157,7 @@ def test_at_the_wrong_bit_rate_nothing_is_heard_and_it_is_said(hub: Hub, tmp_pat
 
 
 def test_bus_off_is_reported(hub: Hub, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    timer = threading.Timer(0.3, hub.bus_off, [1])
-    timer.start()
-    found = record(Recording(settings(hub.paths[1]), tmp_path / "run", duration=0.6))
-    timer.join()
+    found = record(Recording(settings(hub.paths[1]), tmp_path / "run", duration=0.6), ready=lambda: hub.bus_off(1))
     assert len(found["bus_off"]) == 1
     assert "bus off" in caplog.text
     assert any("bus off" in line for line in found["remarks"])
@@ -216,10 +213,7 @@ def test_a_clock_that_is_set_back_begins_a_new_file_and_keeps_its_stamps(tmp_pat
 
     bus = BusSettings("virtual", "clock", options={"preserve_timestamps": "true"})
     with opened(bus) as sender:
-        thread = threading.Timer(0.2, jump, [sender])
-        thread.start()
-        found = record(Recording(bus, tmp_path / "run", duration=0.6))
-        thread.join()
+        found = record(Recording(bus, tmp_path / "run", duration=0.6), ready=lambda: jump(sender))
     assert [each["frames"] for each in found["files"]] == [3, 2]
     assert [message.timestamp for message in recorded(tmp_path / "run")] == pytest.approx(stamps, abs=1e-6, rel=0.0)
 
