@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import signal
 import tempfile
 import threading
@@ -11,6 +12,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import active_children, get_context, parent_process
+from multiprocessing.util import Finalize
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -134,6 +136,7 @@ def _obey(scratch: str) -> None:
     An interrupt cleans up; a second one would cut that short.
     """
     tempfile.tempdir = scratch
+    Finalize(None, shutil.rmtree, (scratch, True), exitpriority=1)  # where the main process is killed, nobody else does
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     threading.Thread(target=_await_end, daemon=True).start()
@@ -152,7 +155,7 @@ def _apart(file: Path, out: Path, study: Study, isolation: Isolation | None) -> 
     try:
         with (
             tempfile.TemporaryDirectory(prefix="servotwin-") as scratch,  # gone with all in it also after a crash
-            ProcessPoolExecutor(1, get_context("spawn"), _obey, (scratch,)) as process,
+            ProcessPoolExecutor(1, get_context("spawn"), _obey, (scratch,), max_tasks_per_child=1) as process,
         ):
             return process.submit(_run, file, out, study, isolation).result()
     except BrokenProcessPool:

@@ -146,6 +146,20 @@ class SlcanBus(slcanBus):
         data[1], data[6], data[7] = details, min(int(match[3]), 255), min(int(match[2]), 255)
         self._received.append(_error(off | ERROR_COUNTERS, data, stamp))
 
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Send a frame; setting another timeout already asks the port, which may be gone.
+
+        Raises:
+            CanTimeoutError: the adapter took nothing of it within the timeout [s].
+            CanOperationError: the port is gone.
+        """
+        try:
+            super().send(msg, timeout)
+        except OSError as error:
+            if isinstance(error, can.CanError):
+                raise
+            raise can.CanOperationError(f"the adapter is gone ({error})") from error
+
     def _write(self, string: str) -> None:
         """Write a line whole; what does not fit in time goes before the next line.
 

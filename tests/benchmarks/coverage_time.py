@@ -83,7 +83,21 @@ def _cut(window: int) -> Cut:
     time = np.arange(SAMPLES) * float(STEP)
     voltage = 2e-3 * np.sin((3.0 + window) * time) + 1e-3 * np.sin(9.0 * time + window)
     stimuli, constants = {"motor.voltage": voltage}, {"hand.added_mass": LOADS[window]}
-    return Cut(str(window), "bench", 0.0, STEP, stimuli, np.zeros((SAMPLES, 1)), {}, constants)
+    return Cut(
+        name=str(window),
+        trace="bench",
+        start=0.0,
+        step=STEP,
+        count=SAMPLES,
+        rows=slice(None),
+        stimuli=stimuli,
+        commands={},
+        measured=np.zeros((SAMPLES, 1)),
+        delays=(None,),
+        initial={},
+        readings={},
+        constants=constants,
+    )
 
 
 def _start_values(window: int) -> dict[str, float]:
