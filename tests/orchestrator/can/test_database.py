@@ -62,6 +62,9 @@ Var=angle unsigned 8,16
 """
 
 
+ARXML = (Path(__file__).parent / "state.arxml").read_text()
+
+
 def file(folder: Path, text: str, suffix: str = ".dbc", encoding: str = "utf-8") -> Path:
     path = folder / f"rig{suffix}"
     path.write_bytes(text.encode(encoding))
@@ -129,7 +132,7 @@ def test_protection_can_be_given_and_is_checked(base: Database) -> None:
             base.protected({"State": wrong})
 
 
-@pytest.mark.parametrize(("suffix", "text"), [(".kcd", KCD), (".sym", SYM)])
+@pytest.mark.parametrize(("suffix", "text"), [(".kcd", KCD), (".sym", SYM), (".arxml", ARXML)])
 def test_other_formats_give_the_same_signal(tmp_path: Path, suffix: str, text: str) -> None:
     message, signal = database.load(file(tmp_path, text, suffix)).signal("angle")
     assert (message.name, message.id, message.length, signal.lowest, signal.length) == ("State", 16, 4, 8, 16)
