@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,17 +13,22 @@ from orchestrator.procedure import run_procedure
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
 
 
+def assert_near_the_truth(summary: dict[str, Any]) -> None:
+    """Of seven intervals of 95 % rarely all hold, and how well a computer kept its deadlines is different each time."""
+    found = {name: each for name, each in summary["parameters"].items() if each.get("truth") is not None}
+    half = {name: (each["ci95"][1] - each["ci95"][0]) / 2 for name, each in found.items()}
+    off = {name: abs(each["value"] - each["truth"]) / half[name] for name, each in found.items()}
+    assert len(off) == 7
+    assert sum(distance < 1 for distance in off.values()) >= 4
+    assert max(off.values()) < 3
+
+
 @pytest.mark.slow
 def test_what_is_recorded_on_the_bus_calibrates_the_rig_behind_it(tmp_path: Path) -> None:
     done = run_procedure(SCENARIOS / "butterfly" / "bus" / "procedure.yaml", tmp_path / "out")
     assert [case["error"] for case in done["cases"] if not case["passed"]] == []
     summary = json.loads((tmp_path / "out" / "calibrated" / "summary.json").read_text())
-    found = {name: each for name, each in summary["parameters"].items() if each.get("truth") is not None}
-    half = {name: (each["ci95"][1] - each["ci95"][0]) / 2 for name, each in found.items()}
-    off = {name: abs(each["value"] - each["truth"]) / half[name] for name, each in found.items()}
-    assert len(off) == 7
-    assert sum(distance < 1 for distance in off.values()) >= 4  # of seven intervals of 95 % rarely all hold
-    assert max(off.values()) < 3
+    assert_near_the_truth(summary)
     assert json.loads((tmp_path / "out" / "calibrated" / "validation" / "summary.json").read_text())["held"]
 
 
