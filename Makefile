@@ -21,7 +21,7 @@ demo: $(READY)
 	$(BIN)/servotwin test scenarios/butterfly/bus/procedure.yaml --out $(DEMO) -v
 
 test: lint
-	$(BIN)/python -m pytest -m "not readme" -n 2
+	$(BIN)/python -m pytest -m "not readme"
 
 bench: $(READY)
 	$(BIN)/python -m tests.benchmarks

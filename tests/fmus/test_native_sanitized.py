@@ -13,6 +13,8 @@ import fmpy
 import pytest
 from natives import NAMES, VERSIONS
 
+pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
+
 HARNESS = Path(__file__).with_name("harness.c")
 FLAGS = ("-std=c99", "-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-Wall", "-Wextra")
 

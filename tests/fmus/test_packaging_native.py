@@ -24,7 +24,10 @@ from fmus.packaging import compiler, defaults, native
 
 Built = Callable[[str, int], Path]
 
-pytestmark = pytest.mark.skipif(not compiler.available(), reason="no C compiler here")
+pytestmark = [
+    pytest.mark.slow,  # processes, compilers or minutes of work
+    pytest.mark.skipif(not compiler.available(), reason="no C compiler here"),
+]
 
 
 def description(path: Path) -> ET.Element:

@@ -25,7 +25,10 @@ from fmus.model import Table
 from fmus.packaging import compiler, interface, native, writeback
 from orchestrator.trace import FloatArray
 
-pytestmark = pytest.mark.skipif(not compiler.available(), reason="no C compiler here")
+pytestmark = [
+    pytest.mark.slow,  # processes, compilers or minutes of work
+    pytest.mark.skipif(not compiler.available(), reason="no C compiler here"),
+]
 
 STEP, COUNT = 0.01, 40
 SCRIPT = Path(__file__).with_name("tools.py")

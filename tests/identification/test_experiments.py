@@ -27,6 +27,8 @@ from identification.physical_modes import PhysicalMode, physical_modes
 from orchestrator.cli import app
 from orchestrator.yaml_file import load
 
+pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
+
 SCENARIOS = Path(__file__).parents[2] / "scenarios" / "flexible_arm"
 STEP, SAMPLES = 0.01, 2000
 OUTPUTS = ["position", "strain", "speed"]

@@ -36,6 +36,8 @@ from orchestrator.slave import Slave, Value
 from orchestrator.system import Part, System, wire
 from orchestrator.trace import FloatArray, Trace
 
+pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
+
 BOTH = (Engine.PYTHON, Engine.COMPILED)
 STEP = Fraction(1, 5)  # [s], a multiple of the fixed steps of all FMUs below
 MODELS = ("Feedthrough", "Dahlquist", "VanDerPol", "Stair", "BouncingBall")

@@ -46,7 +46,10 @@ MARK = "SERVOTWIN_TEST_MARK"
 COMMAND = [sys.executable, "-c", "from orchestrator.cli import main; main()"]
 Make = Callable[[FmuFile, str], Component]
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="finds processes in /proc")
+pytestmark = [
+    pytest.mark.slow,  # processes, compilers or minutes of work
+    pytest.mark.skipif(sys.platform != "linux", reason="finds processes in /proc"),
+]
 
 
 def isolated(fmu: FmuFile, name: str, patience: float = 20.0, make: Make = Slave) -> IsolatedSlave:

@@ -13,6 +13,8 @@ from orchestrator import procedure
 from orchestrator.cli import app
 from orchestrator.procedure import outputs_of, run_procedure
 
+pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
+
 TRACE = "time [s],angle [rad]\n0,1\n1,2\n"
 
 

@@ -22,7 +22,10 @@ from orchestrator import formats
 from orchestrator.scenario import run_scenario
 from orchestrator.trace import Trace
 
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
+pytestmark = [
+    pytest.mark.slow,  # processes, compilers or minutes of work
+    pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals"),
+]
 ROOT = Path(__file__).parents[2]
 SOON = 0.2  # [s], on a machine of its own
 MARGIN = 2.5

@@ -36,6 +36,8 @@ from orchestrator.engine import LiveRun, Result
 from orchestrator.scenario import run_scenario
 from orchestrator.trace import Trace
 
+pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
+
 STATE, COMMAND, EXACT = 256, 257, 258
 SCENARIO: dict[str, Any] = {
     "title": "A hand on a bus",

@@ -21,6 +21,8 @@ from orchestrator.cli import app
 from orchestrator.formats import Layout, can_conversion
 from orchestrator.trace import Trace
 
+pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
+
 
 def servotwin(*arguments: object) -> Result:
     return CliRunner().invoke(app, [str(each) for each in arguments])

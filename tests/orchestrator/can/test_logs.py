@@ -24,6 +24,8 @@ from orchestrator.can.frames import Flag, Frames, from_messages
 from orchestrator.can.logs import mf4
 from orchestrator.can.logs.tally import Tally, moment
 
+pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
+
 TEXT = (".asc", ".log", ".trc", ".csv")
 RESOLUTION = {".asc": 1e-3, ".blf": 1e-6, ".csv": 0.0, ".db": 0.0, ".log": 1e-6, ".mf4": 1e-6, ".trc": 1.5e-6}  # [s]
 LOSES = {

@@ -23,6 +23,8 @@ from orchestrator.can.bus import BusSettings, opened, send
 from orchestrator.can.recorder import Recording, record
 from orchestrator.can.slcan_hub import Hub, hub_process
 
+pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
+
 DATABASE = """VERSION ""
 BS_:
 BU_:

@@ -23,6 +23,8 @@ from orchestrator.can.lateness import Lateness
 from orchestrator.can.replay import replay
 from orchestrator.can.slcan_hub import hub_process
 
+pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
+
 START = 1.7e9  # [s]
 
 
