@@ -142,13 +142,14 @@ def record(
         BusError: the adapter does not open, or failed; what had been received is on disk.
     """
     database = None if recording.database is None else load(recording.database)
-    _prepare(recording.out)
+    _check_free(recording.out)
     with (
         quiet(),  # takes a while, in which frames would wait for their stamps, so it comes first
         stop_requests() as stop,
         opened(recording.bus) as bus,
         Receiver(bus, recording.queue) as receiver,
     ):
+        _make(recording.out)
         session = _Session(recording, bus, receiver, database)
         ready()
         document = session.run(stop, progress)
@@ -269,19 +270,30 @@ def _remarks(document: dict[str, Any], found: Census) -> list[str]:
     return said + ([f"{found.errors:,} error frames"] if found.errors else [])
 
 
-def _prepare(out: Path) -> None:
-    """Make the folder.
+def _check_free(out: Path) -> None:
+    """See that there is nothing in the folder, if there is one.
 
     Raises:
         InputError: there is something in it; a recording is never overwritten.
     """
     try:
-        out.mkdir(parents=True, exist_ok=True)
-        taken = any(out.iterdir())
+        taken = out.exists() and any(out.iterdir())
     except OSError as error:
         raise InputError(out, f"cannot be written ({error.strerror})", "give another --out") from error
     if taken:
         raise InputError(out, "is not empty, and recordings are not overwritten", "give another --out")
+
+
+def _make(out: Path) -> None:
+    """Make the folder, once there is a bus to record.
+
+    Raises:
+        InputError: it cannot be made.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(out, f"cannot be written ({error.strerror})", "give another --out") from error
 
 
 def _iso(stamp: float) -> str:

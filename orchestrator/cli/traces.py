@@ -18,11 +18,8 @@ Result = TypeVar("Result")
 app = typer.Typer(no_args_is_help=True, help="Look at recordings, convert and plot them.")
 
 LayoutFrom = Annotated[Path | None, typer.Option("--layout", metavar="STUDY", help="Columns as this study file says.")]
-
-
 Dbc = Annotated[Path | None, typer.Option("--dbc", metavar="FILE", help="Database of a CAN log: .dbc, .arxml, ...")]
 Signals = Annotated[list[str] | None, typer.Option("--signal", help="Only this one of the database; repeatable.")]
-
 Channel = Annotated[int | None, typer.Option("--channel", min=0, help="Only frames of this channel of a CAN log.")]
 
 

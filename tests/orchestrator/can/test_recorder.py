@@ -273,3 +273,9 @@ def test_a_full_disk_is_said_and_what_was_written_is_kept(tmp_path: Path, monkey
         virtual("full", tmp_path / "run", twice)
     assert numbers(tmp_path / "run") == [0]
     assert manifest(tmp_path / "run")["ended"] == "unfinished"
+
+
+def test_a_bus_that_does_not_open_leaves_no_folder(tmp_path: Path) -> None:
+    with pytest.raises(BusError, match="does not open"):
+        record(Recording(BusSettings("slcan", str(tmp_path / "none"), BITRATE), tmp_path / "run"))
+    assert not (tmp_path / "run").exists()
