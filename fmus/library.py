@@ -9,21 +9,18 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
-import fmus
+from fmus import models
 from fmus.errors import ModelError
-from fmus.model import Model
+from fmus.modelling.model import Model
 
-BESIDE_A_MODEL = (".ops", ".model")  # what a model file finds wherever its FMU is run, with the standard library
-RESERVED = ("ops", "model", "instance", "packaging")
+# What a model file finds wherever its FMU is run, with the standard library.
+BESIDE_A_MODEL = (*(f".{name}" for name in models.__all__), ".model")
+RESERVED = ("ops", "model")
 
 
 def names() -> tuple[str, ...]:
-    """Names of the models in the library: the modules of this package that define MODEL."""
-    found = []
-    for module in pkgutil.iter_modules(fmus.__path__):
-        if not module.ispkg and hasattr(import_module(f"fmus.{module.name}"), "MODEL"):
-            found.append(module.name)
-    return tuple(sorted(found))
+    """Names of the models in the library."""
+    return tuple(sorted(module.name for module in pkgutil.iter_modules(models.__path__)))
 
 
 def find(name: str) -> Model:
@@ -34,10 +31,9 @@ def find(name: str) -> Model:
     """
     if name.endswith(".py"):
         return _from_file(Path(name))
-    modules = {module.name for module in pkgutil.iter_modules(fmus.__path__) if not module.ispkg}
-    if name not in modules or not hasattr(import_module(f"fmus.{name}"), "MODEL"):
+    if name not in names():
         raise ModelError(f"model '{name}'", "is not in the library", f"choose one of {', '.join(names())}")
-    return import_module(f"fmus.{name}").MODEL
+    return import_module(f"fmus.models.{name}").MODEL
 
 
 def source_file(model: Model) -> Path:
@@ -53,7 +49,7 @@ def _from_file(path: Path) -> Model:
         raise ModelError(path, "no such file", "give the path of a model file")
     if not path.stem.isidentifier() or path.stem in RESERVED:
         raise ModelError(path, f"'{path.stem}' cannot be a module's name here", "rename the file")
-    spec = importlib.util.spec_from_file_location(f"fmus.{path.stem}", path)
+    spec = importlib.util.spec_from_file_location(f"fmus.models.{path.stem}", path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     try:
@@ -74,7 +70,7 @@ def _refuse_foreign_imports(path: Path, tree: ast.Module) -> None:
         for name in _imported(node):
             if name not in BESIDE_A_MODEL and name.split(".")[0] not in sys.stdlib_module_names:
                 raise ModelError(f"{path}:{node.lineno}", f"imports '{name}', which the FMU would not find",
-                                 "use `from . import ops` and `from .model import ...`")  # fmt: skip
+                                 "use `from . import Model, ops, ...`")  # fmt: skip
 
 
 def _imported(node: ast.Import | ast.ImportFrom) -> list[str]:

@@ -9,13 +9,13 @@ from typing import Any, Literal
 from pydantic import Field, field_validator, model_validator
 
 from fmus.errors import ScenarioError
-from identification.arrow_least_squares import LossKind
-from identification.experiment_study import ExperimentsBlock
-from identification.parameters import Scale
-from identification.poles import Poles
-from identification.range_space import Weighting
-from identification.trace_source import Signals, TracesBlock
-from orchestrator.assembly import SystemBlock, exact_seconds
+from identification.estimation.arrow_least_squares import LossKind
+from identification.estimation.parameters import Scale
+from identification.experiments.schema import ExperimentsBlock
+from identification.linear.poles import Poles
+from identification.recordings.source import Signals, TracesBlock
+from identification.subspace.range_space import Weighting
+from orchestrator.assembly.assembly import SystemBlock, exact_seconds
 from orchestrator.yaml_file import Block, load
 
 Delay = float | str  # [s], or the name of a parameter

@@ -11,8 +11,8 @@ from typing import Literal
 
 from fmus import units
 from fmus.errors import WiringError
-from orchestrator.fmu_file import Interface, Port
-from orchestrator.slave import Value
+from orchestrator.fmi.file import Interface, Port
+from orchestrator.fmi.slave import Value
 
 FeedThrough = Literal["declared", "none", "all"]
 _REAL = ("Real", "Float64", "Float32")

@@ -11,7 +11,7 @@ from benchmarks import __main__ as command
 from benchmarks import many_runs
 from benchmarks.figure import Figure, table
 
-from orchestrator.scenario import ScenarioBlock
+from orchestrator.scenario.run import ScenarioBlock
 from orchestrator.yaml_file import load
 
 Capture = pytest.CaptureFixture[str]

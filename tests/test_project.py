@@ -61,7 +61,12 @@ def pins() -> dict[str, str]:
 
 def test_relative_imports_are_resolved_against_the_package() -> None:
     tree = ast.parse("from . import ops\nfrom .model import Model\nfrom ..instance import Instance\nimport a.b")
-    assert imported(tree, "fmus.packaging") == {"fmus.packaging.ops", "fmus.packaging.model", "fmus.instance", "a.b"}
+    assert imported(tree, "fmus.packaging") == {
+        "fmus.packaging.ops",
+        "fmus.packaging.model",
+        "fmus.modelling.instance",
+        "a.b",
+    }
 
 
 @pytest.mark.parametrize("package", PACKAGES)
@@ -89,8 +94,8 @@ def test_the_command_line_imports_identification_only_inside_functions() -> None
 def test_a_model_imports_only_ops_model_and_the_standard_library(name: str) -> None:
     modules = imports_of(ROOT / "fmus" / f"{name}.py")
     assert {module for module in modules if module.split(".")[0] not in sys.stdlib_module_names} <= {
-        "fmus.ops",
-        "fmus.model",
+        "fmus.modelling.ops",
+        "fmus.modelling.model",
     }
 
 

@@ -15,9 +15,9 @@ from typer.main import get_command
 
 from fmus import errors, library
 from fmus.packaging import python
+from identification.cli import app
 from identification.study import load_study
-from orchestrator.cli import app
-from orchestrator.scenario import run_scenario
+from orchestrator.scenario.run import run_scenario
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

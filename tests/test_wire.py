@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from orchestrator.procedure import run_procedure
+from orchestrator.batch.procedure import run_procedure
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
 

@@ -9,8 +9,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from fmus.errors import ModelError
+from fmus.models.state_space import matrices, state_space
 from fmus.packaging import targets
-from fmus.state_space import matrices, state_space
 
 
 class LinearSystem(Protocol):

@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from fmus.errors import InputError
-from fmus.model import Model, Number, Table
-from fmus.packaging import compiler, native, python
+from fmus.modelling.model import Model, Number, Table
+from fmus.packaging import native, python
+from fmus.packaging.native import compiler
 
 NAMES = ("native", "python")
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 
 from fmus.errors import ModelError
-from fmus.model import Model, Number, Table, start_values
+from fmus.modelling.model import Model, Number, Table, start_values
 
 
 def checked(model: Model, parameters: Mapping[str, Number], tables: Mapping[str, Table]) -> dict[str, Number]:

@@ -13,7 +13,7 @@ from fmus.errors import InputError
 from orchestrator.cli.terminal import ERR, Answer, Json, Quiet, Terminal, Verbose, answered
 
 if TYPE_CHECKING:
-    from orchestrator.can.bus import BusSettings
+    from orchestrator.can.live.bus import BusSettings
 
 app = typer.Typer(no_args_is_help=True, help="Record a CAN bus, play back onto it, couple systems to it.")
 
@@ -53,8 +53,8 @@ def record(
     """Write all frames of a bus to log files, with a manifest; Ctrl-C or SIGTERM ends it."""
 
     def work(terminal: Terminal) -> Answer:
-        from orchestrator.can.recorder import Recording, Status
-        from orchestrator.can.recorder import record as record_bus
+        from orchestrator.can.live.recorder import Recording, Status
+        from orchestrator.can.live.recorder import record as record_bus
 
         folder = out or Path("out") / f"recording_{datetime.now():%Y-%m-%d_%H%M%S}"
         bus = bus_settings(interface, channel, bitrate, fd, data_bitrate, option)
@@ -92,7 +92,7 @@ def replay(
     """Send the frames of a log with their original timing."""
 
     def work(terminal: Terminal) -> Answer:
-        from orchestrator.can.replay import replay as replay_log
+        from orchestrator.can.live.replay import replay as replay_log
 
         bus = bus_settings(interface, channel, bitrate, fd, data_bitrate, option)
         with terminal.bar(log.name) as move:
@@ -119,9 +119,9 @@ def database(
     """Lay out CAN messages for a scenario's recorded outputs and driven inputs, and write them as a DBC."""
 
     def work(terminal: Terminal) -> Answer:
-        from orchestrator.can.database import load
-        from orchestrator.can.declared import declared
-        from orchestrator.can.generation import generate
+        from orchestrator.bridge.declared_signals import declared
+        from orchestrator.can.database.database import load
+        from orchestrator.can.database.writing import generate
 
         if out.suffix.lower() != ".dbc":
             raise InputError(out, "is no DBC by its name", "give a name that ends in .dbc")
@@ -146,7 +146,7 @@ def bus_settings(
     interface: str, channel: str, bitrate: int | None, fd: bool, data_bitrate: int | None, options: list[str] | None
 ) -> BusSettings:
     """The bus that the options of a command name."""
-    from orchestrator.can.bus import BusSettings, parse_option
+    from orchestrator.can.live.bus import BusSettings, parse_option
 
     return BusSettings(interface, channel, bitrate, fd, data_bitrate, dict(map(parse_option, options or [])))
 

@@ -18,8 +18,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from fmus.errors import InputError, ServotwinError
+from orchestrator.cli.stdout import stdout_kept
 from orchestrator.interrupts import Interrupts
-from orchestrator.stdout import stdout_kept
 
 WIDE = 120  # columns of output that goes to no terminal
 OUT = Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else WIDE)

@@ -37,7 +37,7 @@ def trace_info(
     """What recordings hold: signals, units, time stamps; of a CAN log without --dbc its frames."""
 
     def work(terminal: Terminal) -> Answer:
-        from orchestrator.information import about_trace
+        from orchestrator.info import about_trace
 
         chosen = _layout(layout, dbc, signal, channel)
         documents = [_with_bar(terminal, file, lambda file, told: about_trace(file, chosen, told)) for file in files]
@@ -110,7 +110,7 @@ def _layout(study: Path | None, dbc: Path | None, signals: list[str] | None, cha
 
     layout = Layout()
     if study is not None:
-        from identification.commands import layout_of
+        from identification.calibrate import layout_of
 
         layout = layout_of(study)
     if dbc is not None:

@@ -18,8 +18,8 @@ import numpy as np
 from fmus.errors import WiringError
 from orchestrator.engine.loop import Loop, Node, Stepper
 from orchestrator.engine.recording import Recorder
-from orchestrator.fmi import Channel, Fmi3
-from orchestrator.slave import Slave
+from orchestrator.fmi.functions import Channel, Fmi3
+from orchestrator.fmi.slave import Slave
 from orchestrator.trace import FloatArray
 
 try:

@@ -15,8 +15,8 @@ from typing import Protocol
 from fmus.errors import FmuError
 from orchestrator.engine.plan import CycleSettings
 from orchestrator.engine.recording import Recorder
+from orchestrator.fmi.slave import Component
 from orchestrator.rational import Clock
-from orchestrator.slave import Component
 from orchestrator.trace import FloatArray
 
 CHUNK = 2000  # ticks between two reports of progress

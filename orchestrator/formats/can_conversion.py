@@ -15,11 +15,11 @@ from fmus.errors import TraceError
 from fmus.files import atomic_write
 from orchestrator import formats
 from orchestrator.can import logs
-from orchestrator.can.database import Database, load
-from orchestrator.can.decoding import Decoder
-from orchestrator.can.encoding import Encoder
+from orchestrator.can.codec.decoding import Decoder
+from orchestrator.can.codec.encoding import Encoder
+from orchestrator.can.codec.merging import Merger
+from orchestrator.can.database.database import Database, load
 from orchestrator.can.logs.tally import moment
-from orchestrator.can.merging import Merger
 from orchestrator.formats import can_log, csv, parquet
 from orchestrator.formats.layout import Layout
 from orchestrator.trace import Trace

@@ -8,8 +8,9 @@ from pathlib import Path
 
 from fmus.errors import TraceError
 from fmus.files import sha256
-from orchestrator.can import decoding, logs
-from orchestrator.can.database import Database, load
+from orchestrator.can import logs
+from orchestrator.can.codec import decoding
+from orchestrator.can.database.database import Database, load
 from orchestrator.can.frames import Frames
 from orchestrator.can.logs.tally import Tally
 from orchestrator.formats.layout import Layout

@@ -19,7 +19,7 @@ from pathlib import Path
 import fmpy
 import numpy as np
 
-from orchestrator.assembly import Assembled, ComponentBlock, OpenSystem, SystemBlock, assemble
+from orchestrator.assembly.assembly import Assembled, ComponentBlock, OpenSystem, SystemBlock, assemble
 from orchestrator.engine import Timing
 
 from .figure import Figure, report
@@ -66,7 +66,7 @@ def _watched(arguments: list[str]) -> tuple[int, int]:
 
     Pages that processes share count in each, so this is an upper bound; Linux only.
     """
-    command = [sys.executable, "-c", "from orchestrator.cli import main; main()", *arguments]
+    command = [sys.executable, "-c", "from identification.cli import main; main()", *arguments]
     peak = 0
     with subprocess.Popen(command, cwd=ROOT) as process:
         while process.poll() is None:

@@ -18,15 +18,15 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from orchestrator.can.deadlines import Deadlines
-from orchestrator.can.pacing import Pace, quiet
-from orchestrator.can.slcan_hub import hub_process
-from orchestrator.can.stopping import Stop
+from orchestrator.can.slcan.hub import hub_process
+from orchestrator.realtime.deadlines import Deadlines
+from orchestrator.realtime.pacing import Pace, quiet
+from orchestrator.realtime.stopping import Stop
 
 from .figure import Figure, report
 
 ROOT = Path(__file__).parents[2]
-COMMAND = [sys.executable, "-c", "from orchestrator.cli import main; main()", "can"]
+COMMAND = [sys.executable, "-c", "from identification.cli import main; main()", "can"]
 SECONDS, BITRATE = 60, 500_000
 ASKED = 0.999  # share of steps within 1 ms of their deadline
 DATABASE = """VERSION ""

@@ -17,10 +17,11 @@ from time import perf_counter
 import cantools
 import numpy as np
 
-from orchestrator.can import database, decoding
-from orchestrator.can.encoding import Encoder
+from orchestrator.can.codec import decoding
+from orchestrator.can.codec.encoding import Encoder
+from orchestrator.can.database import database
+from orchestrator.can.database.writing import Declared, generate
 from orchestrator.can.frames import Frames
-from orchestrator.can.generation import Declared, generate
 from orchestrator.trace import Trace
 
 from .figure import Figure, report

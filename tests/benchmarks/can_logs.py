@@ -20,8 +20,8 @@ import cantools
 import numpy as np
 
 from orchestrator.can import logs
-from orchestrator.can.database import load
-from orchestrator.can.decoding import trace
+from orchestrator.can.codec.decoding import trace
+from orchestrator.can.database.database import load
 from orchestrator.can.frames import Frames
 
 from .figure import Figure, report

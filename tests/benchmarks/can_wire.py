@@ -15,9 +15,9 @@ from statistics import median
 
 import can
 
-from orchestrator.can.bus import BusSettings, open_bus, opened, send
-from orchestrator.can.recorder import Recording, record
-from orchestrator.can.slcan_hub import Hub, hub_process
+from orchestrator.can.live.bus import BusSettings, open_bus, opened, send
+from orchestrator.can.live.recorder import Recording, record
+from orchestrator.can.slcan.hub import Hub, hub_process
 
 from .figure import Figure
 

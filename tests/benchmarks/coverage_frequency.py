@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from identification.campaign import load_campaign
-from identification.resonance_calibration import SCRIPTS, experiment
-from identification.resonance_study import Experiment, study
+from identification.recordings.campaign import load_campaign
+from identification.resonance.calibration import SCRIPTS, experiment
+from identification.resonance.steps import Experiment, study
 from identification.study import ResonanceBlock, load_study
 
 from .figure import Figure, Interval, coverage, report

@@ -19,10 +19,19 @@ from pathlib import Path
 
 import numpy as np
 
-from identification.output_error import InitialState, Options, Parameter, ParameterSet, Problem, Tie, Window, estimate
-from identification.system_simulator import SystemFactory, SystemSimulator
-from identification.windows import Cut
-from orchestrator.assembly import Assembled, ComponentBlock, SystemBlock, assemble
+from identification.output_error.estimator import (
+    InitialState,
+    Options,
+    Parameter,
+    ParameterSet,
+    Problem,
+    Tie,
+    Window,
+    estimate,
+)
+from identification.output_error.simulator import SystemFactory, SystemSimulator
+from identification.output_error.windows import Cut
+from orchestrator.assembly.assembly import Assembled, ComponentBlock, SystemBlock, assemble
 from orchestrator.trace import FloatArray
 
 from .figure import Figure, Interval, coverage, report

@@ -15,8 +15,8 @@ from pathlib import Path
 from time import perf_counter
 
 from orchestrator.engine import Simulation, Timing
-from orchestrator.fmu_file import FmuFile
-from orchestrator.slave import Slave
+from orchestrator.fmi.file import FmuFile
+from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part, wire
 
 from .figure import Figure, report
@@ -30,7 +30,7 @@ MEMORY_LIMIT = 4e6  # [B]: what an allocator may keep, 40 B a cycle
 def figures(cycles: int = CYCLES, resets: int = RESETS) -> list[Figure]:
     """Growth of memory and of loaded libraries, for an FMU of either version."""
     sys.path.insert(0, str(ROOT / "tests"))
-    import third_party
+    from tests.support import third_party
 
     found = []
     with ExitStack() as stack:

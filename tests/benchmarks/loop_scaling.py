@@ -12,8 +12,8 @@ from time import perf_counter
 import numpy as np
 
 from orchestrator.engine import Order, Run, Simulation, Sink, Timing
-from orchestrator.fmu_file import FmuFile
-from orchestrator.slave import Slave
+from orchestrator.fmi.file import FmuFile
+from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part, wire
 
 from .figure import Figure, report
@@ -30,7 +30,7 @@ RECORD = "c0.Float64_continuous_output"
 def figures() -> list[Figure]:
     """Fitted exponents of time, and memory of a run of 1e7 steps with and without a sink."""
     sys.path.insert(0, str(ROOT / "tests"))
-    import third_party
+    from tests.support import third_party
 
     with ExitStack() as stack:
         file = stack.enter_context(FmuFile(third_party.reference(2, "Feedthrough")))

@@ -31,8 +31,8 @@ import fmpy
 import numpy as np
 
 from orchestrator.engine import Engine, Order, Result, Simulation, Timing
-from orchestrator.fmu_file import FmuFile
-from orchestrator.slave import Slave, Value
+from orchestrator.fmi.file import FmuFile
+from orchestrator.fmi.slave import Slave, Value
 from orchestrator.system import Part, wire
 from orchestrator.trace import FloatArray
 
@@ -71,7 +71,7 @@ PEERS = {
 def figures() -> list[Figure]:
     """Nanoseconds per FMU and step of every loop, and what ours is against each."""
     sys.path.insert(0, str(ROOT / "tests"))
-    import third_party
+    from tests.support import third_party
 
     fmu = third_party.reference(2, "Feedthrough")
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:

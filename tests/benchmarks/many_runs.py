@@ -17,10 +17,10 @@ from time import perf_counter
 
 import numpy as np
 
-from orchestrator.assembly import Assembled, OpenSystem, assemble
+from orchestrator.assembly.assembly import Assembled, OpenSystem, assemble
 from orchestrator.engine import Result, Run
-from orchestrator.scenario import ScenarioBlock
-from orchestrator.slave import Value
+from orchestrator.fmi.slave import Value
+from orchestrator.scenario.run import ScenarioBlock
 from orchestrator.yaml_file import load
 
 from .figure import Figure, report

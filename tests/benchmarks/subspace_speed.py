@@ -17,11 +17,11 @@ from time import perf_counter, process_time
 
 import numpy as np
 
-from identification.linear_model import LinearModel
-from identification.orse import subspace
-from identification.range_space import Settings, Weighting
-from identification.records import Record
-from identification.validation import delta
+from identification.estimation.validation import delta
+from identification.linear.model import LinearModel
+from identification.linear.records import Record
+from identification.subspace.range_space import Settings, Weighting
+from identification.subspace.subspace import subspace
 
 from .figure import Figure, report
 from .subspace_peers import TOOLS

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import settings
 
 from fmus import library
-from fmus.packaging import compiler, native, python
+from fmus.packaging import native, python
+from fmus.packaging.native import compiler
 
 settings.register_profile("shared machine", deadline=None)
 settings.load_profile("shared machine")

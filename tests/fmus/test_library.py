@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from fmus import library, symbolic
+from fmus import library
 from fmus.errors import ModelError
-from fmus.instance import Instance
+from fmus.modelling import symbolic
+from fmus.modelling.instance import Instance
 
 OWN = '''"""A first-order lag."""
 import math

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from small_study import study, write_study
 
 from fmus.errors import ScenarioError
+from identification.recordings.source import FieldBlock, trace_values
 from identification.study import OutputErrorBlock, ResonanceBlock, load_study
-from identification.trace_source import FieldBlock, trace_values
+from tests.support.small_study import study, write_study
 
 STUDIES = Path(__file__).parents[2] / "scenarios" / "butterfly"
 

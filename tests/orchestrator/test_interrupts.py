@@ -12,16 +12,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scripted import Clock, simulation
 
 from fmus import library
 from fmus.packaging import python
 from orchestrator.engine import Interrupted, Simulation, Timing
-from orchestrator.fmu_file import FmuFile
+from orchestrator.fmi.file import FmuFile
+from orchestrator.fmi.slave import Slave
 from orchestrator.interrupts import Interrupts, requested, whole
-from orchestrator.slave import Slave
 from orchestrator.system import Part, wire
 from orchestrator.trace import Trace
+from tests.support.scripted import Clock, simulation
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
 

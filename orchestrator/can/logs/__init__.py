@@ -10,9 +10,9 @@ from pathlib import Path
 
 from fmus.errors import TraceError
 from orchestrator.can.frames import Frames
-from orchestrator.can.log_suffixes import CSV_HEADER, SUFFIXES, is_log
 from orchestrator.can.logs import blf, dialects, mf4, sqlite, text
 from orchestrator.can.logs.findings import Damage, Findings
+from orchestrator.can.logs.suffixes import CSV_HEADER, SUFFIXES, is_log
 from orchestrator.can.logs.writing import write
 from orchestrator.trace import check_file
 

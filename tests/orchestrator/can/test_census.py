@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from orchestrator.can.census import MOST, Census
+from orchestrator.can.codec.merging import Merger, Series
+from orchestrator.can.codec.time_stamps import CONTINUED, Clock
 from orchestrator.can.frames import Frames
-from orchestrator.can.merging import Merger, Series
-from orchestrator.can.stamps import CONTINUED, Clock
 from orchestrator.trace import FloatArray, Trace
 
 

@@ -1,0 +1,14 @@
+"""The library, one model a file, and the language that model files are written in.
+
+A model file begins with `from . import Model, State, input_, ops, output, parameter`. Until the next release
+`from .model import Model` is understood, too. This file travels inside every Python FMU.
+"""
+
+import sys
+
+from ..modelling import model, ops
+from ..modelling.model import Model, Requirement, State, Table, array, input_, output, parameter
+
+__all__ = ["Model", "Requirement", "State", "Table", "array", "input_", "ops", "output", "parameter"]
+
+sys.modules[f"{__name__}.model"] = model

@@ -1,0 +1,62 @@
+"""Orbital stabilisation of a pendulum by its energy: friction compensation (Eq. 103) and energy feedback (Eq. 109).
+
+    v = p2/p4 w - gain w (E - E*),   E = p1/2 w^2 + p3 (1 - cos(angle - equilibrium)),   E* = p3 (1 - cos amplitude)
+
+Lemma 8 excludes the energies of the two equilibria, 0 and 2 p3: from there, or towards there, it proves nothing (at
+rest the feedback is zero for ever). The text joins the two conditions by "or"; both must hold.
+"""
+
+from . import Model, Requirement, State, input_, ops, output, parameter
+
+
+def energy(u, p):
+    """Eq. 105."""
+    return 0.5 * p.p1 * u.speed**2 + p.p3 * (1 - ops.cos(u.angle - p.equilibrium_angle))
+
+
+def target_energy(p):
+    return p.p3 * (1 - ops.cos(p.amplitude))
+
+
+def update(t, x, u, p):
+    voltage = p.p2 / p.p4 * u.speed - p.gain * u.speed * (energy(u, p) - target_energy(p))
+    return {"voltage": ops.clip(voltage, -p.voltage_limit, p.voltage_limit)}
+
+
+def apart(energy, equilibrium_energy, p):
+    """Whether two energies differ by more than a millionth of the way between the equilibria."""
+    return ops.absolute(energy - equilibrium_energy) > 2e-6 * p.p3
+
+
+MODEL = Model(
+    name="energy_controller",
+    description="Energy feedback that stabilises the oscillation of a pendulum with a given amplitude",
+    variables=(
+        input_("angle", "rad", "Angle of the pendulum"),
+        input_("speed", "rad/s", "Angular velocity of the pendulum"),
+        output("voltage", "V", "Motor voltage, held between samples"),
+        parameter("p1", "kg.m2", 0.00325, "Moment of inertia about the axis", minimum=0),
+        parameter("p2", "N.m.s/rad", 0.001, "Viscous friction with the motor's back-EMF, to be compensated", minimum=0),
+        parameter("p3", "N.m", 0.04905, "Weight times distance of the centre of mass", minimum=1e-12),
+        parameter("p4", "N.m/V", 10.0, "Torque per volt"),
+        parameter("gain", "V.s/(rad.J)", 0.1, "Energy feedback (gamma)", minimum=0),
+        parameter("amplitude", "rad", 1.0, "Largest inclination of the wanted oscillation (theta_max)"),
+        parameter("equilibrium_angle", "rad", 0.0, "Angle of the downward equilibrium"),
+        parameter("sample_time", "s", 0.005, "Sample period", minimum=1e-6),
+        parameter("voltage_limit", "V", 1e6, "Largest voltage, either sign", minimum=0),
+    ),
+    states=(State("voltage", 0.0, "V", sampled=True),),
+    update=update,
+    sample_time="sample_time",
+    requirements=(
+        Requirement(lambda t, x, u, p: apart(energy(u, p), 0.0, p),
+                    "start energy is that of the downward equilibrium, where the feedback is zero (Lemma 8)"),
+        Requirement(lambda t, x, u, p: apart(energy(u, p), 2 * p.p3, p),
+                    "start energy is that of the upright equilibrium, 2 p3 (Lemma 8)"),
+        Requirement(lambda t, x, u, p: apart(target_energy(p), 0.0, p),
+                    "amplitude asks for the energy of the downward equilibrium (Lemma 8)"),
+        Requirement(lambda t, x, u, p: apart(target_energy(p), 2 * p.p3, p),
+                    "amplitude asks for the energy of the upright equilibrium, 2 p3 (Lemma 8)"),
+    ),
+    references=("Angelchev Shiryaev, Umea University 2024, Eqs. 103, 105, 109, Lemma 8",),
+)  # fmt: skip

@@ -1,0 +1,1 @@
+"""What importers read: modelDescription.xml and the pages beside it."""

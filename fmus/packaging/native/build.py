@@ -1,0 +1,167 @@
+"""Native FMUs: C generated from the model file, a small runtime, and nothing else needed where they run.
+
+The binary checks the first part of the FMU's GUID or token, which stands for its code; the rest stands for the
+defaults it was built with, so that FMUs of one model with other values are not taken for each other.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import fmpy
+
+from fmus.errors import ModelError
+from fmus.modelling.agreement import require_agreement
+from fmus.modelling.model import Model, Number, Table
+from fmus.packaging import archive, defaults, values
+from fmus.packaging.description import documentation, interface, xml
+from fmus.packaging.description.interface import Interface
+from fmus.packaging.description.xml import Extras, Offer
+from fmus.packaging.native import c_model, compiler
+from fmus.packaging.native.compiler import Platform
+
+_RUNTIME = Path(__file__).parent / "c"
+_COMMON = tuple(f"{name}{suffix}" for name in ("files", "instance", "ops", "resources") for suffix in (".c", ".h"))
+_ADAPTERS: dict[int, tuple[str, ...]] = {2: ("fmi2.c",), 3: ("fmi3.c", "fmi3_absent.c")}
+_HEADERS = {
+    2: ("fmi2FunctionTypes.h", "fmi2Functions.h", "fmi2TypesPlatform.h"),
+    3: ("fmi3FunctionTypes.h", "fmi3Functions.h", "fmi3PlatformTypes.h"),
+}
+LOG_CATEGORIES = {"logStatusError": "What went wrong", "logEvents": "What was read, and how the model is stepped"}
+
+
+@dataclass(frozen=True)
+class _Capabilities:
+    """Flags by their names in one version of FMI."""
+
+    common: dict[str, bool]
+    derivatives: tuple[str, ...]
+    exchange: dict[str, bool]
+
+
+_CAPABILITIES = {
+    2: _Capabilities(
+        dict.fromkeys(
+            ("canGetAndSetFMUstate", "canSerializeFMUstate", "canNotUseMemoryManagementFunctions"), True
+        ) | {"needsExecutionTool": False},
+        ("providesDirectionalDerivative",),
+        {"completedIntegratorStepNotNeeded": False},
+    ),
+    3: _Capabilities(
+        {"needsExecutionTool": False, "canGetAndSetFMUState": True, "canSerializeFMUState": True},
+        ("providesDirectionalDerivatives", "providesAdjointDerivatives"),
+        {"needsCompletedIntegratorStep": True},
+    ),
+}  # fmt: skip
+
+
+def build(
+    model: Model,
+    path: Path,
+    parameters: Mapping[str, Number] | None = None,
+    tables: Mapping[str, Table] | None = None,
+    fmi: int = 2,
+    platforms: Sequence[str] = ("host",),
+) -> Path:
+    """Write the FMU of a model with these defaults and tables; the path comes back.
+
+    Co-simulation for every model, model exchange too for those with continuous states and no sampled ones.
+
+    Args:
+        fmi: 2 or 3.
+        platforms: names of `compiler.PLATFORMS`, "host" or "all".
+
+    Raises:
+        ModelError: a parameter or table the model does not have, a value of the wrong type or out of bounds, a model
+            that cannot be turned into C, no compiler, or one that failed.
+    """
+    if fmi not in _ADAPTERS:
+        raise ModelError(f"model {model.name}", f"FMI {fmi} is not offered", "choose FMI 2 or 3")
+    starts = values.checked(model, parameters or {}, tables or {})
+    shown = interface.complete(model, starts)
+    code = _code(model, fmi)
+    resources = {f"resources/{name}.csv": values.csv(table) for name, table in (tables or {}).items()}
+    resources[defaults.RESOURCE] = defaults.dump(starts).encode()
+    files = resources | {f"sources/{name}": text.encode() for name, text in code.sources.items()}
+    files |= _binaries(model, code, fmi, compiler.find(platforms))
+    files["modelDescription.xml"] = _description(shown, f"{code.token}-{_digest(resources)[:16]}", fmi, code)
+    files["documentation/index.html"] = documentation.page(shown)
+    if fmi == 3:
+        files["sources/buildDescription.xml"] = _build_description(model, code)
+    archive.write(path, files)
+    return path
+
+
+@dataclass(frozen=True)
+class _Code:
+    """C sources by file name, and the token that stands for them."""
+
+    sources: Mapping[str, str]
+    token: str
+
+    @property
+    def units(self) -> list[str]:
+        return [name for name in sorted(self.sources) if name.endswith(".c")]
+
+
+@cache
+def _code(model: Model, fmi: int) -> _Code:
+    """Generated sources, runtime and FMI headers; what they are does not depend on parameters."""
+    headers = Path(str(fmpy.__file__)).parent / "c-code"
+    fixed = {name: (_RUNTIME / name).read_text() for name in (*_COMMON, "model.h", *_ADAPTERS[fmi])}
+    fixed |= {name: (headers / name).read_text() for name in _HEADERS[fmi]}
+    require_agreement(model)
+    shown = interface.complete(model, {})
+    generated = c_model.generate(shown, "")
+    digest = _digest({name: text.encode() for name, text in (fixed | generated).items()})
+    token = f"{model.name}-{digest[:32]}"
+    return _Code(fixed | generated | {"layout.h": c_model.layout(shown, token)}, token)
+
+
+def _binaries(model: Model, code: _Code, fmi: int, platforms: Sequence[Platform]) -> dict[str, bytes]:
+    """Libraries by archive name; FMI 2.0 has one folder for the two processors of macOS, so they share a file."""
+    found: dict[str, dict[str, bytes]] = {}
+    for target in platforms:
+        folder = target.folder2 if fmi == 2 else target.name
+        path = f"binaries/{folder}/{model.name}{target.suffix}"
+        found.setdefault(path, {})[target.name] = compiler.compile_library(code.sources, model.name, target)
+    return {
+        path: next(iter(parts.values())) if len(parts) == 1 else compiler.universal(parts)
+        for path, parts in found.items()
+    }
+
+
+def _description(shown: Interface, token: str, fmi: int, code: _Code) -> bytes:
+    model = shown.model
+    flags = _CAPABILITIES[fmi]
+    exchangeable = interface.exchangeable(model)
+    common = {**flags.common, **dict.fromkeys(flags.derivatives, exchangeable)}
+    sources = code.units if fmi == 2 else []
+    stepping = {"canHandleVariableCommunicationStepSize": True}
+    offers = [Offer("ModelExchange", model.name, common | flags.exchange, sources)] if exchangeable else []
+    offers.append(Offer("CoSimulation", model.name, common | stepping, sources))
+    starts = {v.name: v.start for v in shown.variables if v.start is not None}
+    extras = Extras(LOG_CATEGORIES, interface.default_step(model, starts))
+    return (xml.fmi2 if fmi == 2 else xml.fmi3)(shown, token, offers, extras)
+
+
+def _build_description(model: Model, code: _Code) -> bytes:
+    root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
+    configuration = ET.SubElement(root, "BuildConfiguration", modelIdentifier=model.name)
+    files = ET.SubElement(configuration, "SourceFileSet", language="C99")
+    for name in code.units:
+        ET.SubElement(files, "SourceFile", name=name)
+    ET.indent(root)
+    return ET.tostring(root, encoding="UTF-8", xml_declaration=True)
+
+
+def _digest(files: Mapping[str, bytes]) -> str:
+    digest = hashlib.sha256()
+    for name in sorted(files):
+        digest.update(name.encode() + b"\0" + str(len(files[name])).encode() + b"\0" + files[name])
+    return digest.hexdigest()

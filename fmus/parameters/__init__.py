@@ -1,0 +1,1 @@
+"""Values into FMUs: written back into ours, as SSV and SSP beside foreign ones."""

@@ -1,0 +1,130 @@
+"""Commands that fit parameters and judge them: calibrate, validate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from orchestrator.cli.terminal import Answer, Json, Out, Quiet, Terminal, Verbose, answered
+
+app = typer.Typer()
+
+Data = Annotated[Path | None, typer.Option("--data", help="Folder (or file) of recordings.")]
+
+
+@app.command()
+def calibrate(
+    study: Annotated[Path, typer.Argument(help="A study file.")],
+    data: Data = None,
+    out: Out = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+) -> None:
+    """Traces to calibrated FMUs, parameters.ssv, summary.json and report.html.
+
+    Exit code 1 when a claim does not come out as the study states.
+    """
+
+    def work(terminal: Terminal) -> Answer:
+        from identification.calibrate import calibrate_study
+
+        folder = out or Path("out") / study.stem
+        with terminal.bar(study.stem) as move:
+            document = calibrate_study(study, data, folder, move)
+        shows = next((each for key, each in _RESULTS.items() if key in document), _parameters)
+        shown: list[Table | str] = [shows(document), *_fits(document), *_warnings(document)]
+        fmus = f"FMUs in {folder / 'fmus'}, " if (folder / "fmus").is_dir() else ""
+        shown.append(f"{fmus}report in {folder / 'report.html'}")
+        return Answer(document, shown, document.get("as_stated", True))
+
+    answered(work, as_json, quiet, verbose)
+
+
+@app.command()
+def validate(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that `calibrate` wrote.")],
+    data: Annotated[Path, typer.Option("--data", help="Folder (or file) of other recordings.")],
+    out: Out = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+) -> None:
+    """Judge a calibrated result on other traces; exit code 1 when it misses the study's target."""
+
+    def work(terminal: Terminal) -> Answer:
+        from identification.calibrate import validate_result
+
+        target = out or folder / "validation"
+        with terminal.bar("validating") as move:
+            document = validate_result(folder, data, target, move)
+        shown = [*_fits(document), *_warnings(document), f"report in {target / 'report.html'}"]
+        return Answer(document, shown, document["held"])
+
+    answered(work, as_json, quiet, verbose)
+
+
+def _parameters(document: dict[str, Any]) -> Table:
+    from identification.output_error.report import parameter_rows
+
+    headers, rows = parameter_rows(document)
+    table = Table(title=document["title"], box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for number, header in enumerate(headers):
+        text = number in (0, len(headers) - 1)
+        table.add_column(header, justify="left" if text else "right", overflow="fold", no_wrap=number == 0)
+    for row in rows:
+        table.add_row(*map(_cell, headers, row))
+    return table
+
+
+def _cell(header: str, value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.{2 if header.startswith('±') else 5}g}"
+    return "-" if value is None else str(value)
+
+
+def _models(document: dict[str, Any]) -> Table:
+    """Order and median FIT of each output, on fitted and on unseen traces, of every model of a subspace study."""
+    outputs = list(document["fit"]["train"]["outputs"])
+    sides = {"fitted": "train", "unseen": "validation"}
+    table = Table("model", "order", *(f"{output}, {side}" for side in sides for output in outputs), title="median FIT")
+    for name, model in document["models"].items():
+        judged = [model["fit"][group] for group in sides.values()]
+        values = [_figure(each["outputs"][output] if each else None) for each in judged for output in outputs]
+        table.add_row(name, str(model["order"]), *values)
+    return table
+
+
+def _claims(document: dict[str, Any]) -> Table:
+    table = Table("claim", "outcome", "comparisons", title=document["title"])
+    for claim in document["claims"]:
+        held = sum(each["held"] for each in claim["comparisons"])
+        table.add_row(claim["statement"], claim["outcome"], f"{held} of {len(claim['comparisons'])}")
+    return table
+
+
+_RESULTS = {"models": _models, "claims": _claims}  # what tells a summary's kind, and its table
+
+
+def _fits(document: dict[str, Any]) -> list[str]:
+    lines = []
+    for group, judged in document["fit"].items():
+        if group == "compared":
+            lines += [f"median FIT of {name}: {_figure(each['median'])}" for name, each in judged.items()]
+        elif judged is not None:
+            lines.append(f"median FIT, {group}: {_figure(judged['median'])} ({len(judged['traces'])} traces)")
+            outputs = judged.get("outputs", {})
+            lines += [f"  {name}: {_figure(value)}" for name, value in outputs.items() if len(outputs) > 1]
+    return lines
+
+
+def _figure(value: float | None) -> str:
+    return "none" if value is None else f"{value:.4f}"
+
+
+def _warnings(document: dict[str, Any]) -> list[str]:
+    return [f"warning: {warning}" for warning in document["warnings"]]

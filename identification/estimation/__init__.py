@@ -1,0 +1,1 @@
+"""What methods share: least squares, parameters, workers, uncertainty, validation."""

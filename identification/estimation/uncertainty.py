@@ -1,0 +1,359 @@
+"""What data say about parameters, and what they do not: covariance, intervals, identifiability.
+
+Everything starts from the windows' Jacobians with the estimated initial states projected out, so that their
+uncertainty is part of the parameters'.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import orth, qr
+from scipy.stats import t as student
+
+from identification.estimation.arrow_least_squares import Block, Loss
+from identification.estimation.noise import Noise, coloured, white
+from identification.estimation.parameters import Parameter
+from identification.estimation.validation import Whiteness, whiteness
+from orchestrator.trace import FloatArray
+
+Method = Literal["white", "coloured", "window"]
+UNSEEN, WEAK = 1e-4, 1e-2
+_FEWEST_WINDOWS = 10
+_NO_EFFECT = 1e-9
+
+
+@dataclass(frozen=True)
+class Combination:
+    """A direction in which parameters can move without the outputs following, or hardly.
+
+    Attributes:
+        coefficients: name -> change of the parameter [its unit], the largest relative change first.
+        message: the same as a sentence.
+    """
+
+    coefficients: dict[str, float]
+    message: str
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """What the Jacobian at the estimate can and cannot tell apart.
+
+    Attributes:
+        names: the free parameters.
+        singular_values: (n,) falling, of the Jacobian with the states projected out of columns of length 1.
+        correlation: (n, n) of the estimates under white noise; nan where a parameter is not determined.
+        unseen: the combinations whose singular value is below `UNSEEN` of the largest.
+        weak: those of several parameters that are seen, but below `WEAK` of the largest.
+    """
+
+    names: tuple[str, ...]
+    singular_values: FloatArray
+    correlation: FloatArray
+    unseen: tuple[Combination, ...]
+    weak: tuple[Combination, ...] = ()
+
+    @property
+    def condition(self) -> float:
+        """Largest over smallest singular value; inf when something has no effect at all."""
+        if not len(self.singular_values):
+            return 1.0
+        smallest = float(self.singular_values[-1])
+        return float(self.singular_values[0]) / smallest if smallest > 0 else float("inf")
+
+
+@dataclass(frozen=True)
+class Covariance:
+    """Uncertainty of an estimate in z.
+
+    Attributes:
+        matrices: method -> (n, n), see `covariance`; an undetermined parameter has inf on the diagonal and nan
+            beside it. "window" is missing when the windows are too few.
+        method: the one that `matrix` is by.
+        freedom: degrees of freedom of the t distribution for intervals.
+        states: (W, s) standard deviations of the initial states in z.
+        whiteness: one test an output.
+    """
+
+    matrices: Mapping[Method, FloatArray]
+    method: Method
+    freedom: int
+    states: FloatArray
+    whiteness: tuple[Whiteness, ...]
+
+    @property
+    def matrix(self) -> FloatArray:
+        """(n, n) by the chosen method."""
+        return self.matrices[self.method]
+
+    @property
+    def is_white(self) -> bool:
+        """True when no output's residuals are rejected as white."""
+        return all(test.white for test in self.whiteness)
+
+    @property
+    def quantile(self) -> float:
+        """t quantile of a two-sided 95 % interval."""
+        return float(student.ppf(0.975, self.freedom))
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """A window's share of the estimating equations, the states projected out.
+
+    Rows are scaled so that jacobian^T jacobian is the expected curvature of the loss and jacobian^T influence
+    its gradient; `parameters` and `states` are the columns before the projection.
+    """
+
+    jacobian: FloatArray
+    influence: FloatArray
+    parameters: FloatArray
+    states: FloatArray
+
+
+def covariance(blocks: Sequence[Block], loss: Loss, outputs: int) -> Covariance:
+    """Covariance of the parameters from central-difference blocks at the estimate.
+
+    "white": H^-1 (sum of J_w^T N J_w) H^-1 with N = S at every instant, S the (m, m) covariance of the outputs'
+    noise; for one output and least squares this is s^2 (J^T J)^-1. Right when residuals are white; those of a
+    model with errors are not.
+
+    "coloured": the same with N the covariance of an autoregression fitted to the residuals. Right when the noise
+    is one stationary process in all windows.
+
+    "window": the delete-one-window jackknife, sum of d_w d_w^T (W - 1) / W with d_w the change of the
+    estimate when window w is left out (a cluster sandwich). Right when windows are independent of each other,
+    whatever happens inside them.
+
+    "white" is chosen unless whiteness is rejected at 1 %; then "window" with enough windows, else "coloured".
+    With a robust loss residuals count by their influence and H by the mean curvature (Huber 1981). The
+    deviations of the states include the parameters' uncertainty; their own share is for white or coloured noise.
+
+    Source: MacKinnon, Nielsen and Webb 2023 (CV3).
+    """
+    rows = _projected(blocks, loss, outputs)
+    transform, lost = _whitening(blocks, rows)
+    unknowns = transform.shape[1] + blocks[0].states.shape[1] * len(blocks)
+    influences = [row.influence for row in rows]
+    freedom = max(sum(map(len, influences)) - unknowns, 1)
+    fitted = [np.column_stack([_basis(row.states), row.jacobian @ transform]) for row in rows]
+    flat, correlated = white(influences, outputs, freedom), coloured(influences, outputs, fitted)
+    tests = tuple(whiteness([b.residual.reshape(-1, outputs)[:, i] for b in blocks]) for i in range(outputs))
+    matrices: dict[Method, FloatArray] = {
+        "white": _marked(_stationary(rows, transform, flat), lost),
+        "coloured": _marked(_stationary(rows, transform, correlated), lost),
+    }
+    jackknife = _window(rows, transform)
+    if jackknife is not None:
+        matrices["window"] = _marked(jackknife, lost)
+    is_white = all(test.white for test in tests)
+    method: Method = "white" if is_white else "coloured" if jackknife is None else "window"
+    return Covariance(
+        matrices=matrices,
+        method=method,
+        freedom=len(blocks) - 1 if method == "window" else freedom,
+        states=_state_deviations(rows, transform, matrices[method], flat if is_white else correlated),
+        whiteness=tests,
+    )
+
+
+def _curvature(blocks: Sequence[Block], loss: Loss, outputs: int) -> FloatArray:
+    """(m,) mean curvature of the loss for each output, kept positive."""
+    curvatures = np.concatenate([loss.curvature(block.residual).reshape(-1, outputs) for block in blocks])
+    return np.maximum(curvatures.mean(axis=0), 0.05)
+
+
+def _projected(blocks: Sequence[Block], loss: Loss, outputs: int) -> list[_Rows]:
+    curvature, rows = _curvature(blocks, loss, outputs), []
+    for block in blocks:
+        root = np.tile(np.sqrt(curvature), len(block.residual) // outputs)
+        parameters, states = block.parameters * root[:, None], block.states * root[:, None]
+        rows.append(_Rows(_without(parameters, states), loss.influence(block.residual) / root, parameters, states))
+    return rows
+
+
+def _without(parameters: FloatArray, states: FloatArray) -> FloatArray:
+    """What of the parameters' columns the states' columns cannot explain."""
+    basis = _basis(states)
+    return np.asarray(parameters - basis @ (basis.T @ parameters))
+
+
+def _basis(columns: FloatArray) -> FloatArray:
+    return np.asarray(orth(columns, rcond=1e-10)) if columns.any() else np.zeros((len(columns), 0))
+
+
+def _lengths(blocks: Sequence[Block]) -> FloatArray:
+    return np.sqrt(sum(np.sum(block.parameters**2, axis=0) for block in blocks))
+
+
+def _decomposed(blocks: Sequence[Block], jacobians: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Column lengths (1 for one without effect), singular values and right vectors of the Jacobian."""
+    lengths = _lengths(blocks)
+    lengths = np.where(lengths > _NO_EFFECT * lengths.max(initial=0.0), lengths, np.inf)
+    triangle = np.linalg.qr(np.vstack([np.linalg.qr(j, mode="r") for j in jacobians]), mode="r")
+    _, values, right = np.linalg.svd(triangle / lengths)
+    padded = np.zeros(len(lengths))
+    padded[: len(values)] = values
+    return np.where(np.isfinite(lengths), lengths, 1.0), padded, right.T
+
+
+def _whitening(blocks: Sequence[Block], rows: Sequence[_Rows]) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """(n, k) transform to k seen directions of unit curvature, and which parameters (n,) reach outside."""
+    lengths, values, vectors = _decomposed(blocks, [row.jacobian for row in rows])
+    seen = values > UNSEEN * values.max(initial=0.0)
+    transform = vectors[:, seen] / values[seen] / lengths[:, None]
+    return transform, np.asarray(np.sum(vectors[:, ~seen] ** 2, axis=1) > 1e-4)
+
+
+def _stationary(rows: Sequence[_Rows], transform: FloatArray, noise: Noise) -> FloatArray:
+    meat = np.zeros((transform.shape[1],) * 2)
+    for row in rows:
+        seen = row.jacobian @ transform
+        meat += seen.T @ noise.times(seen)
+    return transform @ meat @ transform.T
+
+
+def _window(rows: Sequence[_Rows], transform: FloatArray) -> FloatArray | None:
+    count, size = len(rows), transform.shape[1]
+    if count < max(_FEWEST_WINDOWS, size + 5):
+        return None
+    changes = []
+    for row in rows:
+        seen = row.jacobian @ transform
+        rest = np.eye(size) - seen.T @ seen
+        if size and np.linalg.eigvalsh(rest)[0] < 1e-6:
+            return None
+        changes.append(np.linalg.solve(rest, seen.T @ row.influence))
+    deleted = np.array(changes)
+    deleted -= deleted.mean(axis=0)
+    return transform @ (deleted.T @ deleted * (count - 1) / count) @ transform.T
+
+
+def _marked(matrix: FloatArray, lost: NDArray[np.bool_]) -> FloatArray:
+    matrix = matrix.copy()
+    matrix[lost, :] = matrix[:, lost] = np.nan
+    matrix[lost, lost] = np.inf
+    return matrix
+
+
+def _state_deviations(rows: Sequence[_Rows], transform: FloatArray, matrix: FloatArray, noise: Noise) -> FloatArray:
+    """(W, s) standard deviations: of ds = -A e - G dp with A the states' pseudo-inverse and G = A J_p."""
+    parameters, inverse, deviations = np.where(np.isfinite(matrix), matrix, 0.0), transform @ transform.T, []
+    for row in rows:
+        own: FloatArray = np.asarray(np.linalg.pinv(row.states), dtype=float)
+        gain, spread = own @ row.parameters, noise.times(own.T)
+        shared = row.jacobian.T @ spread
+        variance = np.sum(own.T * spread, axis=0) + np.sum(gain @ parameters * gain, axis=1)
+        deviations.append(np.sqrt(np.maximum(variance - 2 * np.sum(gain @ inverse * shared.T, axis=1), 0.0)))
+    return np.array(deviations)
+
+
+def identifiability(
+    blocks: Sequence[Block], parameters: Sequence[Parameter], values: FloatArray, slopes: FloatArray
+) -> Identifiability:
+    """What the data can tell apart at the estimate.
+
+    Args:
+        blocks: central-difference Jacobians, in z.
+        parameters: the free ones, in the blocks' order.
+        values: (n,) estimates [unit each].
+        slopes: (n,) d value / d z [unit each].
+    """
+    names = tuple(parameter.name for parameter in parameters)
+    if not names:
+        return Identifiability((), np.zeros(0), np.zeros((0, 0)), ())
+    jacobians = [_without(block.parameters, block.states) for block in blocks]
+    lengths, singular, vectors = _decomposed(blocks, jacobians)
+    hidden = singular <= UNSEEN * singular.max()
+    effects = _lengths(blocks)
+    silent = effects <= _NO_EFFECT * effects.max()
+    faint = ~hidden & (singular <= WEAK * singular.max())
+
+    def named(v: FloatArray, only: str) -> Combination:
+        return _combination(parameters, values, slopes, v / lengths, v, silent=silent, only=only)
+
+    unseen = [named(v, "only") for v in _sparse(vectors[:, hidden]).T]
+    weak = [named(v, "hardly more than") for v in vectors[:, faint].T]
+    inverse = vectors[:, ~hidden] / singular[~hidden]
+    lost = np.sum(vectors[:, hidden] ** 2, axis=1) > 1e-4
+    together = tuple(combination for combination in weak if len(combination.coefficients) > 1)
+    return Identifiability(names, singular, _correlation(inverse @ inverse.T, lost), tuple(unseen), together)
+
+
+def _sparse(basis: FloatArray) -> FloatArray:
+    """Another basis (n, k) of the same space, each vector with a parameter of its own."""
+    if not basis.shape[1]:
+        return basis
+    _, _, order = qr(basis.T, pivoting=True, mode="economic")
+    return np.asarray(basis @ np.linalg.inv(basis[order[: basis.shape[1]]]))
+
+
+def _combination(
+    parameters: Sequence[Parameter],
+    values: FloatArray,
+    slopes: FloatArray,
+    direction: FloatArray,
+    effect: FloatArray,
+    *,
+    silent: NDArray[np.bool_],
+    only: str,
+) -> Combination:
+    """The combination along a direction (n,) in z; `effect` (n,) is each entry's share in the outputs.
+
+    `only` says how little else of the parameters is seen.
+    """
+    involved = [int(i) for i in np.flatnonzero(np.abs(effect) > 0.02 * np.abs(effect).max())]
+    moves = direction * slopes
+    names = [parameters[i].name for i in involved]
+    if len(involved) == 1:
+        message = _alone(names[0], bool(silent[involved[0]]))
+    elif len(involved) == 2:
+        message = _pair([parameters[i] for i in involved], values[involved], direction[involved], moves[involved],
+                        only)  # fmt: skip
+    else:
+        message = _many(names, values[involved], moves[involved], only)
+    return Combination({parameters[i].name: float(moves[i]) for i in involved}, message)
+
+
+def _alone(name: str, silent: bool) -> str:
+    if silent:
+        return f"{name} has no effect on the outputs"
+    return f"{name} cannot be told from the estimated initial states"
+
+
+def _pair(pair: Sequence[Parameter], values: FloatArray, direction: FloatArray, moves: FloatArray, only: str) -> str:
+    (a, b), both = (pair[0].name, pair[1].name), f"{pair[0].name} and {pair[1].name}"
+    if _proportional(values, moves):
+        return f"{both}: {only} their ratio is seen"
+    if all(parameter.scale == "log" for parameter in pair):
+        power = -direction[0] / direction[1]
+        return f"{both}: {only} a {'product' if power > 0 else 'ratio'} of them is seen, {a} * {b}^{power:.3g}"
+    factor = -moves[0] / moves[1]
+    kind, sign = ("sum", "+") if factor > 0 else ("difference", "-")
+    return f"{both}: {only} a {kind} of them is seen, {a} {sign} {abs(factor):.3g} * {b}"
+
+
+def _many(names: Sequence[str], values: FloatArray, moves: FloatArray, only: str) -> str:
+    listed = ", ".join(names[:-1]) + f" and {names[-1]}"
+    if _proportional(values, moves):
+        return f"{listed}: {only} their ratios are seen"
+    ratio = " : ".join(f"{move / np.abs(moves).max():.3g}" for move in moves)
+    follow = "do not" if only == "only" else "hardly"
+    return f"{listed}: the outputs {follow} follow when they move as {ratio}"
+
+
+def _proportional(values: FloatArray, moves: FloatArray) -> bool:
+    if np.any(values == 0):
+        return False
+    relative = moves / values
+    return bool(np.ptp(relative) <= 0.01 * np.abs(relative).max())
+
+
+def _correlation(matrix: FloatArray, lost: NDArray[np.bool_]) -> FloatArray:
+    deviations = np.sqrt(np.where(lost, np.nan, np.diag(matrix)))
+    return matrix / np.outer(deviations, deviations)

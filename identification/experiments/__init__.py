@@ -1,0 +1,1 @@
+"""The manipulator thesis' campaign: its data sets, tables and claims."""

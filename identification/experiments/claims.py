@@ -1,0 +1,141 @@
+"""Claims held against the figures of a campaign: each is a set of inequalities, and none is forced."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from fmus.errors import ScenarioError
+from identification.experiments.data_set import SetResult, mean
+from identification.experiments.experiments import Experiments
+from identification.experiments.reduction import Reduction
+from identification.experiments.schema import ClaimBlock, InequalityBlock, Outcome
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One inequality: the largest of what should be less (times its factor) and the smallest of what should be more."""
+
+    block: InequalityBlock
+    less: float
+    than: float
+
+    @property
+    def held(self) -> bool:
+        return self.less < self.than
+
+    def __str__(self) -> str:
+        factor = f"{self.block.times:g} x " if self.block.times != 1 else ""
+        sign = "<" if self.held else "not <"
+        return f"{factor}{_side(self.block.less, self.less)} {sign} {_side(self.block.than, self.than)}"
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A claim and how its inequalities came out."""
+
+    claim: ClaimBlock
+    comparisons: tuple[Comparison, ...]
+
+    @property
+    def count(self) -> int:
+        """Inequalities that hold."""
+        return sum(each.held for each in self.comparisons)
+
+    @property
+    def outcome(self) -> Outcome:
+        """Held when all of them hold, not borne out when none does."""
+        if self.count == len(self.comparisons):
+            return "held"
+        return "held in part" if self.count else "not borne out"
+
+    @property
+    def as_stated(self) -> bool:
+        """Whether the study states this outcome."""
+        return self.outcome == self.claim.outcome
+
+    @property
+    def reason(self) -> str:
+        """Why it did not hold, where it did not."""
+        return "" if self.outcome == "held" else self.claim.reason
+
+
+def judge(experiments: Experiments) -> list[Judgement]:
+    """All claims of the study.
+
+    Raises:
+        ScenarioError: a claim names a figure that there is not.
+    """
+    known = figures(experiments)
+    return [
+        Judgement(claim, tuple(_compared(block, known, f"claims[{i}]") for block in claim.holds))
+        for i, claim in enumerate(experiments.study.claims)
+    ]
+
+
+def figures(experiments: Experiments) -> dict[str, float]:
+    """All figures that claims can speak of; inf for an unstable loop.
+
+    Of a data set's chosen model, after its label: `.dmv` and `.sfv` (delta-bar), `.dmv.position` and so on (delta of an
+    output), `.orders` (how many stable ones), `.mode1` and so on (relative distance from the physical frequency).
+    Of an example, after its name: `.initial.dmv`, `.mrm.sfv` and so on, for each stage, and
+    `.mrm.rigid`: how many states of a reduced one are of rigid modes.
+    """
+    found: dict[str, float] = {}
+    for label, result in experiments.results.items():
+        found |= {f"{label}.{name}": value for name, value in _of_set(result, experiments.study.outputs)}
+    for name, reduction in experiments.reductions.items():
+        payload = experiments.study.sets[reduction.example.data].payload
+        flexible = experiments.physical[payload][0].frequency
+        found |= {f"{name}.{stage}": value for stage, value in _of_reduction(reduction, flexible)}
+    return found
+
+
+def _of_set(result: SetResult, outputs: list[str]) -> Iterator[tuple[str, float]]:
+    errors = result.chosen.errors
+    yield "dmv", mean(errors.dmv)
+    yield "sfv", mean(errors.sfv)
+    yield "orders", float(len(result.stable))
+    for i, name in enumerate(outputs):
+        yield f"dmv.{name}", float(errors.dmv[i])
+        yield f"sfv.{name}", math.inf if errors.sfv is None else float(errors.sfv[i])
+    for number, distance in enumerate(result.frequencies, start=1):
+        yield f"mode{number}", distance
+
+
+def _of_reduction(reduction: Reduction, flexible: float) -> Iterator[tuple[str, float]]:
+    """Args: flexible: lowest frequency of a flexible mode [Hz]; what is below half of it is rigid motion."""
+    ranking = reduction.ranking
+    rigid = {
+        label: mode.size
+        for label, mode in zip(ranking.labels, ranking.modes, strict=True)
+        if not mode.paired or mode.frequency < 0.5 * flexible
+    }
+    for stage in reduction.stages:
+        if stage.kept:
+            yield f"{stage.name}.rigid", float(sum(rigid.get(label, 0) for label in stage.kept))
+        yield f"{stage.name}.dmv", mean(stage.errors.dmv)
+        yield f"{stage.name}.sfv", mean(stage.errors.sfv)
+
+
+def _compared(block: InequalityBlock, known: Mapping[str, float], place: str) -> Comparison:
+    def value(name: str | float) -> float:
+        if not isinstance(name, str):
+            return name
+        if name not in known:
+            raise ScenarioError(place, f"there is no figure '{name}'", "write, for example, O_dat2.dmv or Ac3.mrm.dmv")
+        return known[name]
+
+    less, than = (np.array([value(name) for name in names]) for names in (block.less, block.than))
+    return Comparison(block, float(less.max()) * block.times, float(than.min()))
+
+
+def _side(names: list[str | float], value: float) -> str:
+    """The names and the figure that counts."""
+    words = [name if isinstance(name, str) else f"{name:g}" for name in names]
+    if len(words) > 1:
+        return f"({', '.join(words)}) = {value:.3g}"
+    return f"{words[0]} = {value:.3g}" if isinstance(names[0], str) else words[0]

@@ -1,0 +1,162 @@
+"""A campaign of experiments on one rig: its data sets simulated, then worked on side by side.
+
+Data sets do not know of each other, so each goes to a process of its own. `experiment_set` says what happens there.
+"""
+
+from __future__ import annotations
+
+import itertools
+import signal
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from multiprocessing import active_children, get_context
+from pathlib import Path
+from typing import TypeVar
+
+from fmus.errors import FmuError, ScenarioError
+from identification.experiments.data_set import Job, SetResult, work
+from identification.experiments.physical_modes import PhysicalMode, physical_modes
+from identification.experiments.reduction import Reduction
+from identification.experiments.schema import ExperimentsBlock
+from identification.output_error.calibration import processes
+from identification.recordings.campaign import Recorded, load_campaign
+from identification.recordings.source import TracesBlock
+
+Move = Callable[[float, str], None]
+Value = TypeVar("Value")
+SIMULATED, IDENTIFIED = 0.35, 0.97  # of the whole when the one and the other are done, roughly
+
+
+@dataclass(frozen=True, eq=False)
+class Experiments:
+    """What a study gave.
+
+    Attributes:
+        results: label -> result; the label is the data set's code, with a `c` where the compensation was left in.
+        physical: payload [kg] -> lowest modes of the physical model.
+        compared: the same under the study's other preparation, where there is one.
+    """
+
+    study: ExperimentsBlock
+    recorded: tuple[Recorded, ...]
+    results: dict[str, SetResult]
+    physical: dict[float, tuple[PhysicalMode, ...]]
+    compared: Experiments | None = None
+
+    @property
+    def reductions(self) -> dict[str, Reduction]:
+        """By the example's name, in the study's order."""
+        found = {each.example.name: each for result in self.results.values() for each in result.reductions}
+        return {example.name: found[example.name] for example in self.study.examples}
+
+
+def run(study: ExperimentsBlock, base: Path, data: Path | None, move: Move) -> Experiments:
+    """All data sets of a study.
+
+    Args:
+        base: folder of the study file.
+        data: folder with the data sets as CSV files named by their codes, to take instead of simulating them.
+
+    Raises:
+        InputError: the study and its data do not fit together.
+        FmuError: a simulation failed, or a process died.
+    """
+    physical = {
+        payload: _physical(study, payload) for payload in sorted({each.payload for each in study.sets.values()})
+    }
+    studies = [study, *([study.model_copy(update={"preparation": study.compare})] if study.compare else [])]
+    with _workers() as pool:
+        recorded = _read(study, base, data) if data else _simulated(pool, study, base, move)
+        jobs = [_jobs(each, recorded, physical) for each in studies]
+        results = _worked_on(pool, list(itertools.chain(*jobs)), move)
+    made = [
+        Experiments(each, tuple(recorded), {job.label: results[job] for job in own}, physical)
+        for each, own in zip(studies, jobs, strict=True)
+    ]
+    return replace(made[0], compared=made[1] if study.compare else None)
+
+
+def _worked_on(pool: ProcessPoolExecutor, jobs: list[Job], move: Move) -> dict[Job, SetResult]:
+    tasks = {pool.submit(work, job): job for job in jobs}
+    results = {}
+    for number, task in enumerate(as_completed(tasks), start=1):
+        results[tasks[task]] = _result(task)
+        done = SIMULATED + (IDENTIFIED - SIMULATED) * number / len(tasks)
+        move(done, f"{number} of {len(tasks)} identified, {tasks[task].label}")
+    return results
+
+
+def _physical(study: ExperimentsBlock, payload: float) -> tuple[PhysicalMode, ...]:
+    how = study.physical
+    return physical_modes(how.model, how.without | {how.payload: payload})[: how.modes]
+
+
+def _jobs(
+    study: ExperimentsBlock, recorded: list[Recorded], physical: dict[float, tuple[PhysicalMode, ...]]
+) -> list[Job]:
+    """One a data set, and another where there is a compensation to leave in."""
+    traces = {each.trace.name: each.trace for each in recorded}
+    jobs = []
+    for code, each in study.sets.items():
+        following = traces[study.feedback.records[each.payload]]
+        for removed in (True, False) if each.compensation else (True,):
+            jobs.append(Job(study, code, removed, traces[code], following, physical[each.payload]))
+    return jobs
+
+
+def _read(study: ExperimentsBlock, base: Path, data: Path) -> list[Recorded]:
+    return _wanted(study, load_campaign(TracesBlock(files="**/*.csv"), base, data))
+
+
+def _simulated(pool: ProcessPoolExecutor, study: ExperimentsBlock, base: Path, move: Move) -> list[Recorded]:
+    found: list[Recorded] = []
+    tasks: dict[Future[list[Recorded]], Path] = {pool.submit(_simulate, base / path): path for path in study.scenarios}
+    for number, task in enumerate(as_completed(tasks), start=1):
+        cases: list[Recorded] = _result(task)
+        found += cases
+        move(SIMULATED * number / len(tasks), f"simulated {tasks[task].stem}")
+    return _wanted(study, found)
+
+
+def _simulate(scenario: Path) -> list[Recorded]:
+    return load_campaign(TracesBlock(scenario=Path(scenario.name)), scenario.parent, None)
+
+
+def _wanted(study: ExperimentsBlock, found: list[Recorded]) -> list[Recorded]:
+    """Those that are data sets, by name.
+
+    Raises:
+        ScenarioError: one is missing.
+    """
+    missing = sorted(set(study.sets) - {each.trace.name for each in found})
+    if missing:
+        raise ScenarioError(f"sets.{missing[0]}", "no scenario or file has this name", "correct `scenarios`, or --data")
+    return sorted((each for each in found if each.trace.name in study.sets), key=lambda each: each.trace.name)
+
+
+@contextmanager
+def _workers() -> Iterator[ProcessPoolExecutor]:
+    """Processes that end with the study, however it ends; what still runs then is stopped."""
+    with ProcessPoolExecutor(processes(), get_context("spawn"), _ignore_interrupts) as pool:
+        try:
+            yield pool
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for process in active_children():
+                process.terminate()
+            raise
+
+
+def _ignore_interrupts() -> None:
+    """A terminal interrupts all processes; only the main one shall answer."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _result(task: Future[Value]) -> Value:
+    try:
+        return task.result()
+    except BrokenProcessPool:
+        raise FmuError("study", "a process died", "look for a crash in the FMUs, or for too little memory") from None

@@ -1,0 +1,66 @@
+"""Frequencies and damping of a physical model around rest, from its own equations."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fmus.errors import IdentificationError
+from fmus.library import find
+from fmus.modelling.model import Model, namespace, start_values
+
+_STEP = 1e-6
+
+
+@dataclass(frozen=True)
+class PhysicalMode:
+    """Natural frequency [Hz] and damping ratio."""
+
+    frequency: float
+    damping: float
+
+
+def physical_modes(model: str, parameters: Mapping[str, float]) -> tuple[PhysicalMode, ...]:
+    """The oscillating modes of a model near rest, by rising frequency.
+
+    Args:
+        model: name of a model with continuous states.
+        parameters: values over the model's own; what is not smooth at rest, such as dry friction, has to be switched
+            off by them.
+
+    Raises:
+        ModelError: there is no such model.
+        IdentificationError: it has no such parameter.
+    """
+    known = find(model)
+    defaults = start_values(known)
+    stray = [name for name in parameters if name not in defaults]
+    if stray:
+        raise IdentificationError(f"{model}.{stray[0]}", "is no parameter", f"there are {', '.join(defaults)}")
+    poles = np.linalg.eigvals(_linearised(known, defaults | dict(parameters)))
+    found = [_mode(complex(pole)) for pole in poles if pole.imag > 1e-6]
+    return tuple(sorted(found, key=lambda mode: mode.frequency))
+
+
+def _mode(pole: complex) -> PhysicalMode:
+    return PhysicalMode(abs(pole) / (2 * math.pi), -pole.real / abs(pole))
+
+
+def _linearised(model: Model, values: Mapping[str, Any]) -> np.ndarray:
+    """(n, n) central differences of the derivatives by the states, at rest in the origin."""
+    names = [state.name for state in model.continuous]
+    fixed = namespace(values)
+    derivatives = model.derivatives
+    assert derivatives is not None
+
+    def rates(state: np.ndarray) -> np.ndarray:
+        x = namespace(dict(zip(names, state.tolist(), strict=True)))
+        found = derivatives(0.0, x, fixed, fixed)
+        return np.array([float(found[name]) for name in names])
+
+    steps = _STEP * np.eye(len(names))
+    return np.column_stack([(rates(step) - rates(-step)) / (2 * _STEP) for step in steps])

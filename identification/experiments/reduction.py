@@ -1,0 +1,122 @@
+"""One model through Chapter 3 of the flexible-manipulator thesis: ranked, reduced in three ways, and updated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from identification.experiments.schema import ExampleBlock, Method
+from identification.linear.model import LinearModel
+from identification.linear.modes import Mode, combined, labels, modes, ranked, stabilised, strongest
+from identification.linear.records import Record
+from identification.linear.updating import reduced, updated_input, updated_output
+from orchestrator.trace import FloatArray
+
+METHODS: tuple[Method, ...] = ("mrm", "msv", "mrmc")
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """Delta of each output in the two validations: dmv (p,), and sfv (p,) or None where the loop is unstable."""
+
+    dmv: FloatArray
+    sfv: FloatArray | None
+
+
+Judge = Callable[[LinearModel], Errors]
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """A model on its way.
+
+    Attributes:
+        name: initial, stabilised, mrm, msv, mrmc, updated, or further.
+        kept: labels of the modes of the ranked model that it has; all when empty.
+        model: in scaled outputs.
+    """
+
+    name: str
+    kept: tuple[str, ...]
+    model: LinearModel
+    errors: Errors
+
+
+@dataclass(frozen=True, eq=False)
+class Ranking:
+    """The modes of a model with their labels and their ranks by MRM and by MSV."""
+
+    modes: tuple[Mode, ...]
+    labels: tuple[str, ...]
+    mrm: tuple[int, ...]
+    msv: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Reduction:
+    """An example and its stages, in the order in which they were made."""
+
+    example: ExampleBlock
+    ranking: Ranking
+    stages: tuple[Stage, ...]
+
+    @property
+    def final(self) -> list[Stage]:
+        """The updated models, the smaller one last."""
+        return [stage for stage in self.stages if stage.name in ("updated", "further")]
+
+
+def reduce_and_update(
+    model: LinearModel, example: ExampleBlock, fitted: Record, flexible: Sequence[float], judge: Judge
+) -> Reduction:
+    """All stages of an example.
+
+    Args:
+        model: the identified one, in scaled outputs.
+        fitted: the record that it was fitted to, prepared.
+        flexible: known frequencies of the flexible modes [Hz].
+
+    Raises:
+        IdentificationError: a reduction leaves nothing that can be updated.
+    """
+    stages = [Stage("initial", (), model, judge(model))]
+    if np.abs(model.eigenvalues).max() > 1:
+        model = stabilised(model)
+        stages.append(Stage("stabilised", (), model, judge(model)))
+    ranking = _ranking(model, fitted.u)
+    kept = {by: _kept(by, ranking.modes, fitted.u, example.order, flexible) for by in METHODS}
+    for by in METHODS:
+        short = reduced(model, kept[by])
+        stages.append(Stage(by, _labels(ranking, kept[by]), short, judge(short)))
+    updated = _updated(reduced(model, kept[example.by]), example, fitted)
+    stages.append(Stage("updated", _labels(ranking, kept[example.by]), updated, judge(updated)))
+    if example.further is not None and example.further < updated.order:
+        less = _kept("mrm", modes(updated), fitted.u, example.further, ())
+        shorter = _updated(reduced(updated, less), example, fitted)
+        which = _labels(ranking, [kept[example.by][i] for i in less])
+        stages.append(Stage("further", which, shorter, judge(shorter)))
+    return Reduction(example, ranking, tuple(stages))
+
+
+def _updated(model: LinearModel, example: ExampleBlock, fitted: Record) -> LinearModel:
+    return (updated_input if example.update == "input" else updated_output)(model, [fitted])
+
+
+def _ranking(model: LinearModel, u: FloatArray) -> Ranking:
+    found = modes(model)
+    magnitudes = ranked([mode.response_magnitude(u) for mode in found])
+    values = ranked([mode.mode_singular_value(len(u)) for mode in found])
+    return Ranking(found, tuple(labels(found)), tuple(magnitudes), tuple(values))
+
+
+def _kept(by: Method, found: Sequence[Mode], u: FloatArray, order: int, flexible: Sequence[float]) -> list[int]:
+    if by == "msv":
+        return strongest(found, [mode.mode_singular_value(len(u)) for mode in found], order)
+    magnitudes = [mode.response_magnitude(u) for mode in found]
+    return combined(found, magnitudes, order, flexible) if by == "mrmc" else strongest(found, magnitudes, order)
+
+
+def _labels(ranking: Ranking, kept: Sequence[int]) -> tuple[str, ...]:
+    return tuple(ranking.labels[i] for i in kept)

@@ -1,0 +1,1 @@
+"""Linear models: modes, poles, reduction and updating."""

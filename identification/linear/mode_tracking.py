@@ -1,0 +1,119 @@
+"""Modes followed over models of rising order, and how sure their frequencies and dampings are.
+
+A mode of the system comes back at every order in nearly the same place; one that only fits noise wanders.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from identification.linear.model import LinearModel
+from identification.linear.modes import Mode, modes
+from orchestrator.trace import FloatArray
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """How little a mode may change from one order to the next to count as the same.
+
+    Attributes:
+        frequency, damping: relative changes.
+        shape: least modal assurance criterion (MAC) of the output shapes.
+    """
+
+    frequency: float = 0.01
+    damping: float = 0.05
+    shape: float = 0.98
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """A mode at one order.
+
+    Attributes:
+        in_frequency, in_damping, in_shape: whether some mode of the order before was there, and agreed in that, too.
+    """
+
+    order: int
+    mode: Mode
+    in_frequency: bool
+    in_damping: bool
+    in_shape: bool
+
+    @property
+    def stable(self) -> bool:
+        """Whether it agrees in all three with the order before."""
+        return self.in_frequency and self.in_damping and self.in_shape
+
+
+def shape_agreement(first: Mode, second: Mode) -> float:
+    """Modal assurance criterion of two output shapes: 1 for parallel ones, 0 for orthogonal ones."""
+    product = abs(np.vdot(first.c, second.c)) ** 2
+    size = float(np.vdot(first.c, first.c).real * np.vdot(second.c, second.c).real)
+    return float(product / size) if size > 0 else 0.0
+
+
+def stabilisation(models: Sequence[LinearModel], tolerance: Tolerance | None = None) -> list[Sighting]:
+    """The points of a stabilisation diagram: the pairs of every model, judged against the model before."""
+    limits = tolerance or Tolerance()
+    sightings: list[Sighting] = []
+    before: list[Mode] = []
+    for model in sorted(models, key=lambda each: each.order):
+        pairs = [mode for mode in modes(model) if mode.paired]
+        sightings += [_sighted(model.order, mode, before, limits) for mode in pairs]
+        before = pairs
+    return sightings
+
+
+def _sighted(order: int, mode: Mode, before: Sequence[Mode], limits: Tolerance) -> Sighting:
+    near = [each for each in before if abs(each.frequency - mode.frequency) <= limits.frequency * mode.frequency]
+    if not near:
+        return Sighting(order, mode, False, False, False)
+    closest = max(near, key=lambda each: shape_agreement(each, mode))
+    in_damping = abs(closest.damping - mode.damping) <= limits.damping * abs(mode.damping)
+    return Sighting(order, mode, True, in_damping, shape_agreement(closest, mode) >= limits.shape)
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Standard deviations of a mode's natural frequency [Hz] and damping ratio."""
+
+    frequency: float
+    damping: float
+
+
+def spreads(model: LinearModel, sensitivity: FloatArray, covariance: FloatArray) -> list[Spread]:
+    """One for each of `modes(model)`, to first order.
+
+    Args:
+        sensitivity: (P, n, n) derivative of A by each of P parameters.
+        covariance: (P, P) of the parameters.
+
+    An eigenvalue moves by w^H dA v / w^H v with its left and right eigenvectors; frequency and damping follow from it
+    by (2-28). Modes without a frequency have nan.
+    """
+    values, vectors = np.linalg.eig(model.a)
+    inverse = np.linalg.inv(vectors)
+    found = []
+    for mode in modes(model):
+        i = int(np.argmin(abs(values - mode.eigenvalue)))
+        slope = np.einsum("j,pjk,k->p", inverse[i], sensitivity, vectors[:, i])
+        found.append(_spread(mode, slope, covariance))
+    return found
+
+
+def _spread(mode: Mode, slope: np.ndarray, covariance: FloatArray) -> Spread:
+    """From the slope (P,) of the eigenvalue."""
+    if not mode.frequency > 0:
+        return Spread(float("nan"), float("nan"))
+    pole = mode.pole
+    moved = slope / (mode.eigenvalue * mode.step)
+    size = abs(pole)
+    by_size = (pole.real * moved.real + pole.imag * moved.imag) / size
+    by_damping = -moved.real / size + pole.real * by_size / size**2
+    with np.errstate(invalid="ignore"):  # what is not determined is nan in the covariance, and stays so
+        variances = by_size @ covariance @ by_size, by_damping @ covariance @ by_damping
+        return Spread(float(np.sqrt(variances[0]) / (2 * np.pi)), float(np.sqrt(variances[1])))

@@ -1,0 +1,99 @@
+"""Poles put where a model is known to have them: inside the unit circle, or one of them on 1."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.linalg import eig
+from scipy.signal import place_poles
+
+from fmus.errors import IdentificationError
+from identification.linear.model import ComplexArray
+from orchestrator.trace import FloatArray
+
+Poles = Literal["free", "stable", "integrating"]
+LARGEST = 0.9999  # modulus of a pole that was moved inside; the manipulator thesis, Section 3.5, does the same
+
+
+@dataclass(frozen=True)
+class Move:
+    """One pole, or one of a pair, put elsewhere in the z-plane."""
+
+    before: complex
+    after: complex
+
+
+def constrained(a: FloatArray, poles: Poles) -> tuple[FloatArray, tuple[Move, ...]]:
+    """A (n, n) with its poles where they belong, and which were moved; all eigenvectors stay.
+
+    Poles on or outside the unit circle are reflected inside, to a modulus of at most `LARGEST`. An integrating model
+    has its real pole nearest to 1 there, however far it was: look at the moves.
+
+    Raises:
+        IdentificationError: an integrating model has no real pole.
+    """
+    if poles == "free" or not len(a):
+        return a, ()
+    values, left, right = eig(a, left=True, right=True)
+    wanted = _wanted(values, poles)
+    moving = np.flatnonzero(wanted != values)
+    shapes = right[:, moving] / np.sum(left[:, moving].conj() * right[:, moving], axis=0)
+    change = (shapes * (wanted - values)[moving]) @ left[:, moving].conj().T
+    return a + change.real, _moves(values, wanted)
+
+
+def injecting(a: FloatArray, c: FloatArray, poles: Poles) -> tuple[FloatArray, tuple[Move, ...]]:
+    """The gain G (n, p) with which A + G C has its poles where they belong, as `constrained`, and which were moved.
+
+    A predictor A - K C stays what it is when G is added to K as well.
+
+    Args:
+        c: (p, n).
+    """
+    gain = np.zeros(c.T.shape)
+    if poles == "free" or not len(a):
+        return gain, ()
+    values = np.linalg.eigvals(a).astype(complex)
+    moves = _moves(values, _wanted(values, poles))
+    for move in moves:
+        if move.before.imag >= 0:
+            gain += _moving(a + gain @ c, c, move)
+    return gain, moves
+
+
+def _moving(a: FloatArray, c: FloatArray, move: Move) -> FloatArray:
+    """The gain (n, p) that moves one pole, or a pair, and no other."""
+    values, right = np.linalg.eig(a)
+    v = right[:, np.argmin(np.abs(values - move.before))]
+    paired = move.before.imag != 0
+    shape = np.linalg.qr(np.column_stack([v.real, v.imag] if paired else [v.real]))[0]
+    aims = [move.after, move.after.conjugate()] if paired else [move.after]
+    return np.asarray(-shape @ place_poles((shape.T @ a @ shape).T, (c @ shape).T, aims).gain_matrix.T)
+
+
+def _wanted(values: ComplexArray, poles: Poles) -> ComplexArray:
+    """Where the poles (n,) belong."""
+    wanted = np.where(np.abs(values) >= 1, _inside(values), values)
+    if poles == "integrating":
+        wanted[integrator(values)] = 1.0
+    return wanted
+
+
+def _moves(values: ComplexArray, wanted: ComplexArray) -> tuple[Move, ...]:
+    return tuple(Move(complex(values[i]), complex(wanted[i])) for i in np.flatnonzero(wanted != values))
+
+
+def integrator(values: ComplexArray) -> int:
+    """Which of the poles (n,) is the real one nearest to 1."""
+    real = np.flatnonzero(values.imag == 0)
+    if not len(real):
+        raise IdentificationError("model", f"of order {len(values)} has no real pole to put on 1",
+                                  "choose another order")  # fmt: skip
+    return int(real[np.argmin(np.abs(values[real] - 1))])
+
+
+def _inside(values: ComplexArray) -> ComplexArray:
+    modulus = np.maximum(np.abs(values), 1e-300)
+    return np.asarray(values / modulus * np.minimum(1 / modulus, LARGEST))

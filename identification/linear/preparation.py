@@ -1,0 +1,96 @@
+"""What is done to records before a linear model is fitted to them: bias, mean, filter, scale, friction compensation.
+
+The flexible-manipulator thesis, Section 2.5, item 3. As published only the outputs are filtered, which puts the lag of
+a causal filter into the model; here inputs are filtered alike unless told not to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fmus.errors import IdentificationError
+from identification.linear.model import LinearModel
+from identification.linear.records import Record
+from identification.signals.processing import low_pass
+from orchestrator.trace import FloatArray
+
+
+@dataclass(frozen=True)
+class Preparation:
+    """Steps that are taken, in this order.
+
+    Attributes:
+        zero_mean: numbers of the outputs that are centred, such as strains; the others start at zero.
+        cutoff: corner of a second-order Butterworth low-pass [Hz]; None filters nothing.
+        causal: filter forwards only, as an instrument would; else forwards and backwards, without a lag.
+        filter_input: filter inputs as outputs are.
+        scaled: bring each output's greatest magnitude in all records to that of the first input.
+    """
+
+    zero_mean: tuple[int, ...] = ()
+    cutoff: float | None = 50.0
+    causal: bool = False
+    filter_input: bool = True
+    scaled: bool = True
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """Records fit for identification.
+
+    Attributes:
+        scale: (p,) by which the outputs were multiplied.
+    """
+
+    records: tuple[Record, ...]
+    scale: FloatArray
+
+    def unscaled(self, model: LinearModel) -> LinearModel:
+        """A model of these records in the outputs' own units."""
+        return replace(model, c=model.c / self.scale[:, None], d=model.d / self.scale[:, None])
+
+
+def prepared(records: Sequence[Record], how: Preparation) -> Prepared:
+    """The records after the steps of `how`, one scale for all of them.
+
+    Raises:
+        IdentificationError: an output is 0 throughout, so that it cannot be scaled, or the filter does not fit.
+    """
+    plain = [_filtered(_centred(record, how), how) for record in records]
+    scale = _scale(plain) if how.scaled else np.ones(plain[0].y.shape[1])
+    return Prepared(tuple(replace(record, y=record.y * scale) for record in plain), scale)
+
+
+def without_compensation(u: FloatArray, magnitude: float) -> FloatArray:
+    """The command (K, ...) less the magnitude that was added in its direction against Coulomb friction.
+
+    Within the magnitude nothing is left. A model of what remains does not hold the friction (type II of the thesis);
+    one of the whole command does (type III).
+    """
+    return np.sign(u) * np.maximum(np.abs(u) - magnitude, 0.0)
+
+
+def _centred(record: Record, how: Preparation) -> Record:
+    y = record.y - record.y[0]
+    for number in how.zero_mean:
+        y[:, number] -= y[:, number].mean()
+    return replace(record, y=y)
+
+
+def _filtered(record: Record, how: Preparation) -> Record:
+    if how.cutoff is None:
+        return record
+    y = low_pass(record.y, record.step, how.cutoff, causal=how.causal)
+    u = low_pass(record.u, record.step, how.cutoff, causal=how.causal) if how.filter_input else record.u
+    return replace(record, u=u, y=y)
+
+
+def _scale(records: Sequence[Record]) -> FloatArray:
+    largest = np.max([np.abs(record.y).max(axis=0) for record in records], axis=0)
+    for number, size in enumerate(largest):
+        if not size > 0:
+            raise IdentificationError(f"output {number}", "is 0 throughout and cannot be scaled", "leave it out")
+    return np.asarray(max(float(np.abs(record.u[:, 0]).max()) for record in records) / largest)

@@ -1,0 +1,56 @@
+"""After modes were left out: the remaining model's B or C computed anew, by least squares.
+
+The flexible-manipulator thesis, Section 3.1: A and one of the two stay, so that the problem is linear and has one
+answer, unlike a search over all elements.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fmus.errors import IdentificationError
+from identification.linear.input_matrices import fit_inputs
+from identification.linear.model import LinearModel
+from identification.linear.modes import from_modes, modes
+from identification.linear.records import Record
+from orchestrator.trace import FloatArray
+
+
+def reduced(model: LinearModel, kept: Sequence[int]) -> LinearModel:
+    """The model with only these of its modes (numbers as in `modes`), in real form (3-9, 3-10)."""
+    found = modes(model)
+    if not kept:
+        raise IdentificationError("reduction", "no mode is kept", "keep at least one")
+    return from_modes([found[i] for i in kept], model)
+
+
+def updated_output(model: LinearModel, records: Sequence[Record]) -> LinearModel:
+    """C by least squares of the outputs on the states from rest; A, B and D stay (3-20).
+
+    Raises:
+        IdentificationError: the states do not move independently under these inputs.
+    """
+    states = np.concatenate([model.states(record.u) for record in records])
+    measured = np.concatenate([record.y - record.u @ model.d.T for record in records])
+    solution, _, rank, _ = np.linalg.lstsq(states, measured, rcond=None)
+    if rank < model.order:
+        raise IdentificationError("update of C", f"the records move {rank} of {model.order} states independently",
+                                  "keep fewer modes, or use richer records")  # fmt: skip
+    return replace(model, c=np.asarray(solution.T, dtype=float))
+
+
+def updated_input(model: LinearModel, records: Sequence[Record], scale: FloatArray | None = None) -> LinearModel:
+    """B by least squares of the outputs from rest; A, C and D stay (3-17).
+
+    Args:
+        scale: (p,) size of each output, by which its errors are divided; the rms of the records by default. As
+            published, the outputs count as they are: give ones.
+    """
+    measured = [record.y - record.u @ model.d.T for record in records]
+    sizes = np.sqrt(np.mean(np.concatenate(measured) ** 2, axis=0)) if scale is None else scale
+    data = [(record.u, y / sizes) for record, y in zip(records, measured, strict=True)]
+    fixed = np.zeros(model.d.shape, dtype=bool)
+    return replace(model, b=fit_inputs(model.a, model.c / sizes[:, None], data, fixed, starts=False).b)

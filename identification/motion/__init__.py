@@ -1,0 +1,1 @@
+"""Recalibration near a motion."""

@@ -1,0 +1,1 @@
+"""FMUs fitted to recordings by free runs."""

@@ -1,0 +1,425 @@
+"""Parameters of any system by output error: free runs over windows, made to match what was measured.
+
+The estimator knows simulators only through `workers.Simulator`; what is free is declared in `parameters`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fmus.errors import FmuError, IdentificationError
+from identification.estimation.arrow_least_squares import Iterate, Limits, Loss, Minimum, Point, evaluated, minimise
+from identification.estimation.parameters import InitialState, Parameter, ParameterSet, Tie
+from identification.estimation.uncertainty import Covariance, Identifiability, covariance, identifiability
+from identification.estimation.validation import fit
+from identification.estimation.workers import Factory, Pool, Simulator, open_pool
+from identification.output_error.free_run import FreeRun, Tally
+from identification.output_error.problem import Problem, Window, spread_weights
+from orchestrator.trace import FloatArray
+
+__all__ = [
+    "Estimate",
+    "Factory",
+    "InitialState",
+    "Loss",
+    "Options",
+    "Parameter",
+    "ParameterSet",
+    "Prediction",
+    "Problem",
+    "Progress",
+    "Simulator",
+    "StartReport",
+    "Tie",
+    "Window",
+    "estimate",
+    "predict",
+    "spread_weights",
+]
+
+
+@dataclass(frozen=True)
+class Options:
+    """How the estimation searches.
+
+    Attributes:
+        starts: how many start vectors are tried: the declared one, the others spread between the bounds.
+        seed: of that spreading.
+        start_windows: each start is followed on this many windows only, spread evenly.
+        start_iterations: for so many iterations; the best is then continued on all windows.
+        max_evaluations: most points tried on all windows.
+        cost_tolerance: converged when the cost falls by less than this, relatively.
+        step_tolerance: or when no scaled unknown moves by more than this.
+        difference_step: relative step of forward differences, about the root of the simulation's accuracy.
+        processes: worker processes; 1 simulates in this process.
+    """
+
+    starts: int = 1
+    seed: int = 0
+    start_windows: int = 6
+    start_iterations: int = 8
+    max_evaluations: int = 60
+    cost_tolerance: float = 1e-7
+    step_tolerance: float = 1e-7
+    difference_step: float = 1e-5
+    processes: int = 1
+
+    def __post_init__(self) -> None:
+        for name in ("starts", "start_windows", "start_iterations", "max_evaluations", "processes"):
+            if getattr(self, name) < 1:
+                raise IdentificationError(f"options.{name}", f"{getattr(self, name)} is too few", "use 1 or more")
+        for name in ("cost_tolerance", "step_tolerance", "difference_step"):
+            if not 0 < getattr(self, name) < 0.1:
+                raise IdentificationError(f"options.{name}", f"{getattr(self, name)} is not within 0 to 0.1")
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where an estimation stands: stage, iteration within it, cost there, simulations so far."""
+
+    stage: str
+    iteration: int
+    cost: float
+    simulations: int
+
+
+Listener = Callable[[Progress], None]
+
+
+@dataclass(frozen=True)
+class StartReport:
+    """What became of one start vector.
+
+    Attributes:
+        values: name -> start value.
+        start_cost: on the windows tried; inf when the simulation failed there.
+        cost: after a few iterations.
+    """
+
+    values: Mapping[str, float]
+    start_cost: float
+    cost: float
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Parameters that match the windows, what they are worth, and what it took.
+
+    Attributes:
+        values: name -> estimate of every parameter, fixed and tied ones too [its unit].
+        std: name -> standard deviation of every estimated or tied one [its unit]; inf when not determined.
+        ci95: name -> 95 % interval [its unit]; parameters on a log scale have asymmetric ones.
+        free: names of the free parameters, in the order of z and covariance.
+        z: (n,) scaled free vector.
+        covariance: (n, n) of the free parameters [product of their units]; nan beside an undetermined one.
+        uncertainty: how it was computed, and the residual tests.
+        initial_states: name -> (W,) start values, fixed or estimated.
+        initial_std: name -> (W,) standard deviations of the estimated ones.
+        cost: the loss at the estimate.
+        simulated: (K, m) outputs a window.
+        residuals: (K, m) measured - simulated a window [unit of each output].
+        fit: (W, m) FIT of every window and output.
+        warnings: what a reader of the numbers has to know.
+    """
+
+    values: Mapping[str, float]
+    std: Mapping[str, float]
+    ci95: Mapping[str, tuple[float, float]]
+    free: tuple[str, ...]
+    z: FloatArray
+    covariance: FloatArray
+    uncertainty: Covariance
+    identifiability: Identifiability
+    initial_states: Mapping[str, FloatArray]
+    initial_std: Mapping[str, FloatArray]
+    cost: float
+    simulated: tuple[FloatArray, ...]
+    residuals: tuple[FloatArray, ...]
+    fit: FloatArray
+    iterations: int
+    converged: bool
+    message: str
+    starts: tuple[StartReport, ...]
+    tally: Tally
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Free runs with given parameters.
+
+    Attributes:
+        simulated: (K, m) outputs a window.
+        initial_states: name -> (W,) start values, fixed or estimated.
+        fit: (W, m) FIT of every window and output.
+    """
+
+    simulated: tuple[FloatArray, ...]
+    initial_states: Mapping[str, FloatArray]
+    fit: FloatArray
+
+
+@dataclass(frozen=True)
+class _Work:
+    """One estimation at work."""
+
+    problem: Problem
+    options: Options
+    pool: Pool
+    tally: Tally
+    listener: Listener | None
+
+    def over(self, windows: tuple[int, ...]) -> FreeRun:
+        return FreeRun(self.problem, self.pool, self.tally, windows, self.options.difference_step)
+
+    @property
+    def all_windows(self) -> tuple[int, ...]:
+        return tuple(range(len(self.problem.windows)))
+
+    def tell(self, stage: str) -> Callable[[int, float], None]:
+        def report(iteration: int, cost: float) -> None:
+            if self.listener:
+                self.listener(Progress(stage, iteration, cost, self.tally.simulations))
+
+        return report
+
+    def limits(self, iterations: int) -> Limits:
+        options = self.options
+        return Limits(options.max_evaluations, iterations, options.cost_tolerance, options.step_tolerance)
+
+
+def estimate(
+    problem: Problem, factory: Factory, options: Options | None = None, progress: Listener | None = None
+) -> Estimate:
+    """The parameters and initial states whose free runs match the windows best.
+
+    The result does not depend on the number of processes. A simulation that fails is counted and its point
+    rejected.
+
+    Raises:
+        IdentificationError: nothing is free, or outputs do not fit the windows.
+        FmuError: no start can be simulated, or simulating processes kept dying.
+    """
+    options = options or Options()
+    if not problem.unknowns:
+        raise IdentificationError("parameters", "nothing is free", "free a parameter, or use predict")
+    with open_pool(factory, options.processes) as pool:
+        work = _Work(problem, options, pool, Tally(), progress)
+        begin, starts = _begin(work)
+        found = _search(work, work.all_windows, begin, "fit", options.max_evaluations)
+        work.tell("uncertainty")(found.iterations, found.at.cost)
+        run = work.over(work.all_windows)
+        blocks = run.linearise(found.at.point, found.at.residuals, central=True)
+    uncertainty = covariance(blocks, problem.loss, len(problem.outputs))
+    values = problem.parameters.values(found.at.point.parameters)
+    free = problem.parameters.free
+    seen = identifiability(
+        blocks,
+        free,
+        np.array([values[parameter.name] for parameter in free]),
+        problem.parameters.slopes(found.at.point.parameters),
+    )
+    return _assembled(work, found, uncertainty, seen, starts)
+
+
+def predict(problem: Problem, factory: Factory, options: Options | None = None) -> Prediction:
+    """Free runs with the parameters at their start values; estimated initial states are fitted, nothing else.
+
+    For windows kept aside: `predict(unseen.fixed_at(estimate.values), factory)`.
+
+    Raises:
+        FmuError: a window cannot be simulated.
+    """
+    options = options or Options()
+    problem = problem.fixed_at({})
+    with open_pool(factory, options.processes) as pool:
+        work = _Work(problem, options, pool, Tally(), None)
+        windows = work.all_windows
+        begin = evaluated(work.over(windows), problem.start(windows), problem.loss)
+        if begin is None:
+            raise FmuError("prediction", f"a window cannot be simulated: {work.tally.reasons[0]}")
+        end = _search(work, windows, begin, "fit", options.max_evaluations).at if problem.estimated else begin
+    simulated, _, fits = _outputs(problem, end)
+    return Prediction(simulated, _initial_states(problem, end.point), fits)
+
+
+def _search(work: _Work, windows: tuple[int, ...], begin: Iterate, stage: str, iterations: int) -> Minimum:
+    problem = work.problem
+    box, limits = problem.box(windows), work.limits(iterations)
+    return minimise(work.over(windows), begin, box, problem.loss, limits=limits, report=work.tell(stage))
+
+
+def _begin(work: _Work) -> tuple[Iterate, tuple[StartReport, ...]]:
+    """Where the search on all windows begins: the best of the starts, or the declared one if better there."""
+    all_windows = work.all_windows
+    windows = _spread(len(all_windows), work.options.start_windows)
+    ends: list[Iterate | None] = []
+    reports = []
+    if work.options.starts > 1 or len(windows) < len(all_windows):
+        for number, parameters in enumerate(_start_vectors(work.problem, work.options)):
+            end, report = _followed(work, windows, parameters, f"start {number + 1}")
+            ends.append(end)
+            reports.append(report)
+    points = [work.problem.start(all_windows)]
+    best = min((end for end in ends if end is not None), key=lambda end: end.cost, default=None)
+    if best is not None:
+        points.append(_widened(work.problem, windows, best.point))
+    tried = [evaluated(work.over(all_windows), point, work.problem.loss) for point in points]
+    begin = min((there for there in tried if there is not None), key=lambda there: there.cost, default=None)
+    if begin is None:
+        reason = work.tally.reasons[0] if work.tally.reasons else "no reason given"
+        raise FmuError("start", f"cannot be simulated: {reason}", "change the start values")
+    return begin, tuple(reports)
+
+
+def _spread(count: int, wanted: int) -> tuple[int, ...]:
+    """`wanted` of `count` windows, evenly spread; all when most would be."""
+    if count <= 2 * wanted:
+        return tuple(range(count))
+    return tuple(int(i) for i in np.linspace(0, count - 1, wanted).round())
+
+
+def _start_vectors(problem: Problem, options: Options) -> list[FloatArray]:
+    """The declared start and a Latin hypercube between the bounds, all in z, (n,) each."""
+    n = len(problem.parameters.free)
+    vectors = [np.zeros(n)]
+    if options.starts == 1 or n == 0:
+        return vectors
+    lower, upper = problem.parameters.z_bounds
+    for parameter, low, high in zip(problem.parameters.free, lower, upper, strict=True):
+        if not (math.isfinite(low) and math.isfinite(high)):
+            wanted = "positive and finite" if parameter.scale == "log" else "finite"
+            raise IdentificationError(
+                parameter.name, "has an open bound, but several starts are asked for", f"give {wanted} bounds"
+            )
+    rng, count = np.random.default_rng(options.seed), options.starts - 1
+    strata = rng.permuted(np.tile(np.arange(count)[:, None], n), axis=0)
+    return vectors + list(lower + (upper - lower) * (strata + rng.random((count, n))) / count)
+
+
+def _followed(
+    work: _Work, windows: tuple[int, ...], parameters: FloatArray, stage: str
+) -> tuple[Iterate | None, StartReport]:
+    """Where a few iterations on some windows lead from this start; None when it cannot be simulated."""
+    problem = work.problem
+    point = replace(problem.start(windows), parameters=parameters)
+    values = problem.parameters.values(parameters)
+    begin = evaluated(work.over(windows), point, problem.loss)
+    if begin is None:
+        return None, StartReport(values, math.inf, math.inf)
+    end = _search(work, windows, begin, stage, work.options.start_iterations).at
+    return end, StartReport(values, begin.cost, end.cost)
+
+
+def _widened(problem: Problem, windows: tuple[int, ...], point: Point) -> Point:
+    """A point over some windows as one over all; the other windows' states are at their start."""
+    everywhere = problem.start(range(len(problem.windows)))
+    everywhere.states[list(windows)] = point.states
+    return replace(everywhere, parameters=point.parameters)
+
+
+def _assembled(
+    work: _Work,
+    found: Minimum,
+    uncertainty: Covariance,
+    seen: Identifiability,
+    starts: tuple[StartReport, ...],
+) -> Estimate:
+    problem, z = work.problem, found.at.point.parameters
+    deviations = np.sqrt(np.diag(uncertainty.matrix))
+    slopes = problem.parameters.slopes(z)
+    simulated, residuals, fits = _outputs(problem, found.at)
+    partial = Estimate(
+        values=problem.parameters.values(z),
+        std=_with_ties(problem.parameters, dict(zip(seen.names, (float(s) for s in deviations * slopes), strict=True))),
+        ci95=_intervals(problem.parameters, z, deviations * uncertainty.quantile),
+        free=seen.names,
+        z=z,
+        covariance=uncertainty.matrix * np.outer(slopes, slopes),
+        uncertainty=uncertainty,
+        identifiability=seen,
+        initial_states=_initial_states(problem, found.at.point),
+        initial_std={s.name: uncertainty.states[:, i] * s.size for i, s in enumerate(problem.estimated)},
+        cost=found.at.cost,
+        simulated=simulated,
+        residuals=residuals,
+        fit=fits,
+        iterations=found.iterations,
+        converged=found.converged,
+        message=found.message,
+        starts=starts,
+        tally=work.tally,
+        warnings=(),
+    )
+    return replace(partial, warnings=tuple(_warnings(problem, partial)))
+
+
+def _with_ties(parameters: ParameterSet, std: dict[str, float]) -> dict[str, float]:
+    return std | {tie.name: abs(tie.factor) * std[tie.other] for tie in parameters.ties if tie.other in std}
+
+
+def _intervals(parameters: ParameterSet, z: FloatArray, reach: FloatArray) -> dict[str, tuple[float, float]]:
+    """name -> interval, symmetric in z."""
+    intervals = {
+        p.name: (_end(p, float(zi - r)), _end(p, float(zi + r)))
+        for p, zi, r in zip(parameters.free, z, reach, strict=True)
+    }
+    for tie in parameters.ties:
+        if tie.other in intervals and tie.factor:
+            low, high = sorted(tie.factor * end for end in intervals[tie.other])
+            intervals[tie.name] = (low, high)
+    return intervals
+
+
+def _end(parameter: Parameter, z: float) -> float:
+    """An interval's end, which may lie beyond the bounds."""
+    if parameter.scale == "log" and z > 700:
+        return math.inf
+    return parameter.unbounded(z)
+
+
+def _initial_states(problem: Problem, point: Point) -> dict[str, FloatArray]:
+    rows = [problem.initial_values(w, z) for w, z in enumerate(point.states)]
+    return {state.name: np.array([row[state.name] for row in rows]) for state in problem.initial_states}
+
+
+def _outputs(problem: Problem, at: Iterate) -> tuple[tuple[FloatArray, ...], tuple[FloatArray, ...], FloatArray]:
+    """Simulated outputs and errors, (K, m) a window, and FIT (W, m)."""
+    pairs = list(zip(problem.windows, at.residuals, strict=True))
+    errors = tuple(-residual.reshape(window.measured.shape) / window.weight for window, residual in pairs)
+    simulated = tuple(window.measured - error for window, error in zip(problem.windows, errors, strict=True))
+    fits = np.array([fit(window.measured, y) for window, y in zip(problem.windows, simulated, strict=True)])
+    return simulated, errors, fits
+
+
+def _warnings(problem: Problem, result: Estimate) -> list[str]:
+    """One sentence for everything that makes the numbers worth less than they look."""
+    warnings = [] if result.converged else [f"not converged: {result.message}"]
+    seen = result.identifiability
+    warnings += [combination.message for combination in (*seen.unseen, *seen.weak)]
+    for parameter in problem.parameters.free:
+        warnings += _parameter_warnings(parameter, result)
+    if result.uncertainty.method == "coloured":
+        warnings.append(
+            f"residuals are correlated and {len(problem.windows)} windows are too few to judge them by windows: "
+            "intervals rest on a fitted noise model and miss model errors, cut the traces into more windows"
+        )
+    if result.tally.failures:
+        failures, total = result.tally.failures, result.tally.simulations
+        warnings.append(f"{failures} of {total} simulations failed, first: {result.tally.reasons[0]}")
+    return warnings
+
+
+def _parameter_warnings(parameter: Parameter, result: Estimate) -> list[str]:
+    name, value, std = parameter.name, result.values[parameter.name], result.std[parameter.name]
+    warnings = []
+    for bound, word in ((parameter.lower, "lower"), (parameter.upper, "upper")):
+        if abs(value - bound) <= 1e-9 * parameter.size:
+            warnings.append(f"{name} is at its {word} bound {bound:g} {parameter.unit}: its interval is one-sided")
+    if math.isfinite(std) and std > abs(value):
+        warnings.append(f"{name} is hardly determined: {value:.3g} with a standard deviation of {std:.3g}")
+    return warnings

@@ -1,0 +1,164 @@
+"""Residuals of free runs and their structured finite-difference Jacobian, simulated through a pool.
+
+A window's initial states act on that window only, so one pass perturbs them in all windows at once: a
+Jacobian costs as many simulations a window as there are parameters and states of one window.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fmus.errors import FmuError, IdentificationError
+from identification.estimation.arrow_least_squares import Block, Point
+from identification.estimation.workers import Pool, Task
+from identification.output_error.problem import Problem
+from orchestrator.trace import FloatArray
+
+_REASONS_KEPT = 5
+
+
+@dataclass
+class Tally:
+    """What an estimation has cost so far.
+
+    Attributes:
+        evaluations: points at which all windows were simulated.
+        jacobians: linearisations.
+        simulations: windows simulated.
+        failures: simulations that failed or gave values that are not finite.
+        reasons: the first few distinct reasons.
+    """
+
+    evaluations: int = 0
+    jacobians: int = 0
+    simulations: int = 0
+    failures: int = 0
+    reasons: list[str] = field(default_factory=list)
+
+    def failed(self, error: FmuError) -> None:
+        """Count one failure."""
+        self.failures += 1
+        if len(self.reasons) < _REASONS_KEPT and str(error) not in self.reasons:
+            self.reasons.append(str(error))
+
+
+@dataclass(frozen=True)
+class FreeRun:
+    """Some windows of a problem as a system to minimise, by residual = weight * (simulated - measured).
+
+    Attributes:
+        windows: which of the problem's windows; row w of a point's states belongs to windows[w].
+        step: relative step of a forward difference, about the root of the simulation's relative accuracy.
+    """
+
+    problem: Problem
+    pool: Pool
+    tally: Tally
+    windows: tuple[int, ...]
+    step: float
+
+    def residuals(self, point: Point) -> list[FloatArray] | None:
+        """One (K m,) vector a window; None when a simulation failed."""
+        self.tally.evaluations += 1
+        found = self._simulated([(row, point) for row in range(len(self.windows))])
+        complete = [residual for residual in found if residual is not None]
+        return complete if len(complete) == len(found) else None
+
+    def linearise(self, point: Point, residuals: list[FloatArray], central: bool = False) -> list[Block]:
+        """Residuals and Jacobian of every window, by forward or central differences inside the bounds.
+
+        Where a perturbed run fails the other side is tried; where that fails too the derivative is 0 (and
+        counted).
+        """
+        self.tally.jacobians += 1
+        up, down = self._steps(point, central)
+        above, below = self._shifted(point, up, residuals), self._shifted(point, down, residuals)
+        retry = np.where([[r is None for r in column] for column in above], -up, 0.0)
+        retry = np.where(self._inside(point, retry) & (down == 0), retry, 0.0)
+        again = self._shifted(point, retry, residuals)
+        n = len(point.parameters)
+        blocks = []
+        for row, residual in enumerate(residuals):
+            columns = np.empty((len(residual), len(up)))
+            for c in range(len(up)):
+                tried = ((up, above), (down, below), (retry, again))
+                sides = [(float(steps[c, row]), table[c][row]) for steps, table in tried]
+                columns[:, c] = _difference(sides, residual)
+            blocks.append(Block(residual, columns[:, :n], columns[:, n:]))
+        return blocks
+
+    def _steps(self, point: Point, central: bool) -> tuple[FloatArray, FloatArray]:
+        """Two signed steps (n + s, W) in z; the second is 0 for a one-sided difference."""
+        size = self._columns(Point(np.maximum(1, abs(point.parameters)), np.maximum(1, abs(point.states))))
+        up = size * (self.step ** (2 / 3) if central else self.step)
+        rising, falling = self._inside(point, up), self._inside(point, -up)
+        down = np.where(rising & falling, -up, 0.0) if central else np.zeros_like(up)
+        box = self.problem.box(self.windows).around(point)
+        lower, upper = self._columns(box.lower), self._columns(box.upper)
+        widest = np.where(upper >= -lower, upper, lower)
+        return np.where(rising, up, np.where(falling, -up, widest)), down
+
+    def _inside(self, point: Point, steps: FloatArray) -> NDArray[np.bool_]:
+        """(n + s, W) whether the point stays within the bounds when one entry moves by its step."""
+        box = self.problem.box(self.windows).around(point)
+        return np.asarray((steps >= self._columns(box.lower)) & (steps <= self._columns(box.upper)))
+
+    def _columns(self, point: Point) -> FloatArray:
+        """(n + s, W) the entries a window sees."""
+        parameters = np.repeat(point.parameters[:, None], len(self.windows), axis=1)
+        return np.concatenate([parameters, point.states.T])
+
+    def _shifted(self, point: Point, steps: FloatArray, base: list[FloatArray]) -> list[list[FloatArray | None]]:
+        """Residuals [column][window] with one entry moved by its step; the base where the step is 0."""
+        places = [(int(c), int(w)) for c, w in np.argwhere(steps != 0)]
+        moved = [(w, _moved(point, c, w, float(steps[c, w]))) for c, w in places]
+        table: list[list[FloatArray | None]] = [list(base) for _ in steps]
+        for (c, w), residual in zip(places, self._simulated(moved), strict=True):
+            table[c][w] = residual
+        return table
+
+    def _simulated(self, places: Sequence[tuple[int, Point]]) -> list[FloatArray | None]:
+        """Residuals of (row, point) pairs; None where the simulation failed."""
+        tasks = [Task(self.windows[row], self.problem.values(self.windows[row], at, row)) for row, at in places]
+        self.tally.simulations += len(tasks)
+        outcomes = self.pool.run(tasks)
+        return [self._residual(task.window, outcome) for task, outcome in zip(tasks, outcomes, strict=True)]
+
+    def _residual(self, index: int, outcome: FloatArray | FmuError) -> FloatArray | None:
+        window = self.problem.windows[index]
+        if isinstance(outcome, FmuError):
+            self.tally.failed(outcome)
+            return None
+        simulated = np.asarray(outcome, dtype=float)
+        if simulated.shape != window.measured.shape:
+            raise IdentificationError(
+                window.name,
+                f"simulated outputs have shape {simulated.shape}, measured ones {window.measured.shape}",
+                "let the simulator report the outputs at the measured instants",
+            )
+        if not np.all(np.isfinite(simulated)):
+            self.tally.failed(FmuError(window.name, "a simulated output is not finite"))
+            return None
+        return np.asarray((window.weight * (simulated - window.measured)).ravel())
+
+
+def _moved(point: Point, column: int, row: int, step: float) -> Point:
+    n = len(point.parameters)
+    if column < n:
+        parameters = point.parameters.copy()
+        parameters[column] += step
+        return replace(point, parameters=parameters)
+    states = point.states.copy()
+    states[row, column - n] += step
+    return replace(point, states=states)
+
+
+def _difference(sides: Sequence[tuple[float, FloatArray | None]], base: FloatArray) -> FloatArray:
+    """The derivative from whichever two of the sides and the base are there, the widest apart."""
+    known = [(step, residual) for step, residual in sides if residual is not None] + [(0.0, base)]
+    (low, below), (high, above) = min(known, key=lambda k: k[0]), max(known, key=lambda k: k[0])
+    return (above - below) / (high - low) if high > low else np.zeros_like(base)

@@ -1,0 +1,147 @@
+"""What output-error estimation is asked: windows of measured outputs, and what may move to match them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fmus.errors import IdentificationError
+from identification.estimation.arrow_least_squares import LEAST_SQUARES, Box, Loss, Point
+from identification.estimation.parameters import InitialState, ParameterSet, refuse_duplicates
+from orchestrator.trace import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """A stretch of one trace that is simulated freely from its first instant.
+
+    Attributes:
+        name: for messages and reports.
+        trace: name of the trace it was cut from.
+        measured: (K, m) outputs at the measured instants, one column an output.
+        weight: (m,) what an output's error is multiplied by, 1 / its unit.
+    """
+
+    name: str
+    trace: str
+    measured: FloatArray
+    weight: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "measured", np.asarray(self.measured, dtype=float))
+        object.__setattr__(self, "weight", np.asarray(self.weight, dtype=float))
+        if self.measured.ndim != 2 or len(self.measured) < 2 or not self.measured.size:
+            raise IdentificationError(
+                self.name, f"measured has shape {self.measured.shape}, not (K, m)", "give two instants or more"
+            )
+        if not np.all(np.isfinite(self.measured)):
+            raise IdentificationError(self.name, "a measured output is not finite", "repair or cut the trace")
+        if self.weight.shape != self.measured.shape[1:]:
+            raise IdentificationError(
+                self.name, f"weight has shape {self.weight.shape} for {self.measured.shape[1]} outputs"
+            )
+        if not np.all((self.weight > 0) & np.isfinite(self.weight)):
+            raise IdentificationError(self.name, "a weight is not positive", "weigh every output above 0")
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Which parameters and initial states shall match which windows, and in which norm.
+
+    Attributes:
+        outputs: output name -> unit, in the order of the windows' columns.
+        initial_states: one start value a window each, fixed or estimated.
+        loss: of the weighted residuals; the robust ones bend at `loss.scale`.
+
+    Raises:
+        IdentificationError: names, windows and start values do not fit together.
+    """
+
+    parameters: ParameterSet
+    windows: tuple[Window, ...]
+    outputs: Mapping[str, str]
+    initial_states: tuple[InitialState, ...] = ()
+    loss: Loss = LEAST_SQUARES
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "windows", tuple(self.windows))
+        object.__setattr__(self, "initial_states", tuple(self.initial_states))
+        if not self.windows:
+            raise IdentificationError("windows", "there are none", "cut at least one from a trace")
+        refuse_duplicates((*self.parameters.names, *(state.name for state in self.initial_states)))
+        for window in self.windows:
+            if window.measured.shape[1] != len(self.outputs):
+                names = ", ".join(self.outputs)
+                raise IdentificationError(
+                    window.name, f"has {window.measured.shape[1]} measured columns for the outputs {names}"
+                )
+        for state in self.initial_states:
+            if len(state.start) != len(self.windows):
+                raise IdentificationError(
+                    state.name,
+                    f"has {len(state.start)} start values for {len(self.windows)} windows",
+                    "give one a window",
+                )
+        if self.samples <= self.unknowns:
+            raise IdentificationError(
+                "windows",
+                f"hold {self.samples} samples for {self.unknowns} unknowns",
+                "add windows or fix parameters",
+            )
+
+    @property
+    def estimated(self) -> tuple[InitialState, ...]:
+        """The initial states that are fitted, one value a window."""
+        return tuple(state for state in self.initial_states if state.estimated)
+
+    @property
+    def samples(self) -> int:
+        """Measured values in all windows together."""
+        return sum(window.measured.size for window in self.windows)
+
+    @property
+    def unknowns(self) -> int:
+        """Free parameters, and estimated initial states of all windows together."""
+        return len(self.parameters.free) + len(self.estimated) * len(self.windows)
+
+    def values(self, window: int, point: Point, row: int) -> dict[str, float]:
+        """name -> value for one window, its initial states taken from this row of the point."""
+        return self.parameters.values(point.parameters) | self.initial_values(window, point.states[row])
+
+    def initial_values(self, window: int, z: FloatArray) -> dict[str, float]:
+        """name -> start value of one window at z (s,)."""
+        values = {state.name: state.start[window] for state in self.initial_states}
+        return values | {s.name: s.value(window, float(zi)) for s, zi in zip(self.estimated, z, strict=True)}
+
+    def start(self, windows: Sequence[int]) -> Point:
+        """The declared start of these windows, in z."""
+        return Point(np.zeros(len(self.parameters.free)), np.zeros((len(windows), len(self.estimated))))
+
+    def box(self, windows: Sequence[int]) -> Box:
+        """The bounds of these windows, in z."""
+        lower, upper = self.parameters.z_bounds
+        shape = (len(self.estimated), len(self.windows))
+        rows = list(windows)
+        low = np.array([state.z_bounds[0] for state in self.estimated]).reshape(shape)
+        high = np.array([state.z_bounds[1] for state in self.estimated]).reshape(shape)
+        return Box(Point(lower, low.T[rows]), Point(upper, high.T[rows]))
+
+    def fixed_at(self, values: Mapping[str, float]) -> Problem:
+        """The same question with all parameters fixed here: only initial states are left to fit."""
+        return replace(self, parameters=self.parameters.fixed_at(values))
+
+
+def spread_weights(measured: Sequence[FloatArray]) -> FloatArray:
+    """(m,) weights that make outputs of different units comparable: 1 / standard deviation over all windows.
+
+    Raises:
+        IdentificationError: an output is constant.
+    """
+    spread = np.concatenate(list(measured)).std(axis=0)
+    if not np.all((spread > 0) & (spread < math.inf)):
+        column = int(np.flatnonzero(~(spread > 0) | ~np.isfinite(spread))[0])
+        raise IdentificationError(f"output {column}", "is constant or not finite in all windows", "leave it out")
+    return 1.0 / spread

@@ -1,0 +1,183 @@
+"""The report of a calibration: how well it fits, what was found, what is left over, and where it comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from fmus.errors import IdentificationError
+from identification.estimation.validation import whiteness
+from identification.output_error.calibration import Calibration, Judged
+from identification.output_error.windows import Cut
+from identification.signals.frequency_response import fit_sine, frequency_point
+from identification.signals.processing import dominant_frequency
+from identification.study import OutputErrorBlock
+from orchestrator.report import Report, Section, figures
+from orchestrator.trace import FloatArray, Trace
+
+SHOWN = 12  # windows in the grid of overlays
+HOW = {
+    "white": "Covariance for white residuals, s² (JᵀJ)⁻¹.",
+    "coloured": "Residuals are correlated: covariance with an autoregressive model of them.",
+    "window": "Residuals are correlated: covariance from leaving out one window at a time.",
+}
+
+
+def report(calibration: Calibration, document: Mapping[str, Any]) -> Report:
+    """The whole report; `document` is the summary."""
+    result = Report(calibration.study.title, calibration.study.description)
+    _overview(result.section("Result"), calibration, document)
+    shown = calibration.validation or calibration.train
+    overlays(result.section("Free runs"), calibration.study, calibration.units, shown, calibration.compared)
+    if calibration.study.inputs:
+        _frequency_response(result.section("Frequency response"), calibration, shown)
+    _residuals(result.section("Residuals"), calibration, shown)
+    _uncertainty(result.section("Uncertainty"), calibration)
+    _provenance(result.section("Provenance"), document)
+    return result
+
+
+def parameter_rows(document: Mapping[str, Any]) -> tuple[list[str], list[list[Any]]]:
+    """Headers and rows of the parameter table: truth (where known), start, estimate, half of its 95 % interval."""
+    entries = document["parameters"]
+    known = any("truth" in entry for entry in entries.values())
+    rows = []
+    for name, entry in entries.items():
+        interval = entry["ci95"]
+        half = None if interval is None or None in interval else (interval[1] - interval[0]) / 2
+        row = [name, *([entry.get("truth")] if known else []), entry["start"], entry["value"], half, entry["unit"]]
+        rows.append(row)
+    return ["parameter", *(["true"] if known else []), "start", "estimate", "± 95 %", "unit"], rows
+
+
+def _overview(section: Section, calibration: Calibration, document: Mapping[str, Any]) -> None:
+    target = calibration.study.validation.at_least if calibration.study.validation else None
+    validation = calibration.validation
+    highlights: list[tuple[str, Any, str]] = []
+    if validation is not None:
+        remark = f"{len(validation.cuts)} windows of traces not used in the fit"
+        highlights.append(("median FIT, unseen", f"{validation.median:.3f}", remark))
+    highlights.append(
+        ("median FIT, fitted", f"{calibration.train.median:.3f}", f"{len(calibration.train.cuts)} windows")
+    )
+    for name, judged in calibration.compared.items():
+        highlights.append((f"median FIT, {name}", f"{judged.median:.3f}", "the same windows as the first figure"))
+    section.highlights(highlights)
+    for warning in document["warnings"]:
+        section.callout("warning", warning)
+    headers, rows = parameter_rows(document)
+    section.table(headers, rows, caption="Estimates with half of their 95 % intervals")
+    groups = {"fitted": calibration.train} | ({} if validation is None else {"unseen": validation})
+    fits(section, groups, target)
+
+
+def fits(section: Section, groups: Mapping[str, Judged], target: float | None) -> None:
+    """FIT by trace as bars; with several outputs also by output, as a table."""
+    bars = {name: judged.by_trace() for name, judged in groups.items()}
+    section.figure(figures.bars(bars, target, "median FIT of the trace's windows"), "FIT by trace")
+    outputs = next(iter(groups.values())).outputs
+    if len(outputs) > 1:
+        rows = [[trace, name, *(None if np.isnan(fit) else f"{fit:.3f}" for fit in by_output.values())]
+                for name, judged in groups.items()
+                for trace, by_output in judged.by_trace_and_output().items()]  # fmt: skip
+        rows += [["median", name, *(f"{fit:.3f}" for fit in judged.by_output().values())]
+                 for name, judged in groups.items()]  # fmt: skip
+        section.table(["trace", "", *outputs], rows, caption="Median FIT of the trace's windows, by output")
+
+
+def overlays(
+    section: Section,
+    study: OutputErrorBlock,
+    units: Mapping[str, str],
+    judged: Judged,
+    compared: Mapping[str, Judged],
+) -> None:
+    """The window of median FIT for each output, and small ones from the worst to the best."""
+    others = {name: each for name, each in compared.items() if len(each.cuts) == len(judged.cuts)}
+    ranked = np.argsort(np.nan_to_num(judged.fit.mean(axis=1)))
+    middle = int(ranked[len(ranked) // 2])
+    measured, simulated = _traces(study, units, judged, middle)
+    runs = [("calibrated", simulated)]
+    runs += [(name, _traces(study, units, other, middle)[1]) for name, other in others.items()]
+    section.figure(figures.overlay(measured, runs), f"The window of median FIT, {measured.name}")
+    chosen = np.linspace(0, len(ranked) - 1, min(SHOWN, len(ranked))).astype(int)
+    grid = []
+    for i in (int(ranked[place]) for place in chosen):
+        measured, simulated = _traces(study, units, judged, i)
+        grid.append((f"{measured.name}, FIT {judged.fit[i].mean():.3f}", measured, [("calibrated", simulated)]))
+    section.figure(figures.overlays_grid(grid, next(iter(study.outputs))), "From the worst window to the best")
+
+
+def _traces(study: OutputErrorBlock, units: Mapping[str, str], judged: Judged, index: int) -> tuple[Trace, Trace]:
+    """Measured and simulated outputs of one window."""
+    cut, names = judged.cuts[index], list(study.outputs)
+    known = {name: units[name] for name in names if name in units}
+    return (
+        Trace(cut.time, dict(zip(names, cut.measured.T, strict=True)), known, cut.name),
+        Trace(cut.time, dict(zip(names, judged.simulated[index].T, strict=True)), known, cut.name),
+    )
+
+
+def _frequency_response(section: Section, calibration: Calibration, judged: Judged) -> None:
+    points = [_gains(cut, y) for cut, y in zip(judged.cuts, judged.simulated, strict=True)]
+    found = np.array([point for point in points if point is not None])
+    missing = len(points) - len(found)
+    section.paragraph(
+        "Gain from the first input to the first output at the strongest frequency of each window's input."
+        + (f" {missing} of {len(points)} windows hold no full period of a sine and are left out." if missing else "")
+    )
+    if len(found):
+        curves = [("measured", found[:, 0], found[:, 1]), ("calibrated", found[:, 0], found[:, 2])]
+        section.figure(figures.frequency_response(curves))
+
+
+def _gains(cut: Cut, simulated: FloatArray) -> tuple[float, float, float] | None:
+    """Strongest frequency of the first input [rad/s] and the gains of the first output there, measured and simulated;
+    None where the window holds no sine."""
+    driven = next(iter(cut.stimuli.values()))[cut.rows]
+    try:
+        start = dominant_frequency(driven, float(cut.step))
+        frequency = fit_sine(cut.time, driven, start, refine=True).frequency
+        measured, free = (frequency_point(cut.time, driven, y[:, 0], frequency) for y in (cut.measured, simulated))
+    except IdentificationError:
+        return None
+    return frequency, measured.gain, free.gain
+
+
+def _residuals(section: Section, calibration: Calibration, judged: Judged) -> None:
+    errors = [cut.measured - y for cut, y in zip(judged.cuts, judged.simulated, strict=True)]
+    for column, output in enumerate(calibration.study.outputs):
+        test = whiteness([error[:, column] for error in errors])
+        verdict = "are white" if test.white else "are not white: the model leaves something out"
+        section.callout("ok" if test.white else "warning",
+                        f"Residuals of {output} {verdict} (Ljung-Box p = {test.p_value:.3g}).")  # fmt: skip
+    middle = int(np.argsort(np.nan_to_num(judged.fit[:, 0]))[len(judged.cuts) // 2])
+    first = next(iter(calibration.study.outputs))
+    cut = judged.cuts[middle]
+    figure = figures.residuals(
+        cut.time, errors[middle][:, 0], calibration.units.get(first, ""), name=f"error of {first}"
+    )
+    section.figure(figure, f"The window of median FIT, {cut.name}")
+
+
+def _uncertainty(section: Section, calibration: Calibration) -> None:
+    found = calibration.estimate
+    seen = found.identifiability
+    section.paragraph(HOW[found.uncertainty.method])
+    for combination in (*seen.unseen, *seen.weak):
+        section.callout("warning", combination.message)
+    section.figure(figures.correlation_heatmap(seen.names, seen.correlation), "Correlation of the estimates")
+    section.table(["direction", "singular value"], [[i + 1, float(v)] for i, v in enumerate(seen.singular_values)],
+                  caption="Singular values of the scaled Jacobian")  # fmt: skip
+    tally = found.tally
+    section.paragraph(f"{found.message}: {found.iterations} iterations, {tally.simulations} simulations, "
+                      f"{tally.failures} of them failed.")  # fmt: skip
+
+
+def _provenance(section: Section, document: Mapping[str, Any]) -> None:
+    section.provenance(document["versions"])
+    rows = [[each["trace"], each["role"], "; ".join([each["stamps"], *each.get("notes", [])]), each["sha256"]]
+            for each in document["data"]]  # fmt: skip
+    section.table(["trace", "role", "time stamps and notes", "SHA-256"], rows)

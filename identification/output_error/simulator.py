@@ -1,0 +1,61 @@
+"""Free runs of a system of FMUs over the windows of a study: the simulator behind output-error estimation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from identification.output_error.windows import Cut
+from orchestrator.assembly.assembly import Assembled, OpenSystem
+from orchestrator.engine import Simulation, Timing
+from orchestrator.fmi.slave import Value
+from orchestrator.trace import FloatArray
+
+
+@dataclass(frozen=True)
+class SystemFactory:
+    """Opens the system of a study in whatever process calls it.
+
+    Attributes:
+        outputs: component.variable of the outputs that are compared, in order.
+    """
+
+    assembled: Assembled
+    cuts: Sequence[Cut]
+    outputs: tuple[str, ...]
+    values: Mapping[str, Value]
+
+    def __call__(self) -> SystemSimulator:
+        return SystemSimulator(self)
+
+
+class SystemSimulator:
+    """A system that is opened once and reset for each run."""
+
+    def __init__(self, factory: SystemFactory) -> None:
+        self._factory = factory
+        self._opened = OpenSystem(factory.assembled)
+        step = factory.cuts[0].step
+        longest = max(cut.stop for cut in factory.cuts)
+        try:
+            self._simulation: Simulation = self._opened.simulation(Timing(stop=longest, step=step))
+        except BaseException:
+            self._opened.close()
+            raise
+
+    def simulate(self, window: int, values: Mapping[str, float]) -> FloatArray:
+        """(K, m) what a window's outputs are recorded as; `values` go over the trace's own, those over the study's.
+
+        Values of names without a dot are delays.
+        """
+        cut, outputs = self._factory.cuts[window], self._factory.outputs
+        own = {name: value for name, value in values.items() if "." in name}
+        merged = {**self._factory.values, **cut.constants, **own, **cut.start_values(values)}
+        result = self._simulation.run(merged, cut.driven(values), outputs, stop=cut.stop)
+        return cut.recorded(np.column_stack([result.trace[name] for name in outputs]), values)
+
+    def close(self) -> None:
+        """Free the FMUs."""
+        self._opened.close()

@@ -1,0 +1,1 @@
+"""The recordings of a study, as a campaign."""

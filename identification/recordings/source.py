@@ -1,0 +1,155 @@
+"""Where the traces of a study come from: which files, which column is which signal, and what the files' names tell."""
+
+from __future__ import annotations
+
+import decimal
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from fmus.errors import ScenarioError
+from orchestrator.fmi.slave import Value
+from orchestrator.formats import Layout
+from orchestrator.yaml_file import Block
+
+Decimal = Literal["point", "underscore", "after first digit"]
+
+
+@dataclass(frozen=True)
+class Signals:
+    """The signals of its traces that a study uses.
+
+    Attributes:
+        commands: keep the value of a frame until the next.
+        measured: run linearly from frame to frame; what is a command too is held.
+    """
+
+    commands: frozenset[str] = frozenset()
+    measured: frozenset[str] = frozenset()
+
+
+class LayoutBlock(Block):
+    """Which column of a recording is which signal.
+
+    Attributes:
+        database: of CAN logs, beside the study file; there `columns` names signals of the database, and without them
+            the study's signals are the database's.
+        channel: of CAN logs; None takes the frames of all.
+        steady: messages of CAN logs with a counter whose sender keeps an even schedule: their frames get its stamps,
+            however late each came.
+    """
+
+    variable: str | None = None
+    time: int | str = "time"
+    columns: dict[str, int | str] | None = None
+    units: dict[str, str] = {}
+    database: Path | None = None
+    channel: int | None = Field(None, ge=0)
+    steady: list[str] = []
+
+    def layout(self, base: Path, signals: Signals) -> Layout:
+        """How to read a recording.
+
+        Args:
+            base: folder of the study file.
+        """
+        plain = Layout(self.variable, self.time, self.columns, self.units)
+        if self.database is None:
+            return plain
+        columns = self.columns or {name: name for name in sorted(signals.commands | signals.measured)}
+        linear = [str(columns[name]) for name in sorted(signals.measured - signals.commands) if name in columns]
+        return replace(plain, columns=columns, database=self.database_file(base), channel=self.channel,
+                       interpolated=linear, steady=self.steady)  # fmt: skip
+
+    def database_file(self, base: Path) -> Path | None:
+        """Where the database is: where the study says, or beside the study by its own name, as in a result folder."""
+        if self.database is None:
+            return None
+        beside = base / self.database.name
+        return beside if beside.is_file() and not (base / self.database).is_file() else base / self.database
+
+
+class FieldBlock(Block):
+    """How digits in a file's name make a number: where its decimal point is, and a factor to SI."""
+
+    decimal: Decimal = "point"
+    factor: float = 1.0
+
+    def number(self, text: str) -> float:
+        """The number that the digits mean, in SI.
+
+        Raises:
+            ValueError: they are none.
+        """
+        if self.decimal == "underscore":
+            text = text.replace("_", ".")
+        elif self.decimal == "after first digit":
+            text = f"{text[:1]}.{text[1:]}"
+        try:
+            number = float(decimal.Decimal(text) * decimal.Decimal(repr(self.factor)))
+        except ArithmeticError:
+            raise ValueError(f"'{text}' is no number") from None
+        if not math.isfinite(number):
+            raise ValueError(f"'{text}' is not finite")
+        return number
+
+
+class FileNameBlock(Block):
+    """What the files' names tell: named groups of a regular expression, as numbers."""
+
+    pattern: str
+    fields: dict[str, FieldBlock] = {}
+
+    @model_validator(mode="after")
+    def _groups(self) -> FileNameBlock:
+        try:
+            groups = set(re.compile(self.pattern).groupindex)
+        except re.error as error:
+            raise ValueError(f"`pattern` is no regular expression ({error})") from error
+        if set(self.fields) - groups:
+            raise ValueError(f"`pattern` has no group {sorted(set(self.fields) - groups)[0]}; write (?P<name>...)")
+        return self
+
+
+class TracesBlock(Block):
+    """Where traces come from: files (a pattern under the data folder), or the cases of a scenario that is run.
+
+    Attributes:
+        values: component.variable -> field of the file's name, given to every window of that trace.
+        hold_out: names of traces that are kept out of the fit and judged afterwards.
+    """
+
+    files: str | None = None
+    scenario: Path | None = None
+    layout: LayoutBlock = LayoutBlock()
+    file_name: FileNameBlock | None = None
+    values: dict[str, str] = {}
+    hold_out: list[str] = []
+
+    @model_validator(mode="after")
+    def _one_source(self) -> TracesBlock:
+        if (self.files is None) == (self.scenario is None):
+            raise ValueError("give either `files` or `scenario`")
+        known = set(self.file_name.fields) if self.file_name else set()
+        for name, field in self.values.items():
+            if self.files is not None and field not in known:
+                raise ValueError(f"{name}: `file_name` has no field '{field}'")
+        return self
+
+
+def trace_values(traces: TracesBlock, trace: str, fields: Mapping[str, float]) -> dict[str, Value]:
+    """component.variable -> value that is known of a trace, by its fields.
+
+    Raises:
+        ScenarioError: a field is not known of it.
+    """
+    for name, field in traces.values.items():
+        if field not in fields:
+            raise ScenarioError(f"traces.values.{name}", f"trace {trace} has no field '{field}'",
+                                f"there are {', '.join(fields) or 'none'}")  # fmt: skip
+    return {name: fields[field] for name, field in traces.values.items()}

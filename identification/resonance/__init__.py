@@ -1,0 +1,1 @@
+"""The pendulum thesis, Steps 1 to 4: resonances and added masses."""

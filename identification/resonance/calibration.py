@@ -1,0 +1,223 @@
+"""A study by the pendulum thesis' Steps 1-4, from its file to parameters: as published and corrected side by side."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fmus.errors import ScenarioError
+from fmus.parameters import ssv
+from identification.estimation.estimated_value import EstimatedValue
+from identification.output_error.calibration import must_be
+from identification.output_error.results import SUMMARY, data_summary, finite, write_system
+from identification.recordings.campaign import Recorded, load_campaign, recording_warnings
+from identification.resonance.added_mass import Bounds
+from identification.resonance.steps import (
+    RECORDINGS_SCRIPT,
+    SYNTHETIC_SCRIPT,
+    Experiment,
+    LoadResult,
+    Processing,
+    ResonanceStudy,
+    study,
+    study_as_published,
+)
+from identification.study import ResonanceBlock, SineBlock
+from orchestrator.assembly.assembly import OpenSystem, assemble
+from orchestrator.report import Report, Section, figures
+from orchestrator.results import result_folder, versions, write_json
+from orchestrator.scenario.run import Progress
+from orchestrator.system import check_values
+from orchestrator.trace import FloatArray
+
+SCRIPTS: dict[str, Processing] = {"synthetic": SYNTHETIC_SCRIPT, "recordings": RECORDINGS_SCRIPT}
+
+
+@dataclass(frozen=True, eq=False)
+class ResonanceCalibration:
+    """What a study gave by either method."""
+
+    block: ResonanceBlock
+    recorded: tuple[Recorded, ...]
+    published: ResonanceStudy
+    corrected: ResonanceStudy
+
+    @property
+    def taken(self) -> ResonanceStudy:
+        """The one whose parameters are written back."""
+        return self.published if self.block.take == "published" else self.corrected
+
+
+def calibrate(
+    block: ResonanceBlock, base: Path, data: Path | None, progress: Progress | None = None
+) -> ResonanceCalibration:
+    """Steps 1-4 on the study's traces.
+
+    Raises:
+        InputError: traces are missing, too short or too few, or a field is not known.
+    """
+    _check_targets(block, base)
+    recorded = load_campaign(block.traces, base, data, progress, block.signals)
+    experiments = [experiment(block.campaign, each) for each in recorded]
+    processing = SCRIPTS[block.script]
+    lower, upper = np.array(block.bounds.lower), np.array(block.bounds.upper)
+    start = block.bounds.start or tuple((lower + upper) / 2)
+    bounds = Bounds(start, block.bounds.lower, block.bounds.upper)
+    return ResonanceCalibration(
+        block,
+        tuple(recorded),
+        study_as_published(experiments, processing, bounds, block.campaign.signal),
+        study(experiments, processing.window, block.campaign.signal),
+    )
+
+
+def _check_targets(block: ResonanceBlock, base: Path) -> None:
+    """See that the parameters that the study writes, and their truths, are in its system."""
+    with (
+        tempfile.TemporaryDirectory(prefix="servotwin-") as folder,
+        OpenSystem(assemble(block, base, Path(folder))) as opened,
+    ):
+        check_values(opened.system, block.values())
+        for key, names in (("write", list(block.write.values())), ("truth", list(block.truth))):
+            for name in names:
+                must_be(opened.system, name, "parameter", key)
+
+
+def experiment(campaign: SineBlock, recorded: Recorded) -> Experiment:
+    """A trace with what its name tells about it."""
+    turn = 2 * math.pi if campaign.frequency_in == "Hz" else 1.0
+    return Experiment(
+        recorded.trace,
+        _value(campaign.added_mass, recorded),
+        _value(campaign.added_length, recorded),
+        _value(campaign.amplitude, recorded),
+        turn * _value(campaign.frequency, recorded),
+    )
+
+
+def summary(result: ResonanceCalibration) -> dict[str, Any]:
+    """The study as plain values, as `summary.json` holds them."""
+    parameters = result.taken.parameters
+    fits = _agreement(result)
+    return {
+        "title": result.block.title,
+        "method": f"resonance ({result.taken.method})",
+        "parameters": {
+            variable: _estimate(parameters[name], result.block.truth.get(variable))
+            for name, variable in result.block.write.items()
+            if name in parameters
+        },
+        "resonance": {
+            study.method: [_load(load) for load in study.loads] for study in (result.published, result.corrected)
+        },
+        "lumped": {
+            study.method: {name: _estimate(value) for name, value in study.parameters.items()}
+            for study in (result.published, result.corrected)
+        },
+        "fit": {"train": {"median": float(np.median(list(fits.values()))), "traces": fits}, "validation": None},
+        "data": data_summary(result.recorded, ()),
+        "versions": versions(),
+        "warnings": [*result.taken.warnings, *recording_warnings(result.recorded)],
+    }
+
+
+def write_calibration(result: ResonanceCalibration, study_file: Path, target: Path) -> dict[str, Any]:
+    """Write the result folder; the summary comes back."""
+    document = summary(result)
+    values = {name: entry["value"] for name, entry in document["parameters"].items()}
+    with result_folder(target) as folder:
+        write_system(result.block, study_file, folder, values, document)
+        (folder / "parameters.ssv").write_bytes(ssv.parameter_set("calibrated", values))
+        report(result, document).write(folder / "report.html")
+        write_json(folder / SUMMARY, document)
+    return document
+
+
+def report(result: ResonanceCalibration, document: dict[str, Any]) -> Report:
+    """Frequency responses, resonances and parameters by both methods."""
+    page = Report(result.block.title, result.block.description)
+    section = page.section("Result")
+    for warning in result.taken.warnings:
+        section.callout("warning", warning)
+    _parameter_table(section, result)
+    _resonance_table(section, result)
+    response = page.section("Frequency response")
+    loads = result.corrected.loads
+    points = [(f"{1000 * load.added_mass:g} g", load.frequency, load.gain) for load in loads]
+    curves = [(f"{1000 * load.added_mass:g} g, fitted", *_curve(load)) for load in loads]
+    response.figure(
+        figures.frequency_response(points, curves), "Gain by added mass: sine fits, and log|G| least squares"
+    )
+    provenance = page.section("Provenance")
+    provenance.provenance(document["versions"])
+    rows = [[each["trace"], each["stamps"], each["sha256"]] for each in document["data"]]
+    provenance.table(["trace", "time stamps", "SHA-256"], rows)
+    return page
+
+
+def _value(given: str | float, recorded: Recorded) -> float:
+    if not isinstance(given, str):
+        return float(given)
+    if given not in recorded.fields:
+        raise ScenarioError(f"campaign, {recorded.trace.name}", f"no field '{given}'",
+                            f"there are {', '.join(recorded.fields) or 'none'}")  # fmt: skip
+    return recorded.fields[given]
+
+
+def _estimate(value: EstimatedValue, truth: float | None = None) -> dict[str, Any]:
+    entry: dict[str, Any] = {
+        "value": value.value,
+        "std": finite(value.std),
+        "ci95": [finite(end) for end in value.ci95] if value.known else None,
+        "unit": value.unit,
+        "start": None,
+    }
+    return entry if truth is None else entry | {"truth": truth}
+
+
+def _load(load: LoadResult) -> dict[str, Any]:
+    return {"added_mass": load.added_mass, "added_length": load.added_length, **_estimate(load.resonance)}
+
+
+def _agreement(result: ResonanceCalibration) -> dict[str, float]:
+    """trace -> 1 - relative error of the fitted gain at its frequency."""
+    found = {}
+    for load in result.corrected.loads:
+        model = _gain(load, load.frequency)
+        for omega, gain, fitted in zip(load.frequency, load.gain, model, strict=True):
+            found[f"{load.added_mass:g} kg, {omega:g} rad/s"] = float(1 - abs(fitted - gain) / gain)
+    return found
+
+
+def _curve(load: LoadResult) -> tuple[FloatArray, FloatArray]:
+    omega = np.geomspace(load.frequency.min(), load.frequency.max(), 200)
+    return omega, _gain(load, omega)
+
+
+def _gain(load: LoadResult, omega: FloatArray) -> FloatArray:
+    assert load.magnitude is not None
+    a0, a1, b0 = load.magnitude.a0.value, load.magnitude.a1.value, load.magnitude.b0.value
+    return np.asarray(b0 / np.hypot(a0 - omega**2, a1 * omega))
+
+
+def _parameter_table(section: Section, result: ResonanceCalibration) -> None:
+    rows = []
+    for name, value in result.corrected.parameters.items():
+        published = result.published.parameters.get(name)
+        half = (value.ci95[1] - value.ci95[0]) / 2 if value.known else None
+        rows.append([name, published.value if published else None, value.value, half, value.unit])
+    section.table(["parameter", "as published", "corrected", "± 95 %", "unit"], rows)
+
+
+def _resonance_table(section: Section, result: ResonanceCalibration) -> None:
+    rows = []
+    for old, new in zip(result.published.loads, result.corrected.loads, strict=True):
+        half = (new.resonance.ci95[1] - new.resonance.ci95[0]) / 2 if new.resonance.known else None
+        rows.append([new.added_mass, new.added_length, old.resonance.value, new.resonance.value, half])
+    headers = ["added mass [kg]", "at [m]", "as published [rad/s]", "corrected [rad/s]", "± 95 %"]
+    section.table(headers, rows, caption="Resonance frequencies (Table 4 of the thesis: Eq. 100 fed with decibels)")

@@ -1,0 +1,1 @@
+"""Preparation of signals, and their frequency response."""

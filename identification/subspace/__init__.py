@@ -1,0 +1,1 @@
+"""ORSE and its relatives, and refinement by prediction error."""

@@ -1,0 +1,250 @@
+"""The observability range space, extracted from records: what every subspace method shares, and where they differ.
+
+All methods take the singular vectors of a projection of future outputs. They differ in what is projected and with which
+weights, and all of it follows from one triangular factor of the data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from fmus.errors import IdentificationError
+from identification.estimation.threads import single_threaded
+from identification.linear.hankel import Compression, Factor, Rows, factor
+from identification.linear.poles import Poles
+from identification.linear.records import Pieces, Record, without_gaps
+from orchestrator.trace import FloatArray
+
+Weighting = Literal["orse", "n4sid", "moesp", "cva"]
+Instruments = Literal["inputs and outputs", "inputs"]
+_RANK = 1e-10
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a model is estimated.
+
+    Attributes:
+        block: q, block rows of the future; more than the order over the number of outputs.
+        weighting: "orse" as published; "n4sid", "moesp" and "cva" project on the past, which keeps noise out.
+        past: block rows of the past, or of the autoregression in closed loop; `block` when None. ORSE has none.
+        instruments: what of the past is projected on; "inputs" alone stays consistent under any output noise.
+        closed_loop: whiten with a long autoregression first. Without, feedback from noise to input biases A, B, C, D.
+        feedthrough: estimate D; False fixes it to 0. In closed loop only right when the controller answers a sample
+            later.
+        initial_states: estimate each record's state at its start; False starts all at 0.
+        poles: "stable" moves unstable poles inside, "integrating" also puts a real one on 1; B, D are fitted after.
+        weights: (p,) one over each output's unit of error, in all least squares; equal ones when empty.
+        compression: see `hankel.factor`.
+    """
+
+    block: int
+    weighting: Weighting = "orse"
+    past: int | None = None
+    instruments: Instruments = "inputs and outputs"
+    closed_loop: bool = False
+    feedthrough: bool = True
+    initial_states: bool = True
+    poles: Poles = "free"
+    weights: tuple[float, ...] = ()
+    compression: Compression = "auto"
+
+    def __post_init__(self) -> None:
+        if self.block < 2:
+            raise IdentificationError("settings", f"block is {self.block}", "use at least 2")
+        if self.past is not None and self.past < 1:
+            raise IdentificationError("settings", f"past is {self.past}", "use at least 1")
+        if self.closed_loop and self.history < self.block:
+            raise IdentificationError("settings", f"past {self.history} is below block {self.block}",
+                                      "in closed loop use a past at least as long")  # fmt: skip
+
+    @property
+    def history(self) -> int:
+        """Block rows of the past."""
+        if self.weighting == "orse" and not self.closed_loop:
+            return 0
+        return self.block if self.past is None else self.past
+
+
+@dataclass(frozen=True, eq=False)
+class RangeSpace:
+    """The range space of the observability matrix, for every order at once.
+
+    Attributes:
+        basis: (q p, r) columns in falling importance; the first n span the range space of order n.
+        values: (r,) singular values of the weighted projection; the published ones (Eq. 2-21) are their squares.
+        pieces: the records without gaps.
+        weights: (p,) by which outputs were multiplied.
+        settings: how it was extracted.
+        condition: of the compressed data, see `hankel.Factor`.
+        compression: how the data were compressed.
+        excitation: condition of the input's block Hankel matrix.
+    """
+
+    basis: FloatArray
+    values: FloatArray
+    pieces: Pieces
+    weights: FloatArray
+    settings: Settings
+    condition: float
+    compression: Compression
+    excitation: float
+
+    @property
+    def limit(self) -> int:
+        """The most states that shift invariance can determine."""
+        return (self.settings.block - 1) * len(self.weights)
+
+    def shift_invariant(self, order: int) -> tuple[FloatArray, FloatArray]:
+        """A (n, n) and C (p, n) of the basis' first n columns (ORSE, steps 3 and 4)."""
+        outputs, observability = len(self.weights), self.basis[:, :order]
+        a = np.linalg.lstsq(observability[:-outputs], observability[outputs:], rcond=None)[0]
+        return np.asarray(a), observability[:outputs]
+
+
+@single_threaded
+def range_space(records: Record | Sequence[Record], settings: Settings) -> RangeSpace:
+    """The observability range space of all records together.
+
+    Raises:
+        IdentificationError: records that do not fit together or are too short, an output that never changes, inputs
+            that do not excite, weights that do not fit.
+
+    Source: the flexible-manipulator thesis, Eqs. 2-18 to 2-21; Van Overschee and De Moor 1996, Chapter 4, for the
+    weights; Chiuso 2007 (PBSID-opt) in closed loop.
+    """
+    depth = settings.history + (1 if settings.closed_loop else settings.block)
+    pieces = without_gaps(records, depth)
+    first = pieces.records[0]
+    _check_outputs(pieces)
+    weights = _weights(settings, first)
+    signals = [np.hstack([each.u, each.y * weights]) for each in pieces.records]
+    rows = _Groups.of(settings, len(first.inputs), len(first.outputs))
+    _check_length(pieces, depth, rows.count)
+    compressed = factor(signals, rows.groups, settings.compression)
+    excitation = _excitation(compressed, rows, first)
+    basis, values = _closed_loop(compressed.lower, rows, settings) if settings.closed_loop else \
+        _projected(compressed.lower, rows, settings.weighting)  # fmt: skip
+    return RangeSpace(
+        basis, values, pieces, weights, settings, compressed.condition, compressed.compression, excitation
+    )
+
+
+@dataclass(frozen=True)
+class _Groups:
+    """Which rows the factor has: all inputs first, then past outputs, then the outputs in question.
+
+    `given` rows of future inputs, `inputs` rows of all inputs, `known` rows of these and past outputs.
+    """
+
+    groups: tuple[Rows, ...]
+    given: int
+    inputs: int
+    known: int
+    outputs: int
+
+    @property
+    def count(self) -> int:
+        return self.known + self.outputs
+
+    @classmethod
+    def of(cls, settings: Settings, m: int, p: int) -> _Groups:
+        u, y, past = tuple(range(m)), tuple(range(m, m + p)), settings.history
+        future = (1 if settings.feedthrough else 0) if settings.closed_loop else settings.block
+        asked = 1 if settings.closed_loop else settings.block
+        seen = past if settings.closed_loop or settings.instruments == "inputs and outputs" else 0
+        groups = (Rows(u, past, future), Rows(u, 0, past), Rows(y, 0, seen), Rows(y, past, asked))
+        given, inputs = m * future, m * (future + past)
+        kept = tuple(group for group in groups if group.lags)
+        return cls(kept, given, inputs, inputs + p * seen, p * asked)
+
+
+def _check_outputs(pieces: Pieces) -> None:
+    for i, name in enumerate(pieces.records[0].outputs):
+        if all(np.ptp(each.y[:, i]) == 0 for each in pieces.records):
+            raise IdentificationError(f"{pieces.records[0].name}.{name}", "is constant", "leave this output out")
+
+
+def _weights(settings: Settings, first: Record) -> FloatArray:
+    weights = np.array(settings.weights or np.ones(len(first.outputs)), dtype=float)
+    if weights.shape != (len(first.outputs),) or not np.all((weights > 0) & np.isfinite(weights)):
+        raise IdentificationError("settings", f"weights {settings.weights} for {len(first.outputs)} outputs",
+                                  "give each output a positive one")  # fmt: skip
+    return weights
+
+
+def _check_length(pieces: Pieces, depth: int, rows: int) -> None:
+    columns = pieces.samples - len(pieces.records) * (depth - 1)
+    if columns < rows:
+        raise IdentificationError(pieces.records[0].name, f"{pieces.samples} samples give {columns} columns for the "
+                                  f"{rows} rows of the block Hankel matrix", "use a smaller block")  # fmt: skip
+
+
+def _excitation(compressed: Factor, rows: _Groups, first: Record) -> float:
+    """Condition of the inputs' block Hankel matrix, each row scaled to length 1."""
+    lead = compressed.lower[: rows.inputs, : rows.inputs]
+    lengths = np.linalg.norm(lead, axis=1, keepdims=True)
+    values = np.linalg.svd(lead / np.where(lengths > 0, lengths, 1.0), compute_uv=False)
+    rank = int(np.count_nonzero(values > _RANK * values[0])) if values[0] > 0 else 0
+    if rank < rows.inputs:
+        raise IdentificationError(
+            f"{first.name}.{', '.join(first.inputs)}",
+            f"does not excite enough: its block Hankel matrix has rank {rank}, {rows.inputs} is needed",
+            "use a smaller block, or an input with more frequencies",
+        )
+    return float(values[0] / values[-1])
+
+
+def _projected(lower: FloatArray, rows: _Groups, weighting: Weighting) -> tuple[FloatArray, FloatArray]:
+    """Basis and singular values from the factor of [future inputs; past; future outputs]."""
+    given, known = rows.given, rows.known
+    past, rest = lower[known:, given:known], lower[known:, given:]
+    if weighting == "orse":
+        return _left(rest)
+    if weighting == "moesp":
+        return _left(past)
+    if weighting == "n4sid":
+        return _left(past @ _inverse(lower[given:known, given:known]) @ lower[given:known, :known])
+    root, sizes = _left(rest)
+    seen = sizes > _RANK * sizes[0]
+    basis, values = _left(root[:, seen].T / sizes[seen, None] @ past)
+    return (root[:, seen] * sizes[seen]) @ basis, values
+
+
+def _closed_loop(lower: FloatArray, rows: _Groups, settings: Settings) -> tuple[FloatArray, FloatArray]:
+    """Basis and singular values of what the past predicts, from the autoregression's coefficients.
+
+    The observability matrix found is the predictor's, of A - K C and C.
+    """
+    given, known, p = rows.given, rows.known, rows.outputs
+    history, block = settings.history, settings.block
+    coefficients = lower[known:, :known] @ _inverse(lower[:known, :known])
+    m = (rows.inputs - given) // history
+    by_lag = np.concatenate([coefficients[:, given : rows.inputs].reshape(p, history, m),
+                             coefficients[:, rows.inputs :].reshape(p, history, p)], axis=2)  # fmt: skip
+    ahead = np.zeros((block, p, history, m + p))
+    for i in range(block):
+        ahead[i, :, i:] = by_lag[:, : history - i]
+    map_ = np.concatenate([ahead[..., :m].reshape(block * p, -1), ahead[..., m:].reshape(block * p, -1)], axis=1)
+    predicted = map_ @ lower[given:known, :known]
+    if settings.weighting != "cva":
+        return _left(predicted)
+    root, sizes = _left(lower[known:, known:])
+    sizes = np.maximum(sizes, _RANK * sizes[0])
+    whiten, colour = root.T / sizes[:, None], root * sizes
+    basis, values = _left(np.kron(np.eye(block), whiten) @ predicted)
+    return np.kron(np.eye(block), colour) @ basis, values
+
+
+def _left(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
+    left, values, _ = np.linalg.svd(matrix, full_matrices=False)
+    return np.asarray(left), np.asarray(values)
+
+
+def _inverse(matrix: FloatArray) -> FloatArray:
+    """The pseudo-inverse, directions at rounding level left out."""
+    return np.asarray(np.linalg.pinv(matrix, rcond=_RANK))

@@ -1,0 +1,1 @@
+"""From components and connections in a file to a running system."""

@@ -1,0 +1,1 @@
+"""Many runs: suites of scenarios and procedures of commands."""

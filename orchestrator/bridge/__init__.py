@@ -1,0 +1,1 @@
+"""A running scenario coupled to a CAN bus."""

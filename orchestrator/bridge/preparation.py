@@ -1,0 +1,142 @@
+"""All that can be refused of a coupling, before it takes its place on a bus."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+
+from fmus.errors import InputError, ScenarioError
+from orchestrator.assembly.assembly import Assembled, OpenSystem, assemble
+from orchestrator.bridge.can_block import CanBlock
+from orchestrator.bridge.mapping import Coupling, coupled
+from orchestrator.bridge.outputs import Outlet
+from orchestrator.bridge.session import Course
+from orchestrator.can import wire
+from orchestrator.can.database.database import load as load_database
+from orchestrator.can.live.bus import BusSettings
+from orchestrator.engine import Run, Simulation
+from orchestrator.fmi.isolation import scratch
+from orchestrator.fmi.slave import Value
+from orchestrator.rational import multiples
+from orchestrator.scenario.run import CaseBlock, ScenarioBlock, recorded_names
+from orchestrator.trace import FloatArray
+from orchestrator.yaml_file import load, naming
+
+
+@dataclass(frozen=True)
+class Job:
+    """What is coupled to which bus.
+
+    Attributes:
+        stand_in: whether it is the machine: it then goes on whatever becomes of bus and peers, and is not judged.
+        case: of the scenario, the first by default.
+        overrides: component.variable -> value, over those of the file.
+        duration: by default the scenario's, or for a stand-in until told to end [s].
+        every: communication steps from one row of the record to the next.
+    """
+
+    scenario: Path
+    bus: BusSettings
+    stand_in: bool = False
+    case: str | None = None
+    overrides: Mapping[str, Value] = field(default_factory=dict)
+    duration: Fraction | None = None
+    every: int = 1
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A system that is ready to be initialised and coupled.
+
+    Attributes:
+        database: file of the bus' messages.
+        run: values, what is recorded, and what the inputs have at first.
+    """
+
+    block: ScenarioBlock
+    case: CaseBlock
+    database: Path
+    assembled: Assembled
+    simulation: Simulation
+    coupling: Coupling
+    run: Run
+    course: Course
+
+
+@contextmanager
+def prepared(job: Job) -> Iterator[Prepared]:
+    """The job with its FMUs built, loaded and wired.
+
+    Raises:
+        InputError: something does not fit: the file, a name, a unit, a period, a value.
+    """
+    block = load(job.scenario, ScenarioBlock)
+    base, can = job.scenario.parent, _can_block(job.scenario, block)
+    database = load_database(base / can.database)
+    with scratch(None) as folder, naming(job.scenario):
+        case = _case(block, job.case)
+        driven = tuple(sorted(block.driven()))
+        with OpenSystem(assemble(block, base, folder, driven)) as system:
+            coupling = coupled(can, system.system, database, block.run.step, job.bus.data_bitrate is not None)
+            _check_bus(job.bus, coupling.outlets, block.run.step)
+            with system.simulation(block.run.timing()) as simulation:
+                course, first = _course(job, block, simulation, driven)
+                values = block.values_of(case) | dict(job.overrides)
+                run = Run(values, first, recorded_names(block, simulation.outputs), record_every=job.every)
+                yield Prepared(block, case, base / can.database, system.assembled, simulation, coupling, run, course)
+
+
+def _can_block(path: Path, block: ScenarioBlock) -> CanBlock:
+    if block.can is None:
+        raise ScenarioError(path, "has no `can` block", "say what is received and sent")
+    if block.recorder is not None:
+        raise ScenarioError(path, "has a recorder, which samples a whole record", "remove it, and record the bus")
+    return block.can
+
+
+def _case(block: ScenarioBlock, name: str | None) -> CaseBlock:
+    for each in block.cases:
+        if name in (None, each.name):
+            return each
+    raise InputError(
+        f"--case {name}", "there is no such case", f"choose {', '.join(each.name for each in block.cases)}"
+    )
+
+
+def _check_bus(bus: BusSettings, outlets: Sequence[Outlet], step: Fraction) -> None:
+    """See that the bus can carry what is sent."""
+    wider = [each.message.name for each in outlets if each.message.fd]
+    if wider and not bus.fd:
+        raise InputError(bus.place, f"is no CAN FD bus, but {wider[0]} has CAN FD frames", "give --fd")
+    if bus.bitrate is None:
+        return
+    load = sum(
+        wire.seconds(each.message.length, each.message.extended, False, each.message.fd, bus.bitrate, bus.data_bitrate)
+        / float(each.every * step)
+        for each in outlets
+    )
+    if load > 1:
+        raise InputError(bus.place, f"is too slow: what is sent needs {100 * load:.0f} % of {bus.bitrate} bit/s",
+                         "send less often, or give the bus a higher bit rate")  # fmt: skip
+
+
+def _course(
+    job: Job, block: ScenarioBlock, simulation: Simulation, driven: Sequence[str]
+) -> tuple[Course, dict[str, FloatArray]]:
+    """How long to go on with which stimuli, and the first value of each input."""
+    instants, base = simulation.instants(), job.scenario.parent
+    signals = block.driven()
+    varying = [name for name in driven if signals[name].file is not None]
+    columns = [signals[name].values(instants, base) for name in varying]
+    first = {name: signals[name].values(instants[:1], base) for name in driven}
+    if job.duration is not None:
+        steps: int | None = multiples(job.duration, block.run.step, "--duration")
+    else:
+        steps = None if job.stand_in else len(instants) - 1
+    stimuli = np.column_stack(columns) if columns else np.zeros((1, 0))
+    return Course(steps, job.stand_in, stimuli, [driven.index(name) for name in varying]), first

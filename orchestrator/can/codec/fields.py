@@ -1,0 +1,50 @@
+"""How the signals of a database lie in frames, and what raw numbers they may have."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from orchestrator.can.codec.bits import Field
+from orchestrator.can.database.database import MessageSpec, SignalSpec
+
+FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
+
+
+def field_of(signal: SignalSpec) -> Field:
+    """Where the signal lies and what its bits stand for."""
+    return Field(
+        signal.lowest,
+        signal.length,
+        signal.big_endian,
+        signal.is_signed,
+        signal.is_float,
+        signal.scale,
+        signal.offset,
+    )
+
+
+def longest(spec: MessageSpec) -> int:
+    """Data bytes a frame of the message has at most: CAN FD fills up to the next length it knows."""
+    return next((each for each in FD_LENGTHS if each >= spec.length), spec.length) if spec.fd else spec.length
+
+
+def raw_limits(signal: SignalSpec) -> tuple[float, float]:
+    """Smallest and largest raw number: what the bits hold, within the signal's range where that leaves any."""
+    low, high = least, most = field_of(signal).limits()
+    ends = [
+        open_end if end is None else (end - signal.offset) / signal.scale
+        for end, open_end in ((signal.minimum, -np.inf), (signal.maximum, np.inf))
+    ]
+    if signal.scale < 0:
+        ends = [-np.inf if signal.maximum is None else ends[1], np.inf if signal.minimum is None else ends[0]]
+    if not signal.is_float:
+        ends = [np.ceil(ends[0] - 1e-6), np.floor(ends[1] + 1e-6)]
+    low, high = max(low, float(ends[0])), min(high, float(ends[1]))
+    return (low, high) if low <= high else (least, most)
+
+
+def resting(signal: SignalSpec) -> float:
+    """The value of a signal that nobody sets: its initial one, else the nearest to zero that it may have."""
+    if signal.initial is not None:
+        return signal.initial
+    return float(min(max(0.0, signal.minimum or 0.0), np.inf if signal.maximum is None else signal.maximum))

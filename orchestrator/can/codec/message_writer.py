@@ -1,0 +1,107 @@
+"""Signals to the frames of one message, many at once, with its counter and its checksum."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from fmus.errors import DatabaseError
+from orchestrator.can.census import Census, add
+from orchestrator.can.codec import bits
+from orchestrator.can.codec.fields import field_of, longest, raw_limits, resting
+from orchestrator.can.codec.multiplexing import Presence, whole
+from orchestrator.can.database import protection as checks
+from orchestrator.can.database.database import MessageSpec, SignalSpec, checksum_byte
+from orchestrator.can.frames import CLASSIC, LONGEST, Flag, Frames
+from orchestrator.trace import FloatArray
+
+
+class MessageWriter:
+    """Encodes one message, batch after batch.
+
+    Signals that are not sent rest at their initial value, or at the one nearest to zero. A multiplexer that is not
+    sent itself takes in turn the values that bring every sent signal into some frame.
+
+    Args:
+        sent: signals that are sent: name in the message -> name of their column.
+
+    Raises:
+        DatabaseError: the message is no single frame, or a signal has no scale.
+    """
+
+    def __init__(self, spec: MessageSpec, sent: Mapping[str, str], census: Census) -> None:
+        self.spec, self._sent, self._census = spec, dict(sent), census
+        if spec.length > LONGEST:
+            raise DatabaseError(f"message {spec.name}", f"has {spec.length} bytes, more than a frame", "split it")
+        for signal in spec.signals:
+            if signal.scale == 0:
+                raise DatabaseError(f"{spec.name}.{signal.name}", "cannot be sent: its scale is 0", "correct the scale")
+        self._width = CLASSIC if longest(spec) <= CLASSIC else LONGEST
+        self._turns = _turns(spec, self._sent)
+        self._count = 0  # frames so far
+
+    def write(self, time: FloatArray, columns: Mapping[str, FloatArray]) -> Frames:
+        """A frame at each stamp (K,), with the values of the columns (K,)."""
+        count, spec = len(time), self.spec
+        words = {big: np.zeros((count, self._width // 8), dtype=np.uint64) for big in (False, True)}
+        raws: dict[str, bits.Words] = {}
+        presence = Presence(spec, lambda signal: whole(field_of(signal), self._raw(signal, columns, count, raws)))
+        for signal in spec.signals:
+            there, raw = presence.of(signal), self._raw(signal, columns, count, raws)
+            field_of(signal).put(words[signal.big_endian], raw if there is None else np.where(there, raw, 0))
+        data = words[False].astype(bits.LITTLE).view(np.uint8) | words[True].astype(bits.BIG).view(np.uint8)
+        self._seal(data)
+        self._count += count
+        self._census.frames += count
+        self._census.messages[spec.name] += count
+        flags = Flag.EXTENDED * spec.extended | Flag.FD * spec.fd
+        identifier, length = np.full(count, spec.id, np.uint32), np.full(count, longest(spec), np.uint8)
+        return Frames(time, identifier, np.full(count, flags, np.uint8), np.zeros(count, np.uint8), length, data)
+
+    def _raw(
+        self, signal: SignalSpec, columns: Mapping[str, FloatArray], count: int, raws: dict[str, bits.Words]
+    ) -> bits.Words:
+        """(count,) the signal's bits, found once."""
+        if signal.name not in raws:
+            raws[signal.name] = self._found(signal, columns, count)
+        return raws[signal.name]
+
+    def _found(self, signal: SignalSpec, columns: Mapping[str, FloatArray], count: int) -> bits.Words:
+        protection = self.spec.protection
+        number = np.arange(self._count, self._count + count)
+        if protection and signal.name == protection.counter:
+            return (number % protection.modulus).astype(np.uint64)
+        if protection and signal.name == protection.checksum:
+            return np.zeros(count, dtype=np.uint64)
+        if signal.name in self._sent:
+            raw, limited = field_of(signal).encoded(columns[self._sent[signal.name]], *raw_limits(signal))
+            add(self._census.saturated, self._sent[signal.name], int(np.count_nonzero(limited)))
+            return raw
+        rest = resting(signal)
+        values = np.array([turn.get(signal.name, rest) for turn in self._turns], dtype=np.float64)
+        return field_of(signal).encoded(values, *raw_limits(signal))[0][number % len(self._turns)]
+
+    def _seal(self, data: bits.Bytes) -> None:
+        """Fill in the checksums."""
+        protection = self.spec.protection
+        if protection and protection.checksum:
+            byte = checksum_byte(self.spec.signal(protection.checksum))
+            assert byte is not None
+            held = data[:, : self.spec.length]
+            data[:, byte] = checks.checksums(held, protection.algorithm, byte, protection.data_id)
+
+
+def _turns(spec: MessageSpec, sent: Mapping[str, str]) -> list[dict[str, float]]:
+    """Values of the multiplexers that are not sent, in turn, so that every sent signal is in a frame."""
+    turns: list[dict[str, float]] = []
+    for signal in (each for each in spec.signals if each.name in sent):
+        turn: dict[str, float] = {}
+        above = signal
+        while above.multiplexer:
+            if above.multiplexer not in sent and above.selected_by:
+                turn[above.multiplexer] = float(above.selected_by[0])
+            above = spec.signal(above.multiplexer)
+        if turn and turn not in turns:
+            turns.append(turn)
+    return [each for each in turns if not any(each.items() < other.items() for other in turns)] or [{}]

@@ -1,0 +1,1 @@
+"""Databases of CAN messages: read, written, and what protects the messages."""

@@ -1,0 +1,1 @@
+"""A live bus: opened, received, recorded and replayed."""

@@ -1,0 +1,155 @@
+"""A CAN bus by the name of its interface, whichever of python-can's that is; what goes wrong with it is a `BusError`.
+
+`send` and `is_bus_off` are for everything that talks to an open bus.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import errno
+import re
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import can
+from can.util import cast_from_string
+
+from fmus.errors import BusError, InputError
+from orchestrator.can.slcan import protocol
+from orchestrator.can.slcan.bus import ERROR_BUS_OFF, SlcanBus
+
+__all__ = ["BusSettings", "is_bus_off", "open_bus", "opened", "parse_option", "send"]
+
+_TIMED = ("pcan", "slcan")  # interfaces that want the timing of bits for CAN FD instead of bit rates
+_CLOCK = 80_000_000  # of CAN FD controllers [Hz]
+_SAMPLE_POINT = 80.0  # [%]
+
+
+@dataclass(frozen=True)
+class BusSettings:
+    """Which bus, through which adapter.
+
+    Attributes:
+        interface: python-can's name of the interface.
+        channel: what the interface calls the bus: can0, PCAN_USBBUS1, 0, a serial port, ...
+        bitrate: None: as the adapter is set [bit/s].
+        data_bitrate: of CAN FD frames that switch [bit/s].
+        options: of that interface only.
+
+    Raises:
+        InputError: the interface is not known, or a bit rate is not possible.
+    """
+
+    interface: str
+    channel: str
+    bitrate: int | None = None
+    fd: bool = False
+    data_bitrate: int | None = None
+    options: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.interface not in can.VALID_INTERFACES:
+            near = difflib.get_close_matches(self.interface, can.VALID_INTERFACES, 1)
+            meant = f"did you mean {near[0]}? " if near else ""
+            raise InputError(f"interface {self.interface}", "is not known to python-can",
+                             f"{meant}it has {', '.join(sorted(can.VALID_INTERFACES))}")  # fmt: skip
+        if self.data_bitrate is not None and not self.fd:
+            raise InputError(self.place, "has a data bit rate, but is no CAN FD bus", "give --fd, too")
+        if self.fd and self.interface in _TIMED and None in (self.bitrate, self.data_bitrate):
+            raise InputError(self.place, "lacks a bit rate for CAN FD", "give --bitrate and --data-bitrate")
+        if self.interface == "slcan":
+            _check(self.place, "bit rate", self.bitrate, protocol.BITRATES)
+            _check(self.place, "data bit rate", self.data_bitrate, protocol.DATA_BITRATES)
+
+    @property
+    def place(self) -> str:
+        """How messages name the bus."""
+        return f"{self.interface}:{self.channel}"
+
+
+def _check(place: str, what: str, value: int | None, known: Mapping[str, int]) -> None:
+    if value is not None and value not in known.values():
+        rates = ", ".join(str(each) for each in sorted(known.values()))
+        raise InputError(place, f"no serial adapter has the {what} {value}", f"choose among {rates}")
+
+
+def parse_option(text: str) -> tuple[str, str]:
+    """Name and value of `name=value`.
+
+    Raises:
+        InputError: it is not of that form.
+    """
+    match = re.fullmatch(r"([A-Za-z_]\w*)=(.*)", text)
+    if match is None:
+        raise InputError(f"--option {text}", "is not understood", "write name=value")
+    return match[1], match[2]
+
+
+def open_bus(settings: BusSettings) -> can.BusABC:
+    """The open bus.
+
+    Only the settings count: python-can's configuration files and environment variables are not read.
+
+    Raises:
+        BusError: the adapter does not open.
+    """
+    values: dict[str, Any] = {name: cast_from_string(value) for name, value in settings.options.items()}
+    try:
+        if settings.interface == "slcan" and "://" not in settings.channel:
+            return SlcanBus(settings.channel, **_rates(settings) | values)
+        return can.Bus(settings.channel, settings.interface, ignore_config=True, **_rates(settings) | values)
+    except Exception as error:  # drivers raise anything: ImportError, AttributeError, their own
+        text = " ".join(str(error).split()) or type(error).__name__
+        raise BusError(settings.place, f"does not open ({text})", "see that the adapter is plugged in, its driver "
+                       "installed, and the channel right") from error  # fmt: skip
+
+
+@contextlib.contextmanager
+def opened(settings: BusSettings) -> Iterator[can.BusABC]:
+    """The open bus, closed at the end whatever happened; an adapter that fails while it closes is gone anyway."""
+    bus = open_bus(settings)
+    try:
+        yield bus
+    finally:
+        with contextlib.suppress(Exception):
+            bus.shutdown()
+
+
+def _rates(settings: BusSettings) -> dict[str, Any]:
+    """The bit rates as the interface wants them."""
+    if settings.fd and settings.interface in _TIMED:
+        timing = can.BitTimingFd.from_sample_point(
+            f_clock=_CLOCK, nom_bitrate=settings.bitrate or 0, nom_sample_point=_SAMPLE_POINT,
+            data_bitrate=settings.data_bitrate or 0, data_sample_point=_SAMPLE_POINT,
+        )  # fmt: skip
+        return {"timing": timing} | ({"fd": True} if settings.interface == "pcan" else {})
+    values: dict[str, Any] = {"bitrate": settings.bitrate, "data_bitrate": settings.data_bitrate}
+    if settings.interface == "virtual":
+        values["protocol"] = can.CanProtocol.CAN_FD if settings.fd else can.CanProtocol.CAN_20
+    elif settings.fd or settings.interface == "udp_multicast":  # that one's own default is CAN FD
+        values["fd"] = settings.fd
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def send(bus: can.BusABC, message: can.Message, patience: float = 1.0) -> None:
+    """Send a frame; wait that long [s] while the adapter's buffer is full.
+
+    Raises:
+        CanError: the adapter took no frame in that time, or failed.
+    """
+    until = time.monotonic() + patience
+    while True:
+        try:
+            return bus.send(message, timeout=patience)
+        except can.CanOperationError as error:
+            if error.error_code != errno.ENOBUFS or time.monotonic() >= until:
+                raise
+        time.sleep(0.001)
+
+
+def is_bus_off(message: can.Message) -> bool:
+    """Whether this is the error frame by which an adapter says that it has left the bus for too many errors."""
+    return bool(message.is_error_frame and message.arbitration_id & ERROR_BUS_OFF)

@@ -1,0 +1,225 @@
+"""Serial CAN adapters (slcan) at the pace of a full bus: python-can's bus, reading and writing in blocks.
+
+python-can's own reads byte by byte, stops at the first line that is noise, and drops what adapters say about errors.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+from binascii import unhexlify
+from collections import deque
+from select import select
+from typing import Any
+
+import can
+from can.interfaces.slcan import slcanBus
+
+from orchestrator.can.slcan import protocol
+
+# Classes of error frames and their details, as socketcan has them in identifier and data (linux/can/error.h).
+ERROR_CONTROLLER, ERROR_PROTOCOL, ERROR_ACK, ERROR_BUS_OFF, ERROR_COUNTERS = 0x04, 0x08, 0x20, 0x40, 0x200
+
+_ANSWER = re.compile(rb"|[zZ]|V[0-9A-Fa-f]{4}|v[0-9A-Fa-f]{2,4}|N\w{1,8}|F[0-9A-Fa-f]{2}")
+_STATE = re.compile(rb"s([awpb])(\d{3})(\d{3})")
+_ERRORS = re.compile(rb"e\d([abBcfosO]+)")
+_STATES = {  # letter: state, bits in byte 1 of an error frame
+    b"a": (can.BusState.ACTIVE, 0x40), b"w": (can.BusState.ACTIVE, 0x0C), b"p": (can.BusState.PASSIVE, 0x30),
+    b"b": (can.BusState.ERROR, 0x00),
+}  # fmt: skip
+_DETAILS = {  # letter: class, byte of the data, bits in it
+    "a": (ERROR_ACK, 0, 0x00), "b": (ERROR_PROTOCOL, 2, 0x08), "B": (ERROR_PROTOCOL, 2, 0x10),
+    "c": (ERROR_PROTOCOL, 3, 0x08), "f": (ERROR_PROTOCOL, 2, 0x02), "s": (ERROR_PROTOCOL, 2, 0x04),
+    "o": (ERROR_CONTROLLER, 1, 0x01), "O": (ERROR_CONTROLLER, 1, 0x02),
+}  # fmt: skip
+
+
+class SlcanBus(slcanBus):
+    """An adapter on a serial port; what it reports of errors comes as error frames.
+
+    Received frames carry the time at which they were read, on a clock that never jumps.
+
+    Attributes:
+        malformed: lines that were no frame and no answer: noise, or an adapter that speaks something else.
+        refused: commands and frames that the adapter has not taken (BEL).
+    """
+
+    def __init__(self, channel: str, sleep_after_open: float = 0.0, **options: Any) -> None:
+        self.malformed = self.refused = 0
+        self._bus_state = can.BusState.ACTIVE
+        self._open = False
+        self._received: deque[can.Message] = deque()
+        self._partial = b""
+        self._unsent = b""
+        self._epoch = time.time() - time.perf_counter()
+        super().__init__(channel, sleep_after_open=sleep_after_open, **options)
+
+    @property
+    def state(self) -> can.BusState:
+        """What the adapter said last about its state."""
+        return self._bus_state
+
+    @state.setter
+    def state(self, new_state: can.BusState) -> None:
+        raise NotImplementedError("a serial adapter changes its state by itself")
+
+    def open(self) -> None:
+        """Take part in the bus; adapters refuse to be opened twice."""
+        if not self._open:
+            super().open()
+            self._open = True
+
+    def close(self) -> None:
+        """Leave the bus."""
+        super().close()
+        self._open = False
+
+    def shutdown(self) -> None:
+        """Leave the bus and free the port, also that of an adapter which is gone.
+
+        python-can's own would wait for the port before it frees it, and keep it where the adapter does not answer.
+        """
+        can.BusABC.shutdown(self)
+        try:
+            self.serialPortOrig.write_timeout = 0.2
+            self.close()
+        except (can.CanError, OSError):
+            pass
+        finally:
+            self.serialPortOrig.close()
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        if not self._received:
+            self._fetch(timeout)
+        return (self._received.popleft() if self._received else None), False
+
+    def _fetch(self, timeout: float | None) -> None:
+        """Take in all that the port has, after waiting for the first of it.
+
+        Raises:
+            CanOperationError: the port is gone.
+        """
+        port = self.serialPortOrig.fd
+        if port is None:
+            raise can.CanOperationError("the port is closed")
+        try:
+            if not select([port], [], [], timeout)[0]:
+                return
+            data = os.read(port, 65536)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            raise can.CanOperationError(f"the adapter is gone ({error.strerror})") from error
+        if not data:
+            raise can.CanOperationError("the adapter is gone (hung up)")
+        stamp = self._epoch + time.perf_counter()
+        lines = (self._partial + data.replace(protocol.BELL, protocol.BELL + protocol.END)).split(protocol.END)
+        self._partial = lines.pop()
+        if len(self._partial) > protocol.LONGEST:
+            self._partial = b""
+            self.malformed += 1
+        for line in lines:
+            self._take(line, stamp)
+
+    def _take(self, line: bytes, stamp: float) -> None:
+        """Act on one line: a frame, news of errors, an answer, or noise."""
+        frame = protocol.parse(line)
+        if frame is not None:
+            self._received.append(_data_frame(frame, stamp))
+        elif _ANSWER.fullmatch(line):
+            pass
+        elif state := _STATE.fullmatch(line):
+            self._change(state, stamp)
+        elif errors := _ERRORS.fullmatch(line):
+            self._received.append(_error_frame(errors[1].decode(), stamp))
+        elif line == protocol.BELL:
+            self.refused += 1
+        else:
+            self.malformed += 1
+
+    def _change(self, match: re.Match[bytes], stamp: float) -> None:
+        """Keep the state that the adapter is in, and pass it on as an error frame."""
+        self._bus_state, details = _STATES[match[1]]
+        off = ERROR_BUS_OFF if self._bus_state is can.BusState.ERROR else ERROR_CONTROLLER
+        data = bytearray(8)
+        data[1], data[6], data[7] = details, min(int(match[3]), 255), min(int(match[2]), 255)
+        self._received.append(_error(off | ERROR_COUNTERS, data, stamp))
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Send a frame; setting another timeout already asks the port, which may be gone.
+
+        Raises:
+            CanTimeoutError: the adapter took nothing of it within the timeout [s].
+            CanOperationError: the port is gone.
+        """
+        try:
+            super().send(msg, timeout)
+        except OSError as error:
+            if isinstance(error, can.CanError):
+                raise
+            raise can.CanOperationError(f"the adapter is gone ({error})") from error
+
+    def _write(self, string: str) -> None:
+        """Write a line whole; what does not fit in time goes before the next line.
+
+        Raises:
+            CanTimeoutError: the port took nothing of the line within the timeout of `send`.
+            CanOperationError: the port is gone.
+        """
+        line = string.encode("ascii") + self.LINE_TERMINATOR
+        port, patience = self.serialPortOrig.fd, self.serialPortOrig.write_timeout
+        if port is None:
+            raise can.CanOperationError("the port is closed")
+        try:
+            left = self._written(port, self._unsent, patience)
+            self._unsent = left
+            if left:
+                raise can.CanTimeoutError("the adapter takes no more frames")
+            left = self._written(port, line, patience)
+        except OSError as error:
+            if isinstance(error, can.CanError):
+                raise
+            raise can.CanOperationError(f"the adapter is gone ({error.strerror})") from error
+        if left == line:
+            raise can.CanTimeoutError("the adapter takes no more frames")
+        self._unsent = left
+
+    @staticmethod
+    def _written(port: int, data: bytes, patience: float | None) -> bytes:
+        """Write, waiting at most that long each time the port is full; what is left."""
+        while data:
+            try:
+                data = data[os.write(port, data) :]
+            except BlockingIOError:
+                if not select([], [port], [], patience)[1]:
+                    break
+        return data
+
+
+def _data_frame(frame: protocol.Line, stamp: float) -> can.Message:
+    return can.Message(
+        timestamp=stamp,
+        arbitration_id=frame.identifier,
+        is_extended_id=frame.extended,
+        is_remote_frame=frame.remote,
+        is_fd=frame.fd,
+        bitrate_switch=frame.switched,
+        dlc=frame.length,
+        data=unhexlify(frame.digits),
+    )
+
+
+def _error_frame(letters: str, stamp: float) -> can.Message:
+    """The error frame that an adapter's letters mean."""
+    identifier, data = 0, bytearray(8)
+    for letter in letters:
+        kind, place, details = _DETAILS[letter]
+        identifier |= kind
+        data[place] |= details
+    return _error(identifier, data, stamp)
+
+
+def _error(identifier: int, data: bytearray, stamp: float) -> can.Message:
+    return can.Message(timestamp=stamp, arbitration_id=identifier, is_error_frame=True, is_extended_id=False, dlc=8,
+                       data=data)  # fmt: skip

@@ -1,0 +1,278 @@
+"""An FMU for model exchange as a component: a solver integrates its states within each step, from event to event.
+
+A step ends with left limits: what happens at its very end (within a billionth of it), a time event, a jump of an
+input, belongs to the beginning of the next step, where the FMU is given its new inputs.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import sys
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NoReturn
+
+import numpy as np
+
+from fmus.errors import FmuFileError
+from orchestrator.fmi.exchange_functions import Exchange, Exchange2, Exchange3
+from orchestrator.fmi.file import FmuFile
+from orchestrator.fmi.functions import DISCARD, FAILED, ended
+from orchestrator.fmi.slave import Instance, stepping
+from orchestrator.solvers.base import Solver, SolverSettings, Stateless, solver_type
+from orchestrator.trace import FloatArray
+
+_TOGETHER = 1e-9  # times that differ by less than this share of a step are one
+_ROUNDING = 16 * sys.float_info.epsilon
+_MOST_TURNS = 100  # of one event iteration
+_MOST_EVENTS = 100  # at one time
+
+
+@dataclass
+class _Moment:
+    """Where an instance is between two calls.
+
+    Attributes:
+        time: of the FMU [s].
+        next_event: time of the next event that is known in advance [s].
+        due: whether something has happened that needs event mode.
+        in_event_mode: otherwise it is in continuous-time mode.
+        inputs: the values it was given last.
+        positive: for each event indicator, a byte, whether it was above zero after the latest event.
+    """
+
+    time: float
+    next_event: float = math.inf
+    due: bool = False
+    in_event_mode: bool = False
+    inputs: Sequence[float] | None = None
+    positive: bytes = b""
+
+
+class ExchangeSlave(Instance[Exchange]):
+    """An instance of a model exchange FMU; see `Component` for the meaning of the methods.
+
+    An event indicator that crosses zero twice within one internal step of the solver is not seen, as in most solvers.
+
+    Raises (on instantiation):
+        FmuFileError: the FMU has clocks to be ticked from outside.
+        WiringError: this platform has no such solver.
+    """
+
+    adapters = (Exchange2, Exchange3)
+
+    def __init__(
+        self, fmu: FmuFile, name: str, settings: SolverSettings | None = None, *, debug_log: bool = False
+    ) -> None:
+        clock = next((port.name for port in fmu.interface.of("input") if port.type == "Clock"), None)
+        if clock is not None:
+            raise FmuFileError(fmu.path, f"has the clock '{clock}', which nothing ticks in model exchange",
+                               "use its co-simulation")  # fmt: skip
+        self._settings = settings or SolverSettings()
+        self._type = solver_type(self._settings.method, name)
+        self._solver: Solver = Stateless(self._rates, 0, self._settings)
+        self.tolerance = self._settings.relative_tolerance
+        self._now = _Moment(0.0)
+        self._running = False
+        self._stale = True  # the solver has to start anew
+        self._snapshots = 0
+        self._undefined = ""  # what was not finite in this internal step
+        self._doing = ""
+        super().__init__(fmu, name, debug_log=debug_log)
+
+    def begin(self, start: float, stop: float | None) -> None:
+        self._now = _Moment(start)
+        super().begin(start, stop)
+
+    def bind(self, inputs: Sequence[str], outputs: Sequence[str]) -> None:
+        super().bind(inputs, outputs)
+        self._now.inputs = None
+
+    def write(self, values: Sequence[float]) -> None:
+        """Set the bound inputs. New values are an event: they may have jumped."""
+        values = list(values)
+        if self._running and values == self._now.inputs:
+            return
+        if self._running:
+            self._enter_event_mode()
+        super().write(values)
+        self._now.inputs = values
+
+    def run(self) -> None:
+        super().run()
+        self._doing = "initialise"
+        self._fmi.measure()
+        size = self._fmi.states.values.size
+        if size and isinstance(self._solver, Stateless):
+            try:
+                self._solver = self._type(self._rates, size, self._settings)
+            except MemoryError as error:
+                self._fail(f"there is no memory for {error}", "give its `solver` an explicit `method`")
+        self._now.in_event_mode = self._running = True
+        self._settle()
+
+    def step(self, time: float, duration: float) -> None:
+        end = time + duration
+        together = max(_TOGETHER * duration, _ROUNDING * abs(end))
+        events: deque[float] = deque(maxlen=_MOST_EVENTS)
+        steps = 0
+        self._doing = stepping(time, duration)
+        while self._now.time < end:
+            now = self._now
+            if now.in_event_mode or now.due or now.next_event <= now.time + together:
+                events.append(now.time)
+                if len(events) == _MOST_EVENTS and now.time - events[0] <= together:
+                    self._fail(f"{_MOST_EVENTS} events at t = {now.time:.9g} s", "ask its supplier for hysteresis")
+                self._pass_event(together)
+            elif steps < self._settings.most_steps:
+                self._integrate(now.next_event if now.next_event < end - together else end, end - together)
+                steps += 1
+            else:
+                self._fail(f"{steps} internal steps reached t = {now.time:.9g} s only",
+                           "give its `solver` more `most_steps`, or another `method`")  # fmt: skip
+
+    def save(self) -> Any:
+        memory = super().save()
+        self._snapshots += 1
+        self._stale = True  # so that the step from here is the same each time
+        return memory, dataclasses.replace(self._now)
+
+    def restore(self, state: Any) -> None:
+        memory, moment = state
+        super().restore(memory)
+        self._now = dataclasses.replace(moment)
+        self._stale = True
+
+    def drop(self, state: Any) -> None:
+        self._snapshots -= 1
+        super().drop(state[0])
+
+    def reset(self) -> None:
+        super().reset()
+        self._running, self._snapshots = False, 0
+
+    def close(self) -> None:
+        super().close()
+        self._solver.close()
+
+    def _enter_event_mode(self) -> None:
+        if not self._now.in_event_mode:
+            self._require(self._fmi.call("EnterEventMode"), "enter event mode")
+            self._now.in_event_mode = True
+
+    def _pass_event(self, together: float) -> None:
+        """Let the FMU change what changes in jumps."""
+        now = self._now
+        if not now.in_event_mode and now.time < now.next_event <= now.time + together:
+            now.time = now.next_event
+            self._require(self._fmi.set_time(now.time), "set its time")
+        self._enter_event_mode()
+        self._settle()
+
+    def _settle(self) -> None:
+        """Iterate an event to its end, and go on in continuous time."""
+        now = self._now
+        for _ in range(_MOST_TURNS):
+            status, news = self._fmi.update()
+            self._require(status, "update its discrete states")
+            if news.ending:
+                self._fail(ended(now.time, True))
+            if not news.again:
+                break
+        else:
+            self._fail(f"the event at t = {now.time:.9g} s does not end in {_MOST_TURNS} iterations",
+                       "ask its supplier for a model that settles")  # fmt: skip
+        self._require(self._fmi.call("EnterContinuousTimeMode"), "enter continuous-time mode")
+        now.in_event_mode = now.due = False
+        now.next_event, now.positive = news.next_event, self._positive()
+        self._stale = True
+
+    def _integrate(self, limit: float, last: float) -> None:
+        """Take one internal step; an event from time `last` on is left to the next communication step."""
+        now, before = self._now, self._now.time
+        try:
+            if self._stale:
+                self._restart()
+            reached = self._solver.step(limit)
+            self._place(reached)
+            if now.positive and self._positive() != now.positive:
+                crossing = self._crossing(before, reached)
+                self._place(crossing if crossing < last else reached)
+                now.due = True
+        except ArithmeticError as error:
+            self._fail(f"{self._settings.method} at t = {now.time:.9g} s: {error}{self._undefined}",
+                       "loosen the `relative_tolerance` of its `solver`, or take another `method`")  # fmt: skip
+        self._undefined = ""
+        self._complete()
+
+    def _complete(self) -> None:
+        """Tell the FMU that an internal step is over."""
+        status, event, ending = self._fmi.complete_step(self._snapshots == 0)
+        self._require(status, "complete an internal step")
+        if ending:
+            self._fail(ended(self._now.time, True))
+        self._now.due = self._now.due or event
+
+    def _restart(self) -> None:
+        """Have the solver start from the FMU's present states."""
+        fmi, now = self._fmi, self._now
+        self._require(fmi.states.get(), "get its states")
+        self._require(fmi.nominals.get(), "get its nominal values")
+        states, nominals = fmi.states.values.copy(), np.abs(fmi.nominals.values)
+        if not np.isfinite(self._rates(now.time, states)).all():
+            self._fail(f"cannot go on{self._undefined}", "see to its inputs, parameters and start values")
+        self._solver.restart(now.time, states, np.where(np.isfinite(nominals) & (nominals > 0), nominals, 1.0))
+        self._stale = False
+
+    def _rates(self, time: float, states: FloatArray) -> FloatArray:
+        """(n,) the derivatives; not finite where the FMU has none."""
+        fmi = self._fmi
+        status = fmi.put(time, states)
+        if status < FAILED:
+            status = max(status, fmi.rates.get())
+        rates = fmi.rates.values
+        if status == DISCARD:
+            rates[:] = math.nan
+            self._undefined = f", for there are no derivatives at t = {time:.9g} s"
+            return rates
+        self._require(status, "get derivatives")
+        if not np.isfinite(rates).all():
+            bad = int(np.argmin(np.isfinite(rates)))
+            self._undefined = f", for {fmi.rate_name(bad)} is {rates[bad]} at t = {time:.9g} s"
+        return rates
+
+    def _place(self, time: float) -> None:
+        """Put the FMU at a time within the solver's latest step."""
+        states = self._solver.at(time)
+        if not np.isfinite(states).all():
+            raise ArithmeticError("its states are not finite")
+        self._now.time = time
+        self._require(self._fmi.put(time, states), "set its states")
+
+    def _positive(self) -> bytes:
+        """For each event indicator whether it is above zero."""
+        indicators = self._fmi.indicators
+        self._require(indicators.get(), "get event indicators")
+        return (indicators.values > 0).tobytes()
+
+    def _crossing(self, before: float, after: float) -> float:
+        """The first time in the solver's latest step at which an event indicator is on another side of zero than after
+        the latest event, by bisection down to rounding errors [s]."""
+        tolerance = _ROUNDING * max(abs(before), abs(after))
+        while after - before > tolerance:
+            middle = 0.5 * (before + after)
+            self._place(middle)
+            if self._positive() == self._now.positive:
+                before = middle
+            else:
+                after = middle
+        return after
+
+    def _require(self, status: int, action: str) -> None:
+        if status:
+            self._check(status, f"{action} at t = {self._now.time:g} s")
+
+    def _fail(self, problem: str, fix: str = "") -> NoReturn:
+        raise self._failure(self._doing, problem, fix)

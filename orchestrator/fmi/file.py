@@ -1,0 +1,269 @@
+"""An FMU file, checked and unpacked: what it offers, and where its binary lies.
+
+The archive and its XML come from outside: paths, sizes and document types are checked before FMPy reads them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from pathlib import Path
+from types import TracebackType
+
+import fmpy
+from fmpy.model_description import InterfaceType, ModelDescription, ModelVariable, read_model_description
+
+from fmus.errors import FmuFileError, ServotwinError
+from fmus.modelling.model import element_names
+from fmus.packaging import archive
+from orchestrator.fmi import unpacked
+
+LARGEST_DESCRIPTION = 256 << 20
+_NO_NUMBER = ("String", "Binary", "Clock")
+
+
+class Kind(StrEnum):
+    """Interface of an FMU: with its own solver, or for one outside."""
+
+    CO_SIMULATION = "co-simulation"
+    MODEL_EXCHANGE = "model exchange"
+
+
+@dataclass(frozen=True)
+class Port:
+    """A scalar variable of an FMU, or an element of an array of parameters, named as in `A[1,2]`.
+
+    Attributes:
+        type: FMI type name ("Real", "Float64", "Integer", "Int32", "Boolean", "Enumeration", "String", ...).
+        variability: "constant", "fixed", "tunable", "discrete" or "continuous".
+        start: start value as the file gives it, None without one.
+        items: name -> value of an enumeration.
+        array: start values of the array it is an element of, row by row.
+        element: its number there, from 0.
+    """
+
+    name: str
+    reference: int
+    type: str
+    causality: str
+    unit: str | None = None
+    start: str | None = None
+    minimum: float | None = None
+    maximum: float | None = None
+    items: Mapping[str, int] | None = None
+    description: str = ""
+    variability: str = "continuous"
+    array: tuple[float, ...] = field(default=(), repr=False)
+    element: int = 0
+
+    @property
+    def numeric(self) -> bool:
+        """Whether its values are numbers (or true and false), so that they can be connected and recorded."""
+        return self.type not in _NO_NUMBER
+
+    @property
+    def settable(self) -> bool:
+        """Whether it can be given a value before a run: parameters, inputs, and states with a start value."""
+        causes = ("parameter", "input", "local", "output")
+        return self.causality in causes and self.variability != "constant" and self.start is not None
+
+
+@dataclass(frozen=True)
+class Interface:
+    """What a component offers to a system.
+
+    Attributes:
+        ports: name -> scalar variable.
+        feed_through: output -> the inputs that act on it at once; None where the FMU does not say.
+    """
+
+    model_name: str
+    fmi_version: str
+    ports: Mapping[str, Port]
+    feed_through: Mapping[str, frozenset[str] | None]
+    has_state: bool = False
+    fixed_step: float | None = None
+    variable_step: bool = True
+
+    def of(self, causality: str) -> tuple[Port, ...]:
+        """Ports of one causality."""
+        return tuple(port for port in self.ports.values() if port.causality == causality)
+
+
+class FmuFile:
+    """An FMU unpacked into a folder; a context manager that lets go of the folder.
+
+    Equal files share a folder, and so their library; one that can be instantiated only once has a folder of its own.
+
+    Args:
+        kind: which of its interfaces is used; None takes co-simulation where it is offered.
+
+    Attributes:
+        kinds: the interfaces it offers.
+
+    Raises (on opening):
+        FmuFileError: no file, no zip, unsafe paths, bad XML, no such interface, no binary for this platform.
+    """
+
+    def __init__(self, path: Path, kind: Kind | None = None) -> None:
+        self.path = path
+        self.description = read_description(path)
+        offers = _offers(self.description)
+        self.kinds = tuple(offers)
+        self.kind = kind or self.kinds[0]
+        if self.kind not in offers:
+            raise FmuFileError(path, f"offers no {self.kind}, only {self.kinds[0]}", "remove its `solver`")
+        with _guarded(path, "modelDescription.xml"):
+            self.interface = _interface(path, self.description, offers[self.kind])
+        with _guarded(path, "contents"):
+            self.folder = unpacked.take(path, bool(offers[self.kind].canBeInstantiatedOnlyOncePerProcess))
+        self._open = True
+        try:
+            self._require_binary()
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def identifier(self) -> str:
+        return str(_offers(self.description)[self.kind].modelIdentifier)
+
+    def close(self) -> None:
+        """Let go of the folder."""
+        if self._open:
+            self._open = False
+            unpacked.give_back(self.folder)
+
+    def __enter__(self) -> FmuFile:
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, traceback: TracebackType | None) -> None:
+        self.close()
+
+    def _require_binary(self) -> None:
+        if Path(self.identifier).name != self.identifier:
+            raise FmuFileError(self.path, f"has the model identifier '{self.identifier}'", "do not trust it")
+        modern = self.description.fmiVersion.startswith("3")
+        platform = fmpy.platform_tuple if modern else fmpy.platform
+        binary = self.folder / "binaries" / platform / (self.identifier + fmpy.sharedLibraryExtension)
+        if not binary.is_file():
+            there = sorted(p.name for p in (self.folder / "binaries").glob("*")) or ["none"]
+            raise FmuFileError(self.path, f"has no binary for {platform} (it has: {', '.join(there)})",
+                               "export it for this platform")  # fmt: skip
+
+
+def read_description(path: Path) -> ModelDescription:
+    """modelDescription.xml of an FMU, seen to be of version 2 or 3 and to offer co-simulation or model exchange.
+
+    Raises:
+        FmuFileError: see `FmuFile`.
+    """
+    with _guarded(path, "contents"), archive.opened(path) as zipped:
+        try:
+            info = zipped.getinfo("modelDescription.xml")
+        except KeyError:
+            raise FmuFileError(path, "holds no modelDescription.xml", "is it an FMU?") from None
+        if info.file_size > LARGEST_DESCRIPTION:
+            raise FmuFileError(path, "has a modelDescription.xml over 256 MiB", "do not trust it")
+        archive.parse_xml(f"{path}: modelDescription.xml", zipped.read(info))
+    with _guarded(path, "modelDescription.xml"):
+        description = read_model_description(str(path), validate=False)
+    if description.fmiVersion.split(".")[0] not in ("2", "3"):
+        raise FmuFileError(path, f"is of FMI version {description.fmiVersion}", "export it for FMI 2.0 or 3.0")
+    if not _offers(description):
+        raise FmuFileError(path, "offers neither co-simulation nor model exchange", "export it for one of them")
+    return description
+
+
+def _offers(description: ModelDescription) -> dict[Kind, InterfaceType]:
+    both = {Kind.CO_SIMULATION: description.coSimulation, Kind.MODEL_EXCHANGE: description.modelExchange}
+    return {kind: offer for kind, offer in both.items() if offer is not None}
+
+
+@contextmanager
+def _guarded(path: Path, part: str) -> Iterator[None]:
+    """Whatever a broken or hostile file makes zip, XML and FMPy raise ends in one line."""
+    try:
+        yield
+    except ServotwinError:
+        raise
+    except Exception as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise FmuFileError(path, f"{part}: {reason[:300]}", "ask its supplier for a valid FMU") from error
+
+
+def _interface(path: Path, description: ModelDescription, offer: InterfaceType) -> Interface:
+    fixed = getattr(offer, "fixedInternalStepSize", None)
+    found = [port for variable in description.modelVariables for port in _ports(path, variable)]
+    ports = {port.name: port for port in found}
+    if len(ports) != len(found):
+        raise FmuFileError(path, "two variables have one name", "ask its supplier for a valid FMU")
+    return Interface(
+        model_name=description.modelName,
+        fmi_version=description.fmiVersion,
+        ports=ports,
+        feed_through=_feed_through(description),
+        has_state=bool(offer.canGetAndSetFMUstate),
+        fixed_step=float(fixed) if fixed else None,
+        variable_step=bool(getattr(offer, "canHandleVariableCommunicationStepSize", True)),
+    )
+
+
+def _ports(path: Path, variable: ModelVariable) -> Iterator[Port]:
+    """A scalar's port, or one for each element of an array of real parameters; other arrays have none."""
+    port = _port(path, variable)
+    if not variable.dimensions:
+        yield port
+    elif port.causality == "parameter" and port.type == "Float64" and port.start is not None:
+        shape = tuple(int(size.start or 0) for size in variable.dimensions)
+        starts = tuple(map(float, port.start.split()))
+        if len(starts) == math.prod(shape):
+            for i, name in enumerate(element_names(port.name, shape)):
+                yield replace(port, name=name, start=repr(starts[i]), array=starts, element=i)
+
+
+def _port(path: Path, variable: ModelVariable) -> Port:
+    declared = variable.declaredType
+    items = {item.name: int(item.value) for item in declared.items} if declared is not None and declared.items else None
+    reference = int(variable.valueReference)
+    if not 0 <= reference < 1 << 32:
+        raise FmuFileError(f"{path}: {variable.name}", f"has the value reference {reference}", "correct it")
+    return Port(
+        name=variable.name,
+        reference=reference,
+        type=variable.type,
+        causality=variable.causality or "local",
+        unit=variable.unit or (declared.unit if declared is not None else None),
+        start=variable.start,
+        minimum=_number(path, variable, "min"),
+        maximum=_number(path, variable, "max"),
+        items=items,
+        description=variable.description or "",
+        variability=variable.variability or "continuous",
+    )
+
+
+def _number(path: Path, variable: ModelVariable, attribute: str) -> float | None:
+    text = getattr(variable, attribute)
+    if text is None and variable.declaredType is not None:
+        text = getattr(variable.declaredType, attribute)
+    try:
+        return None if text is None else float(text)
+    except ValueError:
+        raise FmuFileError(f"{path}: {variable.name}", f"{attribute}='{text}' is no number", "correct it") from None
+
+
+def _feed_through(description: ModelDescription) -> dict[str, frozenset[str] | None]:
+    inputs = {variable.name for variable in description.modelVariables if variable.causality == "input"}
+    direct: dict[str, frozenset[str] | None] = {
+        variable.name: None for variable in description.modelVariables if variable.causality == "output"
+    }
+    for unknown in description.outputs:
+        if unknown.dependencies is not None:
+            direct[unknown.variable.name] = frozenset(each.name for each in unknown.dependencies) & inputs
+    if not inputs:
+        return dict.fromkeys(direct, frozenset())
+    return direct

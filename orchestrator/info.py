@@ -1,0 +1,160 @@
+"""What a file or folder holds, as plain values for `servotwin info`."""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from fmus.errors import InputError, TraceError
+from fmus.packaging import archive, defaults
+from fmus.parameters.write_back import PROVENANCE
+from orchestrator import formats
+from orchestrator.can.logs.suffixes import is_log
+from orchestrator.fmi.file import FmuFile
+from orchestrator.formats import mat5
+from orchestrator.results import MARKS
+
+
+def about(path: Path) -> dict[str, Any]:
+    """The contents of an FMU, a trace, or a folder of results.
+
+    Raises:
+        InputError: there is no such file, or it is none of these.
+    """
+    if not path.exists():
+        raise InputError(path, "there is no such file or folder", "check the path")
+    if path.is_dir():
+        return about_result(path)
+    if path.suffix.lower() == ".fmu":
+        return about_fmu(path)
+    return about_trace(path)
+
+
+def about_fmu(path: Path) -> dict[str, Any]:
+    """Version, abilities and variables of an FMU; for one of ours also what its values come from."""
+    with FmuFile(path) as fmu:
+        interface = fmu.interface
+        files = archive.read(path)
+        document: dict[str, Any] = {
+            "name": interface.model_name,
+            "fmi": interface.fmi_version,
+            "interfaces": ", ".join(fmu.kinds),
+            "description": fmu.description.description or "",
+            "tool": fmu.description.generationTool or "",
+            "defaults from resources": defaults.RESOURCE in files,
+            "state can be saved": interface.has_state,
+        }
+        for causality in ("input", "output", "parameter"):
+            document[f"{causality}s"] = [
+                {"name": port.name, "start": port.start, "unit": port.unit or "", "description": port.description}
+                for port in interface.of(causality)
+            ]
+    if PROVENANCE in files:
+        provenance = _document(path, files[PROVENANCE])
+        document["calibrated by"] = f"{provenance.get('title', '')} ({provenance.get('method', '')})"
+    return document
+
+
+def about_trace(
+    path: Path, layout: formats.Layout | None = None, progress: Callable[[float], None] | None = None
+) -> dict[str, Any]:
+    """Signals and time stamps of a recording; of a matrix without names what a layout has to say.
+
+    Of a CAN log without a database its frames.
+    """
+    if path.is_file() and is_log(path) and (layout is None or layout.database is None):
+        return about_log(path, progress)
+    try:
+        recording = formats.read(path, layout, progress)
+    except TraceError as error:
+        if path.suffix.lower() != ".mat" or not path.is_file() or layout is not None:
+            raise
+        return _about_matrices(path, error)
+    trace = recording.trace
+    return {
+        "name": trace.name,
+        "samples": len(trace),
+        "from": float(trace.time[0]),
+        "to": float(trace.time[-1]),
+        "stamps": str(recording.stamps),
+        **({} if recording.start is None else _about_decoding(recording, recording.start)),
+        "sha256": recording.sha256,
+        "signals": [
+            {
+                "name": name,
+                "unit": trace.unit(name) or "",
+                "min": _finite(trace[name].min()),
+                "max": _finite(trace[name].max()),
+            }
+            for name in trace.names
+        ],
+    }
+
+
+def _about_decoding(recording: formats.Recording, start: float) -> dict[str, Any]:
+    """When a log began, and what was found while it was read and decoded."""
+    from orchestrator.can.logs.tally import moment  # noqa: PLC0415
+
+    return {"start": moment(start), "notes": list(recording.notes), "found": dict(recording.found)}
+
+
+def about_log(path: Path, progress: Callable[[float], None] | None = None) -> dict[str, Any]:
+    """Frames of a CAN log by identifier, and what could not be read."""
+    from orchestrator.can import logs  # noqa: PLC0415 (it brings python-can along)
+    from orchestrator.can.logs.tally import Tally  # noqa: PLC0415
+
+    log, tally = logs.read(path, progress), Tally()
+    for batch in log:
+        tally.feed(batch)
+    return {"name": path.stem, **tally.document(), **({"notes": found} if (found := log.findings.lines()) else {})}
+
+
+def about_result(folder: Path) -> dict[str, Any]:
+    """Title, figures and files of a result folder."""
+    mark = next((folder / mark for mark in MARKS if (folder / mark).is_file()), None)
+    if mark is None:
+        raise InputError(folder, "holds no result", f"give a folder with {' or '.join(MARKS)}")
+    document = _document(mark, mark.read_bytes())
+    facts: dict[str, Any] = {"name": document.get("title", "")}
+    facts |= {key: document[key] for key in ("method", "passed", "interrupted", "held") if key in document}
+    parameters = document.get("parameters", {})
+    if not isinstance(parameters, dict) or not all(isinstance(entry, dict) for entry in parameters.values()):
+        raise InputError(mark, "its `parameters` are no parameters", "run the command again")
+    if parameters:
+        facts["parameters"] = [{"name": name, **entry} for name, entry in parameters.items()]
+    facts["files"] = sorted(str(file.relative_to(folder)) for file in folder.rglob("*") if file.is_file())
+    return facts
+
+
+def _about_matrices(path: Path, error: TraceError) -> dict[str, Any]:
+    try:
+        with path.open("rb") as file:
+            variables = mat5.variables(file)
+    except (ValueError, struct.error, zlib.error):
+        raise error from None
+    return {
+        "name": path.stem,
+        "variables": [{"name": each.name, "shape": str(each.shape)} for each in variables],
+        "note": "columns have no names: say in the study's `layout` which is which",
+    }
+
+
+def _document(place: Path, text: bytes) -> dict[str, Any]:
+    """A JSON object that we once wrote, or what somebody made of it."""
+    try:
+        document = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(place, f"is not JSON ({error})", "run the command again") from error
+    if not isinstance(document, dict):
+        raise InputError(place, "holds no JSON object", "run the command again")
+    return document
+
+
+def _finite(value: float) -> float | None:
+    """The value, None for one that JSON cannot hold."""
+    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,57 @@
+"""How well the steps of a coupling kept their deadlines, in memory that does not grow."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from orchestrator.realtime.lateness import Lateness
+
+LATE = 1e-3  # a step that begins later than this after its deadline is a late one [s]
+
+
+class Deadlines:
+    """Statistics of steps that were to begin at given times.
+
+    Attributes:
+        late: steps that began more than 1 ms after their deadline.
+        overrun: steps that began more than a whole step after it; they were made up for.
+        lateness: from the deadline to the beginning; work: from there to the end of what is done in a step.
+    """
+
+    def __init__(self, step: float) -> None:
+        self._step = step
+        self.late = self.overrun = 0
+        self.lateness, self.work = Lateness(), Lateness()
+
+    def begun(self, lateness: float) -> None:
+        """Count a step that begins so long after its deadline [s]."""
+        self.lateness.add(lateness)
+        self.late += lateness > LATE
+        self.overrun += lateness > self._step
+
+    @property
+    def on_time(self) -> float:
+        """Share of the steps that were not late; 1 before the first."""
+        return 1 - self.late / max(self.lateness.count, 1)
+
+    def document(self) -> dict[str, Any]:
+        """The statistics as plain values; times in seconds."""
+        return {
+            "steps": self.lateness.count,
+            "step": self._step,
+            "late": self.late,
+            "on_time": round(self.on_time, 6),
+            "overrun": self.overrun,
+            "lateness": self.lateness.document(),
+            "work": self.work.document(),
+        }
+
+    def sentence(self) -> str:
+        """How the deadlines were kept, for people."""
+        late, work = ({name: 1e6 * each for name, each in one.document().items()} for one in (self.lateness, self.work))
+        return (
+            f"{self.lateness.count:,} steps of {self._step:g} s, {100 * self.on_time:.4g} % of them begun within 1 ms "
+            f"of their deadline ({self.late:,} late, {self.overrun:,} by more than a step). Half began within "
+            f"{late['median']:.0f} µs, 99.9 % within {late['p99_9']:.0f} µs, the last after {late['worst']:.0f} µs. "
+            f"Half took up to {work['median']:.0f} µs, 99.9 % up to {work['p99_9']:.0f} µs."
+        )

@@ -1,0 +1,1 @@
+"""A scenario file: its cases run, judged and kept."""

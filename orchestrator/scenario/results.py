@@ -1,0 +1,139 @@
+"""The folder that a run leaves: a trace a case, a manifest of what went in, and a report."""
+
+from __future__ import annotations
+
+import itertools
+import re
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from fmus.files import sha256
+from orchestrator import formats
+from orchestrator.fmi.slave import Value
+from orchestrator.report import Report, Section, figures
+from orchestrator.results import result_folder, versions, write_json
+from orchestrator.scenario import accounts
+from orchestrator.scenario.run import CaseResult, ScenarioResult, State
+from orchestrator.trace import Trace
+
+PLOTTED_CASES = 12
+PLOTTED_SIGNALS = 8
+
+
+def write_run(result: ScenarioResult, overrides: Mapping[str, Value], target: Path) -> None:
+    """Write the folder of a run: `<case>.parquet` (or, of a recorder, `<case>.csv`), manifest.json, report.html."""
+    with result_folder(target) as folder:
+        for case in result.cases:
+            if case.result is not None and case.file is not None:
+                shutil.move(case.file, folder / trace_file(result, case))
+            elif case.result is not None:
+                formats.write(result.recorded(case), folder / trace_file(result, case))
+        write_json(folder / "manifest.json", document_of(result, overrides, target))
+        report(result).write(folder / "report.html")
+
+
+def trace_file(result: ScenarioResult, case: CaseResult) -> str:
+    """Name of the file that a case's trace is written to."""
+    suffix = "csv" if result.block.recorder else "parquet"
+    return f"{_stems(result.cases)[result.cases.index(case)]}.{suffix}"
+
+
+def document_of(result: ScenarioResult, overrides: Mapping[str, Value], folder: Path) -> dict[str, Any]:
+    """What ran and how it went, as plain values."""
+    return {
+        "title": result.block.title,
+        "scenario": {"file": result.path.name, "sha256": sha256(result.path)},
+        "passed": result.passed,
+        "interrupted": result.interrupted,
+        "overrides": dict(overrides),
+        "out": str(folder),
+        "fmus": {name: ("model" if built else "file") for name, built in result.assembled.built.items()},
+        "record": {"stride": result.keeping.every, "stream": result.keeping.stream is not None},
+        "cases": [_case(result, case) for case in result.cases],
+        "versions": versions(),
+    }
+
+
+def rows_of(result: ScenarioResult) -> list[tuple[str, str, str, str]]:
+    """(case, expectation, held, found) of every check; a case without expectations has a row too."""
+    rows = []
+    for case in result.cases:
+        rows += [(case.name, each.text, "yes" if each.held else "NO", each.found) for each in case.checks]
+        if not case.checks:
+            rows.append((case.name, "-", "-", _how_far(case)))
+    return rows
+
+
+def interruption(result: ScenarioResult) -> str:
+    """Where a run was interrupted."""
+    last = [case for case in result.cases if case.state is not State.NOT_RUN][-1]
+    done = last.state is State.DONE
+    return f"interrupted after case {last.name}" if done else f"{_how_far(last)} of case {last.name}"
+
+
+def report(result: ScenarioResult) -> Report:
+    """Checks, traces and step statistics of a run; no traces of an interrupted one, which is to end at once."""
+    page = Report(result.block.title, result.block.description)
+    section = page.section("Expectations")
+    if result.interrupted:
+        section.callout("warning", f"The run was {interruption(result)}.")
+    else:
+        section.callout("ok" if result.passed else "error", "All held." if result.passed else "Not all held.")
+    section.table(["case", "expectation", "held", "found"], rows_of(result))
+    if not result.interrupted:
+        _draw(result, page.section("Traces"))
+    stepping = page.section("Step statistics")
+    stepping.paragraph(accounts.sentence_of(result))
+    stepping.table(accounts.HEADERS, accounts.rows_of(result))
+    return page
+
+
+def _draw(result: ScenarioResult, section: Section) -> None:
+    shown = [each for each in result.cases if each.result is not None]
+    if len(shown) > PLOTTED_CASES:
+        section.paragraph(f"The first {PLOTTED_CASES} of {len(shown)} cases.")
+    for case in shown[:PLOTTED_CASES]:
+        trace = _trace(case)
+        section.figure(figures.overlay(trace, (), trace.names[:PLOTTED_SIGNALS]), case.name)
+
+
+def _how_far(case: CaseResult) -> str:
+    if case.state is State.INTERRUPTED:
+        assert case.result is not None
+        return f"interrupted at t = {case.result.account.reached:g} s"
+    return "ran through" if case.state is State.DONE else str(case.state)
+
+
+def _stems(cases: Sequence[CaseResult]) -> list[str]:
+    """A file name for each case, made of its name's letters; distinct also where case is not told apart."""
+    stems: list[str] = []
+    taken: set[str] = set()
+    for case in cases:
+        plain = re.sub(r"[^\w.-]+", "_", case.name) or "_"
+        numbered = (f"{plain}-{number}" for number in itertools.count(2))
+        stem = next(each for each in itertools.chain([plain], numbered) if each.casefold() not in taken)
+        taken.add(stem.casefold())
+        stems.append(stem)
+    return stems
+
+
+def _case(result: ScenarioResult, case: CaseResult) -> dict[str, Any]:
+    document: dict[str, Any] = {
+        "name": case.name,
+        "state": str(case.state),
+        "passed": case.passed,
+        "error": str(case.error) if case.error else None,
+        "checks": [{"text": each.text, "held": each.held, "found": each.found} for each in case.checks],
+    }
+    if case.result is not None:
+        document["trace"] = trace_file(result, case)
+        document["warnings"] = dict(case.result.warnings)
+        document |= accounts.document_of(case.result)
+    return document
+
+
+def _trace(case: CaseResult) -> Trace:
+    assert case.result is not None
+    return case.result.trace

@@ -1,0 +1,36 @@
+"""Descriptions of FMI 2.0 before VDMCheck2, the static checker of INTO-CPS; it needs Java and Maven, and a download."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.support import maven
+from tests.support.natives import NAMES
+
+
+def unpacked(folder: Path) -> Path:
+    """The checker's files side by side, as it expects them."""
+    shutil.copytree(maven.jars(maven.VDMCHECK), folder)
+    for jar in ("rule-model", "static-model", "vdmcheck2"):
+        with zipfile.ZipFile(folder / f"{jar}.jar") as archive:
+            archive.extractall(folder, [name for name in archive.namelist() if name.startswith("fmi2")])
+    return folder
+
+
+@pytest.mark.slow
+def test_vdmcheck_finds_no_errors(native_fmu: Callable[[str, int], Path], tmp_path: Path) -> None:
+    if maven.problem(maven.VDMCHECK):
+        pytest.skip(maven.problem(maven.VDMCHECK))
+    folder = unpacked(tmp_path / "vdmcheck")
+    for name in NAMES:
+        done = subprocess.run(
+            ["java", "-jar", "vdmcheck2.jar", str(native_fmu(name, 2))], cwd=folder, capture_output=True, text=True,
+            timeout=120, check=False,
+        )  # fmt: skip
+        assert done.stdout.strip() == "No errors found.", (name, done.stdout, done.stderr)

@@ -1,0 +1,41 @@
+"""The physical parameters of the flexible arm, found again from its closed-loop records by output error."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from ruamel.yaml import YAML
+
+from identification.calibrate import calibrate_study
+from identification.output_error import calibration
+from orchestrator.scenario.results import write_run
+from orchestrator.scenario.run import run_scenario
+
+SCENARIOS = Path(__file__).parents[3] / "scenarios" / "flexible_arm"
+CASES = ("C_dat10", "C_dat11", "C_dat12")
+
+
+@pytest.fixture
+def records(tmp_path: Path) -> Path:
+    """Folder with the first 9 s of the closed-loop experiments that the study takes."""
+    scenario = YAML(typ="safe").load(SCENARIOS / "closed_loop.yaml")
+    scenario["run"]["stop"] = 9
+    scenario["cases"] = [case for case in scenario["cases"] if case["name"] in CASES]
+    YAML().dump(scenario, tmp_path / "short.yaml")
+    write_run(run_scenario(tmp_path / "short.yaml"), {}, tmp_path / "records")
+    return tmp_path / "records"
+
+
+def test_hub_stiffness_payload_friction_and_drive_lie_inside_narrow_intervals(
+    records: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(calibration, "processes", lambda: 1)
+    document = calibrate_study(SCENARIOS / "physical.yaml", records, tmp_path / "out", lambda fraction, remark: None)
+    assert len(document["parameters"]) == 5
+    for name, entry in document["parameters"].items():
+        low, high = entry["ci95"]
+        assert low <= entry["truth"] <= high, name
+        assert high - low < 0.03 * entry["truth"], name
+        assert abs(entry["start"] / entry["truth"] - 1) > 0.2, name
+    assert document["fit"]["validation"]["median"] > 0.9

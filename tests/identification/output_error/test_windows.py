@@ -1,0 +1,165 @@
+"""Windows: where they begin, what drives them, and what they start from."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fmus.errors import ScenarioError, TraceError
+from identification.output_error.windows import Cut, cut_windows, start_value
+from identification.recordings.campaign import Recorded
+from identification.study import InitialBlock, OutputErrorBlock
+from orchestrator.trace import FloatArray, Trace
+from tests.support.small_study import study
+
+
+def recorded(time: FloatArray, mass: float = 0.05, **signals: FloatArray) -> Recorded:
+    columns = {"voltage": np.sin(7 * time), "angle": np.cos(3 * time)} | signals
+    return Recorded(Trace(time, columns, name="run"), {"mass": mass}, Path("data/run.csv"), "00", "fine")
+
+
+def cuts(trace: Recorded, initial: dict[str, Any] | None = None, step: float = 0.01, **windows: Any) -> list[Cut]:
+    block = OutputErrorBlock.model_validate(study(windows=windows, initial=initial or {}, step=step))
+    return cut_windows(block, [trace], block.windows)
+
+
+def starts(trace: Recorded, **windows: Any) -> list[float]:
+    return [cut.start for cut in cuts(trace, **windows)]
+
+
+EVEN = np.arange(1001) * 0.01  # 10 s
+
+
+def spoilt(value: float) -> FloatArray:
+    """A ramp with one sample of this value, at 5 s."""
+    ramp = EVEN.copy()
+    ramp[500] = value
+    return ramp
+
+
+def test_windows_lie_back_to_back_by_default_until_the_trace_ends() -> None:
+    assert starts(recorded(EVEN), length=3) == [0, 3, 6]
+    assert starts(recorded(EVEN), length=2.5) == [0, 2.5, 5, 7.5]
+
+
+def test_skip_every_and_most_are_what_they_say() -> None:
+    assert starts(recorded(EVEN), length=2, skip=3) == [3, 5, 7]
+    assert starts(recorded(EVEN), length=2, every=1) == list(range(9))
+    assert starts(recorded(EVEN), length=2, every=3, skip=1, most=2) == [1, 4]
+
+
+def test_windows_begin_on_the_raster_of_the_step_after_the_first_stamp() -> None:
+    (cut,) = cuts(recorded(EVEN + 0.0034), length=9, skip=0)
+    assert cut.start == 0.01
+    np.testing.assert_array_equal(cut.time, 0.01 + np.arange(901) * 0.01)
+
+
+@given(begin=st.integers(-500, 500), steps=st.integers(1, 50))
+def test_a_trace_as_long_as_a_window_holds_one_whatever_its_first_stamp(begin: int, steps: int) -> None:
+    time = np.arange(begin, begin + steps + 1) * 0.1
+    (cut,) = cuts(recorded(time), step=0.1, length=str(Fraction(steps, 10)))
+    assert len(cut.measured) == steps + 1
+
+
+def test_what_is_measured_and_what_drives_are_interpolated_at_the_instants() -> None:
+    time = np.sort(np.random.default_rng(1).uniform(0, 10, 3000))
+    trace = recorded(time)
+    (cut,) = cuts(trace, length=4, skip=2, most=1)
+    assert len(cut.measured) == 401 and cut.measured.shape[1] == 1
+    np.testing.assert_array_equal(cut.measured[:, 0], np.interp(cut.time, time, trace.trace["angle"]))
+    np.testing.assert_array_equal(cut.stimuli["motor.voltage"], np.interp(cut.time, time, trace.trace["voltage"]))
+
+
+def test_what_the_name_of_a_trace_tells_goes_with_each_of_its_windows() -> None:
+    assert [cut.constants for cut in cuts(recorded(EVEN, mass=0.154), length=4)] == [{"hand.added_mass": 0.154}] * 2
+
+
+def test_a_value_that_the_name_does_not_tell_is_refused() -> None:
+    bare = Recorded(recorded(EVEN).trace, {}, Path("run.csv"), "00", "fine")
+    with pytest.raises(ScenarioError, match="trace run has no field 'mass'"):
+        cuts(bare, length=4)
+
+
+@pytest.mark.parametrize("windows", [{"length": 10.02}, {"length": 4, "skip": 6.5}])
+def test_a_trace_too_short_for_one_window_is_refused_with_its_duration(windows: dict[str, Any]) -> None:
+    with pytest.raises(TraceError, match=r"run: lasts 10 s, too short for .* shorten the windows"):
+        cuts(recorded(EVEN), **windows)
+
+
+@pytest.mark.parametrize(
+    ("bad", "problem"),
+    [
+        (spoilt(np.nan), "is not finite at t = 5 s"),
+        (spoilt(np.inf), "is not finite at t = 5 s"),
+        (np.full(1001, 2.0), r"is constant \(2\)"),
+    ],
+)
+@pytest.mark.parametrize("signal", ["voltage", "angle"])
+def test_a_signal_that_says_nothing_is_refused_with_file_and_signal(bad: FloatArray, problem: str, signal: str) -> None:
+    with pytest.raises(TraceError, match=rf"data/run\.csv\.{signal}: {problem}"):
+        cuts(recorded(EVEN, **{signal: bad}), length=4)
+
+
+def test_a_signal_that_is_not_used_may_hold_anything() -> None:
+    assert len(cuts(recorded(EVEN, humidity=np.full(1001, np.nan)), length=5)) == 2
+
+
+def test_a_missing_signal_is_refused_with_those_there_are() -> None:
+    trace = Recorded(Trace(EVEN, {"angle": np.sin(EVEN)}, name="run"), {"mass": 0.0}, Path("run.csv"), "00", "fine")
+    with pytest.raises(TraceError, match=r"run\.csv: has no signal 'voltage'; it holds angle"):
+        cuts(trace, length=4)
+
+
+def test_start_values_come_from_each_windows_own_beginning() -> None:
+    near = {"signal": "angle", "half_width": 0.035}
+    initial = {"hand.angle_start": near, "hand.speed_start": near | {"derivative": 1}}
+    for cut in cuts(recorded(EVEN), initial, length=2):
+        assert cut.initial["hand.angle_start"] == pytest.approx(np.cos(3 * cut.start), abs=1e-4)
+        assert cut.initial["hand.speed_start"] == pytest.approx(-3 * np.sin(3 * cut.start), abs=0.02)
+
+
+@given(
+    coefficients=st.lists(st.floats(-3, 3), min_size=1, max_size=5),
+    derivative=st.integers(0, 2),
+    extra=st.integers(0, 2),
+    start=st.sampled_from([0.0, 0.3, 1.0]),  # the beginning, where samples lie on one side only; inside; the end
+    seed=st.integers(0, 1000),
+)
+def test_start_values_are_exact_for_polynomials_of_the_degree(
+    coefficients: list[float], derivative: int, extra: int, start: float, seed: int
+) -> None:
+    degree = max(len(coefficients) - 1 + extra, derivative)
+    time = np.unique(np.concatenate([[0.0, 1.0], np.random.default_rng(seed).uniform(0, 1, 300)]))
+    polynomial = np.polynomial.Polynomial(coefficients)
+    block = InitialBlock(signal="angle", derivative=derivative, half_width=0.25, degree=degree)
+    found = start_value(Trace(time, {"angle": polynomial(time)}), start, block)
+    assert found == pytest.approx(float(polynomial.deriv(derivative)(start)), abs=1e-6)
+
+
+def test_a_factor_makes_start_values_of_readings() -> None:
+    counts = Trace(EVEN, {"encoder": 651.9 * np.cos(3 * EVEN)})
+    speed = {"signal": "encoder", "derivative": 1, "half_width": 0.035}
+    radians = InitialBlock.model_validate(speed | {"factor": 1 / 651.9})
+    found = start_value(counts, 5.0, radians)
+    assert found == pytest.approx(start_value(counts, 5.0, InitialBlock.model_validate(speed)) / 651.9, rel=1e-12)
+    assert found == pytest.approx(-3 * math.sin(15), abs=0.02)
+
+
+def test_only_samples_within_the_half_width_count() -> None:
+    far = np.abs(EVEN - 5) > 0.018
+    trace = Trace(EVEN, {"angle": np.where(far, 1e6, EVEN**2)})
+    speed = InitialBlock(signal="angle", derivative=1)
+    assert start_value(trace, 5.0, speed) == pytest.approx(10.0, abs=1e-6)
+
+
+def test_too_few_samples_around_a_start_are_refused_with_the_way_out() -> None:
+    trace = Trace(EVEN[::10], {"angle": EVEN[::10]}, name="run")
+    with pytest.raises(TraceError, match=r"run\.angle: has 1 samples within 0\.018 s of t = 5 s; widen `half_width`"):
+        start_value(trace, 5.0, InitialBlock(signal="angle"))

@@ -1,0 +1,121 @@
+"""Subspace studies from their files to FMUs: the model that is written is the one that was found."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+
+from fmus.errors import IdentificationError, ScenarioError, TraceError
+from identification.calibrate import calibrate_study, validate_result
+from identification.study import load_study
+from orchestrator import formats
+from orchestrator.trace import Trace
+from tests.support.linear_fits import STEP, eigenvalue, model_of, white
+
+PLANT = model_of([eigenvalue(9.0, 0.03), eigenvalue(23.0, 0.05), 0.98], outputs=2)
+STUDY = """\
+title: A plant with two modes
+method: subspace
+traces: {files: "*.csv", hold_out: [third]}
+inputs: [u]
+outputs: [y, z]
+block: 15
+weightings: [orse, n4sid]
+order: {best: [3, 7]}
+initial_states: false
+"""
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    """A study file beside three recordings of the plant."""
+    for number, name in enumerate(("first", "second", "third")):
+        u = white(1200, seed=number)
+        y = PLANT.simulate(u)
+        signals = {"u": u[:, 0], "y": y[:, 0], "z": y[:, 1]}
+        units = {"u": "V", "y": "rad", "z": "m"}
+        formats.write(Trace(STEP * np.arange(len(u)), signals, units, name), tmp_path / f"{name}.csv")
+    file = tmp_path / "study.yaml"
+    file.write_text(STUDY)
+    return file
+
+
+def calibrated(file: Path, more: str = "") -> dict[str, object]:
+    file.write_text(STUDY + more)
+    return calibrate_study(file, file.parent, file.parent / "out", lambda fraction, remark: None)
+
+
+def test_the_fmu_that_is_written_runs_as_the_plant_does(study: Path) -> None:
+    document = calibrated(study)
+    assert document["fit"]["validation"]["median"] > 0.9999  # type: ignore[index]
+    u = white(300, seed=9)
+    time = STEP * np.arange(len(u))
+    driven = np.array(list(zip(time, u[:, 0], strict=True)), dtype=[("time", float), ("u", float)])
+    result = fmpy.simulate_fmu(str(study.parent / "out" / "fmus" / "plant.fmu"), input=driven, stop_time=time[-1],
+                               output_interval=STEP, output=["y", "z"])  # fmt: skip
+    expected = PLANT.simulate(u)
+    found = np.column_stack([result["y"], result["z"]])
+    errors = [np.abs(found[late : late + 250] - expected[:250]).max() for late in (0, 1)]
+    assert min(errors) < 1e-3 * np.abs(expected).max()
+
+
+def test_irregular_stamps_are_refused_and_put_on_a_grid_where_one_is_given(study: Path) -> None:
+    raw = formats.read(study.parent / "first.csv").trace
+    jittered = raw.time + STEP * np.random.default_rng(0).uniform(-0.3, 0.3, len(raw))
+    formats.write(Trace(jittered, raw.signals, raw.units, "first"), study.parent / "first.csv")
+    with pytest.raises(TraceError, match="resample it"):
+        calibrated(study)
+    assert calibrated(study, f"sample: {STEP}\n")["models"]
+
+
+def test_modes_of_the_refined_model_come_with_their_uncertainty(study: Path) -> None:
+    document = calibrated(study, "refine: true\n")
+    modes = document["models"]["refined"]["modes"]  # type: ignore[index]
+    frequencies = sorted(each["frequency"] for each in modes if each["frequency_std"] is not None)
+    assert min(abs(f - 9.0) for f in frequencies) < 1e-3
+    assert all(each["frequency_std"] >= 0 for each in modes if each["frequency_std"] is not None)
+
+
+def test_a_reduced_model_has_the_order_that_was_asked_for(study: Path) -> None:
+    document = calibrated(study, "reduce: {order: 3, by: mrm, update: input}\n")
+    assert document["models"]["reduced"]["order"] <= 3  # type: ignore[index]
+    assert document["method"] == "subspace (reduced)"
+
+
+def test_summary_and_report_are_in_the_folder(study: Path) -> None:
+    calibrated(study)
+    folder = study.parent / "out"
+    assert set(json.loads((folder / "summary.json").read_text())["models"]) == {"orse", "n4sid"}
+    assert "Stabilisation diagram" in (folder / "report.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("more", "problem"),
+    [
+        ("take: refined\n", "`take` is one of orse, n4sid"),
+        ("preparation: {zero_mean: [w]}\n", "w is no output"),
+        ("reduce: {order: 3, by: mrmc}\n", "belong to `by: mrmc`"),
+        ("name: 2 plants\n", "letters, digits and underscores"),
+    ],
+)
+def test_studies_that_do_not_fit_together_are_refused(study: Path, more: str, problem: str) -> None:
+    study.write_text(STUDY + more)
+    with pytest.raises(ScenarioError, match=problem):
+        load_study(study)
+
+
+@pytest.mark.parametrize("rule", ["{}", "{threshold: 0.1, gap: [1, 4]}", "{gap: [5, 2]}"])
+def test_an_order_needs_one_rule(study: Path, rule: str) -> None:
+    study.write_text(STUDY.replace("{best: [3, 7]}", rule))
+    with pytest.raises(ScenarioError):
+        load_study(study)
+
+
+def test_validating_a_subspace_result_is_refused(study: Path) -> None:
+    calibrated(study)
+    with pytest.raises(IdentificationError, match="no output-error study"):
+        validate_result(study.parent / "out", study.parent, study.parent / "judged", lambda fraction, remark: None)

@@ -1,0 +1,314 @@
+"""Studies and results that do not fit together: the exit code, one line that names the place, nothing written."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from fmus import library
+from fmus.packaging import archive, python, targets
+from fmus.packaging.native import compiler
+from identification.calibrate import calibrate_study, layout_of, validate_result
+from identification.cli import app
+from identification.output_error import calibration
+from orchestrator import formats
+from orchestrator.trace import Trace
+from tests.support.small_study import COUNT, LENGTH, STEP, record, study, voltage, write_study
+
+Change = dict[str, Any]
+
+needs_compiler = pytest.mark.skipif(not compiler.available(), reason="there is no C compiler")
+
+
+@pytest.fixture(autouse=True)
+def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(calibration, "processes", lambda: 1)
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record(tmp_path_factory.mktemp("data"))
+
+
+def refused(folder: Path, data: Path, code: int, **changes: Any) -> str:
+    """The one line with which the command ends with this exit code, nothing written."""
+    study_file = write_study(folder / "study.yaml", **changes)
+    before = {path.name for path in folder.iterdir()}
+    command = ["calibrate", str(study_file), "--data", str(data), "--out", str(folder / "out" / "deep"), "--json"]
+    result = CliRunner().invoke(app, command)
+    assert result.exit_code == code, (result.stderr, result.exception)
+    assert result.stdout == ""
+    (line,) = result.stderr.splitlines()
+    assert {path.name for path in folder.iterdir()} == before
+    return str(line)
+
+
+def parameters(**blocks: Any) -> Change:
+    return {"parameters": {name.replace("__", "."): block for name, block in blocks.items()}}
+
+
+FREE = {"start": 1.0, "min": 0.1, "max": 2.0}
+
+
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        (
+            parameters(hand__inertai=FREE),
+            "parameters.hand.inertai: no variable 'inertai' in 'hand'; did you mean 'inertia'?",
+        ),
+        (parameters(hnad__inertia=FREE), "parameters.hnad.inertia: no component 'hnad'; did you mean 'hand'?"),
+        (parameters(inertia=FREE), "'inertia' does not name a variable; write component.variable"),
+        (parameters(hand__angle=FREE), "parameters.hand.angle: is an output; name a parameter"),
+        (
+            parameters(hand__inertia={"start": 3, "min": 0.1, "max": 2}),
+            "hand.inertia: start 3 is not within 0.1 to 2; move the start or the bounds",
+        ),
+        (parameters(hand__inertia={"start": 1, "min": 2, "max": 0.1}), "hand.inertia: bounds 2 and 0.1 leave no room"),
+        (
+            parameters(hand__inertia={"start": 1, "min": -0.5}),
+            "hand.inertia: is -0.5, outside its bounds [0, ]; choose a value inside",
+        ),
+        (parameters(hand__inertia={"min": 0.1}), "parameters.hand.inertia: has no start value; give `start`"),
+        (parameters(motor__back_emf={"start": 0, "min": 0}), "motor.back_emf: starts at 0 with an open bound"),
+        (parameters(hand__inertia={"start": 1, "fixed": True}), "parameters: nothing is free; free a parameter"),
+        (parameters(hand__inertia={"tied": "hand.angle_start"}), "is tied to 'hand.angle_start', which is no declared"),
+        (parameters(hand__inertia=FREE | {"start": -1, "min": -2, "scale": "log"}), "outside its bounds"),
+        ({"outputs": {"hand.inertia": {"signal": "angle"}}}, "outputs.hand.inertia: is a parameter; name an output"),
+        (
+            {"outputs": {"hand.angel": {"signal": "angle"}}},
+            "outputs.hand.angel: no variable 'angel' in 'hand'; did you mean",
+        ),
+        ({"outputs": {"hand.angle": {"signal": "angel"}}}, "has no signal 'angel'; it holds voltage, angle"),
+        (
+            {"inputs": {"motor.voltag": {"signal": "voltage"}}},
+            "no variable 'voltag' in 'motor'; did you mean 'voltage'?",
+        ),
+        (
+            {"inputs": {"hand.torque": {"signal": "voltage"}}},
+            "hand.torque: has two sources, motor.torque and a stimulus",
+        ),
+        ({"inputs": {"motor.resistance": {"signal": "voltage"}}}, "'motor.resistance' is a parameter; only an input"),
+        ({"initial": {"hand.angel_start": {"signal": "angle"}}}, "initial.hand.angel_start: no variable 'angel_start'"),
+        ({"compare": {"old": {"hand.inertai": 1}}}, "compare.old.hand.inertai: no variable 'inertai'"),
+        ({"compare": {"old": {"hand.inertia": -1}}}, "hand.inertia: is -1, outside its bounds"),
+        ({"truth": {"hand.mass": 1}}, "truth.hand.mass: no variable 'mass'"),
+        (
+            {"traces": study()["traces"] | {"values": {"hand.mass": "mass"}}},
+            "traces.values.hand.mass: no variable 'mass'",
+        ),
+        ({"connections": ["motor.torque -> hand.angle"]}, "'hand.angle' is an output; only an input can be a target"),
+        ({"step": 0.03}, "windows.length: 1 s is not a multiple of 0.03 s"),
+        ({"components": {"motor": {"model": "dc_moto"}, "hand": {"model": "pendulum"}}}, "model 'dc_moto'"),
+        ({"components": {"motor": {"model": "own.py"}, "hand": {"model": "pendulum"}}}, "own.py: no such file"),
+        (
+            {
+                "components": study()["components"]
+                | {"hand": {"model": "pendulum", "parameters": {"gravity": "strong"}}}
+            },
+            "hand.gravity: cannot be 'strong'",
+        ),
+    ],
+)
+def test_a_study_that_does_not_fit_is_one_line_with_its_place(
+    tmp_path: Path, data: Path, changes: Change, problem: str
+) -> None:
+    line = refused(tmp_path, data, 2, **changes)
+    assert problem in line
+    assert (
+        line.startswith(f"servotwin: {tmp_path / 'study.yaml'}: ")
+        or ": has no signal" in line
+        or ".py" in line
+        or ("model '" in line or "cannot be 'strong'" in line)
+    )
+
+
+def test_what_stands_in_the_way_of_the_result_is_found_before_the_work(tmp_path: Path, data: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "thesis.doc").write_text("precious")
+    calls: list[float] = []
+    with pytest.raises(ValueError, match="is not empty and holds no result"):
+        calibrate_study(
+            write_study(tmp_path / "study.yaml"), data, tmp_path / "out", lambda at, remark: calls.append(at)
+        )
+    assert calls == [] and (tmp_path / "out" / "thesis.doc").read_text() == "precious"
+
+
+def stripped(files: dict[str, bytes]) -> dict[str, bytes]:
+    return {name: text for name, text in files.items() if not name.startswith("binaries/linux")}
+
+
+@pytest.mark.parametrize(
+    ("spoil", "problem"),
+    [
+        (lambda fmu: fmu.write_text("no zip"), "hand.fmu: is not a zip archive"),
+        (lambda fmu: fmu.write_bytes(fmu.read_bytes()[:3000]), "hand.fmu: is not a zip archive"),
+        (lambda fmu: fmu.unlink(), "hand.fmu: no such file"),
+        (lambda fmu: archive.write(fmu, {"a": b""}), "hand.fmu: holds no modelDescription.xml; is it an FMU?"),
+        (
+            lambda fmu: archive.write(fmu, stripped(archive.read(fmu))),
+            "hand.fmu: has no binary for linux64 (it has: win64); export it for this platform",
+        ),
+    ],
+)
+def test_an_fmu_that_cannot_be_used_is_refused(
+    tmp_path: Path, data: Path, spoil: Callable[[Path], Any], problem: str
+) -> None:
+    spoil(python.build(library.find("pendulum"), tmp_path / "hand.fmu"))
+    components = study()["components"] | {"hand": {"fmu": "hand.fmu", "parameters": {"added_length": LENGTH}}}
+    assert problem in refused(tmp_path, data, 2, components=components)
+
+
+FRAGILE = '''"""Works for half a second."""
+from . import ops
+from .model import Model, State, input_, output, parameter
+
+def derivatives(t, x, u, p):
+    return {"y": p.gain * u.v + 0.0 * ops.log(0.5 - t)}
+
+MODEL = Model("fragile", "Fragile", (
+    input_("v", "V", "Input"), output("y", "1", "Output"), parameter("gain", "1", 1.0, "Gain"),
+), states=(State("y"),), derivatives=derivatives, solver_step=lambda p: 0.01)
+'''
+
+
+def fragile(folder: Path, stop: float) -> Change:
+    """A study of the fragile model with windows that long."""
+    (folder / "fragile.py").write_text(FRAGILE)
+    trace = Trace(np.arange(COUNT) * STEP, {"v": voltage(0), "y": np.cumsum(voltage(0)) * 2 * STEP})
+    formats.write(trace, folder / "fragile.csv")
+    return {
+        "components": {"plant": {"model": "fragile.py"}},
+        "connections": None,
+        "traces": {"files": "fragile.csv"},
+        "inputs": {"plant.v": {"signal": "v"}},
+        "outputs": {"plant.y": {"signal": "y"}},
+        "parameters": {"plant.gain": FREE},
+        "truth": None,
+        "windows": {"length": stop, "most": 1},
+        "validation": None,
+    }
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+@pytest.mark.parametrize(
+    ("packaging", "reason"),
+    [
+        ("python", "ValueError: math domain error"),
+        pytest.param("native", "state 'y' is nan at t = 0.5 s", marks=needs_compiler),
+    ],
+)
+def test_an_fmu_that_fails_in_a_step_is_told_from_bad_input_by_the_exit_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, processes: int, packaging: str, reason: str
+) -> None:
+    monkeypatch.setattr(calibration, "processes", lambda: processes)
+    monkeypatch.setattr(targets, "preferred", lambda: packaging)
+    line = refused(tmp_path, tmp_path, 3, **fragile(tmp_path, 0.8))
+    assert line.startswith(
+        f"servotwin: {tmp_path / 'study.yaml'}: start: cannot be simulated: plant: step from t = 0.4"
+    )
+    assert reason in line
+
+
+def test_the_same_fmu_is_calibrated_on_what_it_can_do(tmp_path: Path) -> None:
+    study_file = write_study(tmp_path / "study.yaml", **fragile(tmp_path, 0.4))
+    document = calibrate_study(study_file, tmp_path, tmp_path / "out", lambda at, remark: None)
+    assert document["search"]["failures"] == 0
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory, data: Path) -> Path:
+    """A calibration of one parameter."""
+    folder = tmp_path_factory.mktemp("result")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(calibration, "processes", lambda: 1)
+        study_file = write_study(folder / "study.yaml", **parameters(hand__inertia={"start": 0.004, "min": 0.001}))
+        calibrate_study(study_file, data, folder / "out", lambda at, remark: None)
+    return folder / "out"
+
+
+def validate(folder: Path, data: Path, *options: str) -> Any:
+    return CliRunner().invoke(app, ["validate", str(folder), "--data", str(data), *options])
+
+
+def test_progress_of_a_calibration_never_goes_back_and_ends_full(tmp_path: Path, data: Path) -> None:
+    told: list[float] = []
+    calibrate_study(write_study(tmp_path / "study.yaml"), data, tmp_path / "out", lambda at, remark: told.append(at))
+    assert told == sorted(told) and told[-1] == 1 and all(0 <= at <= 1 for at in told)
+
+
+def test_a_validation_that_misses_its_target_has_exit_code_1_and_still_leaves_its_report(
+    result: Path, data: Path, tmp_path: Path
+) -> None:
+    """One parameter alone cannot make up for the others, which are the library's."""
+    answer = validate(result, data, "--out", str(tmp_path / "out"), "--json")
+    assert answer.exit_code == 1, answer.stderr
+    document = json.loads(answer.stdout)
+    assert document["held"] is False and document["fit"]["unseen"]["median"] < document["at_least"]
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"summary.json", "report.html"}
+
+
+def test_recordings_are_known_by_their_bytes_not_by_their_names(result: Path, data: Path, tmp_path: Path) -> None:
+    shutil.copyfile(data / "rig_0__a.csv", tmp_path / "rig_0__renamed.csv")
+    document = json.loads(validate(result, tmp_path, "--out", str(tmp_path / "out"), "--json").stdout)
+    assert set(document["fit"]) == {"fitted"}
+    assert document["warnings"] == ["every recording was used in the fit; this judges nothing new"]
+
+
+def test_one_file_can_be_validated_and_lies_beside_the_result_by_default(
+    result: Path, data: Path, tmp_path: Path
+) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(result, copy)
+    document = json.loads(validate(copy, data / "rig_100__c.csv", "--json").stdout)
+    assert set(document["fit"]["unseen"]["traces"]) == {"rig_100__c"}
+    assert (copy / "validation" / "report.html").is_file()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "problem"),
+    [
+        (shutil.rmtree, "holds no study.yaml; give a folder that `servotwin calibrate` wrote"),
+        (lambda folder: (folder / "study.yaml").unlink(), "holds no study.yaml"),
+        (lambda folder: (folder / "summary.json").unlink(), "holds no summary.json"),
+        (lambda folder: (folder / "summary.json").write_text("{"), "is not a calibration's summary"),
+        (lambda folder: (folder / "summary.json").write_text("[]"), "is not a calibration's summary"),
+        (lambda folder: (folder / "fmus" / "hand.fmu").unlink(), "hand.fmu: no such file"),
+        (lambda folder: archive.write(folder / "fmus" / "hand.fmu", {"a": b""}), "holds no modelDescription.xml"),
+    ],
+)
+def test_a_folder_that_is_no_result_is_refused_in_one_line(
+    result: Path, data: Path, tmp_path: Path, spoil: Callable[[Path], Any], problem: str
+) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(result, copy)
+    spoil(copy)
+    answer = validate(copy, data, "--out", str(tmp_path / "out"), "--json")
+    assert answer.exit_code == 2 and answer.stdout == ""
+    (line,) = answer.stderr.splitlines()
+    assert problem in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_recordings_that_a_result_cannot_read_are_refused(result: Path, tmp_path: Path) -> None:
+    answer = validate(result, tmp_path / "none", "--out", str(tmp_path / "out"))
+    assert answer.exit_code == 2 and "none: no such file or folder" in answer.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_layout_of_a_study_reads_recordings_elsewhere(tmp_path: Path) -> None:
+    traces = study()["traces"] | {"layout": {"time": "t", "columns": {"angle": "theta"}}}
+    layout = layout_of(write_study(tmp_path / "study.yaml", traces=traces))
+    assert (layout.time, layout.columns) == ("t", {"angle": "theta"})
+
+
+def test_validating_twice_gives_the_same_verdict(result: Path, data: Path, tmp_path: Path) -> None:
+    one, other = (validate_result(result, data, tmp_path / name, lambda at, remark: None) for name in ("a", "b"))
+    assert one == other

@@ -1,0 +1,494 @@
+"""A scenario on a bus: what it exchanges when, how it ends, and what is left of it however it ends."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import struct
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import can
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from fmus import library
+from fmus.errors import BusError, FmuError, InputError, ScenarioError
+from fmus.packaging import targets
+from identification.cli import app
+from orchestrator import formats
+from orchestrator.bridge import results
+from orchestrator.bridge.bridge import Coupled, couple
+from orchestrator.bridge.preparation import Job
+from orchestrator.can.live.bus import BusSettings
+from orchestrator.can.slcan.hub import hub_process
+from orchestrator.engine import LiveRun, Result
+from orchestrator.realtime.stopping import Stop
+from orchestrator.scenario.run import run_scenario
+from orchestrator.trace import Trace
+from tests.support.coupling_samples import BUS, DBC, Wire, frame
+from tests.support.wiring import command, wait_for
+
+pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
+
+STATE, COMMAND, EXACT = 256, 257, 258
+SCENARIO: dict[str, Any] = {
+    "title": "A hand on a bus",
+    "components": {
+        "motor": {"fmu": "dc_motor.fmu"},
+        "hand": {"fmu": "pendulum.fmu", "parameters": {"angle_start": 0.5}},
+    },
+    "connections": ["hand.speed -> motor.speed", "motor.torque -> hand.torque"],
+    "run": {"stop": 0.2, "step": 0.001},
+    "record": ["hand.angle", "hand.speed", "motor.voltage"],
+    "can": {
+        "database": "rig.dbc",
+        "receive": {"motor.voltage": {"signal": "Command.voltage", "safe": 0.25}},
+        "send": {"angle": "hand.angle", "speed": {"source": "hand.speed", "safe": 0}},
+    },
+}
+LAW: dict[str, Any] = {
+    "title": "Energy control on a bus",
+    "components": {"law": {"model": "energy_controller", "parameters": {"gain": 0.02, "sample_time": 0.005}}},
+    "run": {"stop": 1, "step": 0.005},
+    "can": {
+        "database": "rig.dbc",
+        "receive": {"law.angle": {"signal": "angle", "safe": 0}, "law.speed": {"signal": "speed", "safe": 0}},
+        "send": {"voltage": {"source": "law.voltage", "safe": 0}},
+        "every": {"Command": 0.005},
+    },
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with FMUs and a database."""
+    folder = tmp_path_factory.mktemp("rig")
+    for name in ("dc_motor", "pendulum"):
+        targets.build(targets.preferred(), library.find(name), folder / f"{name}.fmu")
+    (folder / "rig.dbc").write_text(DBC)
+    return folder
+
+
+def written(folder: Path, **changes: Any) -> Path:
+    """The scenario with these changes; those of `can` are within the block."""
+    document = SCENARIO | changes
+    document["can"] = SCENARIO["can"] | changes.get("can", {})
+    path = folder / "rig.yaml"
+    path.write_text(json.dumps(document))
+    return path
+
+
+def go(folder: Path, aside: Path, stand_in: bool = False, ready: Callable[[Stop], None] = lambda stop: None,
+       duration: Fraction | None = None, **changes: Any) -> Coupled:  # fmt: skip
+    return couple(Job(written(folder, **changes), BUS, stand_in, duration=duration), aside, ready)
+
+
+def angle_of(message: can.Message) -> float:
+    return float(struct.unpack_from("<i", message.data)[0]) * 1e-4
+
+
+def proportional(message: can.Message) -> list[can.Message]:
+    """A peer whose command is 20 mV against each radian."""
+    return [frame(COMMAND, struct.pack("<hH", round(-20 * angle_of(message)), 0))] if len(message.data) == 8 else []
+
+
+def trace_of(coupled: Coupled) -> Trace:
+    (case,) = coupled.result.cases
+    assert case.file is not None
+    return formats.read(case.file).trace
+
+
+def test_an_answer_acts_one_step_after_the_value_that_it_answers(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Wire(proportional).plug_in(monkeypatch)
+    trace = trace_of(go(folder, tmp_path, stand_in=True, duration=Fraction(1, 5)))
+    expected = -20 * np.round(trace["hand.angle"][:-2] * 1e4) / 1e4
+    assert trace["motor.voltage"][0] == 0.25
+    np.testing.assert_allclose(trace["motor.voltage"][1:-1], np.round(expected) * 1e-3, atol=1e-12)
+    assert np.ptp(trace["hand.angle"]) > 1e-3
+
+
+def test_a_coupled_run_is_the_run_with_what_was_received_as_its_stimuli(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Wire(proportional).plug_in(monkeypatch)
+    trace = trace_of(go(folder, tmp_path))
+    formats.write(trace.select(["motor.voltage"]), folder / "voltage.parquet")
+    given = {"file": "voltage.parquet", "signal": "motor.voltage", "interpolation": "hold"}
+    offline = folder / "offline.yaml"
+    plain = {key: value for key, value in SCENARIO.items() if key != "can"} | {"stimuli": {"motor.voltage": given}}
+    offline.write_text(json.dumps(plain))
+    (case,) = run_scenario(offline).cases
+    assert case.result is not None
+    for name in trace.names:
+        assert trace[name].tobytes() == case.result.trace[name].tobytes()
+
+
+def test_messages_go_out_at_their_periods_with_what_is_seen_at_that_time(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wire = Wire().plug_in(monkeypatch)
+    trace = trace_of(go(folder, tmp_path, can={"every": {"State": 0.01}}))
+    *cyclic, last = wire.identified(STATE)
+    assert [angle_of(each) for each in cyclic] == pytest.approx(trace["hand.angle"][0:200:10], abs=0.5001e-4)
+    assert angle_of(last) == angle_of(cyclic[-1])  # it has no safe value
+    assert struct.unpack_from("<h", last.data, 4)[0] == 0
+
+
+def test_it_takes_as_long_as_the_run_that_it_is(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    Wire().plug_in(monkeypatch)
+    coupled = go(folder, tmp_path)
+    assert 0.2 <= coupled.ending.elapsed < 0.5
+    deadlines = coupled.about["deadlines"]
+    assert deadlines["steps"] == 200
+    assert 0 <= deadlines["lateness"]["median"] <= deadlines["lateness"]["worst"]
+
+
+def test_silence_puts_inputs_to_their_safe_value_until_frames_come_back(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    steps = 0
+
+    def moody(message: can.Message) -> list[can.Message]:
+        nonlocal steps
+        steps += 1
+        return [frame(COMMAND, struct.pack("<hH", 100, 0))] if steps <= 50 or steps > 150 else []
+
+    Wire(moody).plug_in(monkeypatch)
+    silence = {"receive": {"motor.voltage": {"signal": "Command.voltage", "safe": 0.25, "silence": 0.02}}}
+    coupled = go(folder, tmp_path, can=silence)
+    voltage = trace_of(coupled)["motor.voltage"]
+    assert voltage[1:60] == pytest.approx(0.1) and voltage[151:] == pytest.approx(0.1)
+    assert voltage[130:150] == pytest.approx(0.25)
+    assert [each["kind"] for each in coupled.about["watchdog"]["events"]] == ["first", "silent", "back"]
+    assert coupled.about["watchdog"]["messages"]["Command"]["silences"] == 1
+
+
+def test_constants_and_files_drive_other_inputs_meanwhile(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Wire().plug_in(monkeypatch)
+    time_ = np.linspace(0, 0.2, 201)
+    formats.write(Trace(time_, {"torque": 0.01 * time_}, {"torque": "N.m"}), folder / "torque.parquet")
+    coupled = go(
+        folder, tmp_path, stand_in=True, duration=Fraction(1, 4),
+        connections=["hand.speed -> motor.speed"], record=["hand.torque", "motor.voltage"],
+        stimuli={"hand.torque": {"file": "torque.parquet", "signal": "torque"}},
+    )  # fmt: skip
+    torque = trace_of(coupled)["hand.torque"]
+    assert torque[:201] == pytest.approx(0.01 * time_)
+    assert (torque[201:250] == torque[200]).all()
+
+
+def test_the_wish_to_end_leaves_whole_steps_and_sends_the_safe_values(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def soon(stop: Stop) -> None:
+        threading.Timer(0.1, lambda: setattr(stop, "requested", True)).start()
+
+    wire = Wire().plug_in(monkeypatch)
+    coupled = go(folder, tmp_path, ready=soon, run={"stop": 100, "step": 0.001})
+    *before, last = wire.identified(STATE)
+    assert len(trace_of(coupled)) == len(before) + 1 == coupled.about["deadlines"]["steps"] + 1
+    assert struct.unpack_from("<h", before[-1].data, 4)[0] != 0 == struct.unpack_from("<h", last.data, 4)[0]
+    assert coupled.ending.stopped and coupled.result.interrupted and not coupled.result.passed
+
+
+def test_a_stand_in_that_is_told_to_end_has_passed(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def at_once(stop: Stop) -> None:
+        stop.requested = True
+
+    Wire().plug_in(monkeypatch)
+    (tmp_path / "aside").mkdir()
+    coupled = go(folder, tmp_path / "aside", stand_in=True, duration=Fraction(9), ready=at_once)
+    assert coupled.ending.stopped and coupled.result.passed and not coupled.interrupted
+    results.write(coupled, tmp_path / "out")
+    assert (tmp_path / "out" / "run.parquet").exists()
+
+
+def test_a_wish_to_end_that_comes_after_the_last_step_changes_nothing(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stops: list[Stop] = []
+
+    def late(message: can.Message) -> list[can.Message]:
+        stops[0].requested = len(wire.sent) > 199
+        return []
+
+    wire = Wire(late).plug_in(monkeypatch)
+    coupled = go(folder, tmp_path, ready=stops.append)
+    assert stops[0].requested and not coupled.ending.stopped and coupled.result.passed
+
+
+def test_a_failing_fmu_leaves_its_record_and_the_safe_values(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    steps = 0
+
+    def step(self: LiveRun[Result]) -> None:
+        nonlocal steps
+        steps += 1
+        if steps > 50:
+            raise FmuError("hand", "step from t = 0.05 s by 0.001 s: returned error")
+        original(self)
+
+    original = LiveRun.step
+    monkeypatch.setattr(LiveRun, "step", step)
+    wire = Wire().plug_in(monkeypatch)
+    coupled = go(folder, tmp_path)
+    assert str(coupled.ending.failure).startswith("hand: step from t = 0.05 s")
+    assert len(trace_of(coupled)) == 51
+    assert struct.unpack_from("<h", wire.sent[-1].data, 4)[0] == 0
+
+
+def test_a_bridge_ends_when_its_bus_is_lost_and_a_stand_in_goes_on(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unplug(message: can.Message) -> list[can.Message]:
+        if len(wire.sent) == 50:
+            wire.failure = can.CanOperationError("the adapter is gone (Input/output error)")
+        return [frame(COMMAND, struct.pack("<hH", 100, 0))]
+
+    wire = Wire(unplug).plug_in(monkeypatch)
+    coupled = go(folder, tmp_path)
+    assert isinstance(coupled.ending.failure, BusError)
+    assert str(coupled.ending.failure).startswith("virtual:coupling: failed at t = 0.0")
+    assert "(the adapter is gone (Input/output error)); see to the adapter" in str(coupled.ending.failure)
+    assert 50 <= len(trace_of(coupled)) < 60
+    wire = Wire(unplug).plug_in(monkeypatch)
+    coupled = go(folder, tmp_path, stand_in=True, duration=Fraction(1, 5))
+    voltage = trace_of(coupled)["motor.voltage"]
+    assert coupled.ending.failure is None and coupled.result.passed and len(voltage) == 201
+    assert voltage[40] == pytest.approx(0.1) and (voltage[55:] == 0.25).all()
+    assert len(wire.sent) < 60
+    assert coupled.about["trouble"] == "the adapter is gone (Input/output error)"
+
+
+def test_an_adapter_that_leaves_the_bus_is_lost_to_a_bridge_and_may_come_back_to_a_stand_in(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    off = can.Message(arbitration_id=0x40, is_error_frame=True, is_extended_id=False, dlc=8, data=bytes(8))
+
+    def go_off(message: can.Message) -> list[can.Message]:
+        if len(wire.sent) == 50:
+            return [off]
+        return [] if 50 < len(wire.sent) < 100 else [frame(COMMAND, struct.pack("<hH", 100, 0))]
+
+    wire = Wire(go_off).plug_in(monkeypatch)
+    assert "(the adapter has left the bus (bus off))" in str(go(folder, tmp_path).ending.failure)
+    wire = Wire(go_off).plug_in(monkeypatch)
+    coupled = go(folder, tmp_path, stand_in=True, duration=Fraction(1, 5))
+    voltage = trace_of(coupled)["motor.voltage"]
+    assert (voltage[50:99] == 0.25).all()
+    assert voltage[101:200] == pytest.approx(0.1)
+    assert coupled.about["received"]["errors"] == 1
+
+
+@pytest.mark.parametrize(("trouble", "said"), [("unplug", "the adapter is gone"), ("bus_off", "(bus off)")])
+def test_a_serial_adapter_that_is_lost_ends_a_bridge_with_what_there_is(
+    folder: Path, tmp_path: Path, trouble: str, said: str
+) -> None:
+    with hub_process(tmp_path / "bus") as hub:
+        path = written(folder, run={"stop": 20, "step": 0.005}, can={"every": {"State": 0.005}})
+
+        def soon(stop: Stop) -> None:
+            threading.Timer(0.3, getattr(hub, trouble), [0]).start()
+
+        coupled = couple(Job(path, BusSettings("slcan", str(hub.paths[0]), 500_000)), tmp_path, soon)
+    assert isinstance(coupled.ending.failure, BusError)
+    assert said in str(coupled.ending.failure)
+    assert 0.2 < trace_of(coupled).time[-1] < 10
+
+
+def test_frames_that_came_too_fast_are_said(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    wire = Wire().plug_in(monkeypatch)
+    wire.dropped = 7
+    said = results.remarks(go(folder, tmp_path))
+    assert "7 frames were dropped: they came faster than they could be taken" in said
+
+
+def test_frames_without_room_in_the_adapter_are_counted_and_the_next_are_sent(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wire = Wire().plug_in(monkeypatch)
+    wire.refusing = can.CanTimeoutError("Transmit buffer full")
+    coupled = go(folder, tmp_path)
+    assert coupled.about["sent"]["no_room"] == 201 and coupled.about["sent"]["frames"] == 0
+    assert coupled.ending.failure is None
+    assert "201 frames were not sent: the adapter had no room" in results.remarks(coupled)
+
+
+def test_the_folder_has_record_manifest_and_report(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Wire(proportional).plug_in(monkeypatch)
+    (tmp_path / "aside").mkdir()
+    coupled = go(folder, tmp_path / "aside", expect=[{"signal": "hand.angle", "below": 0.6}])
+    results.write(coupled, tmp_path / "out")
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert manifest["passed"] and manifest["ended"] == "done"
+    assert manifest["can"]["received"]["messages"] == {"Command": 199}
+    assert manifest["can"]["sent"] == {"frames": 201, "no_room": 0, "messages": {"State": 201}}
+    assert manifest["can"]["deadlines"]["steps"] == 200
+    assert len(formats.read(tmp_path / "out" / "run.parquet").trace) == 201
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "Steps by their lateness." in page and "State" in page and "spare rests at the initial value" in page
+
+
+def test_an_expectation_that_fails_or_looks_beyond_the_record_is_judged_so(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Wire().plug_in(monkeypatch)
+    coupled = go(folder, tmp_path, expect=[{"signal": "hand.angle", "below": 0.1},
+                                           {"signal": "hand.angle", "below": 0.6, "after": 9}])  # fmt: skip
+    assert [each.held for each in coupled.result.cases[0].checks] == [False, False]
+    assert coupled.result.cases[0].checks[1].found == "there is no sample from 9 to 0.2 s"
+
+
+REFUSED: list[tuple[dict[str, Any], dict[str, Any], str]] = [
+    ({"can": {"receive": {"motor.volts": {"signal": "gear", "safe": 0}}}}, {}, "no variable 'volts' in 'motor'"),
+    ({"can": {"receive": {"hand.torque": {"signal": "gear", "safe": 0}}}}, {}, "hand.torque: has two sources, motor"),
+    ({"stimuli": {"motor.voltage": {"constant": 1}}}, {}, "has two sources, a stimulus and a signal of the bus"),
+    ({"can": {"database": "other.dbc"}}, {}, "other.dbc: "),
+    ({"recorder": {"signals": {"a": "hand.angle"}, "every": 0.01}}, {}, "has a recorder, which samples a whole record"),
+    ({}, {"case": "fast"}, "--case fast: there is no such case; choose run"),
+    ({}, {"duration": Fraction(1, 3000)}, "--duration: 1/3000 s is not a multiple of 0.001 s; use 0.001 s"),
+    ({}, {"bus": BusSettings("virtual", "x", 100_000)}, "is too slow: what is sent needs 1"),
+    (
+        {"can": {"send": {"wide": "hand.angle"}, "every": {"Wide": 0.01}}},
+        {},
+        "is no CAN FD bus, but Wide has CAN FD fr",
+    ),
+    ({}, {"overrides": {"motor.voltage": 1.0}}, "motor.voltage: takes its value from a stimulus"),
+]
+
+
+@pytest.mark.parametrize(("changes", "options", "message"), REFUSED)
+def test_what_does_not_fit_is_refused_before_the_bus_is_touched(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    changes: dict[str, Any], options: dict[str, Any], message: str,
+) -> None:  # fmt: skip
+    wire = Wire().plug_in(monkeypatch)
+    with pytest.raises(InputError) as refused:
+        couple(replace(Job(written(folder, **changes), BUS), **options), tmp_path)
+    assert message in str(refused.value)
+    assert wire.sent == []
+
+
+def test_a_scenario_without_a_bus_is_refused_by_the_bridge(folder: Path, tmp_path: Path) -> None:
+    path = folder / "plain.yaml"
+    path.write_text(json.dumps({key: value for key, value in SCENARIO.items() if key != "can"}))
+    with pytest.raises(ScenarioError, match=r"plain\.yaml: has no `can` block; say what is received and sent"):
+        couple(Job(path, BUS), tmp_path)
+
+
+def test_a_plain_run_takes_the_safe_values(folder: Path) -> None:
+    (case,) = run_scenario(written(folder)).cases
+    assert case.result is not None
+    assert (case.result.trace["motor.voltage"] == 0.25).all()
+
+
+def test_a_peer_in_another_thread_is_heard_over_a_virtual_bus(folder: Path, tmp_path: Path) -> None:
+    heard: list[can.Message] = []
+    with can.Bus("peers", "virtual") as peer:
+
+        def answer() -> None:
+            while (message := peer.recv(1.0)) is not None:
+                heard.append(message)
+                for each in proportional(message):
+                    peer.send(each)
+
+        thread = threading.Thread(target=answer)
+        job = Job(written(folder), BusSettings("virtual", "peers"), True, duration=Fraction(1, 2))
+        coupled = couple(job, tmp_path, lambda stop: thread.start())
+        thread.join()
+    assert len(heard) == 501
+    assert coupled.about["received"]["messages"]["Command"] > 450
+    assert (np.abs(trace_of(coupled)["motor.voltage"][300:]) <= 0.02).all()
+
+
+def test_the_command_judges_and_leaves_a_folder(folder: Path, tmp_path: Path) -> None:
+    path = written(folder, expect=[{"signal": "hand.angle", "below": 0.1}])
+    arguments = ["can", "bridge", path, "--interface", "virtual", "--channel", "c", "--out", tmp_path / "out", "--json"]
+    done = CliRunner().invoke(app, [str(each) for each in arguments])
+    assert done.exit_code == 1
+    document = json.loads(done.stdout)
+    assert document["can"]["mode"] == "bridge" and not document["passed"]
+    assert json.loads((tmp_path / "out" / "manifest.json").read_text()) == document
+    assert "rig is on virtual:c" in done.stderr
+
+
+def test_the_command_keeps_the_result_of_a_bus_that_fails(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wire = Wire().plug_in(monkeypatch)
+    wire.failure = can.CanOperationError("gone")
+    arguments = ["can", "bridge", written(folder), "--interface", "virtual", "--channel", "c", "--out", tmp_path / "o"]
+    done = CliRunner().invoke(app, [str(each) for each in arguments])
+    assert done.exit_code == 3
+    assert "(gone); the result up to there is in" in done.stderr
+    assert json.loads((tmp_path / "o" / "manifest.json").read_text())["ended"] == "failed"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "bench: has no bus; give --interface and --channel, or --serve"),
+        (["--serve", "bus", "--channel", "c"], "--serve: makes a bus of its own; leave out --interface and --channel"),
+    ],
+)
+def test_a_bench_wants_one_bus(folder: Path, arguments: list[str], message: str) -> None:
+    done = CliRunner().invoke(app, ["can", "bench", str(written(folder)), *arguments])
+    assert done.exit_code == 2
+    assert message in done.stderr
+
+
+def test_ctrl_c_ends_a_bench_with_its_result(folder: Path, tmp_path: Path) -> None:
+    with command("can", "bench", written(folder), "--interface", "virtual", "--channel", "c", "--out", tmp_path / "out"
+                 ) as machine:  # fmt: skip
+        assert machine.stderr is not None
+        assert machine.stderr.readline() == "rig is on virtual:c\n"
+        time.sleep(0.3)
+        machine.send_signal(signal.SIGINT)
+        said, complaints = machine.communicate(timeout=60)
+    assert machine.returncode == 130, said + complaints
+    assert re.search(r"interrupted after \d\.\d+ s; the result up to there is in .*\n", complaints)
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert manifest["ended"] == "stopped"
+    assert len(formats.read(tmp_path / "out" / "run.parquet").trace) == manifest["can"]["deadlines"]["steps"] + 1
+
+
+def test_a_bench_and_a_bridge_close_a_loop_over_serial_adapters(folder: Path, tmp_path: Path) -> None:
+    rest = {"motor.voltage": {"signal": "Command.voltage", "safe": 0.0111}}  # no value that can be received
+    bench = written(folder, run={"stop": 1, "step": 0.005}, can={"every": {"State": 0.005}, "receive": rest})
+    bench = bench.rename(folder / "bench.yaml")
+    law = folder / "law.yaml"
+    law.write_text(json.dumps(LAW))
+    with command("can", "bench", bench, "--serve", tmp_path / "bus", "--out", tmp_path / "bench") as machine:
+        wait_for((tmp_path / "bus" / "1").exists)
+        with command("can", "bridge", law, "--interface", "slcan", "--channel", tmp_path / "bus" / "1",
+                     "--bitrate", 500_000, "--out", tmp_path / "law") as controller:  # fmt: skip
+            said, complaints = controller.communicate(timeout=60)
+            assert controller.returncode == 0, said + complaints
+        machine.send_signal(signal.SIGTERM)
+        said, complaints = machine.communicate(timeout=60)
+        assert machine.returncode == 0, said + complaints
+    about = {name: json.loads((tmp_path / name / "manifest.json").read_text())["can"] for name in ("bench", "law")}
+    assert about["bench"]["received"]["messages"]["Command"] == about["law"]["sent"]["messages"]["Command"] == 201
+    asked = formats.read(tmp_path / "law" / "run.parquet").trace["law.voltage"]
+    acted = formats.read(tmp_path / "bench" / "run.parquet").trace["motor.voltage"]
+    assert acted[0] == acted[-1] == 0.0111  # while nobody is there, and in silence again
+    taken = np.unique(np.round(acted[acted != 0.0111], 3))
+    assert len(taken) > 3 and np.isin(taken, np.round([*np.clip(asked, -24, 24), 0.0], 3)).all()
+    assert not (tmp_path / "bus" / "0").exists()

@@ -1,0 +1,258 @@
+"""What passes between a system and a bus: units, ranges, protection, and everything that is refused beforehand."""
+
+from __future__ import annotations
+
+import math
+import struct
+import tempfile
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from fmus.errors import InputError, ScenarioError
+from orchestrator.bridge.can_block import CanBlock
+from orchestrator.bridge.mapping import Coupling, coupled
+from orchestrator.bridge.outputs import Discharge, Outlet
+from orchestrator.can.census import Census
+from orchestrator.can.codec.fields import raw_limits
+from orchestrator.can.database.database import Database
+from orchestrator.can.database.database import load as load_database
+from orchestrator.trace import FloatArray
+from orchestrator.yaml_file import load
+from tests.support.coupling_samples import frame, sample_database, sample_system
+from tests.support.random_databases import databases, written
+
+STEP = Fraction(1, 1000)
+INPUTS = ["rig.enable", "rig.gear", "rig.label", "rig.page", "rig.target", "rig.voltage"]  # in the order of the values
+SAFE = {"signal": "Command.voltage", "safe": 1.5}
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Database:
+    return sample_database(tmp_path_factory.mktemp("database"))
+
+
+def couple(rig: Database, **block: Any) -> Coupling:
+    return coupled(CanBlock(database=rig.path, **block), sample_system(), rig, STEP)
+
+
+def received(coupling: Coupling, *frames: tuple[int, bytes]) -> FloatArray:
+    """The inputs after these frames."""
+    given = np.zeros(len(INPUTS))
+    for identifier, data in frames:
+        coupling.inward.take(frame(identifier, data), given)
+    return given
+
+
+def test_received_values_come_in_the_unit_of_the_input(rig: Database) -> None:
+    coupling = couple(rig, receive={"rig.voltage": SAFE, "rig.target": {"signal": "target", "safe": 0}})
+    values = received(coupling, (257, struct.pack("<hH", -12345, 0)), (258, struct.pack("<d", 90.0)))
+    assert values[INPUTS.index("rig.voltage")] == pytest.approx(-12.345, abs=1e-12)
+    assert values[INPUTS.index("rig.target")] == pytest.approx(math.pi / 2, abs=1e-12)
+
+
+def test_the_latest_of_several_frames_counts(rig: Database) -> None:
+    coupling = couple(rig, receive={"rig.voltage": SAFE})
+    values = received(coupling, *((257, struct.pack("<hH", 1000 * k, 0)) for k in range(5)))
+    assert values[INPUTS.index("rig.voltage")] == 4.0
+    assert coupling.inward.census.messages["Command"] == 5
+
+
+def test_truth_values_and_whole_numbers_can_be_received(rig: Database) -> None:
+    coupling = couple(rig, receive={"rig.enable": {"signal": "Command.enable", "safe": 0},
+                                    "rig.gear": {"signal": "gear", "safe": 0}})  # fmt: skip
+    values = received(coupling, (257, struct.pack("<hH", 0, 1 | 5 << 1)))
+    assert values[:2].tolist() == [1.0, 5.0]
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_a_value_that_is_not_finite_leaves_the_last_one_and_is_counted(rig: Database, bad: float) -> None:
+    coupling = couple(rig, receive={"rig.target": {"signal": "target", "safe": 0}})
+    values = received(coupling, (258, struct.pack("<d", 180.0)), (258, struct.pack("<d", bad)))
+    assert values[INPUTS.index("rig.target")] == pytest.approx(math.pi)
+    assert coupling.inward.census.not_finite["target"] == 1
+
+
+def test_frames_that_are_too_short_or_wrong_by_their_checksum_change_nothing(rig: Database) -> None:
+    sender = couple(rig, send={"torque": "rig.torque"})
+    good = bytes(sender.outlets[0].frame([0.25]).data)
+    receiver = couple(rig, receive={"rig.page": {"signal": "torque", "safe": 0}})
+    spoilt = bytes([good[0] ^ 1]) + good[1:]
+    assert received(receiver, (259, good), (259, spoilt), (259, good[:2]))[INPUTS.index("rig.page")] == 0.25
+    assert receiver.inward.census.checksums["Guarded"] == 1
+    assert receiver.inward.census.short["Guarded"] == 1
+
+
+def test_a_page_without_the_signal_leaves_its_value(rig: Database) -> None:
+    coupling = couple(rig, receive={"rig.page": {"signal": "second", "safe": 0}})
+    pages = [struct.pack("<BHxxxxx", page, value) for page, value in ((1, 7), (0, 9), (5, 11))]
+    assert received(coupling, *((260, data) for data in pages))[INPUTS.index("rig.page")] == 7.0
+    assert coupling.inward.census.multiplexers["Paged"] == 1
+
+
+def test_frames_of_others_change_nothing_and_are_counted(rig: Database) -> None:
+    coupling = couple(rig, receive={"rig.voltage": SAFE})
+    assert not received(coupling, (257, b"\0" * 4), (261, b"\1\1"), (0x7FF, b"")).any()
+    assert coupling.inward.census.unknown == {"7FF": 1}
+
+
+def test_the_sender_of_a_message_fills_in_what_protects_it(rig: Database) -> None:
+    (outlet,) = couple(rig, send={"torque": "rig.torque"}).outlets
+    frames = [outlet.frame([0.001 * k]) for k in range(18)]
+    assert [each.data[2] & 15 for each in frames] == [(k + 1) % 16 for k in range(18)]
+    receiver = couple(rig, receive={"rig.page": {"signal": "torque", "safe": 0}})
+    received(receiver, *((259, bytes(each.data)) for each in frames))
+    assert receiver.inward.census.clean
+
+
+@given(angle=st.floats(-100, 100), speed=st.floats(-300, 300))
+def test_what_is_sent_comes_back_to_half_a_step_of_its_resolution(rig: Database, angle: float, speed: float) -> None:
+    coupling = couple(rig, send={"angle": "rig.angle", "State.speed": "rig.speed"})
+    values = rig.message("State").raw.decode(bytes(coupling.outlets[0].frame([angle, speed]).data))
+    assert values["angle"] == pytest.approx(angle, abs=0.5e-4 * (1 + 1e-9))
+    assert values["speed"] == pytest.approx(speed * 30 / math.pi, abs=0.05 * (1 + 1e-9))
+    assert coupling.sent.clean
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(made=databases(), data=st.data())
+def test_any_value_goes_into_any_message_as_the_nearest_that_it_holds(made: Any, data: st.DataObject) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        rig = load_database(written(made, Path(folder)))
+    for message in rig.messages:
+        if any(each.is_multiplexer for each in message.signals):
+            continue
+        census = Census()
+        discharges = [Discharge(each, "rig.any", place, 1.0, None) for place, each in enumerate(message.signals)]
+        values = data.draw(st.lists(st.floats(), min_size=len(discharges), max_size=len(discharges)))
+        found = message.raw.decode(bytes(Outlet(message, discharges, 1, census).frame(values).data))
+        assert sum(census.not_finite.values()) == sum(map(math.isnan, values))
+        for each, value in zip(message.signals, values, strict=True):
+            low, high = raw_limits(each)
+            raw = min(max((value - each.offset) / each.scale, low), high)
+            slack = 1e-6 * abs(raw) + 1e-37 if each.is_float else 0.5 + 1e-12 * abs(raw)
+            if not math.isnan(value):
+                nearest, slack = raw * each.scale + each.offset, slack * abs(each.scale)
+                assert found[each.name] == pytest.approx(nearest, abs=slack + 1e-9 * abs(each.offset), rel=1e-12)
+
+
+@given(angle=st.floats(allow_nan=False), before=st.floats(-100, 100))
+def test_a_value_beyond_the_range_is_limited_and_counted(rig: Database, angle: float, before: float) -> None:
+    coupling = couple(rig, send={"angle": "rig.angle"})
+    coupling.outlets[0].frame([before])
+    sent = rig.message("State").raw.decode(bytes(coupling.outlets[0].frame([angle]).data))["angle"]
+    assert sent == pytest.approx(min(max(angle, -100.0), 100.0), abs=0.5001e-4)
+    assert coupling.sent.saturated["angle"] == (abs(angle) > 100.00005)
+
+
+def test_a_value_that_is_nan_is_sent_as_the_last_good_one(rig: Database) -> None:
+    coupling = couple(rig, send={"angle": "rig.angle", "speed": "rig.speed"})
+    first, second = (bytes(coupling.outlets[0].frame([value, 0.0]).data) for value in (1.0, math.nan))
+    assert first == second
+    assert coupling.sent.not_finite == {"angle": 1}
+
+
+def test_signals_that_nobody_sends_rest_and_that_is_said(rig: Database) -> None:
+    coupling = couple(rig, send={"angle": "rig.angle"})
+    values = rig.message("State").raw.decode(bytes(coupling.outlets[0].frame([1.0]).data))
+    assert (values["speed"], values["spare"]) == (0.0, 0.0)
+    assert coupling.notes() == ["State: speed, spare rest at the initial value, or zero, since nothing is sent there"]
+
+
+def test_the_last_frame_has_the_safe_values_and_leaves_the_others(rig: Database) -> None:
+    coupling = couple(rig, send={"angle": "rig.angle", "speed": {"source": "rig.speed", "safe": 0.0}})
+    coupling.outlets[0].frame([1.25, 7.0])
+    last = coupling.outlets[0].last_frame()
+    assert last is not None
+    values = rig.message("State").raw.decode(bytes(last.data))
+    assert (values["angle"], values["speed"]) == (pytest.approx(1.25), 0.0)
+    assert couple(rig, send={"angle": "rig.angle"}).outlets[0].last_frame() is None
+
+
+def test_a_can_fd_frame_is_filled_up_to_a_length_that_there_is(rig: Database) -> None:
+    block = CanBlock.model_validate({"database": rig.path, "send": {"wide": "rig.angle"}, "every": {"Wide": 0.01}})
+    (outlet,) = coupled(block, sample_system(), rig, STEP, switched=True).outlets
+    frame_ = outlet.frame([0.5])
+    assert (frame_.is_fd, frame_.bitrate_switch, len(frame_.data)) == (True, True, 12)
+    assert rig.message("Wide").raw.decode(bytes(frame_.data))["wide"] == 0.5
+
+
+def test_periods_come_from_the_block_or_else_from_the_database(rig: Database) -> None:
+    coupling = couple(rig, send={"angle": "rig.angle", "torque": "rig.torque"}, every={"Guarded": "0.004"})
+    assert [each.every for each in coupling.outlets] == [1, 4]
+
+
+VOLTAGE = {"rig.voltage": SAFE}
+REFUSED: list[tuple[dict[str, Any], str]] = [
+    ({"receive": {"rig.voltage": {"signal": "Command.volts", "safe": 0}}},
+     "{database}: message Command: has no signal 'volts'; did you mean 'voltage'?"),
+    ({"receive": {"rig.enable": {"signal": "enable", "safe": 0}}},
+     "{database}: signal 'enable' is in 2 messages; write 'Command.enable' or 'Other.enable'"),
+    ({"receive": {"rig.voltage": {"signal": "angle", "safe": 0}}},
+     "can.receive.rig.voltage: rad does not fit V; connect like quantities"),
+    ({"receive": {"rig.voltage": {"signal": "voltage", "safe": 31}}},
+     "can.receive.rig.voltage.safe: is 31, outside its bounds [-30, 30]; choose a value inside"),
+    ({"receive": {"rig.gear": {"signal": "target", "safe": 0}}},
+     "can.receive.rig.gear: target cannot drive an Integer; it takes whole numbers"),
+    ({"receive": {"rig.gear": {"signal": "gear", "safe": 0.5}}},
+     "can.receive.rig.gear.safe: 0.5 is not whole; it is an Integer"),
+    ({"receive": {"rig.label": {"signal": "gear", "safe": 0}}},
+     "can.receive.rig.label: a String cannot be received; set it as a start value"),
+    ({"receive": {"rig.voltage": SAFE | {"silence": 0.2}, "rig.gear": {"signal": "gear", "safe": 0, "silence": 0.3}}},
+     "can.receive.rig.gear.silence: differs from that of another signal of Command; they come and go together; "
+     "give one"),
+    ({"send": {"angle": "rig.angel"}}, "can.send.angle: no variable 'angel' in 'rig'; did you mean 'angle'?"),
+    ({"send": {"angle": "law.angle"}}, "can.send.angle: no component 'law'; there are rig"),
+    ({"send": {"angle": "rig.voltage"}},
+     "can.send.angle: 'rig.voltage' is an input; only an output can be sent; outputs there: angle, speed, torque, "
+     "text"),
+    ({"send": {"slow": "rig.torque"}}, "can.send.slow: N.m does not fit V; connect like quantities"),
+    ({"send": {"angle": "rig.text"}}, "can.send.angle: a String cannot be sent; send a number"),
+    ({"send": {"angle": "rig.angle", "State.angle": "rig.angle"}},
+     "can.send.State.angle: State.angle is sent twice; remove one"),
+    ({"send": {"Guarded.count": "rig.angle"}},
+     "can.send.Guarded.count: protects Guarded and is filled in by itself; remove it"),
+    ({"send": {"first": "rig.angle"}},
+     "can.send.first: Paged is multiplexed, which cannot be sent; use a message of its own"),
+    ({"send": {"target": "rig.angle"}},
+     "can.every.Exact: is not given, and the database has no cycle time of it; give a period in seconds"),
+    ({"send": {"target": "rig.angle"}, "every": {"Exact": 0.0025}},
+     "can.every.Exact: 0.0025 s is not a multiple of 0.001 s; use 0.002 s"),
+    ({"send": {"angle": "rig.angle"}, "every": {"Exact": 0.01}},
+     "can.every.Exact: no signal is sent in it; there are State"),
+    ({"send": {"gear": "rig.torque"}, "receive": VOLTAGE},
+     "can: Command: is both received and sent; a message has one sender"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("block", "message"), REFUSED)
+def test_what_does_not_fit_is_refused_with_its_place(rig: Database, block: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError) as refused:
+        couple(rig, **block)
+    assert str(refused.value) == message.replace("{database}", str(rig.path))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("receive: {rig.voltage: {signal: voltage}}", ":2: receive.rig.voltage.safe: field required"),
+        ("receive: {rig.voltage: voltage}", ":2: receive.rig.voltage: input should be"),
+        ("receive: {rig.voltage: {signal: voltage, safe: .nan}}", ":2: receive.rig.voltage.safe: input should be a f"),
+        ("send: {angle: {safe: 1}}", ":2: send.angle.source: field required"),
+        ("silence: 0", ":2: silence: input should be greater than 0"),
+        ("send: {angle: rig.angle}\nevery: {State: 0}", "a period in `every` must be positive"),
+        ("send: {angle: rig.angle, angle: rig.speed}", "is not YAML (found duplicate key"),
+        ("{}", "give `receive`, `send` or both"),
+    ],
+)
+def test_a_block_that_does_not_fit_its_schema_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "can.yaml"
+    path.write_text("database: rig.dbc\n" + ("" if text == "{}" else text))
+    with pytest.raises(ScenarioError) as refused:
+        load(path, CanBlock)
+    assert message in str(refused.value)

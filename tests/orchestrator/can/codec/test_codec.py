@@ -1,0 +1,299 @@
+"""Decoding and encoding many frames at once give what cantools gives for each, whatever the layout."""
+
+from __future__ import annotations
+
+import math
+import struct
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import cantools
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from fmus.errors import DatabaseError, TraceError
+from orchestrator.can import frames
+from orchestrator.can.codec import decoding
+from orchestrator.can.codec.bits import BIG, LITTLE, Field, words
+from orchestrator.can.codec.decoding import Decoder, SingleDecoder
+from orchestrator.can.codec.encoding import Encoder
+from orchestrator.can.database import database
+from orchestrator.can.database.database import Database, MessageSpec
+from orchestrator.can.frames import Flag, Frames
+from orchestrator.trace import Trace
+from tests.support.random_databases import databases, written
+
+QUICK = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+
+
+def loaded(random: Any) -> Database:
+    with tempfile.TemporaryDirectory() as folder:
+        return database.load(written(random, Path(folder)))
+
+
+def payloads(message: MessageSpec, seed: int, count: int = 40) -> Frames:
+    """Frames of a message with random bytes; bytes of all zeros and all ones among them."""
+    rng = np.random.default_rng(seed)
+    width = 8 if message.length <= 8 else 64
+    data = rng.integers(0, 256, (count, width), dtype=np.uint8)
+    data[0], data[1] = 0, 255
+    for signal in message.signals:
+        if signal.is_multiplexer:
+            known = [id for each in message.signals for id in each.selected_by]
+            data[2:, 0] = rng.choice(known, count - 2)
+    data[:, message.length :] = 0
+    flags = Flag.EXTENDED * message.extended | Flag.FD * message.fd
+    return Frames(0.01 * np.arange(count), np.full(count, message.id, np.uint32), np.full(count, flags, np.uint8),
+                  np.zeros(count, np.uint8), np.full(count, message.length, np.uint8), data)  # fmt: skip
+
+
+def same(ours: float, theirs: float) -> bool:
+    return ours == theirs or (math.isnan(ours) and math.isnan(theirs))
+
+
+@QUICK
+@given(databases(), st.integers(0, 1000))
+def test_decoding_gives_the_values_of_cantools_bit_for_bit(random: Any, seed: int) -> None:
+    base = loaded(random)
+    for message in base.messages:
+        batch, refused = payloads(message, seed), 0
+        decoder = Decoder(base)
+        series = decoder.feed(batch)[message.name]
+        for row in range(len(batch)):
+            try:
+                expected = message.raw.decode(batch.data[row, : message.length].tobytes(), decode_choices=False)
+            except cantools.database.DecodeError:
+                refused += 1
+                continue
+            for signal in message.signals:
+                value = float(series.values[base.public_name(message, signal)][row])
+                assert same(value, float(expected.get(signal.name, math.nan))), (signal, row)
+        assert decoder.census.multiplexers[message.name] == refused
+
+
+@QUICK
+@given(databases(), st.integers(0, 1000))
+def test_one_frame_at_a_time_gives_the_same_as_many(random: Any, seed: int) -> None:
+    base = loaded(random)
+    for message in base.messages:
+        batch = payloads(message, seed)
+        many, single = Decoder(base), SingleDecoder(base)
+        series = many.feed(batch)[message.name]
+        for row, each in enumerate(batch.messages()):
+            values = single.decode(each)
+            assert values is None or all(same(float(series.values[name][row]), v) for name, v in values.items())
+            assert values is None or len(values) == sum(np.isfinite(v[row]) for v in series.values.values())
+        for name in ("frames", "messages", "unknown", "short", "multiplexers", "counters", "checksums", "missing"):
+            assert getattr(many.census, name) == getattr(single.census, name)
+
+
+@QUICK
+@given(databases(floats=False), st.integers(0, 1000))
+def test_encoding_gives_the_bytes_of_cantools_and_decodes_to_what_was_sent(random: Any, seed: int) -> None:
+    base = loaded(random)
+    rng = np.random.default_rng(seed)
+    for message in base.messages:
+        sent = [each for each in message.signals if not each.multiplexer]
+        raws = {each.name: np.rint(rng.uniform(*span(each), 20)) for each in sent}
+        if "_mux" in sent[0].name:
+            raws[sent[0].name] = rng.choice([id for each in message.signals for id in each.selected_by], 20)
+        values = {each.name: raws[each.name] * float(each.scale) + each.offset for each in sent}
+        out = Encoder(base, list(values)).encode(Trace(np.arange(20.0), values))
+        assert len(out) == 20
+        for row in range(20):
+            others = {each.name: 0 for each in message.signals if each.multiplexer}
+            given = others | {name: float(column[row]) for name, column in values.items()}
+            assert out.data[row, : message.length].tobytes() == expected(message, given, list(others))
+        back = Decoder(base).feed(out)[message.name]
+        for name, column in values.items():
+            np.testing.assert_allclose(back.values[name], column, rtol=1e-12, atol=1e-12)
+
+
+def span(signal: database.SignalSpec) -> tuple[float, float]:
+    """Raw numbers that are floats, and whose scaled values are."""
+    bits = min(signal.length - signal.is_signed, 30)
+    return (-(2.0**bits) if signal.is_signed else 0.0), 2.0**bits - 1
+
+
+def expected(message: MessageSpec, values: dict[str, float], resting: list[str]) -> bytes:
+    """cantools' bytes; signals that rest have the raw value nearest to a value of zero."""
+    raw = {name: message.raw.get_signal_by_name(name).scaled_to_raw(value) for name, value in values.items()}
+    for name in resting:
+        signal = message.signal(name)
+        low, high = Field(0, signal.length, False, signal.is_signed, False, 1, 0).limits()
+        raw[name] = int(min(max(raw[name], low), high))
+    return bytes(message.raw.encode(raw, scaling=False, strict=False))
+
+
+@given(st.binary(min_size=2, max_size=2), st.integers(0, 48), st.booleans())
+def test_floats_of_16_bits_are_those_of_the_standard(half: bytes, lowest: int, big: bool) -> None:
+    field = Field(lowest + 15 if big else lowest, 16, big, False, True, 1, 0)
+    number = int.from_bytes(half, "little") << (48 - lowest if big else lowest)
+    data = np.frombuffer(number.to_bytes(8, "big" if big else "little"), np.uint8).reshape(1, 8)
+    value = float(field.values(field.raw(words(data, BIG if big else LITTLE)))[0])
+    assert same(value, struct.unpack("<e", half)[0])
+
+
+DBC = """VERSION ""
+BU_: A B
+BO_ 100 State: 8 A
+ SG_ angle : 0|16@1- (0.1,0) [-100|100] "rad" B
+ SG_ speed : 23|16@0- (0.5,1) [0|0] "rad/s" B
+BO_ 101 Command: 8 A
+ SG_ voltage : 0|16@1- (0.001,0) [-24|24] "V" B
+ SG_ current : 32|32@1- (1,0) [0|0] "A" B
+BO_ 102 Muxed: 4 A
+ SG_ page M : 0|8@1+ (1,0) [0|0] "" B
+ SG_ first m0 : 8|16@1+ (1,0) [0|0] "" B
+ SG_ second m1 : 8|8@1+ (1,0) [0|0] "" B
+ SG_ third m1 : 16|8@1+ (1,0) [0|0] "" B
+BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
+BA_DEF_DEF_ "GenMsgCycleTime" 0;
+BA_ "GenMsgCycleTime" BO_ 100 10;
+SIG_VALTYPE_ 101 current : 1;
+"""
+
+
+@pytest.fixture
+def base(tmp_path: Path) -> Database:
+    path = tmp_path / "rig.dbc"
+    path.write_text(DBC)
+    return database.load(path)
+
+
+def sent(base: Database, time: list[float], start: float = 0.0, **values: list[float]) -> Frames:
+    return Encoder(base, list(values)).encode(Trace(np.array(time), {k: np.array(v) for k, v in values.items()}), start)
+
+
+def test_rows_of_a_trace_are_the_stamps_of_all_messages_with_held_values(base: Database) -> None:
+    commands = sent(base, [0.0, 0.03], 100.0, voltage=[1.0, 2.0], current=[0.5, 0.25])
+    states = sent(base, [0.005, 0.025], 100.0, angle=[3.0, 4.0], speed=[1.0, 1.5])
+    decoded = decoding.trace([frames.concatenated([commands, states])], base, name="log")
+    assert decoded.start == 100.0
+    np.testing.assert_allclose(decoded.trace.time, [0.005, 0.015, 0.025, 0.03], atol=1e-9)
+    np.testing.assert_allclose(decoded.trace["angle"], [3, 3, 4, 4])
+    np.testing.assert_allclose(decoded.trace["voltage"], [1, 1, 1, 2])
+    assert decoded.trace.units == {"angle": "rad", "speed": "rad/s", "voltage": "V", "current": "A"}
+
+
+def test_interpolated_signals_run_linearly_between_their_frames(base: Database) -> None:
+    commands = sent(base, [0.0, 0.0125], voltage=[1.0, 2.0], current=[0.0, 0.0])
+    states = sent(base, [0.0, 0.02], angle=[0.0, 4.0], speed=[1.0, 1.0])
+    both = frames.concatenated([commands, states[states.time != 0.01]])
+    decoded = decoding.trace([both], base, interpolated=["State.angle"])
+    np.testing.assert_allclose(decoded.trace.time, [0, 0.0125, 0.02])
+    np.testing.assert_allclose(decoded.trace["angle"], [0, 2.5, 4.0])
+    np.testing.assert_allclose(decoded.trace["speed"], 1.0)
+
+
+def test_only_the_asked_signals_and_channel_are_in_the_trace(base: Database) -> None:
+    states = sent(base, [0.0, 0.02], angle=[0.0, 4.0])
+    assert decoding.trace([states], base, ["State.angle"], channel=0).trace.names == ("angle",)
+    with pytest.raises(TraceError, match="no frame with the signal angle"):
+        decoding.trace([states], base, ["angle"], channel=1)
+    with pytest.raises(DatabaseError, match="did you mean 'angle'"):
+        decoding.trace([states], base, ["angel"])
+
+
+def test_multiplexed_signals_hold_their_own_last_value(base: Database) -> None:
+    out = sent(base, [0.0, 1.0, 2.0, 3.0], first=[1, 2, 3, 4], second=[5, 6, 7, 8], third=[9, 9, 9, 9])
+    assert out.data[:, 0].tolist() == [0, 1, 0, 1]
+    decoded = decoding.trace([out], base, ["first", "second"])
+    assert decoded.trace["first"].tolist() == [1, 3, 3]
+    assert decoded.trace["second"].tolist() == [6, 6, 8]
+    assert np.isnan(decoded.series["Muxed"].values["second"]).tolist() == [True, False, True, False]
+
+
+def test_a_multiplexer_that_is_sent_itself_says_what_the_frames_hold(base: Database) -> None:
+    out = sent(base, [0.0, 1.0, 2.0], page=[1, 1, 0], first=[258, 258, 258], second=[5, 6, 7])
+    assert out.data[:, :3].tolist() == [[1, 5, 0], [1, 6, 0], [0, 2, 1]]
+
+
+def test_a_message_with_a_cycle_time_is_sent_in_that_cycle_and_others_at_every_row(base: Database) -> None:
+    out = sent(base, [0.0, 0.004, 0.025], 5.0, angle=[1.0, 2.0, 3.0], voltage=[1.0, 2.0, 3.0])
+    assert out.time[out.id == 100].tolist() == pytest.approx([5.0, 5.01, 5.02])
+    assert out.time[out.id == 101].tolist() == pytest.approx([5.0, 5.004, 5.025])
+    back = Decoder(base).feed(out)
+    np.testing.assert_allclose(back["State"].values["angle"], [1, 2, 2])
+    assert np.all(np.diff(out.time) >= 0)
+
+
+def test_values_that_do_not_fit_are_limited_and_counted(base: Database) -> None:
+    encoder = Encoder(base, ["voltage", "speed", "current"])
+    columns = {"voltage": [30.0, -24.0, 24.0], "speed": [1e9, -1e9, 0.0], "current": [1e300, 0.1, -1e300]}
+    out = encoder.encode(Trace(np.array([0.0, 0.01, 0.02]), {k: np.array(v) for k, v in columns.items()}))
+    back = Decoder(base).feed(out)
+    np.testing.assert_allclose(back["Command"].values["voltage"], [24, -24, 24])
+    np.testing.assert_allclose(back["State"].values["speed"], [16384.5, -16383, 0])
+    assert np.isfinite(back["Command"].values["current"]).all()
+    assert encoder.census.saturated == {"voltage": 1, "speed": 2, "current": 2}
+
+
+def test_a_value_that_is_no_number_is_not_sent(base: Database) -> None:
+    with pytest.raises(TraceError, match=r"voltage: is not finite at t = 0.5 s \(1 samples\)"):
+        sent(base, [0.0, 0.5], voltage=[1.0, math.nan])
+
+
+def test_no_frame_is_lost_when_the_clock_is_set_back(base: Database) -> None:
+    first = sent(base, [0.0, 1.0, 2.0], 5000.0, voltage=[1, 2, 3])
+    later = sent(base, [0.0, 1.0, 2.0], 40.0, voltage=[4, 5, 6])
+    decoded = decoding.trace([frames.concatenated([first, later])], base, ["voltage"])
+    np.testing.assert_allclose(decoded.trace["voltage"], [1, 2, 3, 4, 5, 6])
+    np.testing.assert_allclose(decoded.trace.time, [0, 1, 2, 2, 3, 4], atol=1e-5)
+    assert [str(each) for each in decoded.census.setbacks] == ["at frame 3 from 5002.000000 s to 40.000000 s"]
+
+
+def test_a_float_signal_that_is_no_number_is_counted_and_the_last_value_held(base: Database) -> None:
+    out = sent(base, [0.0, 1.0, 2.0], voltage=[1, 2, 3], current=[0.5, 1.5, 2.5])
+    out.data[1, 4:] = np.frombuffer(np.float32(np.nan).tobytes(), np.uint8)
+    decoded = decoding.trace([out], base)
+    assert decoded.trace["current"].tolist() == [0.5, 0.5, 2.5]
+    assert decoded.census.not_finite == {"current": 1}
+
+
+def test_frames_of_a_wrong_length_are_counted_and_only_longer_ones_decoded(base: Database) -> None:
+    out = sent(base, [0.0, 1.0, 2.0], first=[1, 2, 3])
+    out.length[0], out.length[1] = 3, 8
+    decoded = decoding.trace([out], base)
+    assert (decoded.census.short, decoded.census.long) == ({"Muxed": 1}, {"Muxed": 1})
+    assert decoded.trace["first"].tolist() == [2, 3]
+
+
+def test_error_remote_and_unknown_frames_are_counted(base: Database) -> None:
+    out = sent(base, [0.0, 1.0, 2.0, 3.0, 4.0], voltage=[1, 2, 3, 4, 5])
+    out.flags[0], out.flags[1] = Flag.ERROR, Flag.REMOTE
+    out.id[2], out.flags[3] = 0x7AB, Flag.EXTENDED
+    decoder = Decoder(base)
+    series = decoder.feed(out)
+    assert decoder.census.errors == decoder.census.remotes == 1
+    assert decoder.census.unknown == {"7AB": 1, "00000065": 1}
+    assert series["Command"].values["voltage"].tolist() == [5.0]
+    assert decoder.census.frames == 5
+
+
+@given(st.integers(0, 10**6), st.integers(1, 400), st.booleans())
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_no_frame_is_refused_with_an_exception_and_each_is_accounted_for(
+    base: Database, seed: int, count: int, fd: bool
+) -> None:
+    rng = np.random.default_rng(seed)
+    width = 64 if fd else 8
+    time = rng.choice([0.0, 1.0, -5.0, 1e18, math.nan, math.inf, 1.7e9, 3.5], count) + rng.normal(size=count)
+    batch = Frames(time, rng.choice([100, 101, 102, 103, 2047, 2048, 2**29 - 1, 2**32 - 1], count).astype(np.uint32),
+                   rng.integers(0, 128, count).astype(np.uint8), rng.integers(0, 256, count).astype(np.uint8),
+                   rng.integers(0, width + 1, count).astype(np.uint8),
+                   rng.integers(0, 256, (count, width)).astype(np.uint8))  # fmt: skip
+    decoder = Decoder(base)
+    parts = [decoder.feed(batch[begin : begin + 100]) for begin in range(0, count, 100)]
+    census = decoder.census
+    accounted = census.errors + census.remotes + census.unknown.total() + census.messages.total()
+    assert accounted == census.frames == count
+    decoded = sum(len(each) for part in parts for each in part.values())
+    assert decoded == census.messages.total() - census.short.total() - census.duplicates.total()
+    merger = decoding.Merger(["angle", "voltage"])
+    rows = [merger.feed(part) for part in parts] + [merger.finish()]
+    assert all(np.isfinite(each[name]).all() for each in rows for name in each.names)
+    assert census.lines() and census.document()

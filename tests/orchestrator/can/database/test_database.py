@@ -1,0 +1,232 @@
+"""A database says what it holds, and a bad file where it is bad; nothing that is read hangs or fills the memory."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from time import perf_counter
+
+import cantools
+import pytest
+from cantools.database.can import Message, Signal
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from fmus.errors import DatabaseError
+from orchestrator.can.database import database
+from orchestrator.can.database.database import Database
+from orchestrator.can.database.protection import Protection
+
+DBC = """VERSION ""
+BU_: A B
+BO_ 100 State: 8 A
+ SG_ angle : 0|16@1- (0.1,0) [-100|100] "rad" B
+ SG_ torque : 23|16@0- (0.5,1) [0|0] "Nm" B
+ SG_ alive_counter : 32|4@1+ (1,0) [0|14] "" B
+ SG_ crc : 56|8@1+ (1,0) [0|0] "" B
+BO_ 2147484000 Command: 8 A
+ SG_ voltage : 0|16@1- (0.001,0) [-24|24] "V" B
+ SG_ status : 16|8@1+ (1,0) [5|5] "" B
+BO_ 102 Status: 2 A
+ SG_ status : 0|8@1+ (1,0) [0|0] "" B
+ SG_ Encoder_Counter : 8|8@1+ (1,0) [0|0] "" B
+BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
+BA_DEF_ BO_ "ChecksumSignal" STRING ;
+BA_DEF_ BO_ "ChecksumAlgorithm" STRING ;
+BA_DEF_ BO_ "CounterSignal" STRING ;
+BA_DEF_DEF_ "GenMsgCycleTime" 0;
+BA_DEF_DEF_ "ChecksumSignal" "";
+BA_DEF_DEF_ "ChecksumAlgorithm" "";
+BA_DEF_DEF_ "CounterSignal" "";
+BA_ "GenMsgCycleTime" BO_ 100 10;
+BA_ "ChecksumSignal" BO_ 100 "crc";
+BA_ "ChecksumAlgorithm" BO_ 100 "CRC8_H2F";
+BA_ "CounterSignal" BO_ 100 "alive_counter";
+VAL_ 102 status 0 "off" 1 "on" ;
+"""
+
+KCD = """<?xml version="1.0" encoding="UTF-8"?>
+<NetworkDefinition xmlns="http://kayak.2codeornot2code.org/1.0">
+  <Document name="n" version="1">text</Document>
+  <Bus name="b"><Message id="0x10" name="State" length="4"><Signal name="angle" offset="8" length="16"/></Message></Bus>
+</NetworkDefinition>
+"""
+
+SYM = """FormatVersion=6.0 // Do not edit this line!
+Title="rig"
+
+{SENDRECEIVE}
+[State]
+ID=010h
+Len=4
+Var=angle unsigned 8,16
+"""
+
+
+ARXML = (Path(__file__).parent / "state.arxml").read_text()
+
+
+def file(folder: Path, text: str, suffix: str = ".dbc", encoding: str = "utf-8") -> Path:
+    path = folder / f"rig{suffix}"
+    path.write_bytes(text.encode(encoding))
+    return path
+
+
+@pytest.fixture
+def base(tmp_path: Path) -> Database:
+    return database.load(file(tmp_path, DBC))
+
+
+def test_messages_and_signals_carry_what_the_file_says(base: Database) -> None:
+    state, command, status = base.messages
+    assert (state.id, state.extended, state.length, state.cycle, state.fd) == (100, False, 8, 0.01, False)
+    assert (command.id, command.extended, command.cycle) == (352, True, None)
+    angle, torque = state.signal("angle"), state.signal("torque")
+    assert (angle.unit, angle.minimum, angle.maximum, angle.scale, angle.is_signed) == ("rad", -100, 100, 0.1, True)
+    assert (torque.unit, torque.minimum, torque.big_endian, torque.lowest) == ("N.m", None, True, 31)
+    assert status.signal("status").choices == {0: "off", 1: "on"}
+    assert command.signal("status").minimum is command.signal("status").maximum is None
+    assert base.by_id(352, True) is command
+    assert base.by_id(352, False) is None
+
+
+def test_a_signal_of_two_messages_is_known_by_its_message(base: Database) -> None:
+    assert base.signal("angle")[0].name == base.signal("State.angle")[0].name == "State"
+    assert base.public_name(*base.signal("State.angle")) == "angle"
+    assert base.public_name(*base.signal("Command.status")) == "Command.status"
+    with pytest.raises(DatabaseError, match=r"'status' is in 2 messages; write 'Command.status' or 'Status.status'"):
+        base.signal("status")
+
+
+@pytest.mark.parametrize(("name", "hint"), [("angel", "did you mean 'angle'"), ("State.angel", "did you mean 'angle'"),
+                                            ("zzz", "it has angle, torque")])  # fmt: skip
+def test_an_unknown_signal_is_refused_with_close_names(base: Database, name: str, hint: str) -> None:
+    with pytest.raises(DatabaseError, match=hint):
+        base.signal(name)
+
+
+def test_an_unknown_message_is_refused_with_close_names(base: Database) -> None:
+    with pytest.raises(DatabaseError, match=r"has no message 'Stat'; did you mean 'State'"):
+        base.message("Stat")
+
+
+def test_attributes_and_names_tell_what_protects_a_message(base: Database) -> None:
+    assert base.message("State").protection == Protection("alive_counter", 15, "crc", "CRC8_H2F")
+    assert base.message("Status").protection is None  # an encoder's count is no counter of messages
+
+
+def test_a_counter_goes_by_its_usual_name(tmp_path: Path) -> None:
+    text = DBC.partition("BA_DEF_")[0]
+    assert database.load(file(tmp_path, text)).message("State").protection == Protection("alive_counter", 15)
+
+
+def test_protection_can_be_given_and_is_checked(base: Database) -> None:
+    given = base.protected({"Status": Protection("Encoder_Counter"), "Command": Protection(checksum="status")})
+    assert given.message("Status").protection == Protection("Encoder_Counter", 256)
+    assert given.message("State").protection == base.message("State").protection
+    for wrong, problem in [(Protection("angle"), "no plain unsigned counter"), (Protection("none"), "has no signal"),
+                           (Protection("alive_counter", 17), "cannot have 17 values"),
+                           (Protection(checksum="alive_counter"), "no checksum of one whole byte"),
+                           (Protection(checksum="crc", algorithm="CRC9"), "there is no checksum 'CRC9'"),
+                           (Protection(checksum="crc", data_id=1 << 16), "has not 16 bits")]:  # fmt: skip
+        with pytest.raises(DatabaseError, match=problem):
+            base.protected({"State": wrong})
+
+
+@pytest.mark.parametrize(("suffix", "text"), [(".kcd", KCD), (".sym", SYM), (".arxml", ARXML)])
+def test_other_formats_give_the_same_signal(tmp_path: Path, suffix: str, text: str) -> None:
+    message, signal = database.load(file(tmp_path, text, suffix)).signal("angle")
+    assert (message.name, message.id, message.length, signal.lowest, signal.length) == ("State", 16, 4, 8, 16)
+
+
+def test_units_in_either_encoding_are_read(tmp_path: Path) -> None:
+    for encoding in ("utf-8", "cp1252"):
+        text = DBC.replace('"rad"', '"°"')
+        assert database.load(file(tmp_path, text, encoding=encoding)).signal("angle")[1].unit == "deg"
+    with pytest.raises(DatabaseError, match="no encoding 'utf-99'"):
+        database.load(file(tmp_path, DBC), encoding="utf-99")
+    with pytest.raises(DatabaseError, match="is not ascii"):
+        database.load(file(tmp_path, DBC.replace("rad", "°")), encoding="ascii")
+
+
+PAGES = """VERSION ""
+BU_: A
+BO_ 1 Pages: 2 A
+ SG_ page M : 0|8@1+ (1,0) [0|0] "" A
+ SG_ first m0 : 8|8@1+ (1,0) [0|0] "" A
+ SG_ second m1 : 8|8@1+ (1,0) [0|0] "" A
+"""
+LINE = r"rig\.dbc, line {}: "
+BAD = {
+    "syntax": (DBC.replace("@1- (0.1,0)", "@1 (0.1,0)"), LINE.format(4) + "cannot be read at column"),
+    "overlap": (DBC.replace("angle : 0|16", "angle : 0|24"), LINE.format("[45]") + ".*overlapping"),
+    "too long": (DBC.replace("voltage : 0|16", "voltage : 50|16"), LINE.format(9) + ".*does not fit"),
+    "huge signal": (DBC.replace("voltage : 0|16", "voltage : 0|99999999"), LINE.format(9) + ".*more than any frame"),
+    "huge message": (DBC.replace("Status: 2", "Status: 99999999"), LINE.format(11) + ".*more than any frame"),
+    "huge number": (DBC.replace("Status: 2", "Status: " + "9" * 6000), LINE.format(11) + ".*more than any frame"),
+    "endless scale": (DBC.replace("(0.001,0)", "(1e999,0)"), "Command.voltage: its scale or offset is not finite"),
+    "one identifier": (PAGES + "BO_ 1 Other: 1 A\n", "'Pages' and 'Other' have the same identifier 0x1"),
+    "one name": (DBC.replace("102 Status", "102 State"), "two messages 'State'"),
+    "twice": (PAGES.replace("second", "first"), "Pages.first: is there twice"),
+    "no message": ('VERSION ""\n', "defines no messages"),
+    "empty": ("  \n", "is empty"),
+    "not a database": ("time,angle\n0,1\n", LINE.format(1) + "cannot be read"),
+    "no such signal": (DBC.replace('100 "crc"', '100 "sum"'), "message State: has no signal 'sum'"),
+    "selections": (DBC + "SG_MUL_VAL_ 102 status angle 0-4000000000;\n", LINE.format(27) + ".*too many multiplexer"),
+    "long range": (DBC + "SG_MUL_VAL_ 102 status angle 900000000000-9000000000000;\n", "too many multiplexer"),
+    "hidden": (DBC.replace(" SG_ voltage : 0|16", ' SG_ //"\n voltage : 0|99999999'), LINE.format(9) + ".*more than"),
+    "spaces": (DBC + "SG_MUL_VAL_ 102 a b" + " " * 200_000 + "x", LINE.format(27) + "cannot be read"),
+    "words": (DBC + "SG_ " * 100_000, LINE.format(27) + "cannot be read"),
+    "quotes": (DBC + '"' * 100_001, LINE.format(27) + "cannot be read"),
+    "nested": (DBC + "".join(f"SG_MUL_VAL_ 102 s{n + 1} s{n} 0-9, 20-29;\n" for n in range(30)), "too many combin"),
+    "loop": (DBC + "SG_MUL_VAL_ 102 a b 0-1;\nSG_MUL_VAL_ 102 b a 0-1;\n", "too many combinations"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_a_bad_file_is_refused_with_its_place(tmp_path: Path, case: str) -> None:
+    text, problem = BAD[case]
+    begun = perf_counter()
+    with pytest.raises(DatabaseError, match=problem):
+        database.load(file(tmp_path, text))
+    assert perf_counter() - begun < 3
+
+
+@pytest.mark.parametrize(("text", "problem"), [
+    ('<!DOCTYPE a [<!ENTITY b "c">]>' + KCD.split("?>")[1], "line 1: declares a document type"),
+    (KCD.replace('length="16"', 'length="999999999"'), "line 4: .*more than any frame"),
+    (KCD.replace("</Bus>", ""), "line 5: cannot be read at column"),
+    (KCD.replace("NetworkDefinition", "Other"), "expected"),
+])  # fmt: skip
+def test_bad_xml_is_refused_with_its_place(tmp_path: Path, text: str, problem: str) -> None:
+    with pytest.raises(DatabaseError, match=rf"(?i){problem}"):
+        database.load(file(tmp_path, text, ".kcd"))
+
+
+def test_what_is_no_file_of_a_database_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "folder.dbc").mkdir()
+    for name, problem in [("a.dbc", "no such file"), ("folder.dbc", "no such file"), ("a.txt", "no format of a CAN")]:
+        with pytest.raises(DatabaseError, match=problem):
+            database.load(tmp_path / name)
+    with (tmp_path / "large.dbc").open("wb") as large:
+        large.truncate(100 << 20)
+    with pytest.raises(DatabaseError, match="is larger than 32 MiB"):
+        database.load(tmp_path / "large.dbc")
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.integers(0, len(DBC) - 1), st.integers(0, 40), st.text('0123456789 |@+-()[],:;"\nSG_BOM', max_size=12))
+def test_a_damaged_file_is_read_or_refused_but_never_crashes(tmp_path: Path, at: int, cut: int, put: str) -> None:
+    path = file(tmp_path, DBC[:at] + put + DBC[at + cut :])
+    try:
+        database.load(path)
+    except DatabaseError as error:
+        assert str(path) in str(error)
+
+
+def test_a_signal_that_is_no_number_is_left_out(tmp_path: Path) -> None:
+    message = Message(1, "Long", 16, [Signal("name", 0, 72), Signal("value", 72, 8)])
+    path = tmp_path / "long.dbc"
+    cantools.database.dump_file(cantools.database.can.Database([message]), str(path))
+    read = database.load(path).message("Long")
+    assert read.left_out == ("name",)
+    assert [each.name for each in read.signals] == ["value"]

@@ -1,0 +1,73 @@
+"""A bus of serial adapters for tests, and the command line as a process on it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import can
+
+from orchestrator.can.live.bus import BusSettings, opened
+
+ROOT = Path(__file__).parents[2]
+COMMAND = [sys.executable, "-c", "from identification.cli import main; main()"]
+BITRATE = 500_000
+
+
+def settings(port: Path, **others: Any) -> BusSettings:
+    """An adapter at the bit rate of the bus."""
+    return BusSettings("slcan", str(port), **{"bitrate": BITRATE} | others)
+
+
+def frame(number: int, identifier: int = 0x100) -> can.Message:
+    """A frame that carries a number."""
+    return can.Message(arbitration_id=identifier, is_extended_id=False, data=number.to_bytes(8, "big"))
+
+
+def number(message: can.Message) -> int:
+    return int.from_bytes(message.data, "big")
+
+
+def heard(bus: can.BusABC, timeout: float = 1.0) -> list[can.Message]:
+    """Frames until none comes for so long."""
+    messages = []
+    while (message := bus.recv(timeout)) is not None:
+        messages.append(message)
+    return messages
+
+
+def wait_for(condition: Callable[[], Any], patience: float = 15.0) -> None:
+    """Wait until something is so; fail when it never is."""
+    until = time.monotonic() + patience
+    while not condition():
+        assert time.monotonic() < until, "waited in vain"
+        time.sleep(0.01)
+
+
+@contextmanager
+def command(*arguments: object) -> Iterator[subprocess.Popen[str]]:
+    """`servotwin` as a process of its own, which is gone at the end."""
+    process = subprocess.Popen(
+        COMMAND + [str(argument) for argument in arguments],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@contextmanager
+def joined(port: Path) -> Iterator[can.BusABC]:
+    """An adapter that is on the bus by now: what it has been told is done."""
+    with opened(settings(port)) as bus:
+        time.sleep(0.05)
+        yield bus
