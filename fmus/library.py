@@ -69,8 +69,11 @@ def _refuse_foreign_imports(path: Path, tree: ast.Module) -> None:
     for node in statements:
         for name in _imported(node):
             if name not in BESIDE_A_MODEL and name.split(".")[0] not in sys.stdlib_module_names:
-                raise ModelError(f"{path}:{node.lineno}", f"imports '{name}', which the FMU would not find",
-                                 "use `from . import Model, ops, ...`")  # fmt: skip
+                raise ModelError(
+                    f"{path}:{node.lineno}",
+                    f"imports '{name}', which the FMU would not find",
+                    "use `from . import Model, ops, ...`",
+                )
 
 
 def _imported(node: ast.Import | ast.ImportFrom) -> list[str]:

@@ -24,7 +24,7 @@ from identification.recordings.campaign import Recorded, load_campaign, recordin
 from identification.resonance import calibration as resonance_calibration
 from identification.study import OutputErrorBlock, ResonanceBlock, SubspaceBlock, load_study
 from identification.subspace import calibration as subspace_calibration
-from identification.subspace import results
+from identification.subspace import results as subspace_results
 from orchestrator.assembly.assembly import Assembled
 from orchestrator.fmi.slave import Value
 from orchestrator.formats import Layout
@@ -52,7 +52,7 @@ def calibrate_study(study_file: Path, data: Path | None, target: Path, move: Mov
             return resonance_calibration.write_calibration(result, study_file, target)
         if isinstance(study, SubspaceBlock):
             found = subspace_calibration.calibrate(study, study_file.parent, data, move)
-            return results.write_calibration(found, study_file, target)
+            return subspace_results.write_calibration(found, study_file, target)
         if isinstance(study, ExperimentsBlock):
             campaign = experiments.run(study, study_file.parent, data, move)
             return report.write_calibration(campaign, study_file, target)
@@ -96,8 +96,10 @@ def validate_result(folder: Path, data: Path, target: Path, move: Move) -> dict[
     check_target(target)
     recorded = load_campaign(study.traces, folder, data, signals=study.signals)
     delays = _found_delays(study, folder)
-    groups = {"unseen": [each for each in recorded if each.sha256 not in used],
-              "fitted": [each for each in recorded if each.sha256 in used]}  # fmt: skip
+    groups = {
+        "unseen": [each for each in recorded if each.sha256 not in used],
+        "fitted": [each for each in recorded if each.sha256 in used],
+    }
     judged = {}
     for number, (name, traces) in enumerate(groups.items()):
         move(number / 2, f"{len(traces)} {name} traces")

@@ -95,6 +95,7 @@ def multiples(value: Fraction, of: Fraction, place: str) -> int:
     count = value / of
     if count.denominator != 1:
         nearest = max(1, round(count))
-        raise WiringError(place, f"{written(value)} s is not a multiple of {written(of)} s",
-                          f"use {written(nearest * of)} s")  # fmt: skip
+        raise WiringError(
+            place, f"{written(value)} s is not a multiple of {written(of)} s", f"use {written(nearest * of)} s"
+        )
     return int(count)

@@ -96,8 +96,11 @@ class System:
             raise WiringError(place, f"no component '{endpoint.component}'", _nearest(endpoint.component, self.parts))
         ports = self.parts[endpoint.component].interface.ports
         if endpoint.variable not in ports:
-            raise WiringError(place, f"no variable '{endpoint.variable}' in '{endpoint.component}'",
-                              _nearest(endpoint.variable, ports))  # fmt: skip
+            raise WiringError(
+                place,
+                f"no variable '{endpoint.variable}' in '{endpoint.component}'",
+                _nearest(endpoint.variable, ports),
+            )
         return ports[endpoint.variable]
 
 
@@ -132,8 +135,7 @@ def check_values(system: System, values: Mapping[str, Value]) -> None:
         port = system.port(endpoint)
         if not port.settable:
             kind = "constant" if port.variability == "constant" else port.causality
-            raise WiringError(name, f"is {with_article(kind)} and cannot be set",
-                              "set a parameter or a start value")  # fmt: skip
+            raise WiringError(name, f"is {with_article(kind)} and cannot be set", "set a parameter or a start value")
         if endpoint in sources:
             raise WiringError(name, f"takes its value from {sources[endpoint]}", "do not set it")
         if not isinstance(value, str):
@@ -180,8 +182,11 @@ def require(system: System, endpoint: Endpoint, causality: str, role: str, place
     if port.causality != causality:
         there = ", ".join(p.name for p in system.parts[endpoint.component].interface.of(causality)) or "none"
         kind = with_article(port.causality)
-        raise WiringError(place or str(endpoint), f"'{endpoint}' is {kind}; only an {causality} {role}",
-                          f"{causality}s there: {there}")  # fmt: skip
+        raise WiringError(
+            place or str(endpoint),
+            f"'{endpoint}' is {kind}; only an {causality} {role}",
+            f"{causality}s there: {there}",
+        )
     return port
 
 

@@ -183,8 +183,11 @@ def _columns(time: ArrayLike, signals: Mapping[str, ArrayLike], name: str) -> tu
         raise TraceError(name, "holds no samples", "record or export it again")
     bad = np.flatnonzero(~(np.abs(stamps) < LATEST))
     if len(bad):
-        raise TraceError(name, f"time stamp {bad[0] + 1} is {stamps[bad[0]]:g} ({len(bad)} like it)",
-                         "drop those rows, or check the time column")  # fmt: skip
+        raise TraceError(
+            name,
+            f"time stamp {bad[0] + 1} is {stamps[bad[0]]:g} ({len(bad)} like it)",
+            "drop those rows, or check the time column",
+        )
     columns = {key: np.asarray(values, dtype=float) for key, values in signals.items()}
     for key, values in columns.items():
         if values.shape != stamps.shape:
@@ -222,8 +225,11 @@ def usable(trace: Trace, names: Sequence[str]) -> Trace:
         values = trace[name]
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
-            raise TraceError(f"{trace.name}.{name}", f"is not finite at t = {trace.time[bad[0]]:g} s "
-                             f"({len(bad)} samples)", "repair or cut the recording")  # fmt: skip
+            raise TraceError(
+                f"{trace.name}.{name}",
+                f"is not finite at t = {trace.time[bad[0]]:g} s ({len(bad)} samples)",
+                "repair or cut the recording",
+            )
         if np.all(values == values[0]):
             raise TraceError(f"{trace.name}.{name}", f"is constant ({values[0]:g})", "check the column's number")
     return trace

@@ -125,8 +125,11 @@ def _complaint(path: Path, document: Any, schema: type[Block], error: Validation
     if first["type"] == "extra_forbidden":
         known = _known_keys(schema, keys[:-1])
         near = difflib.get_close_matches(str(keys[-1]), known, n=1)
-        return ScenarioError(place, "unknown key", f"did you mean '{near[0]}'?" if near
-                             else f"known are {', '.join(known)}" if known else "remove it")  # fmt: skip
+        return ScenarioError(
+            place,
+            "unknown key",
+            f"did you mean '{near[0]}'?" if near else f"known are {', '.join(known)}" if known else "remove it",
+        )
     message = _one_line(first["msg"].removeprefix("Value error, ").removeprefix("Assertion failed, "))
     return ScenarioError(place, message[:1].lower() + message[1:])
 

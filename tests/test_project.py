@@ -74,9 +74,10 @@ def test_a_package_imports_only_those_below_it(package: str) -> None:
     upward = {
         str(file.relative_to(ROOT)): sorted(found)
         for file in SOURCES
-        if file.is_relative_to(ROOT / package) and file not in COMMAND_LINE
+        if file.is_relative_to(ROOT / package)
+        and file not in COMMAND_LINE
         and (found := tops(imports_of(file)) & set(PACKAGES) - BELOW[package] - {package})
-    }  # fmt: skip
+    }
     assert upward == {}
 
 

@@ -21,15 +21,29 @@ from fmus.modelling.symbolic import Traced, trace
 _MOST_VALUES = 12  # tried of one integer
 _TOLERANCE = 1e-6
 _OPERATIONS: dict[str, Callable[..., Any]] = {
-    "Add": lambda *terms: sum(terms), "Mul": lambda *factors: math.prod(factors), "Pow": pow, "Min": min, "Max": max,
-    "StrictLessThan": operator.lt, "LessThan": operator.le, "StrictGreaterThan": operator.gt,
-    "GreaterThan": operator.ge, "Equality": operator.eq, "Unequality": operator.ne,
-    "And": lambda *conditions: all(conditions), "Or": lambda *conditions: any(conditions), "Not": operator.not_,
+    "Add": lambda *terms: sum(terms),
+    "Mul": lambda *factors: math.prod(factors),
+    "Pow": pow,
+    "Min": min,
+    "Max": max,
+    "StrictLessThan": operator.lt,
+    "LessThan": operator.le,
+    "StrictGreaterThan": operator.gt,
+    "GreaterThan": operator.ge,
+    "Equality": operator.eq,
+    "Unequality": operator.ne,
+    "And": lambda *conditions: all(conditions),
+    "Or": lambda *conditions: any(conditions),
+    "Not": operator.not_,
     "dot": lambda *v: ops.dot(v[: len(v) // 2], v[len(v) // 2 :]),
-    "Abs": abs, "floor": math.floor, "ceiling": math.ceil, "sign": ops.sign, "uniform": ops.uniform,
+    "Abs": abs,
+    "floor": math.floor,
+    "ceiling": math.ceil,
+    "sign": ops.sign,
+    "uniform": ops.uniform,
     "ExprCondPair": lambda value, condition: (value, condition),
     "Piecewise": lambda *cases: next(value for value, condition in cases if condition),
-}  # fmt: skip
+}
 
 Point = tuple[float, dict[str, float], dict[str, float], dict[str, Any]]
 
@@ -64,8 +78,11 @@ def _compare(place: str, found: Mapping[str, float], expected: Mapping[str, floa
     for name, value in found.items():
         wanted = float(expected[name])
         if math.isfinite(wanted) and not math.isclose(value, wanted, rel_tol=_TOLERANCE, abs_tol=_TOLERANCE):
-            raise ModelError(f"{place}, {name}", "is something else as an expression than as a number",
-                             "compare with < and > instead of ==, and choose with ops.where")  # fmt: skip
+            raise ModelError(
+                f"{place}, {name}",
+                "is something else as an expression than as a number",
+                "compare with < and > instead of ==, and choose with ops.where",
+            )
 
 
 class _Evaluation:

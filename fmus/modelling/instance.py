@@ -102,9 +102,15 @@ class Instance:
 
     def snapshot(self) -> dict:
         """Everything that changes while running, for `restore`."""
-        return {"x": dict(self.x.__dict__), "u": dict(self.u.__dict__), "time": self.time, "start": self.start,
-                "samples": self.samples, "stepped": self.stepped,
-                "p": {v.name: getattr(self.p, v.name) for v in self.model.of("parameter")}}  # fmt: skip
+        return {
+            "x": dict(self.x.__dict__),
+            "u": dict(self.u.__dict__),
+            "time": self.time,
+            "start": self.start,
+            "samples": self.samples,
+            "stepped": self.stepped,
+            "p": {v.name: getattr(self.p, v.name) for v in self.model.of("parameter")},
+        }
 
     def restore(self, state: dict) -> None:
         """Go back to a snapshot."""

@@ -8,8 +8,17 @@ import math
 
 from . import Model, ops, output, parameter
 
-SHAPES = ("sine", "sine sweep", "square", "varying square", "periodic random", "random", "steps", "playback",
-          "alternating random")  # fmt: skip
+SHAPES = (
+    "sine",
+    "sine sweep",
+    "square",
+    "varying square",
+    "periodic random",
+    "random",
+    "steps",
+    "playback",
+    "alternating random",
+)
 
 
 def turning(t, p):

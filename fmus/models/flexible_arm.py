@@ -226,9 +226,10 @@ FRICTION = (
 GEAR = (
     parameter("backlash", "rad", 0.0, "Play of the gear; 0 is a rigid gear", minimum=0),
     parameter("gear_stiffness", "N.m/rad", 400.0, "Stiffness of a gear with play", minimum=1e-6),
-    parameter("motor_share", "1", 0.5, "Part of J_h on the motor's side of a gear with play", minimum=1e-3,
-              maximum=0.999),
-)  # fmt: skip
+    parameter(
+        "motor_share", "1", 0.5, "Part of J_h on the motor's side of a gear with play", minimum=1e-3, maximum=0.999
+    ),
+)
 STOPS = (  # at 80 degrees (thesis); as stiff as the bristles, so that the solver resolves them anyway
     parameter("stop_angle", "rad", math.radians(80), "Angle of the end stops, either side", minimum=1e-3),
     parameter("stop_stiffness", "N.m/rad", 2000.0, "Stiffness of the end stops", minimum=1e-6),
@@ -252,7 +253,13 @@ MODEL = Model(
         output("friction_torque", "N.m", "Torque of friction against the motion"),
         output("stop_torque", "N.m", "Torque of an end stop on the hub"),
         output("stop_time", "s", "How long an end stop was touched so far; 0 as long as none ever was"),
-        *BEAM, *BODIES, *DAMPING, *GAUGES, *FRICTION, *GEAR, *STOPS,
+        *BEAM,
+        *BODIES,
+        *DAMPING,
+        *GAUGES,
+        *FRICTION,
+        *GEAR,
+        *STOPS,
         parameter("angle_start", "rad", 0.0, "Angle of hub and motor at the start"),
         parameter("speed_start", "rad/s", 0.0, "Angular velocity of hub and motor at the start"),
     ),
@@ -273,4 +280,4 @@ MODEL = Model(
         "Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Transactions on Automatic Control 40(3), 1995, pp. 419-425",
         "The flexible-manipulator thesis, Section 2.3",
     ),
-)  # fmt: skip
+)

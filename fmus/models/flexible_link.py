@@ -174,9 +174,11 @@ MODEL = Model(
         output("tip_acceleration", "m/s2", "Acceleration of the tip across the link"),
         output("encoder", "1", "Reading of the motor's encoder"),
         output("accelerometer", "1", "Reading of the accelerometer at the tip"),
-        *DRIVE, *HUB,
+        *DRIVE,
+        *HUB,
         *(of for i, values in zip(MODES, DEFAULTS, strict=True) for of in of_mode(i, *values)),
-        *LARGE, *SENSORS,
+        *LARGE,
+        *SENSORS,
         parameter("angle_start", "rad", 0.0, "Angle of the hub at the start"),
         parameter("speed_start", "rad/s", 0.0, "Angular velocity of the hub at the start"),
     ),
@@ -197,4 +199,4 @@ MODEL = Model(
     references=(
         "Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Transactions on Automatic Control 40(3), 1995, pp. 419-425",
     ),
-)  # fmt: skip
+)

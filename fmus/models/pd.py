@@ -56,8 +56,9 @@ MODEL = Model(
         parameter("kd", "1", 2.8, "Gain of the speed"),
         parameter("gains", "1", 1, "What the gains give per volt", minimum=1, maximum=len(GAINS), choices=GAINS),
         parameter("amperes_per_volt", "A/V", 0.5, "The drive's constant, for gains in A/V", minimum=1e-9),
-        parameter("compensated_by", "1", 1, "Whose sign the compensation has", minimum=1, maximum=len(SIGNS),
-                  choices=SIGNS),
+        parameter(
+            "compensated_by", "1", 1, "Whose sign the compensation has", minimum=1, maximum=len(SIGNS), choices=SIGNS
+        ),
         parameter("compensation_voltage", "V", 0.8, "Height of the compensation", minimum=0),
         parameter("error_band", "V", 0.0, "Error below which there is no compensation", minimum=0),
         parameter("speed_band", "V", 0.0, "Speed below which there is no compensation", minimum=0),
@@ -72,4 +73,4 @@ MODEL = Model(
     update=update,
     sample_time="sample_time",
     references=("The flexible-manipulator thesis, Section 2.4.3, Eqs. 4-6 to 4-8 without strain, Table A-3",),
-)  # fmt: skip
+)

@@ -32,11 +32,18 @@ MODEL = Model(
         output("current", "A", "Current of the motor"),
         parameter("amperes_per_volt", "A/V", 0.5, "Current per volt of the command"),
         parameter("voltage_limit", "V", 10.0, "Largest command that is followed, either sign", minimum=0),
-        parameter("direction", "1", 1, "Where a positive command turns", minimum=1, maximum=len(DIRECTIONS),
-                  choices=DIRECTIONS),
+        parameter(
+            "direction",
+            "1",
+            1,
+            "Where a positive command turns",
+            minimum=1,
+            maximum=len(DIRECTIONS),
+            choices=DIRECTIONS,
+        ),
         parameter("torque_constant", "N.m/A", 0.5876, "Torque of the motor per current (K_t)"),
         parameter("gear_ratio", "1", 1.0, "Turns of the motor per turn of the gear's output"),
     ),
     outputs=outputs,
     references=("The flexible-manipulator thesis, Section 2.3, Figure 2-2",),
-)  # fmt: skip
+)

@@ -177,8 +177,9 @@ def _find(source: Path, variables: Mapping[str, etree._Element], name: str) -> t
     if variable is not None:
         raise FmuFileError(f"{source}: {name}", "is an array", f"name its elements, as {name}[1]")
     near = difflib.get_close_matches(name, variables, n=1)
-    raise FmuFileError(f"{source}: {name}", "no such variable",
-                       f"did you mean '{near[0]}'?" if near else "see `servotwin info`")  # fmt: skip
+    raise FmuFileError(
+        f"{source}: {name}", "no such variable", f"did you mean '{near[0]}'?" if near else "see `servotwin info`"
+    )
 
 
 def _put(variable: etree._Element, number: int | None, text: str) -> None:
@@ -220,15 +221,19 @@ def _number(place: str, kind: str, value: SetValue, items: Mapping[str, int]) ->
     if kind in REALS:
         return float(value)
     if int(value) != value or (kind == "Boolean" and value not in (0, 1)):
-        raise FmuFileError(place, f"is of type {kind}, not {value}",
-                           "give true or false" if kind == "Boolean" else "give a whole number")  # fmt: skip
+        raise FmuFileError(
+            place,
+            f"is of type {kind}, not {value}",
+            "give true or false" if kind == "Boolean" else "give a whole number",
+        )
     return bool(value) if kind == "Boolean" else int(value)
 
 
 def _within(place: str, value: Number, low: str | None, high: str | None) -> None:
     if (low is not None and value < float(low)) or (high is not None and value > float(high)):
-        raise FmuFileError(place, f"{value} lies outside its bounds [{low or ''}, {high or ''}]",
-                           "bound the parameter in the study")  # fmt: skip
+        raise FmuFileError(
+            place, f"{value} lies outside its bounds [{low or ''}, {high or ''}]", "bound the parameter in the study"
+        )
 
 
 def _defaults(source: Path, text: bytes) -> dict[str, Number]:

@@ -14,8 +14,12 @@ from orchestrator.cli import bridge, can, scenarios, traces
 
 __all__ = ["app", "main"]
 
-app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False,
-                  help="Calibrated digital twins of servo-driven mechanisms as FMUs.")  # fmt: skip
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="Calibrated digital twins of servo-driven mechanisms as FMUs.",
+)
 app.add_typer(scenarios.app)
 app.add_typer(studies.app)
 app.add_typer(traces.app, name="trace")

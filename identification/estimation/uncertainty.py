@@ -313,8 +313,7 @@ def _combination(
     if len(involved) == 1:
         message = _alone(names[0], bool(silent[involved[0]]))
     elif len(involved) == 2:
-        message = _pair([parameters[i] for i in involved], values[involved], direction[involved], moves[involved],
-                        only)  # fmt: skip
+        message = _pair([parameters[i] for i in involved], values[involved], direction[involved], moves[involved], only)
     else:
         message = _many(names, values[involved], moves[involved], only)
     return Combination({parameters[i].name: float(moves[i]) for i in involved}, message)

@@ -164,9 +164,10 @@ def _cut(job: Job) -> Record:
     whole = record(job.trace, [job.study.input], job.study.outputs)
     if abs(whole.step * known.rate - 1) > 1e-3 or len(whole) < known.samples:
         raise IdentificationError(
-            f"sets.{job.code}", f"has {len(whole)} samples at {1 / whole.step:g} Hz, {known.samples} at "
-            f"{known.rate:g} Hz are needed", "correct the scenario or the study",
-        )  # fmt: skip
+            f"sets.{job.code}",
+            f"has {len(whole)} samples at {1 / whole.step:g} Hz, {known.samples} at {known.rate:g} Hz are needed",
+            "correct the scenario or the study",
+        )
     u = without_compensation(whole.u, known.compensation) if job.removed else whole.u
     return replace(whole, u=u).rows(0, known.samples)
 

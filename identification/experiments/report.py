@@ -242,9 +242,11 @@ def _model(model: LinearModel) -> dict[str, Any]:
         "order": model.order,
         "step": model.step,
         "matrices": {name: getattr(model, name).tolist() for name in "abcd"},
-        "modes": [{"mode": label, "frequency": finite(mode.frequency), "damping": finite(mode.damping)}
-                  for label, mode in zip(labels(found), found, strict=False)],
-    }  # fmt: skip
+        "modes": [
+            {"mode": label, "frequency": finite(mode.frequency), "damping": finite(mode.damping)}
+            for label, mode in zip(labels(found), found, strict=False)
+        ],
+    }
 
 
 def _warnings(experiments: Experiments) -> list[str]:

@@ -21,8 +21,15 @@ EXPERIMENTS: tuple[tuple[str, Experiment], ...] = (
     ("2-3", "bounded"),
     ("2-4", "closed loop"),
 )
-WORDS = {"initial": "as identified", "stabilised": "forced stable", "mrm": "MRM", "msv": "MSV", "mrmc": "MRMC",
-         "updated": "updated", "further": "reduced further, updated"}  # fmt: skip
+WORDS = {
+    "initial": "as identified",
+    "stabilised": "forced stable",
+    "mrm": "MRM",
+    "msv": "MSV",
+    "mrmc": "MRMC",
+    "updated": "updated",
+    "further": "reduced further, updated",
+}
 
 
 @dataclass(frozen=True)
@@ -38,10 +45,20 @@ class ThesisTable:
 def tables(experiments: Experiments) -> list[ThesisTable]:
     """All of them, in the thesis' order."""
     identified = {number: _identification(experiments, number, kind) for number, kind in EXPERIMENTS}
-    reductions = [table for each in experiments.reductions.values() if each.example.table for table in
-                  (_ranking(each), _stages(experiments, each))]  # fmt: skip
-    found = [*identified.values(), _frequencies(experiments), _special(experiments), _typical(experiments),
-             *sorted(reductions, key=lambda table: table.number), _updated(experiments)]  # fmt: skip
+    reductions = [
+        table
+        for each in experiments.reductions.values()
+        if each.example.table
+        for table in (_ranking(each), _stages(experiments, each))
+    ]
+    found = [
+        *identified.values(),
+        _frequencies(experiments),
+        _special(experiments),
+        _typical(experiments),
+        *sorted(reductions, key=lambda table: table.number),
+        _updated(experiments),
+    ]
     return sorted(found, key=lambda table: table.number)
 
 
@@ -86,8 +103,17 @@ def _printed(errors: Errors | None, count: int) -> list[Cell]:
 
 def _identification(experiments: Experiments, number: str, kind: Experiment) -> ThesisTable:
     deltas = _deltas(experiments)
-    headers = ["data", "excitation", "stable orders", "n", *deltas, "mean δ in SFV",
-               "thesis: orders", "thesis: n", *(f"thesis: {each}" for each in deltas)]  # fmt: skip
+    headers = [
+        "data",
+        "excitation",
+        "stable orders",
+        "n",
+        *deltas,
+        "mean δ in SFV",
+        "thesis: orders",
+        "thesis: n",
+        *(f"thesis: {each}" for each in deltas),
+    ]
     rows = [
         _row(block, experiments.results[code], len(experiments.study.outputs))
         for code, block in experiments.study.sets.items()
@@ -102,10 +128,16 @@ def _row(block: SetBlock, result: SetResult, count: int) -> list[Cell]:
     what = f"{block.excitation} {block.volts:g} V, {block.rate:g} Hz{load}"
     sfv: Cell = UNSTABLE if chosen.errors.sfv is None else mean(chosen.errors.sfv)
     return [
-        result.code, what, runs(result.stable), chosen.order, *_errors(chosen.errors.dmv, count), sfv,
-        printed.orders if printed else None, printed.order if printed else None,
+        result.code,
+        what,
+        runs(result.stable),
+        chosen.order,
+        *_errors(chosen.errors.dmv, count),
+        sfv,
+        printed.orders if printed else None,
+        printed.order if printed else None,
         *_printed(printed.delta if printed else None, count),
-    ]  # fmt: skip
+    ]
 
 
 def _frequencies(experiments: Experiments) -> ThesisTable:
@@ -146,12 +178,18 @@ def _typical(experiments: Experiments) -> ThesisTable:
     for code in study.typical:
         result, block = experiments.results[code], study.sets[code]
         rows.append(
-            [model_name(result), f"first {block.samples // 2} samples of {code}", result.chosen.order,
-             "stable" if result.stable else "unstable", block.experiment,
-             block.published.order if block.published else None]
-        )  # fmt: skip
-    return ThesisTable("2-6", "Typical identified models",
-                       ["model", "data", "order", "stability", "experiment", "thesis: order"], rows)  # fmt: skip
+            [
+                model_name(result),
+                f"first {block.samples // 2} samples of {code}",
+                result.chosen.order,
+                "stable" if result.stable else "unstable",
+                block.experiment,
+                block.published.order if block.published else None,
+            ]
+        )
+    return ThesisTable(
+        "2-6", "Typical identified models", ["model", "data", "order", "stability", "experiment", "thesis: order"], rows
+    )
 
 
 def _ranking(reduction: Reduction) -> ThesisTable:
@@ -172,11 +210,21 @@ def _ranking(reduction: Reduction) -> ThesisTable:
         for frequency, damping, mrm, msv in (printed.modes if printed else [])
     ]
     rows = [[*(a or [None] * 5), *(b or [None] * 4)] for a, b in itertools.zip_longest(ours, theirs)]
-    headers = ["mode", "frequency [Hz]", "damping", "MRM rank", "MSV rank",
-               "thesis: frequency [Hz]", "thesis: damping", "thesis: MRM rank", "thesis: MSV rank"]  # fmt: skip
+    headers = [
+        "mode",
+        "frequency [Hz]",
+        "damping",
+        "MRM rank",
+        "MSV rank",
+        "thesis: frequency [Hz]",
+        "thesis: damping",
+        "thesis: MRM rank",
+        "thesis: MSV rank",
+    ]
     name = f" (thesis: {printed.model})" if printed else ""
-    return ThesisTable(f"{reduction.example.table}a", f"Modes of the model of {_data(reduction.example)}{name}",
-                       headers, rows)  # fmt: skip
+    return ThesisTable(
+        f"{reduction.example.table}a", f"Modes of the model of {_data(reduction.example)}{name}", headers, rows
+    )
 
 
 def _stages(experiments: Experiments, reduction: Reduction) -> ThesisTable:

@@ -66,9 +66,10 @@ def continuous_from_parameters(p1: float, p2: float, p3: float, p4: float) -> Co
     """
     if not (p1 > 0 and p3 > 0 and 0 < p2 < 2 * math.sqrt(p1 * p3)):
         raise IdentificationError(
-            "discretisation", f"p1 = {p1:g}, p2 = {p2:g}, p3 = {p3:g} is not an underdamped system",
+            "discretisation",
+            f"p1 = {p1:g}, p2 = {p2:g}, p3 = {p3:g} is not an underdamped system",
             "Eqs. 47-50 need 0 < p2 < 2 sqrt(p1 p3)",
-        )  # fmt: skip
+        )
     return ContinuousModel(p2 / (2 * math.sqrt(p1 * p3)), math.sqrt(p3 / p1), p4 / p3)
 
 
@@ -81,9 +82,10 @@ def discretised(model: ContinuousModel, period: float) -> DiscreteModel:
     psi, omega = model.damping_ratio, model.natural_frequency
     if not (0 < psi < 1 and omega > 0 and period > 0):
         raise IdentificationError(
-            "discretisation", f"psi = {psi:g}, w_n = {omega:g}, period = {period:g} s has no such form",
+            "discretisation",
+            f"psi = {psi:g}, w_n = {omega:g}, period = {period:g} s has no such form",
             "Eqs. 47-50 need 0 < psi < 1 and a positive frequency and period",
-        )  # fmt: skip
+        )
     root = math.sqrt(1 - psi**2)
     decay, angle, beta = math.exp(-period * psi * omega), period * omega * root, math.acos(psi)
     return DiscreteModel(
@@ -106,9 +108,10 @@ def continuous_from_discrete(model: DiscreteModel) -> ContinuousModel:
     """
     if not (0 < model.a0 < 1 and model.a1**2 < 4 * model.a0 and model.period > 0):
         raise IdentificationError(
-            "discretisation", f"z^2 + {model.a1:g} z + {model.a0:g} has no decaying complex pair of roots",
+            "discretisation",
+            f"z^2 + {model.a1:g} z + {model.a0:g} has no decaying complex pair of roots",
             "an underdamped continuous system gives 0 < a0 < 1 and a1^2 < 4 a0",
-        )  # fmt: skip
+        )
     decay_rate = -math.log(model.a0) / 2
     angle = math.acos(-model.a1 / (2 * math.sqrt(model.a0)))
     radius = math.hypot(decay_rate, angle)

@@ -109,8 +109,11 @@ def _rows(
         force[:, : outputs * inputs] = np.einsum("pn,km->kpmn", c, part).reshape(len(part), -1, order)
         x, state = recursion(a.T, force, state)
         if not np.abs(state).max(initial=0.0) < _OVERFLOW:
-            raise IdentificationError("model", f"of order {order} is unstable and overflows within a record",
-                                      "estimate initial states, or ask for stable poles")  # fmt: skip
+            raise IdentificationError(
+                "model",
+                f"of order {order} is unstable and overflows within a record",
+                "estimate initial states, or ask for stable poles",
+            )
         rows = [
             x[:, outputs * inputs :],
             x[:, : outputs * inputs].reshape(len(part), outputs, inputs * order),

@@ -98,8 +98,7 @@ def modes(model: LinearModel) -> tuple[Mode, ...]:
     """
     values, vectors = np.linalg.eig(model.a)
     if np.linalg.cond(vectors) > 1e12:
-        raise IdentificationError("modes", "two eigenvalues coincide and have one eigenvector",
-                                  "choose another order")  # fmt: skip
+        raise IdentificationError("modes", "two eigenvalues coincide and have one eigenvector", "choose another order")
     b, c = np.linalg.solve(vectors, model.b.astype(complex)), model.c @ vectors
     found = [
         Mode(complex(value), model.step, b[i], c[:, i].astype(complex))

@@ -89,8 +89,9 @@ def integrator(values: ComplexArray) -> int:
     """Which of the poles (n,) is the real one nearest to 1."""
     real = np.flatnonzero(values.imag == 0)
     if not len(real):
-        raise IdentificationError("model", f"of order {len(values)} has no real pole to put on 1",
-                                  "choose another order")  # fmt: skip
+        raise IdentificationError(
+            "model", f"of order {len(values)} has no real pole to put on 1", "choose another order"
+        )
     return int(real[np.argmin(np.abs(values[real] - 1))])
 
 

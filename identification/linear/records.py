@@ -48,8 +48,9 @@ class Record:
             object.__setattr__(self, field, columns)
             object.__setattr__(self, names, given)
             if columns.ndim != 2 or columns.shape[1] != len(given) or not given:
-                raise IdentificationError(self.name, f"{field} is {columns.shape} for {len(given)} {names}",
-                                          "give one column a name")  # fmt: skip
+                raise IdentificationError(
+                    self.name, f"{field} is {columns.shape} for {len(given)} {names}", "give one column a name"
+                )
         if len(self.u) != len(self.y):
             raise IdentificationError(self.name, f"{len(self.u)} inputs for {len(self.y)} outputs", "sample them alike")
         if not 0 < self.step < np.inf:
@@ -115,8 +116,11 @@ def without_gaps(records: Record | Sequence[Record], shortest: int) -> Pieces:
     kept = tuple(piece for piece in pieces if len(piece) >= shortest)
     if not kept:
         longest = max(map(len, pieces), default=0)
-        raise IdentificationError(given[0].name, f"the longest piece without a gap has {longest} samples, "
-                                  f"{shortest} are needed", "use a smaller block or a longer record")  # fmt: skip
+        raise IdentificationError(
+            given[0].name,
+            f"the longest piece without a gap has {longest} samples, {shortest} are needed",
+            "use a smaller block or a longer record",
+        )
     for piece in kept:
         largest = max(float(np.abs(piece.u).max()), float(np.abs(piece.y).max()))
         if not largest < _LARGEST:
@@ -127,11 +131,17 @@ def without_gaps(records: Record | Sequence[Record], shortest: int) -> Pieces:
 
 def _check_alike(first: Record, other: Record) -> None:
     if abs(other.step - first.step) > _SAME_STEP * first.step:
-        raise IdentificationError(other.name, f"is sampled every {other.step:g} s, {first.name} every {first.step:g} s",
-                                  "resample them to one step")  # fmt: skip
+        raise IdentificationError(
+            other.name,
+            f"is sampled every {other.step:g} s, {first.name} every {first.step:g} s",
+            "resample them to one step",
+        )
     if (other.inputs, other.outputs) != (first.inputs, first.outputs):
-        raise IdentificationError(other.name, f"has columns {other.inputs} and {other.outputs}, not {first.inputs} "
-                                  f"and {first.outputs}", "give all records the same columns")  # fmt: skip
+        raise IdentificationError(
+            other.name,
+            f"has columns {other.inputs} and {other.outputs}, not {first.inputs} and {first.outputs}",
+            "give all records the same columns",
+        )
 
 
 def _split(whole: Record) -> list[Record]:

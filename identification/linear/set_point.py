@@ -33,11 +33,11 @@ def closed(model: LinearModel, feedback: Feedback) -> LinearModel:
         IdentificationError: the model has feed-through or more than one input, for which this loop is not meant.
     """
     if len(model.inputs) != 1 or np.any(model.d):
-        raise IdentificationError("set-point following", "needs one input and no feed-through",
-                                  "identify with D fixed to 0")  # fmt: skip
+        raise IdentificationError(
+            "set-point following", "needs one input and no feed-through", "identify with D fixed to 0"
+        )
     gain = feedback.proportional * model.c[feedback.position] + feedback.derivative * model.c[feedback.speed]
-    return replace(model, a=model.a - model.b @ gain[None, :], b=model.b * feedback.proportional,
-                   inputs=("set_point",))  # fmt: skip
+    return replace(model, a=model.a - model.b @ gain[None, :], b=model.b * feedback.proportional, inputs=("set_point",))
 
 
 def followed(model: LinearModel, feedback: Feedback, set_point: FloatArray) -> FloatArray | None:

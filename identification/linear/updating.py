@@ -37,8 +37,11 @@ def updated_output(model: LinearModel, records: Sequence[Record]) -> LinearModel
     measured = np.concatenate([record.y - record.u @ model.d.T for record in records])
     solution, _, rank, _ = np.linalg.lstsq(states, measured, rcond=None)
     if rank < model.order:
-        raise IdentificationError("update of C", f"the records move {rank} of {model.order} states independently",
-                                  "keep fewer modes, or use richer records")  # fmt: skip
+        raise IdentificationError(
+            "update of C",
+            f"the records move {rank} of {model.order} states independently",
+            "keep fewer modes, or use richer records",
+        )
     return replace(model, c=np.asarray(solution.T, dtype=float))
 
 

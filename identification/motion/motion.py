@@ -135,9 +135,10 @@ def recalibrate(motion: Motion, gain: float, target: float) -> Recalibration:
     ratio, level, rate, _ = fit.values
     if min(ratio, level, rate) <= 0:
         raise IdentificationError(
-            "motion", f"ratio {ratio:.3g}, level {level:.3g}, rate {rate:.3g} are no approach to an orbit",
+            "motion",
+            f"ratio {ratio:.3g}, level {level:.3g}, rate {rate:.3g} are no approach to an orbit",
             "check signs, the equilibrium angle, and that energy control was on",
-        )  # fmt: skip
+        )
     scale = target / level
     values = {"ratio": ratio, "level": level, "rate": rate, "p1": scale, "p3": ratio * scale, "p4": rate / gain}
     gradients = np.zeros((6, 4))
@@ -186,9 +187,13 @@ def recalibrate_as_published(
     """
     _positive(gain=gain, target=target)
     run = least_squares(
-        lambda q: one_step_errors(motion, start * q, gain, target) / target, np.ones(3), bounds=(1 / factor, factor),
-        xtol=1e-14, ftol=1e-14, gtol=1e-14,
-    )  # fmt: skip
+        lambda q: one_step_errors(motion, start * q, gain, target) / target,
+        np.ones(3),
+        bounds=(1 / factor, factor),
+        xtol=1e-14,
+        ftol=1e-14,
+        gtol=1e-14,
+    )
     return np.asarray(start * run.x)
 
 
@@ -250,8 +255,11 @@ def _fit(motion: Motion, start: FloatArray, free: NDArray[np.bool_] | None = Non
                 break
             white = whiteness([line.error]).white if motion.derivative is None else None
             return _Fit(values, covariance, variances, white, dof)
-    raise IdentificationError("motion", "its first samples cannot be told from its orbit, or it nears none",
-                              "start it off the orbit, under energy control")  # fmt: skip
+    raise IdentificationError(
+        "motion",
+        "its first samples cannot be told from its orbit, or it nears none",
+        "start it off the orbit, under energy control",
+    )
 
 
 def _lost(motion: Motion, values: FloatArray, variances: FloatArray) -> bool:

@@ -127,8 +127,10 @@ def calibrate(study: OutputErrorBlock, base: Path, data: Path | None, progress: 
         unseen = cut_windows(study, kept, study.validation or study.windows)
         found = _fit(study, assembled, train, units, progress)
         validation = _judge(study, assembled, unseen, found.values) if unseen else None
-        compared = {name: _judge(study, assembled, unseen or train, {**found.values, **other})
-                    for name, other in study.compare.items()}  # fmt: skip
+        compared = {
+            name: _judge(study, assembled, unseen or train, {**found.values, **other})
+            for name, other in study.compare.items()
+        }
     judged = Judged(tuple(study.outputs), tuple(train), found.simulated, found.fit)
     return Calibration(study, tuple(recorded), found, judged, validation, compared, units)
 
@@ -191,8 +193,11 @@ def _window_weight(study: OutputErrorBlock, cut: Cut) -> FloatArray:
     """(m,) weights by the spread within a window; an output that rests there has none."""
     for name, measured in zip(study.outputs, cut.measured.T, strict=True):
         if np.all(measured == measured[0]):
-            raise TraceError(cut.name, f"{name} does not move there, so `weight: window` means nothing",
-                             "skip the window, or weight: output")  # fmt: skip
+            raise TraceError(
+                cut.name,
+                f"{name} does not move there, so `weight: window` means nothing",
+                "skip the window, or weight: output",
+            )
     return spread_weights([cut.measured])
 
 
@@ -211,8 +216,11 @@ def _parameter(study: OutputErrorBlock, name: str, block: ParameterBlock, unit: 
             f"parameters.{name}", "has no start value", "give `start`, or set it in its component"
         )
     if not (start or block.fixed) and (block.min is None or block.max is None):
-        raise IdentificationError(f"parameters.{name}", "starts at 0 with an open bound, so its size is not known",
-                                  "give `min` and `max`, or another start")  # fmt: skip
+        raise IdentificationError(
+            f"parameters.{name}",
+            "starts at 0 with an open bound, so its size is not known",
+            "give `min` and `max`, or another start",
+        )
     low = -np.inf if block.min is None else block.min
     high = np.inf if block.max is None else block.max
     return Parameter(name, float(start), low, high, unit, block.scale, block.fixed)

@@ -41,8 +41,9 @@ def span(study: OutputErrorBlock, delay: Delay) -> Span:
         ends = sorted((block.factor * other.lowest, block.factor * other.highest))
         return Span(ends[0], block.factor * other.start, ends[1])
     assert block.start is not None
-    return Span(block.start if block.min is None else block.min, block.start,
-                block.start if block.max is None else block.max)  # fmt: skip
+    return Span(
+        block.start if block.min is None else block.min, block.start, block.start if block.max is None else block.max
+    )
 
 
 def seconds(delay: Delay | None, values: Mapping[str, float]) -> float:

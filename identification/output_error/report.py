@@ -79,11 +79,14 @@ def fits(section: Section, groups: Mapping[str, Judged], target: float | None) -
     section.figure(figures.bars(bars, target, "median FIT of the trace's windows"), "FIT by trace")
     outputs = next(iter(groups.values())).outputs
     if len(outputs) > 1:
-        rows = [[trace, name, *(None if np.isnan(fit) else f"{fit:.3f}" for fit in by_output.values())]
-                for name, judged in groups.items()
-                for trace, by_output in judged.by_trace_and_output().items()]  # fmt: skip
-        rows += [["median", name, *(f"{fit:.3f}" for fit in judged.by_output().values())]
-                 for name, judged in groups.items()]  # fmt: skip
+        rows = [
+            [trace, name, *(None if np.isnan(fit) else f"{fit:.3f}" for fit in by_output.values())]
+            for name, judged in groups.items()
+            for trace, by_output in judged.by_trace_and_output().items()
+        ]
+        rows += [
+            ["median", name, *(f"{fit:.3f}" for fit in judged.by_output().values())] for name, judged in groups.items()
+        ]
         section.table(["trace", "", *outputs], rows, caption="Median FIT of the trace's windows, by output")
 
 
@@ -151,8 +154,9 @@ def _residuals(section: Section, calibration: Calibration, judged: Judged) -> No
     for column, output in enumerate(calibration.study.outputs):
         test = whiteness([error[:, column] for error in errors])
         verdict = "are white" if test.white else "are not white: the model leaves something out"
-        section.callout("ok" if test.white else "warning",
-                        f"Residuals of {output} {verdict} (Ljung-Box p = {test.p_value:.3g}).")  # fmt: skip
+        section.callout(
+            "ok" if test.white else "warning", f"Residuals of {output} {verdict} (Ljung-Box p = {test.p_value:.3g})."
+        )
     middle = int(np.argsort(np.nan_to_num(judged.fit[:, 0]))[len(judged.cuts) // 2])
     first = next(iter(calibration.study.outputs))
     cut = judged.cuts[middle]
@@ -169,15 +173,22 @@ def _uncertainty(section: Section, calibration: Calibration) -> None:
     for combination in (*seen.unseen, *seen.weak):
         section.callout("warning", combination.message)
     section.figure(figures.correlation_heatmap(seen.names, seen.correlation), "Correlation of the estimates")
-    section.table(["direction", "singular value"], [[i + 1, float(v)] for i, v in enumerate(seen.singular_values)],
-                  caption="Singular values of the scaled Jacobian")  # fmt: skip
+    section.table(
+        ["direction", "singular value"],
+        [[i + 1, float(v)] for i, v in enumerate(seen.singular_values)],
+        caption="Singular values of the scaled Jacobian",
+    )
     tally = found.tally
-    section.paragraph(f"{found.message}: {found.iterations} iterations, {tally.simulations} simulations, "
-                      f"{tally.failures} of them failed.")  # fmt: skip
+    section.paragraph(
+        f"{found.message}: {found.iterations} iterations, {tally.simulations} simulations, "
+        f"{tally.failures} of them failed."
+    )
 
 
 def _provenance(section: Section, document: Mapping[str, Any]) -> None:
     section.provenance(document["versions"])
-    rows = [[each["trace"], each["role"], "; ".join([each["stamps"], *each.get("notes", [])]), each["sha256"]]
-            for each in document["data"]]  # fmt: skip
+    rows = [
+        [each["trace"], each["role"], "; ".join([each["stamps"], *each.get("notes", [])]), each["sha256"]]
+        for each in document["data"]
+    ]
     section.table(["trace", "role", "time stamps and notes", "SHA-256"], rows)

@@ -71,8 +71,10 @@ class Cut:
 
     def driven(self, values: Mapping[str, float]) -> dict[str, FloatArray]:
         """component.input -> (K,) values, with delays of these values."""
-        return {**self.stimuli, **{name: each.values(self.run_time, seconds(each.delay, values))
-                                   for name, each in self.commands.items()}}  # fmt: skip
+        return {
+            **self.stimuli,
+            **{name: each.values(self.run_time, seconds(each.delay, values)) for name, each in self.commands.items()},
+        }
 
     def start_values(self, values: Mapping[str, float]) -> dict[str, float]:
         """component.variable -> start value read off a delayed output, with delays of these values."""
@@ -105,16 +107,21 @@ def cut_windows(study: OutputErrorBlock, recorded: Sequence[Recorded], windows: 
 
 def _by_means(study: OutputErrorBlock) -> OutputErrorBlock:
     """The study with commands that count by their mean over each step: frames never come at its beginning."""
-    inputs = {name: block if block.delay is not None else block.model_copy(update={"delay": 0.0})
-              for name, block in study.inputs.items()}  # fmt: skip
+    inputs = {
+        name: block if block.delay is not None else block.model_copy(update={"delay": 0.0})
+        for name, block in study.inputs.items()
+    }
     return study.model_copy(update={"inputs": inputs})
 
 
 def _check_rows(study: OutputErrorBlock, windows: WindowsBlock) -> None:
     count = multiples(windows.length, study.step, "windows.length") + 1
     if len(range(count)[compared_rows(study, count)]) < 2:
-        raise ScenarioError("windows.length", "leaves nothing to compare once the outputs' delays are taken off",
-                            "lengthen the windows, or narrow `min` and `max` of the delays")  # fmt: skip
+        raise ScenarioError(
+            "windows.length",
+            "leaves nothing to compare once the outputs' delays are taken off",
+            "lengthen the windows, or narrow `min` and `max` of the delays",
+        )
 
 
 def _starts(study: OutputErrorBlock, trace: Trace, windows: WindowsBlock) -> list[Fraction]:
@@ -143,8 +150,11 @@ def _cut(
     raster = np.asarray(float(start) + np.arange(count) * float(study.step), dtype=float)
     rows = compared_rows(study, count)
     read = {name: _reading(study, trace, float(start), block) for name, block in study.initial.items()}
-    commands = {name: _command(study, trace, raster, block, block.delay)
-                for name, block in study.inputs.items() if block.delay is not None}  # fmt: skip
+    commands = {
+        name: _command(study, trace, raster, block, block.delay)
+        for name, block in study.inputs.items()
+        if block.delay is not None
+    }
     late = {name: each.values(raster, span(study, each.delay).start) for name, each in commands.items()}
     prompt = {name: _sampled(trace, block, raster, 0.0) for name, block in study.inputs.items() if block.delay is None}
     measured = [_sampled(trace, block, raster[rows], known(block.delay)) for block in study.outputs.values()]
@@ -205,7 +215,10 @@ def start_curve(trace: Trace, start: float, block: InitialBlock) -> Polynomial:
     """
     near = trace.select([block.signal]).between(start - block.half_width, start + block.half_width)
     if len(near) <= block.degree:
-        raise TraceError(f"{trace.name}.{block.signal}", f"has {len(near)} samples within {block.half_width:g} s of "
-                         f"t = {start:g} s", "widen `half_width`")  # fmt: skip
+        raise TraceError(
+            f"{trace.name}.{block.signal}",
+            f"has {len(near)} samples within {block.half_width:g} s of t = {start:g} s",
+            "widen `half_width`",
+        )
     polynomial = Polynomial.fit(near.time, near[block.signal], block.degree)
     return block.factor * polynomial.deriv(block.derivative)

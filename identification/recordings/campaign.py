@@ -89,11 +89,15 @@ def recording_warnings(recorded: Sequence[Recorded]) -> list[str]:
     """A sentence about the traces whose time stamps had to be put in order, and one about those with notes."""
     warnings = []
     if uneven := [each for each in recorded if not each.clean]:
-        warnings.append(f"time stamps of {len(uneven)} recordings repeat or run backwards (details under data); "
-                        f"the first: {uneven[0].trace.name}, {uneven[0].stamps}")  # fmt: skip
+        warnings.append(
+            f"time stamps of {len(uneven)} recordings repeat or run backwards (details under data); "
+            f"the first: {uneven[0].trace.name}, {uneven[0].stamps}"
+        )
     if noted := [each for each in recorded if each.notes]:
-        warnings.append(f"{len(noted)} of {len(recorded)} recordings are not as they should be (details under data); "
-                        f"the first: {noted[0].trace.name}, {'; '.join(noted[0].notes)}")  # fmt: skip
+        warnings.append(
+            f"{len(noted)} of {len(recorded)} recordings are not as they should be (details under data); "
+            f"the first: {noted[0].trace.name}, {'; '.join(noted[0].notes)}"
+        )
     return warnings
 
 
@@ -125,8 +129,16 @@ def _read(file: Path, traces: TracesBlock, layout: Layout) -> Recorded:
     fields = _fields(file, traces)
     recording = formats.read(file, layout)
     trace = replace(recording.trace, name=file.stem)
-    return Recorded(trace, fields, file, recording.sha256, str(recording.stamps), recording.stamps.clean,
-                    recording.notes, is_log(file))  # fmt: skip
+    return Recorded(
+        trace,
+        fields,
+        file,
+        recording.sha256,
+        str(recording.stamps),
+        recording.stamps.clean,
+        recording.notes,
+        is_log(file),
+    )
 
 
 def _fields(file: Path, traces: TracesBlock) -> dict[str, float]:
@@ -134,8 +146,11 @@ def _fields(file: Path, traces: TracesBlock) -> dict[str, float]:
         return {}
     match = re.fullmatch(traces.file_name.pattern, file.stem)
     if match is None:
-        raise TraceError(file, f"its name does not give {', '.join(traces.file_name.fields)}",
-                         f"name it after the pattern {traces.file_name.pattern}")  # fmt: skip
+        raise TraceError(
+            file,
+            f"its name does not give {', '.join(traces.file_name.fields)}",
+            f"name it after the pattern {traces.file_name.pattern}",
+        )
     fields = {}
     for name, block in traces.file_name.fields.items():
         try:

@@ -63,8 +63,14 @@ class LayoutBlock(Block):
             return plain
         columns = self.columns or {name: name for name in sorted(signals.commands | signals.measured)}
         linear = [str(columns[name]) for name in sorted(signals.measured - signals.commands) if name in columns]
-        return replace(plain, columns=columns, database=self.database_file(base), channel=self.channel,
-                       interpolated=linear, steady=self.steady)  # fmt: skip
+        return replace(
+            plain,
+            columns=columns,
+            database=self.database_file(base),
+            channel=self.channel,
+            interpolated=linear,
+            steady=self.steady,
+        )
 
     def database_file(self, base: Path) -> Path | None:
         """Where the database is: where the study says, or beside the study by its own name, as in a result folder."""
@@ -150,6 +156,9 @@ def trace_values(traces: TracesBlock, trace: str, fields: Mapping[str, float]) -
     """
     for name, field in traces.values.items():
         if field not in fields:
-            raise ScenarioError(f"traces.values.{name}", f"trace {trace} has no field '{field}'",
-                                f"there are {', '.join(fields) or 'none'}")  # fmt: skip
+            raise ScenarioError(
+                f"traces.values.{name}",
+                f"trace {trace} has no field '{field}'",
+                f"there are {', '.join(fields) or 'none'}",
+            )
     return {name: fields[field] for name, field in traces.values.items()}

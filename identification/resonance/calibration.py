@@ -164,8 +164,11 @@ def _value(given: str | float, recorded: Recorded) -> float:
     if not isinstance(given, str):
         return float(given)
     if given not in recorded.fields:
-        raise ScenarioError(f"campaign, {recorded.trace.name}", f"no field '{given}'",
-                            f"there are {', '.join(recorded.fields) or 'none'}")  # fmt: skip
+        raise ScenarioError(
+            f"campaign, {recorded.trace.name}",
+            f"no field '{given}'",
+            f"there are {', '.join(recorded.fields) or 'none'}",
+        )
     return recorded.fields[given]
 
 

@@ -163,9 +163,10 @@ def fit_pendulum(data: GainData, gravity: float = GRAVITY) -> PendulumFit:
     loads = data.added_mass * data.added_length**2, data.added_mass * data.added_length * gravity
     if len(np.unique(np.column_stack(loads), axis=0)) < 2:
         raise IdentificationError(
-            "log|G|", "all gains were measured with one added mass, which gives only ratios of p1..p4",
+            "log|G|",
+            "all gains were measured with one added mass, which gives only ratios of p1..p4",
             "add experiments with another mass",
-        )  # fmt: skip
+        )
     inertia_added, torque_added = loads
     w, x = data.frequency, data.frequency**2
 

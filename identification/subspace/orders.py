@@ -60,11 +60,13 @@ def checked(order: int, values: FloatArray, limit: int) -> int:
     if order < 1:
         raise IdentificationError("order", f"{order} is not positive", "ask for at least one state")
     if order > limit:
-        raise IdentificationError("order", f"{order} is more than the {limit} states that this block size determines",
-                                  "use a larger block")  # fmt: skip
+        raise IdentificationError(
+            "order", f"{order} is more than the {limit} states that this block size determines", "use a larger block"
+        )
     if order > borne(values, limit):
-        raise IdentificationError("order", f"the data bear no more than {borne(values, limit)} states, not {order}",
-                                  "ask for fewer")  # fmt: skip
+        raise IdentificationError(
+            "order", f"the data bear no more than {borne(values, limit)} states, not {order}", "ask for fewer"
+        )
     return order
 
 
@@ -90,5 +92,6 @@ def _gap(rule: Gap, values: FloatArray, most: int) -> tuple[int, str]:
     following = np.append(values, 0.0)[orders]
     ratios = values[orders - 1] / np.maximum(following, _ZERO * values[0])
     best = int(np.argmax(ratios))
-    return int(orders[best]), f"singular values fall by {ratios[best]:.3g} after {orders[best]}, most of {orders[0]} " \
-                              f"to {orders[-1]}"  # fmt: skip
+    return int(
+        orders[best]
+    ), f"singular values fall by {ratios[best]:.3g} after {orders[best]}, most of {orders[0]} to {orders[-1]}"

@@ -117,8 +117,11 @@ def refine(
     """
     pieces = without_gaps(records, model.order + 1).records
     if (pieces[0].inputs, pieces[0].outputs) != (model.inputs, model.outputs):
-        raise IdentificationError(pieces[0].name, f"has columns {pieces[0].inputs} and {pieces[0].outputs}, the model "
-                                  f"{model.inputs} and {model.outputs}", "give the model's")  # fmt: skip
+        raise IdentificationError(
+            pieces[0].name,
+            f"has columns {pieces[0].inputs} and {pieces[0].outputs}, the model {model.inputs} and {model.outputs}",
+            "give the model's",
+        )
     weights = _weights(settings, pieces)
     problem, start = _posed(model, pieces, weights, settings, gain)
     first = _at(problem, start.transformed(balanced_basis(start, [u for u, _ in problem.data])))
@@ -126,8 +129,9 @@ def refine(
         raise IdentificationError("refinement", "the free run of the start overflows", "start from a stable model")
     last, iterations, converged, why = _minimised(problem, first, settings)
     found, k = _unposed(problem, last.model, model, weights)
-    return Refined(found, k, last.starts, pieces, last.cost, first.cost, iterations, converged, why, weights, problem,
-                   last.model)  # fmt: skip
+    return Refined(
+        found, k, last.starts, pieces, last.cost, first.cost, iterations, converged, why, weights, problem, last.model
+    )
 
 
 @single_threaded
@@ -231,8 +235,9 @@ def _weights(settings: Refinement, records: Sequence[Record]) -> FloatArray:
         return 1 / np.where(size > 0, size, 1.0)
     weights = np.array(settings.weights, dtype=float)
     if weights.shape != (len(outputs),) or not np.all((weights > 0) & np.isfinite(weights)):
-        raise IdentificationError("refinement", f"weights {settings.weights} for {len(outputs)} outputs",
-                                  "give each output a positive one")  # fmt: skip
+        raise IdentificationError(
+            "refinement", f"weights {settings.weights} for {len(outputs)} outputs", "give each output a positive one"
+        )
     return weights
 
 
@@ -245,14 +250,20 @@ def _posed(
     mask = np.full(d.shape, settings.feedthrough)
     data = [(each.u, each.y * weights) for each in records]
     if settings.error == "output-error":
-        return (Problem(tuple(data), mask, 0, settings.poles, settings.initial_states),
-                replace(model, a=a, c=c, d=d))  # fmt: skip
+        return (Problem(tuple(data), mask, 0, settings.poles, settings.initial_states), replace(model, a=a, c=c, d=d))
     k = _kalman_gain(replace(model, a=a, c=c, d=d), data) if gain is None else gain / weights
     none = np.zeros((len(c), len(c)))
     both, free = [(np.hstack([u, y]), y) for u, y in data], np.hstack([mask, none.astype(bool)])
     problem = Problem(tuple(both), free, len(c), settings.poles, settings.initial_states)
-    predictor = LinearModel(a - k @ c, np.hstack([model.b - k @ d, k]), c, np.hstack([d, none]), model.step,
-                            model.inputs + model.outputs, model.outputs)  # fmt: skip
+    predictor = LinearModel(
+        a - k @ c,
+        np.hstack([model.b - k @ d, k]),
+        c,
+        np.hstack([d, none]),
+        model.step,
+        model.inputs + model.outputs,
+        model.outputs,
+    )
     return problem, predictor
 
 

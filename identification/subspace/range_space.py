@@ -59,8 +59,11 @@ class Settings:
         if self.past is not None and self.past < 1:
             raise IdentificationError("settings", f"past is {self.past}", "use at least 1")
         if self.closed_loop and self.history < self.block:
-            raise IdentificationError("settings", f"past {self.history} is below block {self.block}",
-                                      "in closed loop use a past at least as long")  # fmt: skip
+            raise IdentificationError(
+                "settings",
+                f"past {self.history} is below block {self.block}",
+                "in closed loop use a past at least as long",
+            )
 
     @property
     def history(self) -> int:
@@ -127,8 +130,11 @@ def range_space(records: Record | Sequence[Record], settings: Settings) -> Range
     _check_length(pieces, depth, rows.count)
     compressed = factor(signals, rows.groups, settings.compression)
     excitation = _excitation(compressed, rows, first)
-    basis, values = _closed_loop(compressed.lower, rows, settings) if settings.closed_loop else \
-        _projected(compressed.lower, rows, settings.weighting)  # fmt: skip
+    basis, values = (
+        _closed_loop(compressed.lower, rows, settings)
+        if settings.closed_loop
+        else _projected(compressed.lower, rows, settings.weighting)
+    )
     return RangeSpace(
         basis, values, pieces, weights, settings, compressed.condition, compressed.compression, excitation
     )
@@ -172,16 +178,22 @@ def _check_outputs(pieces: Pieces) -> None:
 def _weights(settings: Settings, first: Record) -> FloatArray:
     weights = np.array(settings.weights or np.ones(len(first.outputs)), dtype=float)
     if weights.shape != (len(first.outputs),) or not np.all((weights > 0) & np.isfinite(weights)):
-        raise IdentificationError("settings", f"weights {settings.weights} for {len(first.outputs)} outputs",
-                                  "give each output a positive one")  # fmt: skip
+        raise IdentificationError(
+            "settings",
+            f"weights {settings.weights} for {len(first.outputs)} outputs",
+            "give each output a positive one",
+        )
     return weights
 
 
 def _check_length(pieces: Pieces, depth: int, rows: int) -> None:
     columns = pieces.samples - len(pieces.records) * (depth - 1)
     if columns < rows:
-        raise IdentificationError(pieces.records[0].name, f"{pieces.samples} samples give {columns} columns for the "
-                                  f"{rows} rows of the block Hankel matrix", "use a smaller block")  # fmt: skip
+        raise IdentificationError(
+            pieces.records[0].name,
+            f"{pieces.samples} samples give {columns} columns for the {rows} rows of the block Hankel matrix",
+            "use a smaller block",
+        )
 
 
 def _excitation(compressed: Factor, rows: _Groups, first: Record) -> float:
@@ -224,8 +236,13 @@ def _closed_loop(lower: FloatArray, rows: _Groups, settings: Settings) -> tuple[
     history, block = settings.history, settings.block
     coefficients = lower[known:, :known] @ _inverse(lower[:known, :known])
     m = (rows.inputs - given) // history
-    by_lag = np.concatenate([coefficients[:, given : rows.inputs].reshape(p, history, m),
-                             coefficients[:, rows.inputs :].reshape(p, history, p)], axis=2)  # fmt: skip
+    by_lag = np.concatenate(
+        [
+            coefficients[:, given : rows.inputs].reshape(p, history, m),
+            coefficients[:, rows.inputs :].reshape(p, history, p),
+        ],
+        axis=2,
+    )
     ahead = np.zeros((block, p, history, m + p))
     for i in range(block):
         ahead[i, :, i:] = by_lag[:, : history - i]

@@ -67,12 +67,14 @@ def summary(result: SubspaceCalibration) -> dict[str, Any]:
         "method": f"subspace ({taken.name})",
         "parameters": {},
         "models": {name: _model(result, candidate) for name, candidate in result.candidates.items()},
-        "fit": {"train": _fits(result, taken, taken.train, fitted=True),
-                "validation": _fits(result, taken, taken.unseen, fitted=False) if len(taken.unseen) else None},
+        "fit": {
+            "train": _fits(result, taken, taken.train, fitted=True),
+            "validation": _fits(result, taken, taken.unseen, fitted=False) if len(taken.unseen) else None,
+        },
         "data": data_summary(result.recorded, study.traces.hold_out),
         "versions": versions(),
         "warnings": [*_warnings(result), *recording_warnings(result.recorded)],
-    }  # fmt: skip
+    }
 
 
 def report(result: SubspaceCalibration, document: dict[str, Any]) -> Report:
@@ -122,13 +124,14 @@ def _model(result: SubspaceCalibration, candidate: Candidate) -> dict[str, Any]:
         "order": model.order,
         "why": candidate.why,
         "stable": bool(np.abs(model.eigenvalues).max() <= 1 + 1e-9),
-        "fit": {"train": _fits(result, candidate, candidate.train, fitted=True),
-                "validation": _fits(result, candidate, candidate.unseen, fitted=False)
-                if len(candidate.unseen) else None},
+        "fit": {
+            "train": _fits(result, candidate, candidate.train, fitted=True),
+            "validation": _fits(result, candidate, candidate.unseen, fitted=False) if len(candidate.unseen) else None,
+        },
         "modes": _mode_entries(model, _spreads(result, candidate)),
         "matrices": {name: getattr(model, name).tolist() for name in "abcd"},
         "step": model.step,
-    }  # fmt: skip
+    }
 
 
 def _spreads(result: SubspaceCalibration, candidate: Candidate) -> Sequence[Spread | None]:
@@ -195,10 +198,17 @@ def _modes(section: Section, result: SubspaceCalibration, document: dict[str, An
     values = ranked([mode.mode_singular_value(len(u)) for mode in found])
     entries = document["models"][result.taken.name]["modes"]
     rows = [
-        [entry["mode"], entry["frequency"], _half(entry["frequency_std"]), entry["damping"],
-         _half(entry["damping_std"]), by_mrm, by_msv]
+        [
+            entry["mode"],
+            entry["frequency"],
+            _half(entry["frequency_std"]),
+            entry["damping"],
+            _half(entry["damping_std"]),
+            by_mrm,
+            by_msv,
+        ]
         for entry, by_mrm, by_msv in zip(entries, magnitudes, values, strict=True)
-    ]  # fmt: skip
+    ]
     headers = ["mode", "frequency [Hz]", "± 95 %", "damping", "± 95 %", "MRM rank", "MSV rank"]
     section.table(headers, rows, caption=f"Modes of the model that is written ({result.taken.name})")
     section.figure(_stabilisation(result), "Stabilisation diagram: a mode of the system stays from order to order")

@@ -111,8 +111,15 @@ def realise(space: RangeSpace, order: int, why: str = "") -> SubspaceResult:
     a, c = space.shift_invariant(order)
     fitted = _by_prediction(space, a, c) if space.settings.closed_loop else _by_simulation(space, a, c)
     first, scale = space.pieces.records[0], 1 / space.weights
-    model = LinearModel(fitted.a, fitted.fit.b, c * scale[:, None], fitted.fit.d * scale[:, None], first.step,
-                        first.inputs, first.outputs)  # fmt: skip
+    model = LinearModel(
+        fitted.a,
+        fitted.fit.b,
+        c * scale[:, None],
+        fitted.fit.d * scale[:, None],
+        first.step,
+        first.inputs,
+        first.outputs,
+    )
     rms, delta = _errors(model, space.pieces.records, fitted.fit.starts)
     return SubspaceResult(
         model=model,
@@ -214,8 +221,10 @@ def _best(space: RangeSpace, rule: Best) -> SubspaceResult:
     if not np.isfinite(least):
         raise IdentificationError("order", "no order gives a bounded free run", "ask for stable poles")
     chosen = int(np.argmax(errors <= least * (1 + rule.margin)))
-    why = (f"mean delta {errors[chosen]:.4g} at order {results[chosen].order}, the least is {least:.4g} "
-           f"of the {len(results)} orders that could be had of {len(rule.orders)}")  # fmt: skip
+    why = (
+        f"mean delta {errors[chosen]:.4g} at order {results[chosen].order}, the least is {least:.4g} "
+        f"of the {len(results)} orders that could be had of {len(rule.orders)}"
+    )
     return replace(results[chosen], why=why)
 
 

@@ -71,8 +71,14 @@ class Done:
         """As a case of the suite."""
         last = self.output.splitlines()[-1:] or ["nothing said"]
         problem = None if self.code == 0 else f"exit code {self.code}: {last[0]}"
-        return {"name": self.command, "passed": self.code == 0, "error": problem, "checks": [],
-                "seconds": round(self.seconds, 3), "output": self.output}  # fmt: skip
+        return {
+            "name": self.command,
+            "passed": self.code == 0,
+            "error": problem,
+            "checks": [],
+            "seconds": round(self.seconds, 3),
+            "output": self.output,
+        }
 
 
 def run_procedure(path: Path, out: Path) -> dict[str, Any]:
@@ -120,8 +126,14 @@ class _Process:
     def __init__(self, command: str, names: Mapping[str, str]) -> None:
         self.command, self._begun = command, perf_counter()
         arguments = [_filled(word, names) for word in shlex.split(command)]
-        self._process = subprocess.Popen([_installed_command(), *arguments], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-                                         stderr=subprocess.STDOUT, text=True, errors="replace")  # fmt: skip
+        self._process = subprocess.Popen(
+            [_installed_command(), *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+        )
         self._lines: deque[str] = deque(maxlen=LINES_KEPT)
         self._heard = threading.Event()
         self._reader = threading.Thread(target=self._read, daemon=True)

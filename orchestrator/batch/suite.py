@@ -105,8 +105,15 @@ def write_junit(verdicts: Iterable[Verdict], path: Path) -> None:
             verdict.document["cases"] if verdict.document else [{"name": "run", "passed": False}]
         )
         failed = sum(not case["passed"] for case in cases)
-        suite = ET.SubElement(root, "testsuite", name=str(verdict.file), tests=str(len(cases)), failures=str(failed),
-                              errors="0" if verdict.document else "1", time=f"{verdict.seconds:.3f}")  # fmt: skip
+        suite = ET.SubElement(
+            root,
+            "testsuite",
+            name=str(verdict.file),
+            tests=str(len(cases)),
+            failures=str(failed),
+            errors="0" if verdict.document else "1",
+            time=f"{verdict.seconds:.3f}",
+        )
         for case in cases:
             entry = ET.SubElement(suite, "testcase", name=case["name"], classname=verdict.file.stem)
             if verdict.document is None:

@@ -85,8 +85,9 @@ def couple(
         with ExitStack() as stack:
             append = stack.enter_context(parquet.appending(file))
             background = stack.enter_context(Background())
-            live = system.simulation.live(system.run, system.coupling.outputs,
-                                          lambda piece: background.do(partial(append, piece)))  # fmt: skip
+            live = system.simulation.live(
+                system.run, system.coupling.outputs, lambda piece: background.do(partial(append, piece))
+            )
             bus = stack.enter_context(opened(job.bus))
             stack.enter_context(quiet())
             receiver = stack.enter_context(Receiver(bus, QUEUE))

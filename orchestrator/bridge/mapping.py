@@ -77,8 +77,11 @@ def _inlets(block: CanBlock, system: System, database: Database) -> tuple[Inlet,
         intakes.setdefault(message.name, []).append(intake)
         silences.setdefault(message.name, set()).update([each.silence] if each.silence else [])
         if len(silences[message.name]) > 1:
-            raise WiringError(f"can.receive.{name}.silence", f"differs from that of another signal of {message.name}",
-                              "they come and go together; give one")  # fmt: skip
+            raise WiringError(
+                f"can.receive.{name}.silence",
+                f"differs from that of another signal of {message.name}",
+                "they come and go together; give one",
+            )
     return tuple(
         Inlet(message, tuple(intakes[name]), next(iter(silences[name]), block.silence))
         for name, message in messages.items()

@@ -43,8 +43,9 @@ class Outlet:
         every: communication steps from one frame to the next.
     """
 
-    def __init__(self, message: MessageSpec, discharges: Sequence[Discharge], every: int, census: Census,
-                 switched: bool = False) -> None:  # fmt: skip
+    def __init__(
+        self, message: MessageSpec, discharges: Sequence[Discharge], every: int, census: Census, switched: bool = False
+    ) -> None:
         self.message, self.discharges, self.every = message, tuple(discharges), every
         self._census, self._switched = census, switched
         self._raw = {each.name: _raw(each, raw_limits(each), resting(each)) for each in message.signals}
@@ -93,10 +94,13 @@ class Outlet:
         data = data if self._seal is None else self._seal(data)
         self._census.messages[self.message.name] += 1
         return can.Message(
-            arbitration_id=self.message.id, is_extended_id=self.message.extended, is_fd=self.message.fd,
-            bitrate_switch=self.message.fd and self._switched, is_rx=False,
+            arbitration_id=self.message.id,
+            is_extended_id=self.message.extended,
+            is_fd=self.message.fd,
+            bitrate_switch=self.message.fd and self._switched,
+            is_rx=False,
             data=data.ljust(self._length, b"\0"),
-        )  # fmt: skip
+        )
 
 
 def _raw(signal: SignalSpec, limits: tuple[float, float], value: float) -> float:

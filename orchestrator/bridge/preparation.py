@@ -121,8 +121,11 @@ def _check_bus(bus: BusSettings, outlets: Sequence[Outlet], step: Fraction) -> N
         for each in outlets
     )
     if load > 1:
-        raise InputError(bus.place, f"is too slow: what is sent needs {100 * load:.0f} % of {bus.bitrate} bit/s",
-                         "send less often, or give the bus a higher bit rate")  # fmt: skip
+        raise InputError(
+            bus.place,
+            f"is too slow: what is sent needs {100 * load:.0f} % of {bus.bitrate} bit/s",
+            "send less often, or give the bus a higher bit rate",
+        )
 
 
 def _course(

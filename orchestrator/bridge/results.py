@@ -44,13 +44,14 @@ def remarks(coupled: Coupled) -> list[str]:
     lines = [coupled.deadlines.sentence(), *about["notes"], *coupled.found]
     lines += [_silence(name, each) for name, each in watched.items() if each["silences"]]
     said = {
-        f"{about['received']['dropped']:,} frames were dropped: they came faster than they could be taken":
-            about["received"]["dropped"],
+        f"{about['received']['dropped']:,} frames were dropped: they came faster than they could be taken": about[
+            "received"
+        ]["dropped"],
         f"{about['sent']['no_room']:,} frames were not sent: the adapter had no room": about["sent"]["no_room"],
         f"{about['malformed_lines']:,} lines from the adapter were no frames": about["malformed_lines"],
         f"the adapter refused {about['refused_lines']:,} commands": about["refused_lines"],
         f"the bus was lost: {about['trouble']}": about["trouble"],
-    }  # fmt: skip
+    }
     return lines + [text for text, holds in said.items() if holds]
 
 

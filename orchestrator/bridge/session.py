@@ -75,8 +75,11 @@ class Session:
             self._exchange.rest()
             time.sleep(_LINGERING)
         if failure is None and self._exchange.trouble and not self._course.endures:
-            failure = BusError(self._place, f"failed at t = {elapsed:.3f} s ({self._exchange.trouble})",
-                               "see to the adapter and the wiring")  # fmt: skip
+            failure = BusError(
+                self._place,
+                f"failed at t = {elapsed:.3f} s ({self._exchange.trouble})",
+                "see to the adapter and the wiring",
+            )
         return Ending(stopped, failure, elapsed)
 
     def _go(self, start: float, stop: Stop, progress: Progress) -> bool:

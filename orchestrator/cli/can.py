@@ -135,8 +135,15 @@ def database(
         for each in messages:
             names = ", ".join(signal.name for signal in each.signals)
             table.add_row(each.name, f"{each.id:03X}", str(each.length), f"{each.cycle:g}", names)
-        document = {each.name: {"identifier": each.id, "length": each.length, "period": each.cycle,
-                                "signals": [signal.name for signal in each.signals]} for each in messages}  # fmt: skip
+        document = {
+            each.name: {
+                "identifier": each.id,
+                "length": each.length,
+                "period": each.cycle,
+                "signals": [signal.name for signal in each.signals],
+            }
+            for each in messages
+        }
         return Answer({"database": str(out), "messages": document}, [table, f"written to {out}"])
 
     answered(work, as_json, quiet, verbose)
@@ -160,8 +167,10 @@ def _line(status: Any) -> str:
 
 def _replayed(document: dict[str, Any]) -> list[str]:
     late = document["lateness"]
-    lines = [f"{document['sent']:,} frames in {document['duration']:.3f} s; late by {1e3 * late['median']:.2f} ms "
-             f"(median), {1e3 * late['p99']:.2f} ms (99 %), {1e3 * late['worst']:.2f} ms (most)"]  # fmt: skip
+    lines = [
+        f"{document['sent']:,} frames in {document['duration']:.3f} s; late by {1e3 * late['median']:.2f} ms "
+        f"(median), {1e3 * late['p99']:.2f} ms (99 %), {1e3 * late['worst']:.2f} ms (most)"
+    ]
     if document["skipped"]:
         lines.append(f"{document['skipped']:,} error frames of the log were not sent")
     if document["error_frames"]:

@@ -97,8 +97,9 @@ def run(
         ):
             keeping = Keeping(stride, Path(aside) if stream else None)
             try:
-                result = run_scenario(scenario, overrides, lambda fraction: move(fraction, ""), keeping=keeping,
-                                      isolation=isolation)  # fmt: skip
+                result = run_scenario(
+                    scenario, overrides, lambda fraction: move(fraction, ""), keeping=keeping, isolation=isolation
+                )
             except ScenarioInterrupted as stop:
                 result = stop.result
             with whole():
@@ -162,9 +163,19 @@ def test(
         if verbose:
             shown[:0] = [said for each in verdicts if (said := outputs_of(each.document))]
         held = all(each.passed for each in verdicts)
-        document = {"passed": held, "scenarios": [
-            {"file": str(each.file), "passed": each.passed, "seconds": round(each.seconds, 3), "error": each.error,
-             "result": each.document} for each in verdicts]}  # fmt: skip
+        document = {
+            "passed": held,
+            "scenarios": [
+                {
+                    "file": str(each.file),
+                    "passed": each.passed,
+                    "seconds": round(each.seconds, 3),
+                    "error": each.error,
+                    "result": each.document,
+                }
+                for each in verdicts
+            ],
+        }
         return Answer(document, shown, held)
 
     answered(work, as_json, quiet, verbose)

@@ -75,8 +75,12 @@ class Terminal:
 def answered(work: Callable[[Terminal], Answer], as_json: bool, quiet: bool, verbose: int) -> None:
     """Do the work, show the answer, and leave with the exit code: 0, 1 (did not hold), 2, 3 or 130."""
     level = logging.ERROR if quiet else (logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)]
-    logging.basicConfig(level=level, format="%(message)s", force=True,
-                        handlers=[RichHandler(console=ERR, show_time=False, show_path=False)])  # fmt: skip
+    logging.basicConfig(
+        level=level,
+        format="%(message)s",
+        force=True,
+        handlers=[RichHandler(console=ERR, show_time=False, show_path=False)],
+    )
     interrupts = Interrupts()
     try:
         with interrupts, stdout_kept():

@@ -65,8 +65,14 @@ def trace_convert(
 
         chosen = _layout(layout, dbc, signal, channel)
         done = _with_bar(terminal, source, lambda file, told: convert(file, target, chosen, told))
-        document = {"source": str(source), "target": str(target), done.what: done.count, "start": done.begin,
-                    "notes": list(done.notes), "found": done.found}  # fmt: skip
+        document = {
+            "source": str(source),
+            "target": str(target),
+            done.what: done.count,
+            "start": done.begin,
+            "notes": list(done.notes),
+            "found": done.found,
+        }
         return Answer(document, done.lines(target))
 
     answered(work, as_json, quiet, verbose)

@@ -80,8 +80,11 @@ def _obstacle(loop: Loop, ticks: int) -> str:
 @functools.cache
 def _say(reason: str) -> None:
     """Say it once in a process."""
-    LOG.log(logging.WARNING if reason is NOT_BUILT else logging.INFO,
-            "stepping in Python, not in the compiled loop: %s", reason)  # fmt: skip
+    LOG.log(
+        logging.WARNING if reason is NOT_BUILT else logging.INFO,
+        "stepping in Python, not in the compiled loop: %s",
+        reason,
+    )
 
 
 class CompiledLoop:
@@ -182,8 +185,20 @@ class _FmuNode:
         node, fmi = self.node, self.slave.adapter
         flags = [*map(ctypes.addressof, fmi.flags), ctypes.addressof(fmi.reached)] if isinstance(fmi, Fmi3) else None
         scale = None if node.scale is None else np.ascontiguousarray(np.array(node.scale, dtype=float).T).ravel()
-        return (3 if flags else 2, fmi.handle.value, _entry(fmi.do_step), flags, node.duration, self._sources, scale,
-                self.inputs, self._packed, self._writing, self._reading, self._instant)  # fmt: skip
+        return (
+            3 if flags else 2,
+            fmi.handle.value,
+            _entry(fmi.do_step),
+            flags,
+            node.duration,
+            self._sources,
+            scale,
+            self.inputs,
+            self._packed,
+            self._writing,
+            self._reading,
+            self._instant,
+        )
 
 
 def _moved(channel: Channel, floats: Sequence[int], verb: str, direct: bool) -> tuple[list[Row], list[Row]]:

@@ -62,8 +62,9 @@ class Node:
     @property
     def feeds_itself(self) -> bool:
         """Whether one of its instant outputs drives one of its inputs."""
-        return any(0 <= slot - self.first < len(self.instant) and self.instant[slot - self.first]
-                   for slot in self.sources)  # fmt: skip
+        return any(
+            0 <= slot - self.first < len(self.instant) and self.instant[slot - self.first] for slot in self.sources
+        )
 
     def inputs(self, values: Sequence[float]) -> list[float]:
         if self.scale is None:
@@ -215,8 +216,11 @@ class Loop:
                     break
             else:
                 names = ", ".join(node.component.name for node in nodes)
-                raise FmuError(names, f"the cycle did not settle in {self.cycles.limit} iterations at "
-                               f"t = {self.time(tick):g} s", "shorten the step, or relax its tolerance")  # fmt: skip
+                raise FmuError(
+                    names,
+                    f"the cycle did not settle in {self.cycles.limit} iterations at t = {self.time(tick):g} s",
+                    "shorten the step, or relax its tolerance",
+                )
         finally:
             for node, state in zip(nodes, saved, strict=True):
                 node.component.drop(state)

@@ -91,8 +91,11 @@ def _fits_fixed_step(name: str, part: Part, step: Fraction) -> None:
         return
     count = round(float(step) / fixed)
     if count < 1 or abs(float(step) / fixed - count) > 1e-9:
-        raise WiringError(f"{name}.step", f"{written(step)} s is not a multiple of the FMU's own {fixed:g} s",
-                          f"use {max(1, count) * fixed:.9g} s")  # fmt: skip
+        raise WiringError(
+            f"{name}.step",
+            f"{written(step)} s is not a multiple of the FMU's own {fixed:g} s",
+            f"use {max(1, count) * fixed:.9g} s",
+        )
 
 
 def _groups(before: Mapping[str, list[str]]) -> tuple[tuple[str, ...], ...]:
@@ -124,12 +127,18 @@ def _allow_cycle(
 ) -> None:
     path = _cycle_path(group, before)
     if not cycles.iterate:
-        raise WiringError("connections", f"direct feed-through runs in a circle: {path}",
-                          "set `cycles: iterate`, or `feed_through: none` for a component with dynamics")  # fmt: skip
+        raise WiringError(
+            "connections",
+            f"direct feed-through runs in a circle: {path}",
+            "set `cycles: iterate`, or `feed_through: none` for a component with dynamics",
+        )
     stateless = [name for name in group if not system.parts[name].interface.has_state]
     if stateless:
-        raise WiringError("connections", f"the circle {path} cannot be iterated: {stateless[0]} cannot go back",
-                          "its FMU needs canGetAndSetFMUstate; or set `feed_through: none`")  # fmt: skip
+        raise WiringError(
+            "connections",
+            f"the circle {path} cannot be iterated: {stateless[0]} cannot go back",
+            "its FMU needs canGetAndSetFMUstate; or set `feed_through: none`",
+        )
 
 
 def _cycle_path(group: tuple[str, ...], before: Mapping[str, list[str]]) -> str:

@@ -34,8 +34,16 @@ class Recorder:
         base: number of the row that belongs into rows[0].
     """
 
-    def __init__(self, names: Sequence[str], chosen: Sequence[str], units: dict[str, str], clock: Clock,
-                 every: int, count: int, sink: Sink | None) -> None:  # fmt: skip
+    def __init__(
+        self,
+        names: Sequence[str],
+        chosen: Sequence[str],
+        units: dict[str, str],
+        clock: Clock,
+        every: int,
+        count: int,
+        sink: Sink | None,
+    ) -> None:
         self.every, self.base = every, 0
         size = min(count, ROWS, max(1, VALUES // max(1, len(names)))) if sink else count + 1  # never full
         self._columns = _spread(len(names), size)

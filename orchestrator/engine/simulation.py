@@ -98,8 +98,12 @@ class Simulation:
         self.timing = timing
         self.plan: Plan = make_plan(system, timing.step, timing.order, timing.cycles)
         self._fresh = True
-        self.outputs = tuple(f"{name}.{port.name}" for name, part in system.parts.items()
-                             for port in part.interface.of("output") if port.numeric)  # fmt: skip
+        self.outputs = tuple(
+            f"{name}.{port.name}"
+            for name, part in system.parts.items()
+            for port in part.interface.of("output")
+            if port.numeric
+        )
         self._outputs: dict[str, list[str]] = {}  # those that are read in a run
         self._inputs: dict[str, list[Endpoint]] = {name: [] for name in system.parts}
         for target in [link.target for link in system.connections] + sorted(system.stimulated, key=str):
@@ -207,11 +211,15 @@ class Simulation:
         recorder = self._recorder(loop, chosen, self._every * run.record_every, ROWS, sink)
         engine, reason = stepper(loop, FARTHEST, self.timing.engine)
         slots = self._slots()
-        read = [(name, slots[e], e.variable in self.plan.instant[e.component])
-                for name in outputs for e in [Endpoint.parse(name)]]  # fmt: skip
+        read = [
+            (name, slots[e], e.variable in self.plan.instant[e.component])
+            for name in outputs
+            for e in [Endpoint.parse(name)]
+        ]
         inputs = sorted(map(str, self.system.stimulated))
-        return LiveRun(loop, engine, recorder, self._every, inputs, read,
-                       lambda spent: self._result(loop, recorder, reason, spent))  # fmt: skip
+        return LiveRun(
+            loop, engine, recorder, self._every, inputs, read, lambda spent: self._result(loop, recorder, reason, spent)
+        )
 
     def close(self) -> None:
         """Free all components."""
@@ -228,8 +236,11 @@ class Simulation:
         """Number of communication steps until a time [s]."""
         start, step = self.timing.start, self.timing.step
         if not start < stop <= self.timing.stop:
-            raise WiringError("stop", f"{written(stop)} s is not after {written(start)} s and up to "
-                              f"{written(self.timing.stop)} s", "choose a time between")  # fmt: skip
+            raise WiringError(
+                "stop",
+                f"{written(stop)} s is not after {written(start)} s and up to {written(self.timing.stop)} s",
+                "choose a time between",
+            )
         return multiples(stop - start, step, "stop - start" if start else "stop")
 
     def _times(self, count: int) -> FloatArray:
@@ -270,8 +281,14 @@ class Simulation:
         for component in self.components.values():
             component.begin(float(self.timing.start), None)
 
-    def _begun(self, values: Mapping[str, Value], stimuli: Mapping[str, FloatArray], recorded: Sequence[str],
-               read: Sequence[str], hold: int) -> Loop:  # fmt: skip
+    def _begun(
+        self,
+        values: Mapping[str, Value],
+        stimuli: Mapping[str, FloatArray],
+        recorded: Sequence[str],
+        read: Sequence[str],
+        hold: int,
+    ) -> Loop:
         """A loop over components that are initialised with these values."""
         self._bind(read)
         self._initialise(values)
@@ -347,8 +364,11 @@ class Simulation:
             if not moving:
                 return
         names = [n.component.name for n in nodes if any(0 <= slot - n.first < len(n.instant) for slot in moving)]
-        raise FmuError(", ".join(names), f"the initial values run in a circle and do not settle in {turn + 1} passes",
-                       "break the circle, or give start values that fit")  # fmt: skip
+        raise FmuError(
+            ", ".join(names),
+            f"the initial values run in a circle and do not settle in {turn + 1} passes",
+            "break the circle, or give start values that fit",
+        )
 
     def _read_all(self, loop: Loop) -> None:
         for group in loop.groups:

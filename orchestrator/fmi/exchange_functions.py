@@ -91,8 +91,11 @@ class Exchange(Adapter):
         """
         states, indicators = self.sizes()
         if not (0 <= states <= _LARGEST and 0 <= indicators <= _LARGEST):
-            raise FmuFileError(self.fmu.instanceName, f"has {states} states and {indicators} event indicators",
-                               "ask its supplier for a valid FMU")  # fmt: skip
+            raise FmuFileError(
+                self.fmu.instanceName,
+                f"has {states} states and {indicators} event indicators",
+                "ask its supplier for a valid FMU",
+            )
         self.states = Vector(self, "ContinuousStates", states)
         self.rates = Vector(self, self.derivatives, states)
         self.nominals = Vector(self, "NominalsOfContinuousStates", states)

@@ -68,8 +68,9 @@ class ExchangeSlave(Instance[Exchange]):
     ) -> None:
         clock = next((port.name for port in fmu.interface.of("input") if port.type == "Clock"), None)
         if clock is not None:
-            raise FmuFileError(fmu.path, f"has the clock '{clock}', which nothing ticks in model exchange",
-                               "use its co-simulation")  # fmt: skip
+            raise FmuFileError(
+                fmu.path, f"has the clock '{clock}', which nothing ticks in model exchange", "use its co-simulation"
+            )
         self._settings = settings or SolverSettings()
         self._type = solver_type(self._settings.method, name)
         self._solver: Solver = Stateless(self._rates, 0, self._settings)
@@ -130,8 +131,10 @@ class ExchangeSlave(Instance[Exchange]):
                 self._integrate(now.next_event if now.next_event < end - together else end, end - together)
                 steps += 1
             else:
-                self._fail(f"{steps} internal steps reached t = {now.time:.9g} s only",
-                           "give its `solver` more `most_steps`, or another `method`")  # fmt: skip
+                self._fail(
+                    f"{steps} internal steps reached t = {now.time:.9g} s only",
+                    "give its `solver` more `most_steps`, or another `method`",
+                )
 
     def save(self) -> Any:
         memory = super().save()
@@ -182,8 +185,10 @@ class ExchangeSlave(Instance[Exchange]):
             if not news.again:
                 break
         else:
-            self._fail(f"the event at t = {now.time:.9g} s does not end in {_MOST_TURNS} iterations",
-                       "ask its supplier for a model that settles")  # fmt: skip
+            self._fail(
+                f"the event at t = {now.time:.9g} s does not end in {_MOST_TURNS} iterations",
+                "ask its supplier for a model that settles",
+            )
         self._require(self._fmi.call("EnterContinuousTimeMode"), "enter continuous-time mode")
         now.in_event_mode = now.due = False
         now.next_event, now.positive = news.next_event, self._positive()
@@ -202,8 +207,10 @@ class ExchangeSlave(Instance[Exchange]):
                 self._place(crossing if crossing < last else reached)
                 now.due = True
         except ArithmeticError as error:
-            self._fail(f"{self._settings.method} at t = {now.time:.9g} s: {error}{self._undefined}",
-                       "loosen the `relative_tolerance` of its `solver`, or take another `method`")  # fmt: skip
+            self._fail(
+                f"{self._settings.method} at t = {now.time:.9g} s: {error}{self._undefined}",
+                "loosen the `relative_tolerance` of its `solver`, or take another `method`",
+            )
         self._undefined = ""
         self._complete()
 

@@ -151,8 +151,9 @@ class FmuFile:
         binary = self.folder / "binaries" / platform / (self.identifier + fmpy.sharedLibraryExtension)
         if not binary.is_file():
             there = sorted(p.name for p in (self.folder / "binaries").glob("*")) or ["none"]
-            raise FmuFileError(self.path, f"has no binary for {platform} (it has: {', '.join(there)})",
-                               "export it for this platform")  # fmt: skip
+            raise FmuFileError(
+                self.path, f"has no binary for {platform} (it has: {', '.join(there)})", "export it for this platform"
+            )
 
 
 def read_description(path: Path) -> ModelDescription:

@@ -140,8 +140,11 @@ class Adapter(ABC):
         try:
             return self.types[kind]
         except KeyError:
-            raise FmuFileError(self.fmu.instanceName, f"has a variable of type {kind}, which is not supported",
-                               "leave it at its start value") from None  # fmt: skip
+            raise FmuFileError(
+                self.fmu.instanceName,
+                f"has a variable of type {kind}, which is not supported",
+                "leave it at its start value",
+            ) from None
 
     def single(self, port: Port) -> bool:
         """Whether the variable is kept in single precision."""
@@ -314,9 +317,12 @@ class Version3(Adapter):
     prefix = "fmi3"
     state_name = "FMUState"
     types = {
-        "Float64": ctypes.c_double, "Float32": ctypes.c_float, "Boolean": ctypes.c_bool, "String": ctypes.c_char_p,
+        "Float64": ctypes.c_double,
+        "Float32": ctypes.c_float,
+        "Boolean": ctypes.c_bool,
+        "String": ctypes.c_char_p,
         **{f"{u}Int{bits}": getattr(ctypes, f"c_{u.lower()}int{bits}") for bits in (8, 16, 32, 64) for u in ("", "U")},
-    }  # fmt: skip
+    }
 
     def __init__(self, fmu: FmuFile, name: str, log: Logger, debug_log: bool) -> None:
         self.description = fmu.description
@@ -373,8 +379,14 @@ class Fmi3(Version3, CoSimulation):
         self.reached = ctypes.c_double()
         self.do_step = self.fmu.dll.fmi3DoStep
         self.do_step.restype = ctypes.c_int
-        self.do_step.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_bool,
-                               *[ctypes.POINTER(ctypes.c_bool)] * 3, ctypes.POINTER(ctypes.c_double)]  # fmt: skip
+        self.do_step.argtypes = [
+            ctypes.c_void_p,
+            ctypes.c_double,
+            ctypes.c_double,
+            ctypes.c_bool,
+            *[ctypes.POINTER(ctypes.c_bool)] * 3,
+            ctypes.POINTER(ctypes.c_double),
+        ]
         self._results = [*map(ctypes.byref, self.flags), ctypes.byref(self.reached)]
 
     def step(self, time: float, duration: float) -> int:

@@ -263,9 +263,13 @@ class _Worker:
         try:
             self._process = subprocess.Popen(
                 [sys.executable, "-u", "-c", _BOOT.format(path=sys.path, life=life)],
-                stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, pass_fds=[life], start_new_session=True,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                bufsize=0,
+                pass_fds=[life],
+                start_new_session=True,
                 env=os.environ | {"TMPDIR": str(folder)},
-            )  # fmt: skip
+            )
         finally:
             os.close(life)
         assert self._process.stdin is not None and self._process.stdout is not None
@@ -301,8 +305,13 @@ def scratch(isolation: Isolation | None) -> Iterator[Path]:
             yield Path(folder)
         return
     folder = tempfile.mkdtemp(prefix="servotwin-")
-    janitor = subprocess.Popen(["/bin/sh", "-c", _CLEAR, folder], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL,
-                               stderr=subprocess.DEVNULL, start_new_session=True)  # fmt: skip
+    janitor = subprocess.Popen(
+        ["/bin/sh", "-c", _CLEAR, folder],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
     former, tempfile.tempdir = tempfile.tempdir, folder
     try:
         yield Path(folder)

@@ -202,8 +202,11 @@ class Instance(Generic[A]):
         else:
             same = value == taken
         if not same:
-            raise FmuError(f"{self.name}.{name}", f"was set to {value} but is {taken}",
-                           "the FMU does not take it; remove it or ask the supplier")  # fmt: skip
+            raise FmuError(
+                f"{self.name}.{name}",
+                f"was set to {value} but is {taken}",
+                "the FMU does not take it; remove it or ask the supplier",
+            )
 
     def _log(self, status: int, message: str) -> None:
         line = " ".join(message.split())

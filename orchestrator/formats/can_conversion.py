@@ -97,10 +97,15 @@ def encoded(source: Path, target: Path, layout: Layout) -> Conversion:
     if layout.database is None:
         raise TraceError(target, "takes frames; a database says how signals become frames", "give it as --dbc FILE")
     recording, database = formats.read(source, replace(layout, database=None, signals=None)), load(layout.database)
-    known = {name for message in database.messages for signal in message.signals
-             for name in (signal.name, f"{message.name}.{signal.name}")}  # fmt: skip
-    trace = recording.trace.renamed({name: flat for name in recording.trace.names
-                                     if (flat := name.replace(".", "_")) in known})  # fmt: skip
+    known = {
+        name
+        for message in database.messages
+        for signal in message.signals
+        for name in (signal.name, f"{message.name}.{signal.name}")
+    }
+    trace = recording.trace.renamed(
+        {name: flat for name in recording.trace.names if (flat := name.replace(".", "_")) in known}
+    )
     wanted = layout.signals or [name for name in trace.names if name in known]
     if not wanted:
         raise TraceError(source, f"has no signal of {layout.database}", f"it holds {', '.join(trace.names)}")

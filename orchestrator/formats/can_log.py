@@ -29,8 +29,9 @@ def read(path: Path, layout: Layout, progress: Callable[[float], None] | None = 
     log = logs.read(path, progress)
     counted = Counted(log)
     try:
-        decoded = decoding.trace(counted, database, signals(layout), layout.interpolated, layout.channel,
-                                 layout.steady, str(path))  # fmt: skip
+        decoded = decoding.trace(
+            counted, database, signals(layout), layout.interpolated, layout.channel, layout.steady, str(path)
+        )
     except TraceError as error:
         raise refusal(path, error, counted.tally) from None
     trace, stamps = ordered(decoded.trace.time, decoded.trace.signals, decoded.trace.units, str(path))
@@ -61,8 +62,11 @@ def database_of(path: Path, layout: Layout) -> Database:
         TraceError: it names none.
     """
     if layout.database is None:
-        raise TraceError(path, "holds raw CAN frames; a database says what they mean",
-                         "give it as --dbc FILE, in a study as traces.layout.database")  # fmt: skip
+        raise TraceError(
+            path,
+            "holds raw CAN frames; a database says what they mean",
+            "give it as --dbc FILE, in a study as traces.layout.database",
+        )
     return load(layout.database)
 
 

@@ -29,8 +29,9 @@ def joined(name: str, unit: str) -> str:
     """
     heading = f"{name} [{unit}]" if unit or name.endswith("]") else name
     if split(heading) != (name, unit) or not name or heading.splitlines() != [heading]:
-        raise TraceError(repr(name), f"with unit '{unit}' cannot be a column heading",
-                         "rename the signal or write .parquet")  # fmt: skip
+        raise TraceError(
+            repr(name), f"with unit '{unit}' cannot be a column heading", "rename the signal or write .parquet"
+        )
     return heading
 
 

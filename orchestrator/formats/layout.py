@@ -95,8 +95,12 @@ def choose(layout: Layout, columns: Columns, place: Path) -> Choice:
         raise TraceError(place, f"units are given for '{min(stray)}', which is not read", "correct the layout")
     told = {name: columns.units[number] for name, number in signals.items() if columns.units}
     units = {name: layout.units.get(name, told.get(name, "")) for name in signals}
-    return Choice(time, signals, {name: unit for name, unit in units.items() if unit},
-                  _seconds(layout, columns, time, time_name, place))  # fmt: skip
+    return Choice(
+        time,
+        signals,
+        {name: unit for name, unit in units.items() if unit},
+        _seconds(layout, columns, time, time_name, place),
+    )
 
 
 def _number(column: int | str, columns: Columns, place: Path) -> int:
@@ -105,8 +109,11 @@ def _number(column: int | str, columns: Columns, place: Path) -> int:
             raise TraceError(place, f"has no column {column}", f"it has {columns.count}, counted from 0")
         return column
     if columns.names is None:
-        raise TraceError(place, f"names no columns, so '{column}' cannot be found",
-                         f"give column numbers from 0 to {columns.count - 1} in the layout")  # fmt: skip
+        raise TraceError(
+            place,
+            f"names no columns, so '{column}' cannot be found",
+            f"give column numbers from 0 to {columns.count - 1} in the layout",
+        )
     found = [number for number, name in enumerate(columns.names) if name == column]
     if len(found) == 1:
         return found[0]

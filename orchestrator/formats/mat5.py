@@ -22,9 +22,25 @@ MATRIX, COMPRESSED = 14, 15
 NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 TEXTS = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16"}
 CLASSES = (
-    "unknown", "cell", "struct", "object", "char", "sparse", "double", "single", "int8", "uint8", "int16",
-    "uint16", "int32", "uint32", "int64", "uint64", "function", "opaque",
-)  # fmt: skip
+    "unknown",
+    "cell",
+    "struct",
+    "object",
+    "char",
+    "sparse",
+    "double",
+    "single",
+    "int8",
+    "uint8",
+    "int16",
+    "uint16",
+    "int32",
+    "uint32",
+    "int64",
+    "uint64",
+    "function",
+    "opaque",
+)
 COMPLEX, LOGICAL = 0x0800, 0x0200
 HEAD = 4096  # bytes that hold flags, dimensions and name of any variable
 SLACK = 2**20  # bytes that a variable may need beyond its numbers

@@ -35,12 +35,20 @@ class Lateness:
 
     def document(self) -> dict[str, float]:
         """For manifests [s]."""
-        return {"median": self.quantile(0.5), "p95": self.quantile(0.95), "p99": self.quantile(0.99),
-                "p99_9": self.quantile(0.999), "worst": self.worst}  # fmt: skip
+        return {
+            "median": self.quantile(0.5),
+            "p95": self.quantile(0.95),
+            "p99": self.quantile(0.99),
+            "p99_9": self.quantile(0.999),
+            "worst": self.worst,
+        }
 
     def bins(self) -> list[tuple[float, float, int]]:
         """Lower end, upper end [s] and count of each bin from the first to the last that holds any."""
         filled = [place for place, count in enumerate(self._bins) if count]
         ends = [0.0, *(_FINEST * 10 ** (place / _PER_DECADE) for place in range(_BINS + 1))]
-        return [(ends[place], ends[place + 1], self._bins[place])
-                for place in range(filled[0], filled[-1] + 1)] if filled else []  # fmt: skip
+        return (
+            [(ends[place], ends[place + 1], self._bins[place]) for place in range(filled[0], filled[-1] + 1)]
+            if filled
+            else []
+        )

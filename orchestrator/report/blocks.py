@@ -122,9 +122,13 @@ class Figure:
     def html(self, key: str) -> str:
         height = self.figure.layout.height or 450
         plot = plotly.io.to_html(
-            self.figure, config=CONFIG, include_plotlyjs=False, full_html=False, div_id=f"figure-{key}",
+            self.figure,
+            config=CONFIG,
+            include_plotlyjs=False,
+            full_html=False,
+            div_id=f"figure-{key}",
             default_height=f"{height}px",
-        )  # fmt: skip
+        )
         caption = f"<figcaption>{escape(self.caption)}</figcaption>" if self.caption else ""
         return f"<figure>{plot}{caption}</figure>"
 

@@ -33,9 +33,14 @@ class _Drawn:
     def line(self, signal: str, legend: bool, limit: int = 2000) -> go.Scatter:
         x, y = thin(self.trace.time, self.trace[signal], limit)
         return go.Scatter(
-            x=x, y=y, mode="lines", line={"color": self.colour, "width": self.width},
-            name=look.plain(self.label), legendgroup=look.plain(self.label), showlegend=legend,
-        )  # fmt: skip
+            x=x,
+            y=y,
+            mode="lines",
+            line={"color": self.colour, "width": self.width},
+            name=look.plain(self.label),
+            legendgroup=look.plain(self.label),
+            showlegend=legend,
+        )
 
 
 ROW = 210  # height of a row of stacked windows [px]
@@ -92,9 +97,14 @@ def residuals(
     x, y = thin(stamps, values)
     figure.add_scatter(x=x, y=y, line={"color": look.colour(0), "width": 1.1}, name=name, row=1, col=1)
     figure.add_bar(
-        x=np.arange(1, len(correlation)), y=correlation[1:], marker_color=look.colour(0),
-        name="autocorrelation", width=0.35, row=2, col=1,
-    )  # fmt: skip
+        x=np.arange(1, len(correlation)),
+        y=correlation[1:],
+        marker_color=look.colour(0),
+        name="autocorrelation",
+        width=0.35,
+        row=2,
+        col=1,
+    )
     band = BAND_99 / np.sqrt(len(values))
     figure.add_hrect(y0=-band, y1=band, fillcolor=look.BAND, line_width=0, layer="below", row=2, col=1)
     figure.update_yaxes(title_text=look.with_unit(name, unit), row=1, col=1)
@@ -152,9 +162,13 @@ def bars(
     figure = go.Figure()
     for number, (group, values) in enumerate(groups.items()):
         figure.add_bar(
-            y=[look.plain(name) for name in values], x=list(values.values()), orientation="h",
-            name=look.plain(group), marker_color=look.colour(number), marker_opacity=0.85,
-        )  # fmt: skip
+            y=[look.plain(name) for name in values],
+            x=list(values.values()),
+            orientation="h",
+            name=look.plain(group),
+            marker_color=look.colour(number),
+            marker_opacity=0.85,
+        )
     if target is not None:
         look.mark(figure, target, f"target {target:g}")
     figure.update_xaxes(title_text=look.with_unit(quantity, unit))
@@ -171,11 +185,19 @@ def correlation_heatmap(names: Sequence[str], matrix: ArrayLike) -> go.Figure:
     labels = [look.plain(name) for name in names]
     figure = go.Figure(
         go.Heatmap(
-            z=np.asarray(matrix, dtype=float), x=labels, y=labels, zmin=-1, zmax=1, colorscale=look.DIVERGING,
-            texttemplate="%{z:.2f}", xgap=2, ygap=2, colorbar={"thickness": 10, "outlinewidth": 0},
+            z=np.asarray(matrix, dtype=float),
+            x=labels,
+            y=labels,
+            zmin=-1,
+            zmax=1,
+            colorscale=look.DIVERGING,
+            texttemplate="%{z:.2f}",
+            xgap=2,
+            ygap=2,
+            colorbar={"thickness": 10, "outlinewidth": 0},
             hovertemplate="%{y}, %{x}: %{z:.3f}<extra></extra>",
         )
-    )  # fmt: skip
+    )
     figure.update_yaxes(autorange="reversed")
     figure = look.styled(figure, 130 + 42 * len(names))
     figure.update_xaxes(showgrid=False, showline=False, type="category")
@@ -204,9 +226,13 @@ def counts(bins: Sequence[tuple[float, float, int]], quantity: str, unit: str | 
     heights = [max(count, NONE) for _, _, count in bins]
     figure = go.Figure()
     figure.add_scatter(
-        x=ends, y=[heights[0], *heights], mode="lines", line={"shape": "vh", "color": look.colour(0)},
-        fill="tozeroy", name="count",
-    )  # fmt: skip
+        x=ends,
+        y=[heights[0], *heights],
+        mode="lines",
+        line={"shape": "vh", "color": look.colour(0)},
+        fill="tozeroy",
+        name="count",
+    )
     figure.update_xaxes(title_text=look.with_unit(quantity, unit), type="log", dtick=1)
     figure.update_yaxes(title_text="count", type="log", dtick=1, range=[math.log10(NONE), None])
     return look.styled(figure, 340).update_layout(showlegend=False, hovermode="closest")

@@ -102,8 +102,11 @@ def _window(expectation: Expectation, trace: Trace) -> tuple[FloatArray, FloatAr
     stop = trace.time[-1] if expectation.before is None else expectation.before
     window = trace.select([expectation.signal]).between(start, stop)
     if not len(window):
-        raise ScenarioError(f"expect {expectation.signal}", f"there is no sample from {start:g} to {stop:g} s",
-                            "correct `after` and `before`")  # fmt: skip
+        raise ScenarioError(
+            f"expect {expectation.signal}",
+            f"there is no sample from {start:g} to {stop:g} s",
+            "correct `after` and `before`",
+        )
     return window.time, window[expectation.signal]
 
 
@@ -112,8 +115,9 @@ def _describe(expectation: Expectation) -> str:
     if expectation.near is not None:
         parts.append(f"is {expectation.near:g} within {expectation.within:g}")
     if expectation.reference is not None:
-        parts.append(f"follows {expectation.reference.signal} of {expectation.reference.file.name} "
-                     f"within {expectation.within:g}")  # fmt: skip
+        parts.append(
+            f"follows {expectation.reference.signal} of {expectation.reference.file.name} within {expectation.within:g}"
+        )
     for kind in ("below", "above"):
         if getattr(expectation, kind) is not None:
             parts.append(f"stays {kind} {getattr(expectation, kind):g}")

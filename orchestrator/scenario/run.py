@@ -220,9 +220,14 @@ class ScenarioInterrupted(KeyboardInterrupt):
         return KeyboardInterrupt, (str(self),)
 
 
-def run_scenario(path: Path, overrides: Mapping[str, Value] | None = None, progress: Progress | None = None,
-                 fmus: Path | None = None, keeping: Keeping | None = None,
-                 isolation: Isolation | None = None) -> ScenarioResult:  # fmt: skip
+def run_scenario(
+    path: Path,
+    overrides: Mapping[str, Value] | None = None,
+    progress: Progress | None = None,
+    fmus: Path | None = None,
+    keeping: Keeping | None = None,
+    isolation: Isolation | None = None,
+) -> ScenarioResult:
     """Run every case of a scenario file and judge it.
 
     Args:

@@ -44,8 +44,9 @@ class ScipySolver(Solver):
         if self._running is not None and self.extends:
             self._running.t_bound, self._running.status = limit, "running"
         elif self._running is None or self._running.t_bound != limit:
-            self._running = self.method(self._kept_rates, *self._from, limit, atol=self._tolerances,
-                                        rtol=self._settings.relative_tolerance)  # fmt: skip
+            self._running = self.method(
+                self._kept_rates, *self._from, limit, atol=self._tolerances, rtol=self._settings.relative_tolerance
+            )
 
     def _stepped(self) -> str:
         try:

@@ -44,8 +44,12 @@ def main(arguments: Sequence[str]) -> int:
 def chosen(arguments: Sequence[str]) -> list[str]:
     """The modules that are named, in the order of the table; all where none is."""
     epilog = "modules:\n" + "\n".join(f"  {name:20}{about}" for name, about in MODULES.items())
-    parser = argparse.ArgumentParser("python -m tests.benchmarks", description=__doc__, epilog=epilog,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)  # fmt: skip
+    parser = argparse.ArgumentParser(
+        "python -m tests.benchmarks",
+        description=__doc__,
+        epilog=epilog,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("modules", nargs="*", metavar="MODULE", help="what to measure; everything by default")
     named = parser.parse_args(arguments).modules
     unknown = [name for name in named if name not in MODULES]

@@ -53,12 +53,20 @@ def calibration() -> list[Figure]:
         fit = json.loads((out / "summary.json").read_text())["fit"]["validation"]["median"]
     processors = os.cpu_count() or 1
     return [
-        Figure("real calibration: wall time", f"under {CALIBRATION_LIMIT:.0f} s on 2 processors",
-               f"{elapsed:.0f} s on {processors}", elapsed < CALIBRATION_LIMIT),
-        Figure("real calibration: peak memory, all processes", f"under {MEMORY_LIMIT / 1e6:.0f} MB",
-               f"{peak / 1e6:.0f} MB", peak < MEMORY_LIMIT),
+        Figure(
+            "real calibration: wall time",
+            f"under {CALIBRATION_LIMIT:.0f} s on 2 processors",
+            f"{elapsed:.0f} s on {processors}",
+            elapsed < CALIBRATION_LIMIT,
+        ),
+        Figure(
+            "real calibration: peak memory, all processes",
+            f"under {MEMORY_LIMIT / 1e6:.0f} MB",
+            f"{peak / 1e6:.0f} MB",
+            peak < MEMORY_LIMIT,
+        ),
         Figure("real calibration: median FIT, unseen recordings", f"{FIT} or more", f"{fit:.3f}", fit >= FIT),
-    ]  # fmt: skip
+    ]
 
 
 def _watched(arguments: list[str]) -> tuple[int, int]:

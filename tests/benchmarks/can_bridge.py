@@ -90,8 +90,11 @@ def only_waiting(seconds: int) -> Figure:
             deadline = pace.deadline(number)
             deadlines.begun(pace.wait(deadline, stop) - deadline)
     worst = 1e3 * deadlines.lateness.worst
-    return Figure(f"a loop that only waits, {seconds} s: steps within 1 ms of their deadline", "-",
-                  f"{100 * deadlines.on_time:.3f} % (worst {worst:.2f} ms)")  # fmt: skip
+    return Figure(
+        f"a loop that only waits, {seconds} s: steps within 1 ms of their deadline",
+        "-",
+        f"{100 * deadlines.on_time:.3f} % (worst {worst:.2f} ms)",
+    )
 
 
 def start(mode: str, folder: Path, name: str, port: int, *options: str) -> subprocess.Popen[str]:
@@ -99,8 +102,11 @@ def start(mode: str, folder: Path, name: str, port: int, *options: str) -> subpr
     bus = ["--interface", "slcan", "--channel", str(folder / "bus" / str(port)), "--bitrate", str(BITRATE)]
     process = subprocess.Popen(
         [*COMMAND, mode, str(folder / f"{name}.yaml"), *bus, "--out", str(folder / "out" / name), *options],
-        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=os.environ | {"PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )
     assert process.stderr is not None
     for line in process.stderr:
         if "is on slcan" in line:

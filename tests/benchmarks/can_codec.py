@@ -54,18 +54,32 @@ def figures(frames: int = FRAMES, seconds: float = DAY) -> list[Figure]:
     decoded = len(log) / timed(lambda: decoding.trace([log], base))
     decoding_alone, plain = cantools_rates(base, log[:PLAIN])
     return [
-        Figure(f"{len(log):,} frames in memory to a trace, a core", f"at least {DECODED:,.0f} a second",
-               f"{decoded:,.0f} a second", decoded >= DECODED),
+        Figure(
+            f"{len(log):,} frames in memory to a trace, a core",
+            f"at least {DECODED:,.0f} a second",
+            f"{decoded:,.0f} a second",
+            decoded >= DECODED,
+        ),
         Figure("a plain cantools loop to the same trace", "-", f"{plain:,.0f} a second"),
-        Figure("to a trace, against that", f"at least {TIMES_CANTOOLS} times", f"{decoded / plain:.0f} times",
-               decoded >= TIMES_CANTOOLS * plain),
+        Figure(
+            "to a trace, against that",
+            f"at least {TIMES_CANTOOLS} times",
+            f"{decoded / plain:.0f} times",
+            decoded >= TIMES_CANTOOLS * plain,
+        ),
         Figure("a plain cantools loop that keeps nothing", "-", f"{decoding_alone:,.0f} a second"),
-        Figure("values that are not cantools' to the last bit", "0", f"{different(base, log[:PLAIN])}",
-               different(base, log[:PLAIN]) == 0, statistical=True),
-        Figure("a trace to frames", f"at least {ENCODED:,.0f} a second", f"{encoded:,.0f} a second",
-               encoded >= ENCODED),
+        Figure(
+            "values that are not cantools' to the last bit",
+            "0",
+            f"{different(base, log[:PLAIN])}",
+            different(base, log[:PLAIN]) == 0,
+            statistical=True,
+        ),
+        Figure(
+            "a trace to frames", f"at least {ENCODED:,.0f} a second", f"{encoded:,.0f} a second", encoded >= ENCODED
+        ),
         *streamed(base, log[: 1 << 16], seconds),
-    ]  # fmt: skip
+    ]
 
 
 def recorded(seconds: float) -> Trace:
@@ -141,10 +155,11 @@ def streamed(base: database.Database, batch: Frames, seconds: float) -> list[Fig
     gain = max(most, resources()[0]) - memory
     name = f"{seconds / 3600:g} h of log, {count * len(batch):,} frames, streamed"
     return [
-        Figure(f"{name}: memory gained", f"under {MEMORY_LIMIT / 1e6:.0f} MB", f"{gain / 1e6:.2f} MB",
-               gain < MEMORY_LIMIT),
+        Figure(
+            f"{name}: memory gained", f"under {MEMORY_LIMIT / 1e6:.0f} MB", f"{gain / 1e6:.2f} MB", gain < MEMORY_LIMIT
+        ),
         Figure(f"{name}: time", "-", f"{perf_counter() - begun:.1f} s, {rows:,} rows"),
-    ]  # fmt: skip
+    ]
 
 
 if __name__ == "__main__":

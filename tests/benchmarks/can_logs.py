@@ -68,12 +68,20 @@ def speed(folder: Path) -> list[Figure]:
     theirs = seconds(lambda: plain_loop(path, dbc), repeats=1)
     return [
         Figure("BLF to frames", "-", f"{FRAMES / ours:,.0f} frames/s"),
-        Figure("python-can's reader takes x times ours", f"at least {READ_FASTER}", f"{plain / ours:.1f}",
-               plain / ours >= READ_FASTER),
+        Figure(
+            "python-can's reader takes x times ours",
+            f"at least {READ_FASTER}",
+            f"{plain / ours:.1f}",
+            plain / ours >= READ_FASTER,
+        ),
         Figure("BLF to Trace", "-", f"{FRAMES / mine:,.0f} frames/s"),
-        Figure("python-can with cantools takes x times ours", f"at least {TRACE_FASTER}", f"{theirs / mine:.1f}",
-               theirs / mine >= TRACE_FASTER),
-    ]  # fmt: skip
+        Figure(
+            "python-can with cantools takes x times ours",
+            f"at least {TRACE_FASTER}",
+            f"{theirs / mine:.1f}",
+            theirs / mine >= TRACE_FASTER,
+        ),
+    ]
 
 
 def seconds(work: Callable[[], object], repeats: int = REPEATS) -> float:
@@ -112,11 +120,18 @@ def memory(folder: Path) -> list[Figure]:
         peaks.append(peak)
     expected = peaks[1] + max(0.0, peaks[1] - peaks[0]) * (GIGABYTE - LONG) / (LONG - SHORT)
     return [
-        Figure(f"BLF of {LONG / 1e6:.0f} MB to Parquet", "-",
-               f"{LONG / 1e6 / times[1]:.1f} MB/s, {peaks[0]:.0f} MB at {SHORT / 1e6:.0f} MB, {peaks[1]:.0f} MB"),
-        Figure("memory for a BLF of 1 GB, extrapolated", f"under {MEGABYTES} MB", f"{expected:.0f} MB",
-               expected < MEGABYTES),
-    ]  # fmt: skip
+        Figure(
+            f"BLF of {LONG / 1e6:.0f} MB to Parquet",
+            "-",
+            f"{LONG / 1e6 / times[1]:.1f} MB/s, {peaks[0]:.0f} MB at {SHORT / 1e6:.0f} MB, {peaks[1]:.0f} MB",
+        ),
+        Figure(
+            "memory for a BLF of 1 GB, extrapolated",
+            f"under {MEGABYTES} MB",
+            f"{expected:.0f} MB",
+            expected < MEGABYTES,
+        ),
+    ]
 
 
 def print_conversion(folder: Path) -> None:

@@ -34,8 +34,15 @@ def figures() -> list[Figure]:
         with hub_process(Path(folder) / "paced", 2, BITRATE) as hub:
             found.append(_recording(hub, Path(folder) / "recording"))
     ours, theirs = _reading(ours=True), _reading(ours=False)
-    return [*found, Figure("frames read from a serial port, ours beside python-can's", "4,000/s",
-                           f"{ours:,.0f}/s beside {theirs:,.0f}/s", ours >= 4000)]  # fmt: skip
+    return [
+        *found,
+        Figure(
+            "frames read from a serial port, ours beside python-can's",
+            "4,000/s",
+            f"{ours:,.0f}/s beside {theirs:,.0f}/s",
+            ours >= 4000,
+        ),
+    ]
 
 
 def _settings(hub: Hub, port: int) -> BusSettings:
@@ -53,8 +60,12 @@ def _throughput(hub: Hub, bursts: int = 40, size: int = 1000) -> Figure:
                 send(one, FRAME)
             received += sum(1 for _ in zip(range(size), iter(partial(other.recv, 1.0), None), strict=False))
         rate = received / (time.perf_counter() - begun)
-    return Figure("frames relayed between two serial ports, none lost", "4,000/s", f"{rate:,.0f}/s",
-                  rate >= 4000 and received == bursts * size)  # fmt: skip
+    return Figure(
+        "frames relayed between two serial ports, none lost",
+        "4,000/s",
+        f"{rate:,.0f}/s",
+        rate >= 4000 and received == bursts * size,
+    )
 
 
 def _latency(hub: Hub, count: int = 500) -> Figure:
@@ -67,8 +78,12 @@ def _latency(hub: Hub, count: int = 500) -> Figure:
             other.recv(1.0)
             taken.append(time.perf_counter() - begun)
             time.sleep(0.002)
-    return Figure("a frame from port to port, idle, median", "well below 1 ms", f"{1e6 * median(taken):.0f} µs",
-                  median(taken) < 5e-4)  # fmt: skip
+    return Figure(
+        "a frame from port to port, idle, median",
+        "well below 1 ms",
+        f"{1e6 * median(taken):.0f} µs",
+        median(taken) < 5e-4,
+    )
 
 
 def _recording(hub: Hub, folder: Path, seconds: float = 5.0) -> Figure:
@@ -89,8 +104,12 @@ def _recording(hub: Hub, folder: Path, seconds: float = 5.0) -> Figure:
         sender.join()
     lost = document["dropped"] + hub.statistics()["ports"][1]["lost"]
     rate = document["frames"] / seconds
-    return Figure("a full bus of 500 kbit/s recorded as BLF: frames lost", "0", f"{lost} of {document['frames']:,} "
-                  f"({rate:,.0f}/s)", lost == 0 and rate > 3000)  # fmt: skip
+    return Figure(
+        "a full bus of 500 kbit/s recorded as BLF: frames lost",
+        "0",
+        f"{lost} of {document['frames']:,} ({rate:,.0f}/s)",
+        lost == 0 and rate > 3000,
+    )
 
 
 def _reading(ours: bool, seconds: float = 2.0) -> float:

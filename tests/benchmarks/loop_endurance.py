@@ -69,11 +69,15 @@ def grown(name: str, cycle: Callable[[], None], count: int) -> list[Figure]:
     after = resources()
     gain, loaded = after[0] - memory, after[1] - libraries
     return [
-        Figure(f"{name}, {count:,} times: memory gained", f"under {MEMORY_LIMIT / 1e6:.0f} MB",
-               f"{gain / 1e6:.2f} MB", gain < MEMORY_LIMIT),
+        Figure(
+            f"{name}, {count:,} times: memory gained",
+            f"under {MEMORY_LIMIT / 1e6:.0f} MB",
+            f"{gain / 1e6:.2f} MB",
+            gain < MEMORY_LIMIT,
+        ),
         Figure(f"{name}, {count:,} times: libraries gained", "0", f"{loaded}", loaded == 0),
         Figure(f"{name}: time", "-", f"{1e6 * each:.0f} µs"),
-    ]  # fmt: skip
+    ]
 
 
 def resources() -> tuple[int, int]:

@@ -58,8 +58,10 @@ def figures() -> list[Figure]:
 def ring(file: FmuFile, count: int) -> Simulation:
     """FMUs in a ring, in Jacobi order."""
     parts = {f"c{number}": Part(file.interface) for number in range(count)}
-    links = [(f"c{(number - 1) % count}.Float64_continuous_output", f"c{number}.Float64_continuous_input")
-             for number in range(count)]  # fmt: skip
+    links = [
+        (f"c{(number - 1) % count}.Float64_continuous_output", f"c{number}.Float64_continuous_input")
+        for number in range(count)
+    ]
     timing = Timing(STEPS[-1] * STEP, STEP, order=Order.JACOBI)
     return Simulation(wire(parts, links), {name: Slave(file, name) for name in parts}, timing)
 

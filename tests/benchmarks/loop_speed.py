@@ -42,8 +42,13 @@ ROOT = Path(__file__).parents[2]
 HERE = Path(__file__).parent
 COUNT, STEPS, REPEATS = 5, 20_000, 5
 STEP = Fraction(1, 1000)  # [s]
-OUTPUTS = ("Float64_continuous_output", "Float64_discrete_output", "Int32_output", "Enumeration_output",
-           "Boolean_output")  # fmt: skip
+OUTPUTS = (
+    "Float64_continuous_output",
+    "Float64_discrete_output",
+    "Int32_output",
+    "Enumeration_output",
+    "Boolean_output",
+)
 COFMUPY = ROOT / ".cache" / "cofmupy"  # its environment: it pins an older FMPy
 C_LIMIT = 1.5
 
@@ -105,8 +110,10 @@ def against_c(kind: str, ours: Simulation, by_hand: CLoop) -> list[Figure]:
 def our_ring(file: FmuFile, engine: Engine) -> Simulation:
     """The ring in our engine."""
     parts = {f"c{number}": Part(file.interface) for number in range(COUNT)}
-    links = [(f"c{(number - 1) % COUNT}.Float64_continuous_output", f"c{number}.Float64_continuous_input")
-             for number in range(COUNT)]  # fmt: skip
+    links = [
+        (f"c{(number - 1) % COUNT}.Float64_continuous_output", f"c{number}.Float64_continuous_input")
+        for number in range(COUNT)
+    ]
     timing = Timing(STEPS * STEP, STEP, order=Order.JACOBI, engine=engine)
     return Simulation(wire(parts, links), {name: Slave(file, name) for name in parts}, timing)
 
@@ -143,8 +150,10 @@ class CLoop:
             raise RuntimeError("there is no C compiler to build the hand-written loop with")
         library = folder / "c_loop.so"
         headers = Path(fmpy.__file__).parent / "c-code"
-        subprocess.run([compiler, "-O3", "-shared", "-fPIC", f"-I{headers}", str(HERE / "c_loop.c"), "-ldl",
-                        "-o", str(library)], check=True)  # fmt: skip
+        subprocess.run(
+            [compiler, "-O3", "-shared", "-fPIC", f"-I{headers}", str(HERE / "c_loop.c"), "-ldl", "-o", str(library)],
+            check=True,
+        )
         self._ring = ctypes.CDLL(str(library)).ring
         self._ring.restype = ctypes.c_double
         self._ring.argtypes = [ctypes.c_char_p] * 3 + [
@@ -242,8 +251,15 @@ def nanoseconds(times: list[float]) -> str:
     return f"{1e9 * median(times) / COUNT / STEPS:,.0f} ns"
 
 
-def ratio(name: str, times: list[float], against: list[float], what: str, *, at_most: float | None = None,
-          at_least: float | None = None) -> Figure:  # fmt: skip
+def ratio(
+    name: str,
+    times: list[float],
+    against: list[float],
+    what: str,
+    *,
+    at_most: float | None = None,
+    at_least: float | None = None,
+) -> Figure:
     """How many times longer."""
     found = median(times) / median(against)
     if at_most is not None:

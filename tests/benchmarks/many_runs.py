@@ -44,14 +44,23 @@ def figures() -> list[Figure]:
         same = sum(equal(results[number], alone(block, assembled, runs[number])) for number in ALONE)
     whole = median(times)
     return [
-        Figure(f"{RUNS:,} runs of 10 s of energy control, on one of {os.cpu_count()} processors",
-               f"at most {LIMIT:g} s", f"{whole:.2f} s", whole <= LIMIT),
+        Figure(
+            f"{RUNS:,} runs of 10 s of energy control, on one of {os.cpu_count()} processors",
+            f"at most {LIMIT:g} s",
+            f"{whole:.2f} s",
+            whole <= LIMIT,
+        ),
         Figure("a run, from the reset to the trace", "-", f"{1e3 * whole / RUNS:.2f} ms"),
         Figure("stepping of a run", "-", f"{1e3 * median(each.account.seconds for each in results):.2f} ms"),
         Figure("the FMUs built from the model files, before", "-", f"{built:.1f} s"),
-        Figure("runs that give the same bits alone", f"{len(ALONE)} of {len(ALONE)}", f"{same} of {len(ALONE)}",
-               same == len(ALONE), statistical=True),
-    ]  # fmt: skip
+        Figure(
+            "runs that give the same bits alone",
+            f"{len(ALONE)} of {len(ALONE)}",
+            f"{same} of {len(ALONE)}",
+            same == len(ALONE),
+            statistical=True,
+        ),
+    ]
 
 
 def parameter_sets() -> list[dict[str, Value]]:

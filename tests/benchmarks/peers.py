@@ -95,8 +95,12 @@ def fmpy_loop(fmu: Path, count: int, steps: int) -> float:
     folder = fmpy.extract(str(fmu), tempfile.mkdtemp(dir=Path.cwd()))
     slaves = []
     for number in range(count):
-        slave = FMU2Slave(guid=description.guid, unzipDirectory=folder, instanceName=f"c{number}",
-                          modelIdentifier=description.coSimulation.modelIdentifier)  # fmt: skip
+        slave = FMU2Slave(
+            guid=description.guid,
+            unzipDirectory=folder,
+            instanceName=f"c{number}",
+            modelIdentifier=description.coSimulation.modelIdentifier,
+        )
         slave.instantiate()
         slave.setupExperiment(startTime=0.0)
         slave.enterInitializationMode()

@@ -68,8 +68,9 @@ def lightly_damped(modes: int) -> LinearModel:
     for i, pole in enumerate(poles):
         a[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = [[pole.real, pole.imag], [-pole.imag, pole.real]]
     b = rng.standard_normal((2 * modes, 1)) * np.repeat(1 - np.abs(poles), 2)[:, None]
-    return LinearModel(a, b, rng.standard_normal((4, 2 * modes)), np.zeros((4, 1)), STEP, ("u1",),
-                       ("y1", "y2", "y3", "y4"))  # fmt: skip
+    return LinearModel(
+        a, b, rng.standard_normal((4, 2 * modes)), np.zeros((4, 1)), STEP, ("u1",), ("y1", "y2", "y3", "y4")
+    )
 
 
 def excited(system: LinearModel, samples: int, rng: np.random.Generator, noise: float = 0.05) -> Record:
@@ -106,9 +107,13 @@ def against(tool: str, ours: Measured, seen: Record, unseen: Record) -> list[Fig
     return [
         shown(tool, theirs),
         Figure(f"{tool} takes x times ours, {counterpart}", f"at least {FASTER}", f"{times:.0f}", times >= FASTER),
-        Figure(f"our error over that of {tool}", "at most 1", f"{ours.error / theirs.error:.3f}",
-               ours.error <= theirs.error),
-    ]  # fmt: skip
+        Figure(
+            f"our error over that of {tool}",
+            "at most 1",
+            f"{ours.error / theirs.error:.3f}",
+            ours.error <= theirs.error,
+        ),
+    ]
 
 
 def peer_measured(tool: str, seen: Record, unseen: Record) -> Measured:
@@ -141,9 +146,10 @@ def long_record(weighting: Weighting) -> list[Figure]:
     name = f"{LONG:,} samples, weighting {weighting}"
     return [
         Figure(name, f"under {LONG_SECONDS} s", f"{seconds:.1f} s, {busy:.1f} s busy", seconds < LONG_SECONDS),
-        Figure(f"{name}: peak memory", f"under {LONG_MEGABYTES:,} MB", f"{megabytes:,.0f} MB",
-               megabytes < LONG_MEGABYTES),
-    ]  # fmt: skip
+        Figure(
+            f"{name}: peak memory", f"under {LONG_MEGABYTES:,} MB", f"{megabytes:,.0f} MB", megabytes < LONG_MEGABYTES
+        ),
+    ]
 
 
 def print_long_record(weighting: Weighting) -> None:

@@ -100,7 +100,7 @@ BAD = [
     ("title: " + "[" * 40 + "]" * 40, ":1: title: input should be a valid string"),
     ("? [a, b]\n: 1\n", ":1: title: field required"),
     ("%YAML 9.9\n---\ntitle: a\n", ":1: is not YAML"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("text", "line"), BAD, ids=range(len(BAD)))
@@ -141,10 +141,52 @@ def fits_or_is_refused(path: Path, schema: type[Block]) -> None:
 
 
 FRAGMENTS = st.sampled_from(
-    ["\t", "  ", "\n", ": ", "- ", "[", "]", "{", "}", "*a", "&a ", "!!python/object:a ", "!!binary ", "<<: ", "? ",
-     "|", ">", "'", '"', "#", "%", "@", "`", "\x85", "\u2028", "\ufeff", "😀", ".nan", ".inf", "1e999", "9" * 400,
-     "0o9", "~", "2001-01-01", "12:30:45", "---\n", "...\n", "run:", "title:", "components:", "-> ", "true", "null"]
-)  # fmt: skip
+    [
+        "\t",
+        "  ",
+        "\n",
+        ": ",
+        "- ",
+        "[",
+        "]",
+        "{",
+        "}",
+        "*a",
+        "&a ",
+        "!!python/object:a ",
+        "!!binary ",
+        "<<: ",
+        "? ",
+        "|",
+        ">",
+        "'",
+        '"',
+        "#",
+        "%",
+        "@",
+        "`",
+        "\x85",
+        "\u2028",
+        "\ufeff",
+        "😀",
+        ".nan",
+        ".inf",
+        "1e999",
+        "9" * 400,
+        "0o9",
+        "~",
+        "2001-01-01",
+        "12:30:45",
+        "---\n",
+        "...\n",
+        "run:",
+        "title:",
+        "components:",
+        "-> ",
+        "true",
+        "null",
+    ]
+)
 
 
 @FUZZ

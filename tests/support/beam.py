@@ -30,10 +30,18 @@ class Arm:
 def element(arm: Arm, size: float) -> tuple[FloatArray, FloatArray]:
     """Mass and stiffness of one Euler-Bernoulli element with cubic shapes; (w, slope) at either end."""
     h = size
-    mass = [[156, 22 * h, 54, -13 * h], [22 * h, 4 * h**2, 13 * h, -3 * h**2],
-            [54, 13 * h, 156, -22 * h], [-13 * h, -3 * h**2, -22 * h, 4 * h**2]]  # fmt: skip
-    stiffness = [[12, 6 * h, -12, 6 * h], [6 * h, 4 * h**2, -6 * h, 2 * h**2],
-                 [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h**2, -6 * h, 4 * h**2]]  # fmt: skip
+    mass = [
+        [156, 22 * h, 54, -13 * h],
+        [22 * h, 4 * h**2, 13 * h, -3 * h**2],
+        [54, 13 * h, 156, -22 * h],
+        [-13 * h, -3 * h**2, -22 * h, 4 * h**2],
+    ]
+    stiffness = [
+        [12, 6 * h, -12, 6 * h],
+        [6 * h, 4 * h**2, -6 * h, 2 * h**2],
+        [-12, -6 * h, 12, -6 * h],
+        [6 * h, 2 * h**2, -6 * h, 4 * h**2],
+    ]
     return arm.mass_per_length * h / 420 * np.array(mass), arm.bending_stiffness / h**3 * np.array(stiffness)
 
 

@@ -19,15 +19,18 @@ Mood = IntEnum(
 )  # as in brute.c, where 0 is calm
 
 MODEL = Model(
-    "brute", "A lag that misbehaves",
+    "brute",
+    "A lag that misbehaves",
     (
         input_("flow", "1", "Flow in"),
         output("level", "1", "Level"),
         parameter("mood", "1", 0, "How it misbehaves"),
         parameter("at", "s", 0.5, "When it begins to"),
     ),
-    states=(State("level"),), derivatives=lambda t, x, u, p: {"level": u.flow - x.level}, solver_step=lambda p: 0.1,
-)  # fmt: skip
+    states=(State("level"),),
+    derivatives=lambda t, x, u, p: {"level": u.flow - x.level},
+    solver_step=lambda p: 0.1,
+)
 
 
 def build(path: Path, version: int = 2, flags: tuple[str, ...] = ()) -> Path:

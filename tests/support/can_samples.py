@@ -54,8 +54,14 @@ def rig_frames(count: int, start: float = START) -> Frames:
     data[1::2, :2] = np.round(10 * angle / 1e-3).astype("<i2").view(np.uint8).reshape(count, 2)
     time = np.repeat(start + np.arange(count) * 1e-3, 2) + np.tile([0.0, 2e-4], count)
     nothing = np.zeros(2 * count, np.uint8)
-    return Frames(time, np.tile([256, 257], count).astype(np.uint32), nothing, nothing,
-                  np.tile([8, 2], count).astype(np.uint8), data)  # fmt: skip
+    return Frames(
+        time,
+        np.tile([256, 257], count).astype(np.uint32),
+        nothing,
+        nothing,
+        np.tile([8, 2], count).astype(np.uint8),
+        data,
+    )
 
 
 def database(folder: Path) -> Path:
@@ -76,11 +82,17 @@ def messages() -> st.SearchStrategy[can.Message]:
         return can.Message(
             timestamp=START + draw(st.integers(0, 10**9)) * 1e-6,
             arbitration_id=draw(st.integers(0, (1 << 29 if extended else 1 << 11) - 1)),
-            is_extended_id=extended, is_remote_frame=kind == "remote", is_error_frame=kind == "error",
-            is_fd=kind == "fd", is_rx=draw(st.booleans()), bitrate_switch=kind == "fd" and draw(st.booleans()),
-            error_state_indicator=kind == "fd" and draw(st.booleans()), channel=draw(st.integers(0, 5)),
-            dlc=length, data=b"" if kind == "remote" else draw(st.binary(min_size=length, max_size=length)),
-        )  # fmt: skip
+            is_extended_id=extended,
+            is_remote_frame=kind == "remote",
+            is_error_frame=kind == "error",
+            is_fd=kind == "fd",
+            is_rx=draw(st.booleans()),
+            bitrate_switch=kind == "fd" and draw(st.booleans()),
+            error_state_indicator=kind == "fd" and draw(st.booleans()),
+            channel=draw(st.integers(0, 5)),
+            dlc=length,
+            data=b"" if kind == "remote" else draw(st.binary(min_size=length, max_size=length)),
+        )
 
     return one()
 

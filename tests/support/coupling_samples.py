@@ -66,9 +66,14 @@ def sample_database(folder: Path) -> Database:
 
 def sample_system() -> System:
     """A rig whose inputs are driven from outside."""
-    inputs = [("voltage", "Real", "V", -30.0, 30.0), ("target", "Real", "rad", None, None),
-              ("enable", "Boolean", None, None, None), ("gear", "Integer", None, 0.0, 5.0),
-              ("label", "String", None, None, None), ("page", "Real", None, None, None)]  # fmt: skip
+    inputs = [
+        ("voltage", "Real", "V", -30.0, 30.0),
+        ("target", "Real", "rad", None, None),
+        ("enable", "Boolean", None, None, None),
+        ("gear", "Integer", None, 0.0, 5.0),
+        ("label", "String", None, None, None),
+        ("page", "Real", None, None, None),
+    ]
     outputs = [
         ("angle", "Real", "rad"),
         ("speed", "Real", "rad/s"),

@@ -36,9 +36,14 @@ class Either:
         self.log = [] if log is None else log
         kind = {(True, True): FMU2Model, (True, False): FMU2Slave, (False, True): FMU3Model, (False, False): FMU3Slave}
         self.fmu = kind[self.old, exchange](
-            **{"guid": self.description.guid, "unzipDirectory": folder, "instanceName": "tested",
-               "modelIdentifier": self.description.coSimulation.modelIdentifier} | changed
-        )  # fmt: skip
+            **{
+                "guid": self.description.guid,
+                "unzipDirectory": folder,
+                "instanceName": "tested",
+                "modelIdentifier": self.description.coSimulation.modelIdentifier,
+            }
+            | changed
+        )
         if self.old:
             self.fmu.instantiate(callbacks=self._callbacks(), loggingOn=logging)
         else:
@@ -84,8 +89,12 @@ class Either:
         self.fmu.setFloat64([self.variables[array].valueReference], values)
 
     def get(self, *names: str) -> list[float]:
-        return [self._accessor("get", name)([self.variables[name].valueReference])[0] if name in self.variables
-                else self._array(self._element(name)[0])[self._element(name)[1]] for name in names]  # fmt: skip
+        return [
+            self._accessor("get", name)([self.variables[name].valueReference])[0]
+            if name in self.variables
+            else self._array(self._element(name)[0])[self._element(name)[1]]
+            for name in names
+        ]
 
     def _element(self, name: str) -> tuple[str, int]:
         """The array of an element, and its number there from 0."""
@@ -123,8 +132,9 @@ class Either:
     def deserialize(self, data: bytes) -> Any:
         state = ctypes.c_void_p()
         text = ctypes.cast(ctypes.create_string_buffer(data, len(data)), ctypes.POINTER(self._byte))
-        self._state("DeSerialize{}" if self.old else "Deserialize{}", text, ctypes.c_size_t(len(data)),
-                    ctypes.byref(state))  # fmt: skip
+        self._state(
+            "DeSerialize{}" if self.old else "Deserialize{}", text, ctypes.c_size_t(len(data)), ctypes.byref(state)
+        )
         return state
 
     @property

@@ -14,8 +14,18 @@ import pytest
 
 from fmus.packaging import archive
 
-TROUBLES = ("none", "endless", "chatter", "undefined", "discarded", "failed", "fatal", "step event", "stop at event",
-            "stop at step")  # fmt: skip
+TROUBLES = (
+    "none",
+    "endless",
+    "chatter",
+    "undefined",
+    "discarded",
+    "failed",
+    "fatal",
+    "step event",
+    "stop at event",
+    "stop at step",
+)
 _PARAMETERS = {"rate": -1, "gain": 1, "period": 0, "level": 1e300, "after": 0, "nominal": 1, "x_start": 1}
 _COUNTERS = ("events", "crossings", "samples", "steps")
 _XML = """<?xml version="1.0" encoding="UTF-8"?>
@@ -64,8 +74,10 @@ def _real(reference: int, name: str, causality: str, start: float | None = None)
     variability = {"parameter": "fixed"}.get(causality, "discrete" if name == "sample" else "continuous")
     given = ' start="0"' if causality == "input" else "" if start is None else f' start="{start:g}"'
     derivative = ' derivative="2"' if name == "der(x)" else ""
-    return (f'<ScalarVariable name="{name}" valueReference="{reference}" causality="{causality}" '
-            f'variability="{variability}"><Real{given}{derivative}/></ScalarVariable>')  # fmt: skip
+    return (
+        f'<ScalarVariable name="{name}" valueReference="{reference}" causality="{causality}" '
+        f'variability="{variability}"><Real{given}{derivative}/></ScalarVariable>'
+    )
 
 
 def _integer(reference: int, name: str, attributes: str, start: str = "") -> str:

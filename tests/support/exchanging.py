@@ -37,14 +37,20 @@ def two_masses() -> Model:
         return {"x1": x.v1, "v1": u.force - joint, "x2": x.v2, "v2": joint - x.x2}
 
     return Model(
-        name="two_masses", description="Two masses", derivatives=derivatives,
+        name="two_masses",
+        description="Two masses",
+        derivatives=derivatives,
         variables=(
-            input_("force", "1", "Force on the first mass"), output("x1", "1", "Position of the first mass"),
-            output("x2", "1", "Position of the second mass"), parameter("k", "1", 2.0, "Stiffness"),
-            parameter("d", "1", 0.1, "Damping"), parameter("x1_start", "1", 1.0, "Where the first mass starts"),
+            input_("force", "1", "Force on the first mass"),
+            output("x1", "1", "Position of the first mass"),
+            output("x2", "1", "Position of the second mass"),
+            parameter("k", "1", 2.0, "Stiffness"),
+            parameter("d", "1", 0.1, "Damping"),
+            parameter("x1_start", "1", 1.0, "Where the first mass starts"),
         ),
-        states=(State("x1", "x1_start"), State("v1"), State("x2"), State("v2")), solver_step=lambda p: 1e-3,
-    )  # fmt: skip
+        states=(State("x1", "x1_start"), State("v1"), State("x2"), State("v2")),
+        solver_step=lambda p: 1e-3,
+    )
 
 
 def matrices(k: float = 2.0, d: float = 0.1) -> tuple[FloatArray, FloatArray]:

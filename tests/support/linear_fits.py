@@ -15,8 +15,10 @@ def model_of(
 ) -> LinearModel:
     """A model with these eigenvalues (one of each pair), random B and C, in a random basis."""
     rng = np.random.default_rng(seed)
-    blocks = [np.array([[z.real, z.imag], [-z.imag, z.real]]) if z.imag else np.array([[z.real]])
-              for z in map(complex, eigenvalues)]  # fmt: skip
+    blocks = [
+        np.array([[z.real, z.imag], [-z.imag, z.real]]) if z.imag else np.array([[z.real]])
+        for z in map(complex, eigenvalues)
+    ]
     n = sum(len(block) for block in blocks)
     a, at = np.zeros((n, n)), 0
     for block in blocks:

@@ -22,9 +22,15 @@ def system(poles: ComplexArray | list[complex], inputs: int = 1, outputs: int = 
     for block in blocks:
         a[row : row + len(block), row : row + len(block)] = block
         row += len(block)
-    model = LinearModel(a, _away_from_zero(rng, (n, inputs)), _away_from_zero(rng, (outputs, n)),
-                        rng.standard_normal((outputs, inputs)), STEP, tuple(f"u{i + 1}" for i in range(inputs)),
-                        tuple(f"y{i + 1}" for i in range(outputs)))  # fmt: skip
+    model = LinearModel(
+        a,
+        _away_from_zero(rng, (n, inputs)),
+        _away_from_zero(rng, (outputs, n)),
+        rng.standard_normal((outputs, inputs)),
+        STEP,
+        tuple(f"u{i + 1}" for i in range(inputs)),
+        tuple(f"y{i + 1}" for i in range(outputs)),
+    )
     return model.transformed(np.linalg.qr(rng.standard_normal((n, n)))[0])
 
 
@@ -47,8 +53,14 @@ def record_of(model: LinearModel, samples: int, seed: int = 0, noise: float = 0.
     rng = np.random.default_rng(1000 + seed)
     u = rng.standard_normal((samples, len(model.inputs)))
     y = model.simulate(u, None if settled else rng.standard_normal(model.order))
-    return Record(u, y + noise * y.std(axis=0) * rng.standard_normal(y.shape), model.step, model.inputs, model.outputs,
-                  f"record {seed}")  # fmt: skip
+    return Record(
+        u,
+        y + noise * y.std(axis=0) * rng.standard_normal(y.shape),
+        model.step,
+        model.inputs,
+        model.outputs,
+        f"record {seed}",
+    )
 
 
 def distance(one: LinearModel, other: LinearModel) -> float:

@@ -42,8 +42,14 @@ def problem(artifact: str) -> str:
 def _fetch(artifact: str) -> str:
     with tempfile.TemporaryDirectory(dir=CACHE) as folder:
         (Path(folder) / "pom.xml").write_text(POM.format(*artifact.split(":")))
-        command = ["mvn", "-q", "-B", "dependency:copy-dependencies", "-DoutputDirectory=jars",
-                   "-Dmdep.stripVersion=true"]  # fmt: skip
+        command = [
+            "mvn",
+            "-q",
+            "-B",
+            "dependency:copy-dependencies",
+            "-DoutputDirectory=jars",
+            "-Dmdep.stripVersion=true",
+        ]
         try:
             done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=240, check=False)
         except subprocess.TimeoutExpired:

@@ -26,22 +26,47 @@ RICH: dict[str, dict[str, float]] = {
     "excitation": {"shape": 2, "amplitude": 2.0, "begin": 0.1},
     "daq": {"noise": 0.1, "bits": 8, "range": 2.0, "filter_order": 2, "cutoff": 5.0, "sample_time": 0.02},
     "flexible_arm": {
-        "bending_stiffness": 0.05, "hub_inertia": 0.05, "bristle_stiffness": 20.0, "bristle_damping": 0.5,
-        "stribeck_friction": 0.05, "stribeck_speed": 0.3, "gear_stiffness": 15.0, "backlash": 0.02, "payload": 0.1,
-        "stop_stiffness": 25.0, "stop_angle": 0.3, "angle_start": 0.25, "speed_start": 1.0,
+        "bending_stiffness": 0.05,
+        "hub_inertia": 0.05,
+        "bristle_stiffness": 20.0,
+        "bristle_damping": 0.5,
+        "stribeck_friction": 0.05,
+        "stribeck_speed": 0.3,
+        "gear_stiffness": 15.0,
+        "backlash": 0.02,
+        "payload": 0.1,
+        "stop_stiffness": 25.0,
+        "stop_angle": 0.3,
+        "angle_start": 0.25,
+        "speed_start": 1.0,
     },
     "flexible_link": {
-        "torque_gain": 0.2, "command_limit": 0.6, "drive_time": 0.02, "bristle_stiffness": 0.5, "bristle_damping": 0.01,
-        "cogging_torque": 0.004, "softening": 0.3, "drag": 1.0, "speed_start": 1.0,
+        "torque_gain": 0.2,
+        "command_limit": 0.6,
+        "drive_time": 0.02,
+        "bristle_stiffness": 0.5,
+        "bristle_damping": 0.01,
+        "cogging_torque": 0.004,
+        "softening": 0.3,
+        "drag": 1.0,
+        "speed_start": 1.0,
     },
     "servo_drive": {"direction": 2, "voltage_limit": 0.6, "gear_ratio": 3.0},
     "pd": {"compensated_by": 2, "sample_time": 0.02, "error_band": 0.05, "gains": 2},
     "relay_bound": {"bound": 0.6, "sample_time": 0.02},
     "state_space": {
-        "A[1,1]": 0.9, "A[1,2]": 0.2, "A[2,1]": -0.3, "A[2,2]": 0.8, "B[2,1]": 0.5, "C[1,1]": 1.5, "C[1,2]": -0.4,
-        "x_start[1]": 1.0, "x_start[2]": -0.7, "sample_time": 0.02,
+        "A[1,1]": 0.9,
+        "A[1,2]": 0.2,
+        "A[2,1]": -0.3,
+        "A[2,2]": 0.8,
+        "B[2,1]": 0.5,
+        "C[1,1]": 1.5,
+        "C[1,2]": -0.4,
+        "x_start[1]": 1.0,
+        "x_start[2]": -0.7,
+        "sample_time": 0.02,
     },
-}  # fmt: skip
+}
 KEPT: dict[Path, Any] = {}
 
 
@@ -96,11 +121,20 @@ def everything() -> Model:
         return {"y": first - second * 2.0**p.k / (1 / x.x), "z": noise - (first - (second - 1.5)) - -u.b}
 
     return Model(
-        name="everything", description="Every function", derivatives=derivatives, outputs=outputs,
+        name="everything",
+        description="Every function",
+        derivatives=derivatives,
+        outputs=outputs,
         variables=(
-            input_("a", "1", "Input", 0.5), input_("b", "1", "Input", -0.3), output("y", "1", "Output"),
-            output("z", "1", "Output"), parameter("k", "1", 1.1, "Parameter"), parameter("seed", "1", 3, "Seed"),
+            input_("a", "1", "Input", 0.5),
+            input_("b", "1", "Input", -0.3),
+            output("y", "1", "Output"),
+            output("z", "1", "Output"),
+            parameter("k", "1", 1.1, "Parameter"),
+            parameter("seed", "1", 3, "Seed"),
             parameter("x_start", "1", 0.4, "Start"),
         ),
-        states=(State("x", "x_start"),), solver_step=lambda p: 0.05 / ops.maximum(p.k, 0.1), tables=("played",),
-    )  # fmt: skip
+        states=(State("x", "x_start"),),
+        solver_step=lambda p: 0.05 / ops.maximum(p.k, 0.1),
+        tables=("played",),
+    )

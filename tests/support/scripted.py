@@ -143,8 +143,9 @@ class Scripted:
 class Plant(Scripted):
     """x' = A x + B u with u held over a step, y = C x + D u; the step is exact (matrix exponential)."""
 
-    def __init__(self, name: str, A: Matrix, B: Matrix, C: Matrix, D: Matrix | None = None,
-                 x0: Sequence[float] = ()) -> None:  # fmt: skip
+    def __init__(
+        self, name: str, A: Matrix, B: Matrix, C: Matrix, D: Matrix | None = None, x0: Sequence[float] = ()
+    ) -> None:
         self.A, self.B, self.C = np.atleast_2d(A), np.atleast_2d(B), np.atleast_2d(C)
         self.D = np.zeros((len(self.C), self.B.shape[1])) if D is None else np.atleast_2d(D)
         self.x0 = np.array(x0 if len(x0) else np.zeros(len(self.A)), dtype=float)
@@ -183,8 +184,10 @@ class Sampler(Scripted):
         self.A, self.B, self.C, self.D = (np.atleast_2d(each).astype(float) for each in (A, B, C, D))
         self.z0 = np.array(z0 if len(z0) else np.zeros(len(self.A)), dtype=float)
         inputs = [f"u{i}" for i in range(self.D.shape[1])]
-        super().__init__(name, interface(inputs, [f"y{i}" for i in range(len(self.D))],
-                                         {f"y{i}": inputs for i in range(len(self.D))}))  # fmt: skip
+        super().__init__(
+            name,
+            interface(inputs, [f"y{i}" for i in range(len(self.D))], {f"y{i}": inputs for i in range(len(self.D))}),
+        )
 
     def restart(self) -> None:
         self.z = self.z0.copy()

@@ -39,9 +39,7 @@ class described:  # noqa: N801 - reads as a function
             root = ET.fromstring(archive.read("modelDescription.xml"))
         self.identity = root.get("guid") or root.get("instantiationToken") or ""
         self.name = root.get("modelName") or ""
-        self.variables = {
-            v.get("name"): int(v.get("valueReference") or 0) for v in root.find("ModelVariables") or ()
-        }  # fmt: skip
+        self.variables = {v.get("name"): int(v.get("valueReference") or 0) for v in root.find("ModelVariables") or ()}
 
 
 def fmuloader(job: Job) -> Rows:
@@ -212,10 +210,18 @@ def in_java(jobs: list[tuple[Job, int]]) -> list[Rows]:
     ]
     with tempfile.TemporaryDirectory() as folder:  # FMI4j leaves its own library behind
         done = subprocess.run(
-            ["java", f"-Djava.io.tmpdir={folder}", "-cp", f"{maven.jars(maven.FMI4J)}/*",
-             str(Path(__file__).with_name("Fmi4j.java"))],
-            input="".join("\t".join(line) + "\n" for line in lines), stdout=subprocess.PIPE, text=True, check=True,
-        )  # fmt: skip
+            [
+                "java",
+                f"-Djava.io.tmpdir={folder}",
+                "-cp",
+                f"{maven.jars(maven.FMI4J)}/*",
+                str(Path(__file__).with_name("Fmi4j.java")),
+            ],
+            input="".join("\t".join(line) + "\n" for line in lines),
+            stdout=subprocess.PIPE,
+            text=True,
+            check=True,
+        )
     answers = done.stdout.removesuffix("\n\n").split("\n\n")
     return [[[float(value) for value in row.split()] for row in rows.split("\n")] for rows in answers]
 

@@ -55,9 +55,12 @@ def command(*arguments: object) -> Iterator[subprocess.Popen[str]]:
     """`servotwin` as a process of its own, which is gone at the end."""
     process = subprocess.Popen(
         COMMAND + [str(argument) for argument in arguments],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
         env=os.environ | {"PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
+    )
     try:
         yield process
     finally:

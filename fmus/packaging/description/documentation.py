@@ -38,8 +38,10 @@ def page(interface: Interface) -> bytes:
         *_list("Requirements at the start; the reason when one does not hold", [r.reason for r in model.requirements]),
         *_list("References", model.references),
     ]
-    text = (f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(model.name)}</title>'
-            f"<style>{_STYLE}</style></head>\n<body>\n" + "\n".join(parts) + "\n</body></html>\n")  # fmt: skip
+    text = (
+        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(model.name)}</title>'
+        f"<style>{_STYLE}</style></head>\n<body>\n" + "\n".join(parts) + "\n</body></html>\n"
+    )
     return text.encode()
 
 
@@ -142,8 +144,10 @@ def _stepping(model: Model) -> list[str]:
         lines.append(f"Sampled states change at the start + k {model.sample_time}, with the inputs of that instant.")
     if model.solver_step is not None and model.continuous:
         about = " ".join((model.solver_step.__doc__ or "").split())
-        lines.append("Co-simulation: classical Runge-Kutta method with equal inner steps, inputs held over a step. "
-                     "Longest inner step: " + (about or "see sources/model.c"))  # fmt: skip
+        lines.append(
+            "Co-simulation: classical Runge-Kutta method with equal inner steps, inputs held over a step. "
+            "Longest inner step: " + (about or "see sources/model.c")
+        )
     return _list("Stepping", lines)
 
 

@@ -113,10 +113,20 @@ def _variable(model: Model, variable: Variable, reference: int, starts: Mapping[
     }
     variability, initial = kinds[variable.causality]
     return Exposed(
-        variable.name, reference, variable.causality, variability, initial,
-        "Enumeration" if variable.choices else variable.type, variable.unit, variable.description,
-        starts.get(variable.name), variable.minimum, variable.maximum, variable.nominal, variable.choices,
-    )  # fmt: skip
+        variable.name,
+        reference,
+        variable.causality,
+        variability,
+        initial,
+        "Enumeration" if variable.choices else variable.type,
+        variable.unit,
+        variable.description,
+        starts.get(variable.name),
+        variable.minimum,
+        variable.maximum,
+        variable.nominal,
+        variable.choices,
+    )
 
 
 def _hidden(model: Model, state: State, reference: int) -> Exposed:

@@ -55,8 +55,11 @@ def fmi2(interface: Interface, guid: str, offers: Sequence[Offer], extras: Extra
         scalar = ET.SubElement(parent, "ScalarVariable", _named(variable))
         ET.SubElement(scalar, variable.type, _type_attributes(interface, variable, _position(interface)))
     structure = ET.SubElement(root, "ModelStructure")
-    sections = (("Outputs", interface.outputs), ("Derivatives", interface.rates),
-                ("InitialUnknowns", interface.initial_unknowns))  # fmt: skip
+    sections = (
+        ("Outputs", interface.outputs),
+        ("Derivatives", interface.rates),
+        ("InitialUnknowns", interface.initial_unknowns),
+    )
     for name, unknowns in sections:
         if unknowns:
             section = ET.SubElement(structure, name)
@@ -81,13 +84,24 @@ def fmi3(interface: Interface, token: str, offers: Sequence[Offer], extras: Extr
             ET.SubElement(parent, FMI3_TYPES[variable.type], attributes)
         else:
             _array(parent, interface, array, attributes)
-    ET.SubElement(parent, "Float64", {
-        "name": time_name(interface), "valueReference": str(interface.time_reference), "causality": "independent",
-        "variability": "continuous", "description": "Time", "unit": TIME_UNIT,
-    })  # fmt: skip
+    ET.SubElement(
+        parent,
+        "Float64",
+        {
+            "name": time_name(interface),
+            "valueReference": str(interface.time_reference),
+            "causality": "independent",
+            "variability": "continuous",
+            "description": "Time",
+            "unit": TIME_UNIT,
+        },
+    )
     structure = ET.SubElement(root, "ModelStructure")
-    sections = (("Output", interface.outputs), ("ContinuousStateDerivative", interface.rates),
-                ("InitialUnknown", interface.initial_unknowns))  # fmt: skip
+    sections = (
+        ("Output", interface.outputs),
+        ("ContinuousStateDerivative", interface.rates),
+        ("InitialUnknown", interface.initial_unknowns),
+    )
     for name, unknowns in sections:
         _unknowns(structure, name, "valueReference", unknowns, _reference(interface))
     return _document(root)
@@ -117,10 +131,17 @@ def base_unit(name: str) -> dict[str, str] | None:
 
 def _root(interface: Interface, version: str, id_name: str, identity: str, offers: Sequence[Offer]) -> ET.Element:
     model = interface.model
-    root = ET.Element("fmiModelDescription", {
-        "fmiVersion": version, "modelName": model.name, id_name: identity, "description": model.description,
-        "generationTool": GENERATION_TOOL, "variableNamingConvention": "structured" if model.arrays else "flat",
-    })  # fmt: skip
+    root = ET.Element(
+        "fmiModelDescription",
+        {
+            "fmiVersion": version,
+            "modelName": model.name,
+            id_name: identity,
+            "description": model.description,
+            "generationTool": GENERATION_TOOL,
+            "variableNamingConvention": "structured" if model.arrays else "flat",
+        },
+    )
     for offer in offers:
         flags = {name: str(value).lower() for name, value in offer.flags.items()}
         element = ET.SubElement(root, offer.kind, {"modelIdentifier": offer.identifier} | flags)

@@ -46,9 +46,8 @@ class _Capabilities:
 
 _CAPABILITIES = {
     2: _Capabilities(
-        dict.fromkeys(
-            ("canGetAndSetFMUstate", "canSerializeFMUstate", "canNotUseMemoryManagementFunctions"), True
-        ) | {"needsExecutionTool": False},
+        dict.fromkeys(("canGetAndSetFMUstate", "canSerializeFMUstate", "canNotUseMemoryManagementFunctions"), True)
+        | {"needsExecutionTool": False},
         ("providesDirectionalDerivative",),
         {"completedIntegratorStepNotNeeded": False},
     ),
@@ -57,7 +56,7 @@ _CAPABILITIES = {
         ("providesDirectionalDerivatives", "providesAdjointDerivatives"),
         {"needsCompletedIntegratorStep": True},
     ),
-}  # fmt: skip
+}
 
 
 def build(

@@ -22,10 +22,20 @@ LONGEST = 88  # characters of an expression, before its longest part is given a 
 Text = tuple[str, int]  # C, and how tightly it binds
 _TERNARY, _SUM, _PRODUCT, _ATOM = range(4)
 # SymPy turns floor(x) > 1 into x >= ceiling(1 + 1), whence ceiling.
-_FUNCTIONS = {"sin": "sin", "cos": "cos", "tan": "tan", "tanh": "tanh", "exp": "exp", "log": "log", "floor": "floor",
-              "Abs": "fabs", "sign": "sign", "uniform": "uniform",
-              "ceiling": "ceil",
-              "Not": "!"}  # fmt: skip
+_FUNCTIONS = {
+    "sin": "sin",
+    "cos": "cos",
+    "tan": "tan",
+    "tanh": "tanh",
+    "exp": "exp",
+    "log": "log",
+    "floor": "floor",
+    "Abs": "fabs",
+    "sign": "sign",
+    "uniform": "uniform",
+    "ceiling": "ceil",
+    "Not": "!",
+}
 _FOLDED = {"Min": "minimum", "Max": "maximum"}
 _JOINED = {"And": " && ", "Or": " || "}
 
@@ -99,8 +109,11 @@ class _Writer:
     def _short(self, node: sympy.Basic) -> Text:
         """The node's C, once its longest operands have got names if it would be a long line without."""
         text = self._compose(node)
-        parts = sorted((each for each in _operands(node) if not isinstance(each, Boolean) and not each.is_Atom),
-                       key=lambda each: len(self.text(each)[0]), reverse=True)  # fmt: skip
+        parts = sorted(
+            (each for each in _operands(node) if not isinstance(each, Boolean) and not each.is_Atom),
+            key=lambda each: len(self.text(each)[0]),
+            reverse=True,
+        )
         for part in parts:
             if len(text[0]) <= LONGEST or len(self.text(part)[0]) < LONGEST // 4:
                 break

@@ -70,13 +70,27 @@ def layout(interface: Interface, token: str) -> str:
     named = {name: place for name, place in places.items() if element(name) is None}
     named |= {name: places[_first(model, name)] for name in model.arrays}
     references = [f"    vr_{name} = {place}," for name, place in named.items()]
-    return "\n".join([
-        _HEAD.format(name=model.name) + "#ifndef LAYOUT_H", "#define LAYOUT_H", "",
-        f"#define MODEL_NAME {c_code.string(model.name)}", f"#define MODEL_TOKEN {c_code.string(token)}", "",
-        "enum {", *lines, "};", "",
-        "/* Value references, of arrays the first; those of rates and time follow. */", "enum {", *references, "};",
-        "", "#endif", "",
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            _HEAD.format(name=model.name) + "#ifndef LAYOUT_H",
+            "#define LAYOUT_H",
+            "",
+            f"#define MODEL_NAME {c_code.string(model.name)}",
+            f"#define MODEL_TOKEN {c_code.string(token)}",
+            "",
+            "enum {",
+            *lines,
+            "};",
+            "",
+            "/* Value references, of arrays the first; those of rates and time follow. */",
+            "enum {",
+            *references,
+            "};",
+            "",
+            "#endif",
+            "",
+        ]
+    )
 
 
 def _first(model: Model, name: str) -> str:
@@ -103,8 +117,12 @@ def _columns(interface: Interface) -> list[tuple[str, str]]:
     model = interface.model
     if not exchangeable(model):
         return []
-    real = [(v.name, kind) for kind, causality in (("u", "input"), ("p", "parameter"))
-            for v in model.of(causality) if v.type == "Real"]  # fmt: skip
+    real = [
+        (v.name, kind)
+        for kind, causality in (("u", "input"), ("p", "parameter"))
+        for v in model.of(causality)
+        if v.type == "Real"
+    ]
     return [(state.name, "x") for state in model.continuous] + real
 
 
@@ -137,7 +155,7 @@ class _Source:
             _array("const char *const model_tables[N_TABLES + 1]", [*map(c_code.string, model.tables), "NULL"]),
             self._places("const int model_row[N_VARIABLES]", _rows(model)),
             self._places("const int model_column[N_VARIABLES]", [name for name, _ in _columns(self.interface)]),
-        ]  # fmt: skip
+        ]
 
     def _reference(self, name: str) -> str:
         """C of a value reference."""
@@ -209,8 +227,12 @@ class _Source:
     def _jacobian(self) -> str:
         entries = self._jacobian_entries() if exchangeable(self.model) else {}
         targets = {f"J[{row}][{column}]": entry for (row, column), entry in entries.items()}
-        return self._assigning(f"void model_jacobian({_ARGUMENTS}, double J[N_ROWS + 1][N_COLUMNS + 1])",
-                               "derivatives of its equations", targets, "J")  # fmt: skip
+        return self._assigning(
+            f"void model_jacobian({_ARGUMENTS}, double J[N_ROWS + 1][N_COLUMNS + 1])",
+            "derivatives of its equations",
+            targets,
+            "J",
+        )
 
     def _jacobian_entries(self) -> dict[tuple[int, int], sympy.Expr]:
         traced = self.written

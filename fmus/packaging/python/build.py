@@ -64,9 +64,7 @@ def build(
             that cannot be traced.
     """
     starts = values.checked(model, parameters or {}, tables or {})
-    files = _code(model) | {
-        f"resources/{name}.csv": values.csv(table) for name, table in (tables or {}).items()
-    }  # fmt: skip
+    files = _code(model) | {f"resources/{name}.csv": values.csv(table) for name, table in (tables or {}).items()}
     guid = str(uuid.uuid5(uuid.NAMESPACE_URL, f"servotwin:{model.name}:{_digest(files)}:{defaults.dump(starts)}"))
     files[defaults.RESOURCE] = defaults.dump(starts).encode()
     offer = xml.Offer("CoSimulation", model.name, _CAPABILITIES)

@@ -193,8 +193,9 @@ def _columns(wanted: Sequence[str] | None, series: Mapping[str, Series], name: s
     found = [key for each in series.values() for key, values in each.values.items() if np.isfinite(values).any()]
     missing = [key for key in wanted or () if key not in found]
     if missing:
-        raise TraceError(name, f"holds no frame with the signal {', '.join(missing)}",
-                         "check the database, the channel and the log")  # fmt: skip
+        raise TraceError(
+            name, f"holds no frame with the signal {', '.join(missing)}", "check the database, the channel and the log"
+        )
     if not found:
         raise TraceError(name, "holds no frame of the database", "check that log and database belong together")
     return found if wanted is None else list(dict.fromkeys(wanted))

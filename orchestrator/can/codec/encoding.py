@@ -50,8 +50,11 @@ class Encoder:
         for name in self._columns:
             bad = np.flatnonzero(~np.isfinite(trace[name]))
             if len(bad):
-                raise TraceError(f"{trace.name}.{name}", f"is not finite at t = {trace.time[bad[0]]:g} s "
-                                 f"({len(bad)} samples)", "repair or cut the recording")  # fmt: skip
+                raise TraceError(
+                    f"{trace.name}.{name}",
+                    f"is not finite at t = {trace.time[bad[0]]:g} s ({len(bad)} samples)",
+                    "repair or cut the recording",
+                )
         frames = concatenated([self._message(writer, trace, start) for writer in self._writers])
         return frames[np.argsort(frames.time, kind="stable")]
 

@@ -127,8 +127,9 @@ class Merger:
                 own, at, last = values[finite], series.time[finite], _newest(rows[finite], len(time))
             if name not in self.signals or not len(own):
                 continue
-            columns[name] = self._between(name, own, at, time) if name in self.interpolated else self._hold(
-                name, own, last)  # fmt: skip
+            columns[name] = (
+                self._between(name, own, at, time) if name in self.interpolated else self._hold(name, own, last)
+            )
             self._held[name] = float(own[-1])
         return columns
 

@@ -37,8 +37,10 @@ class Schedule:
     left: int
 
     def __str__(self) -> str:
-        text = (f"{self.message}: stamps put on a schedule of {1e3 * self.period:.6g} ms; they were off by "
-                f"{1e3 * self.late[0]:.3g} ms in the median, {1e3 * self.late[1]:.3g} ms at most")  # fmt: skip
+        text = (
+            f"{self.message}: stamps put on a schedule of {1e3 * self.period:.6g} ms; they were off by "
+            f"{1e3 * self.late[0]:.3g} ms in the median, {1e3 * self.late[1]:.3g} ms at most"
+        )
         return f"{text}; {self.left} frames too far from others keep theirs" if self.left else text
 
 
@@ -51,8 +53,9 @@ def counter_of(database: Database, message: str) -> str:
     """
     spec = database.message(message)
     if spec.protection is None or not spec.protection.counter:
-        raise TraceError(database.path, f"{message} has no counter, so its schedule cannot be recovered",
-                         "leave it out of `steady`")  # fmt: skip
+        raise TraceError(
+            database.path, f"{message} has no counter, so its schedule cannot be recovered", "leave it out of `steady`"
+        )
     return database.public_name(spec, spec.signal(spec.protection.counter))
 
 
@@ -76,8 +79,12 @@ def on_schedule(series: Series, message: str, counter: FloatArray, modulus: int)
         periods.append(period)
         residuals.append(np.abs(stamps - line))
     late = np.concatenate(residuals)
-    found = Schedule(message, float(np.median(periods)) if periods else 0.0,
-                     (float(np.median(late)), float(late.max())) if len(late) else (0.0, 0.0), left)  # fmt: skip
+    found = Schedule(
+        message,
+        float(np.median(periods)) if periods else 0.0,
+        (float(np.median(late)), float(late.max())) if len(late) else (0.0, 0.0),
+        left,
+    )
     return Series(time, series.values, series.units), found
 
 

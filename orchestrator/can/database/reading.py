@@ -95,8 +95,9 @@ def _refuse_hostile(path: Path, suffix: str, text: str) -> None:
     for found in _SIZES[suffix].finditer(text):
         size = next((each for each in found.groups("0") if len(each) > 6 or int(each) > LARGEST_SIZE), None)
         if size:
-            raise _at(path, text, found.start(), f"{size[:20]} bits or bytes are more than any frame has",
-                      "check the length")  # fmt: skip
+            raise _at(
+                path, text, found.start(), f"{size[:20]} bits or bytes are more than any frame has", "check the length"
+            )
     if suffix == ".dbc":
         _refuse_many_selections(path, text)
 

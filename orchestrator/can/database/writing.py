@@ -62,8 +62,11 @@ def generate(signals: Sequence[Declared], path: Path | None = None, fd: bool = F
         _check(each)
     loads = list(_loads(signals, LONGEST if fd else CLASSIC, sender))
     if not loads or len(loads) > LAST_ID - FIRST_ID + 1:
-        raise DatabaseError("CAN database", f"{len(signals)} signals make {len(loads)} messages", "declare 1 or more "
-                            "signals, or split them over databases")  # fmt: skip
+        raise DatabaseError(
+            "CAN database",
+            f"{len(signals)} signals make {len(loads)} messages",
+            "declare 1 or more signals, or split them over databases",
+        )
     whole = all(_milliseconds(load.every).is_integer() for load in loads)
     messages = [
         _message(FIRST_ID + number, title, load, names, whole, fd)
@@ -105,8 +108,11 @@ def _check(signal: Declared) -> None:
     if not all(abs(each) < _LARGEST for each in given):
         raise DatabaseError(f"signal {signal.name}", f"has a bound that is not below {_LARGEST:g}", "leave it out")
     if signal.minimum is not None and signal.maximum is not None and signal.minimum >= signal.maximum:
-        raise DatabaseError(f"signal {signal.name}", f"ranges from {signal.minimum:g} to {signal.maximum:g}",
-                            "give a minimum below the maximum")  # fmt: skip
+        raise DatabaseError(
+            f"signal {signal.name}",
+            f"ranges from {signal.minimum:g} to {signal.maximum:g}",
+            "give a minimum below the maximum",
+        )
     if signal.every is not None and not 1e-5 <= signal.every <= 65:
         raise DatabaseError(f"signal {signal.name}", f"has a period of {signal.every:g} s", "use 10 us to 65 s")
 
@@ -164,8 +170,17 @@ def _message(identifier: int, title: str, load: _Load, names: dict[str, str], wh
     size = next(each for each in (*range(9), 12, 16, 20, 24, 32, 48, 64) if 8 * each >= start)
     milliseconds: Any = _milliseconds(load.every)
     cycle = None if load.every is None else int(milliseconds) if whole else milliseconds
-    return Message(identifier, title, size, placed, cycle_time=cycle, senders=[load.sender],
-                   is_fd=fd, comment=f"sent by {load.sender}", strict=True)  # fmt: skip
+    return Message(
+        identifier,
+        title,
+        size,
+        placed,
+        cycle_time=cycle,
+        senders=[load.sender],
+        is_fd=fd,
+        comment=f"sent by {load.sender}",
+        strict=True,
+    )
 
 
 def _signal(declared: Declared, name: str, start: int) -> Signal:

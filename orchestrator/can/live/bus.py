@@ -54,8 +54,11 @@ class BusSettings:
         if self.interface not in can.VALID_INTERFACES:
             near = difflib.get_close_matches(self.interface, can.VALID_INTERFACES, 1)
             meant = f"did you mean {near[0]}? " if near else ""
-            raise InputError(f"interface {self.interface}", "is not known to python-can",
-                             f"{meant}it has {', '.join(sorted(can.VALID_INTERFACES))}")  # fmt: skip
+            raise InputError(
+                f"interface {self.interface}",
+                "is not known to python-can",
+                f"{meant}it has {', '.join(sorted(can.VALID_INTERFACES))}",
+            )
         if self.data_bitrate is not None and not self.fd:
             raise InputError(self.place, "has a data bit rate, but is no CAN FD bus", "give --fd, too")
         if self.fd and self.interface in _TIMED and None in (self.bitrate, self.data_bitrate):
@@ -103,8 +106,11 @@ def open_bus(settings: BusSettings) -> can.BusABC:
         return can.Bus(settings.channel, settings.interface, ignore_config=True, **_rates(settings) | values)
     except Exception as error:  # drivers raise anything: ImportError, AttributeError, their own
         text = " ".join(str(error).split()) or type(error).__name__
-        raise BusError(settings.place, f"does not open ({text})", "see that the adapter is plugged in, its driver "
-                       "installed, and the channel right") from error  # fmt: skip
+        raise BusError(
+            settings.place,
+            f"does not open ({text})",
+            "see that the adapter is plugged in, its driver installed, and the channel right",
+        ) from error
 
 
 @contextlib.contextmanager
@@ -122,9 +128,12 @@ def _rates(settings: BusSettings) -> dict[str, Any]:
     """The bit rates as the interface wants them."""
     if settings.fd and settings.interface in _TIMED:
         timing = can.BitTimingFd.from_sample_point(
-            f_clock=_CLOCK, nom_bitrate=settings.bitrate or 0, nom_sample_point=_SAMPLE_POINT,
-            data_bitrate=settings.data_bitrate or 0, data_sample_point=_SAMPLE_POINT,
-        )  # fmt: skip
+            f_clock=_CLOCK,
+            nom_bitrate=settings.bitrate or 0,
+            nom_sample_point=_SAMPLE_POINT,
+            data_bitrate=settings.data_bitrate or 0,
+            data_sample_point=_SAMPLE_POINT,
+        )
         return {"timing": timing} | ({"fd": True} if settings.interface == "pcan" else {})
     values: dict[str, Any] = {"bitrate": settings.bitrate, "data_bitrate": settings.data_bitrate}
     if settings.interface == "virtual":

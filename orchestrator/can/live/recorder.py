@@ -106,9 +106,18 @@ class _Counts:
             self._count_identifiers(messages)
         nominal, data = self.bitrates
         if nominal is not None:
-            self.busy += sum(wire.seconds(each.dlc, each.is_extended_id, each.is_remote_frame, each.is_fd, nominal,
-                                          data if each.bitrate_switch else None)
-                             for each in messages if not each.is_error_frame)  # fmt: skip
+            self.busy += sum(
+                wire.seconds(
+                    each.dlc,
+                    each.is_extended_id,
+                    each.is_remote_frame,
+                    each.is_fd,
+                    nominal,
+                    data if each.bitrate_switch else None,
+                )
+                for each in messages
+                if not each.is_error_frame
+            )
         self.bus_off += [each.timestamp for each in messages if is_bus_off(each)][: _MOST - len(self.bus_off)]
 
     def document(self) -> dict[str, Any]:
@@ -154,8 +163,11 @@ def record(
         ready()
         document = session.run(stop, progress)
     if session.failure is not None:
-        raise BusError(recording.bus.place, f"failed after {document['frames']:,} frames ({session.failure})",
-                       f"they are kept in {recording.out}")  # fmt: skip
+        raise BusError(
+            recording.bus.place,
+            f"failed after {document['frames']:,} frames ({session.failure})",
+            f"they are kept in {recording.out}",
+        )
     return document
 
 
@@ -169,8 +181,13 @@ class _Session:
         self._counts = _Counts(
             decoder.census if decoder else Census(), decoder, (settings.bitrate, settings.data_bitrate)
         )
-        self._log = LogFiles(recording.out, recording.out.resolve().name, recording.suffix, recording.rotate_size,
-                             recording.rotate_seconds)  # fmt: skip
+        self._log = LogFiles(
+            recording.out,
+            recording.out.resolve().name,
+            recording.suffix,
+            recording.rotate_size,
+            recording.rotate_seconds,
+        )
         self._started = datetime.now(UTC)
         self._begin = self._synced = time.monotonic()
         self._recent: deque[tuple[float, int, float]] = deque(maxlen=25)  # when, frames, busy: the latest second or so
@@ -225,27 +242,40 @@ class _Session:
         then, frames_then, busy_then = self._recent[0]
         past = max(now - then, _PERIOD)
         load = None if counts.bitrates[0] is None else (counts.busy - busy_then) / past
-        return Status(now - self._begin, counts.frames, self._receiver.dropped, counts.census.errors,
-                      (counts.frames - frames_then) / past, load)  # fmt: skip
+        return Status(
+            now - self._begin,
+            counts.frames,
+            self._receiver.dropped,
+            counts.census.errors,
+            (counts.frames - frames_then) / past,
+            load,
+        )
 
     def _write_manifest(self, ended: str) -> dict[str, Any]:
         recording, bus, counts = self._recording, self._recording.bus, self._counts
         document = {
             "kind": "CAN recording",
-            "interface": bus.interface, "channel": bus.channel, "bitrate": bus.bitrate, "fd": bus.fd,
-            "data_bitrate": bus.data_bitrate, "options": dict(bus.options),
+            "interface": bus.interface,
+            "channel": bus.channel,
+            "bitrate": bus.bitrate,
+            "fd": bus.fd,
+            "data_bitrate": bus.data_bitrate,
+            "options": dict(bus.options),
             "database": None if recording.database is None else recording.database.name,
             "started": self._started.isoformat(),
             "stopped": None if ended == "unfinished" else datetime.now(UTC).isoformat(),
             "ended": ended,
             "failure": None if self._receiver.failure is None else str(self._receiver.failure),
-            "frames": counts.frames, "dropped": self._receiver.dropped, "error_frames": counts.census.errors,
+            "frames": counts.frames,
+            "dropped": self._receiver.dropped,
+            "error_frames": counts.census.errors,
             "bus_off": [_iso(stamp) for stamp in counts.bus_off],
-            "malformed_lines": getattr(self._bus, "malformed", 0), "refused_lines": getattr(self._bus, "refused", 0),
+            "malformed_lines": getattr(self._bus, "malformed", 0),
+            "refused_lines": getattr(self._bus, "refused", 0),
             "files": [file.document() for file in self._log.files],
             "found": counts.document(),
             "versions": versions(),
-        }  # fmt: skip
+        }
         document["remarks"] = _remarks(document, counts.census)
         fresh = recording.out / ".manifest.json"
         write_json(fresh, document)
@@ -258,12 +288,13 @@ def _remarks(document: dict[str, Any], found: Census) -> list[str]:
     lines = {
         "{dropped:,} frames were dropped: they came faster than they could be written": document["dropped"],
         "the adapter has left the bus (bus off), first at {bus_off[0]}": document["bus_off"],
-        "{malformed_lines:,} lines from the adapter were no frames: noise, or another baud rate of the port":
-            document["malformed_lines"],
+        "{malformed_lines:,} lines from the adapter were no frames: noise, or another baud rate of the port": document[
+            "malformed_lines"
+        ],
         "the adapter refused {refused_lines:,} commands": document["refused_lines"],
-        "no frame came: see that the bit rate is that of the bus, and that somebody sends":
-            document["frames"] == document["error_frames"],
-    }  # fmt: skip
+        "no frame came: see that the bit rate is that of the bus, and that somebody sends": document["frames"]
+        == document["error_frames"],
+    }
     said = [text.format(**document) for text, holds in lines.items() if holds]
     if document["database"] is not None:
         return said + [f"decoded with {document['database']}: {line}" for line in found.lines()]

@@ -122,8 +122,9 @@ def _sent(
             done.skipped += 1
             continue
         if message.is_fd and not settings.fd:
-            raise InputError(settings.place, "is opened for classic frames, and the log holds CAN FD frames",
-                             "give --fd")  # fmt: skip
+            raise InputError(
+                settings.place, "is opened for classic frames, and the log holds CAN FD frames", "give --fd"
+            )
         if schedule is None:
             schedule = _Schedule(message.timestamp, time.monotonic() + _LEAD, speed)
         deadline = schedule.deadline(message.timestamp)
@@ -155,15 +156,21 @@ def _check(receiver: Receiver, settings: BusSettings, done: Replayed) -> None:
     messages = receiver.take()
     done.errors += sum(message.is_error_frame for message in messages)
     if any(map(is_bus_off, messages)):
-        raise BusError(settings.place, f"has left the bus (bus off) by {done.sent:,} frames",
-                       "see that the bit rate is that of the bus, and to the wiring")  # fmt: skip
+        raise BusError(
+            settings.place,
+            f"has left the bus (bus off) by {done.sent:,} frames",
+            "see that the bit rate is that of the bus, and to the wiring",
+        )
     if receiver.failure is not None:
         raise _failed(settings, done.sent, receiver.failure)
 
 
 def _failed(settings: BusSettings, sent: int, error: Exception) -> BusError:
-    return BusError(settings.place, f"failed after {sent:,} frames ({error})",
-                    "see that the adapter is plugged in, and that somebody listens")  # fmt: skip
+    return BusError(
+        settings.place,
+        f"failed after {sent:,} frames ({error})",
+        "see that the adapter is plugged in, and that somebody listens",
+    )
 
 
 class _Schedule:

@@ -69,8 +69,11 @@ class LogReader:
             for first in range(0, len(batch), BATCH):
                 yield batch[first : first + BATCH]
         if count == 0 and findings.damaged:
-            raise TraceError(self.path, f"holds no frame that can be read ({findings.damage[0]})",
-                             f"check that it is a {self.path.suffix} log")  # fmt: skip
+            raise TraceError(
+                self.path,
+                f"holds no frame that can be read ({findings.damage[0]})",
+                f"check that it is a {self.path.suffix} log",
+            )
         self._progress(1.0)
 
 

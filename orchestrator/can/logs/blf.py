@@ -157,8 +157,12 @@ def _contents(file: BinaryIO, begin: int, size: int, findings: Findings) -> Iter
         if cut:
             follower = _next_signature(file, start + OBJECT.size)
             place = size if follower is None else follower
-            findings.add(start, "the file ends inside this object" if follower is None
-                         else f"an object claims {length} bytes, the next begins after {place - start}")  # fmt: skip
+            findings.add(
+                start,
+                "the file ends inside this object"
+                if follower is None
+                else f"an object claims {length} bytes, the next begins after {place - start}",
+            )
         file.seek(start + OBJECT.size)
         body = file.read(place - start - OBJECT.size)
         if kind == LOG_CONTAINER:

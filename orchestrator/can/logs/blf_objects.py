@@ -33,14 +33,53 @@ HEADER = np.dtype([("signature", "<u4"), ("header", "<u2"), ("version", "<u2"), 
 STAMP = np.dtype([("flags", "<u4"), ("client", "<u2"), ("version", "<u2"), ("time", "<u8")])
 MESSAGE = np.dtype([("channel", "<u2"), ("flags", "u1"), ("dlc", "u1"), ("id", "<u4"), ("data", "u1", CLASSIC)])
 ERROR = np.dtype([("channel", "<u2"), ("length", "<u2")])
-ERROR_EXT = np.dtype([("channel", "<u2"), ("length", "<u2"), ("flags", "<u4"), ("code", "u1"), ("position", "u1"),
-                      ("dlc", "u1"), ("_", "u1"), ("bits", "<u4"), ("id", "<u4"), ("more", "<u2"), ("_2", "<u2"),
-                      ("data", "u1", CLASSIC)])  # fmt: skip
-FD = np.dtype([("channel", "<u2"), ("flags", "u1"), ("dlc", "u1"), ("id", "<u4"), ("bits", "<u4"), ("count", "u1"),
-               ("fd", "u1"), ("valid", "u1"), ("_", "u1", 5), ("data", "u1", LONGEST)])  # fmt: skip
-FD_64 = np.dtype([("channel", "u1"), ("dlc", "u1"), ("valid", "u1"), ("tries", "u1"), ("id", "<u4"), ("bits", "<u4"),
-                  ("flags", "<u4"), ("rates", "<u4", 2), ("offsets", "<u4", 2), ("count", "<u2"), ("sent", "u1"),
-                  ("more", "u1"), ("crc", "<u4")])  # fmt: skip
+ERROR_EXT = np.dtype(
+    [
+        ("channel", "<u2"),
+        ("length", "<u2"),
+        ("flags", "<u4"),
+        ("code", "u1"),
+        ("position", "u1"),
+        ("dlc", "u1"),
+        ("_", "u1"),
+        ("bits", "<u4"),
+        ("id", "<u4"),
+        ("more", "<u2"),
+        ("_2", "<u2"),
+        ("data", "u1", CLASSIC),
+    ]
+)
+FD = np.dtype(
+    [
+        ("channel", "<u2"),
+        ("flags", "u1"),
+        ("dlc", "u1"),
+        ("id", "<u4"),
+        ("bits", "<u4"),
+        ("count", "u1"),
+        ("fd", "u1"),
+        ("valid", "u1"),
+        ("_", "u1", 5),
+        ("data", "u1", LONGEST),
+    ]
+)
+FD_64 = np.dtype(
+    [
+        ("channel", "u1"),
+        ("dlc", "u1"),
+        ("valid", "u1"),
+        ("tries", "u1"),
+        ("id", "<u4"),
+        ("bits", "<u4"),
+        ("flags", "<u4"),
+        ("rates", "<u4", 2),
+        ("offsets", "<u4", 2),
+        ("count", "<u2"),
+        ("sent", "u1"),
+        ("more", "u1"),
+        ("crc", "<u4"),
+    ]
+)
 WORD = np.frombuffer(SIGNATURE, "<u4")[0]
 
 
@@ -184,8 +223,11 @@ def _frames(objects: Objects, origin: float) -> Frames:
     stamps = gather(objects.octets, objects.starts + HEADER.itemsize, STAMP)
     time = stamps["time"] / np.where(stamps["flags"] == TEN_MICROSECONDS, 1e5, 1e9) + origin
     types = objects.heads["type"]
-    parts = [(rows, KINDS[kind][1](objects.of(rows))) for kind in np.unique(types).tolist()
-             for rows in [np.flatnonzero(types == kind)]]  # fmt: skip
+    parts = [
+        (rows, KINDS[kind][1](objects.of(rows)))
+        for kind in np.unique(types).tolist()
+        for rows in [np.flatnonzero(types == kind)]
+    ]
     wide = any(np.any(part.length[part.flags & Flag.REMOTE == 0] > CLASSIC) for _, part in parts)
     flags, channel, length = (np.zeros(count, np.uint8) for _ in range(3))
     data = np.zeros((count, LONGEST if wide else CLASSIC), np.uint8)
@@ -212,8 +254,13 @@ def _message(objects: Objects) -> Columns:
 def _error(objects: Objects) -> Columns:
     raw = gather(objects.octets, objects.bodies, ERROR)
     nothing = np.zeros(len(raw), np.uint8)
-    return Columns(nothing.astype(np.uint32), nothing + np.uint8(Flag.ERROR), raw["channel"], nothing,
-                   np.zeros((len(raw), CLASSIC), np.uint8))  # fmt: skip
+    return Columns(
+        nothing.astype(np.uint32),
+        nothing + np.uint8(Flag.ERROR),
+        raw["channel"],
+        nothing,
+        np.zeros((len(raw), CLASSIC), np.uint8),
+    )
 
 
 def _error_ext(objects: Objects) -> Columns:
@@ -226,9 +273,12 @@ def _fd(objects: Objects) -> Columns:
     raw = gather(objects.octets, objects.bodies, FD)
     fd = raw["fd"]
     flags = (
-        _where(raw["flags"] & 0x80, Flag.REMOTE) | _where(raw["flags"] & 1, Flag.SENT)
-        | _where(fd & 1, Flag.FD) | _where(fd & 2, Flag.BITRATE_SWITCH) | _where(fd & 4, Flag.ERROR_STATE)
-    )  # fmt: skip
+        _where(raw["flags"] & 0x80, Flag.REMOTE)
+        | _where(raw["flags"] & 1, Flag.SENT)
+        | _where(fd & 1, Flag.FD)
+        | _where(fd & 2, Flag.BITRATE_SWITCH)
+        | _where(fd & 4, Flag.ERROR_STATE)
+    )
     valid = np.minimum(raw["valid"], LONGEST)
     length = np.where(flags & Flag.REMOTE, LENGTHS[np.minimum(raw["dlc"], 15)], valid)
     return Columns(raw["id"], flags, raw["channel"], length, raw["data"])
@@ -238,9 +288,12 @@ def _fd_64(objects: Objects) -> Columns:
     raw = gather(objects.octets, objects.bodies, FD_64)
     told = raw["flags"]
     flags = (
-        _where(told & 0x10, Flag.REMOTE) | _where(raw["sent"], Flag.SENT) | _where(told & 0x1000, Flag.FD)
-        | _where(told & 0x2000, Flag.BITRATE_SWITCH) | _where(told & 0x4000, Flag.ERROR_STATE)
-    )  # fmt: skip
+        _where(told & 0x10, Flag.REMOTE)
+        | _where(raw["sent"], Flag.SENT)
+        | _where(told & 0x1000, Flag.FD)
+        | _where(told & 0x2000, Flag.BITRATE_SWITCH)
+        | _where(told & 0x4000, Flag.ERROR_STATE)
+    )
     valid = np.minimum(raw["valid"], LONGEST)
     behind = np.where(raw["more"], raw["more"], objects.heads["size"]).astype(np.int64)
     there = np.clip(behind - objects.heads["header"] - FD_64.itemsize, 0, valid)

@@ -116,8 +116,18 @@ def _write(file: BinaryIO, content: bytes) -> int:
 
 
 def _file_header(end: int, size: int, count: int, first: float, last: float) -> bytes:
-    return FILE_HEADER.pack(b"LOGG", FILE_HEADER.size, *APPLICATION, *VERSION, end, size, count, 0,
-                            *_system_time(first), *_system_time(last))  # fmt: skip
+    return FILE_HEADER.pack(
+        b"LOGG",
+        FILE_HEADER.size,
+        *APPLICATION,
+        *VERSION,
+        end,
+        size,
+        count,
+        0,
+        *_system_time(first),
+        *_system_time(last),
+    )
 
 
 def _system_time(stamp: float) -> tuple[int, ...]:

@@ -19,8 +19,11 @@ NUMBER = re.compile(r"\d+$")
 
 ASC_LONG_FRAME = 0x1000  # of a CANFD line's flags
 ASC_HEADER = re.compile(r"(date|base|(?:no\s+)?internal\s+events|begin\s+triggerblock)\b", re.IGNORECASE)
-ASC_NOTHING = re.compile(r"//|(date|base|(no\s+)?internal\s+events|begin\s+triggerblock|end\s+triggerblock|"
-                         r"previous\s+log\s+file|\d+\.\d+\s+start\s+of\s+measurement)\b", re.IGNORECASE)  # fmt: skip
+ASC_NOTHING = re.compile(
+    r"//|(date|base|(no\s+)?internal\s+events|begin\s+triggerblock|end\s+triggerblock|"
+    r"previous\s+log\s+file|\d+\.\d+\s+start\s+of\s+measurement)\b",
+    re.IGNORECASE,
+)
 ASC_PREAMBLE = re.compile(r"//|(date|base|(no\s+)?internal\s+events)\b", re.IGNORECASE)
 ASC_FRAME = re.compile(r"\d+\.\d+\s+(\d+\s+[0-9a-f]+x?\s|canfd\b)", re.IGNORECASE)
 ASC_EVENT = re.compile(r"\d+\.\d+\s+\S")

@@ -55,8 +55,9 @@ def _worker(path: Path) -> Iterator[int]:
     """The pipe from a process that reads the log."""
     command = [sys.executable, "-c", _BOOT.format(path=sys.path), str(path.resolve())]
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-                          env=environment) as process:  # fmt: skip
+    with subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=environment
+    ) as process:
         try:
             assert process.stdout is not None
             yield process.stdout.fileno()

@@ -110,8 +110,7 @@ def _opened(file: BinaryIO, path: Path) -> Any:
     try:
         return asammdf.MDF(file)
     except Exception as problem:  # asammdf meets damage with whatever error comes first
-        raise TraceError(path, f"is no readable .mf4 log ({shortened(problem)})",
-                         "record or export it again") from None  # fmt: skip
+        raise TraceError(path, f"is no readable .mf4 log ({shortened(problem)})", "record or export it again") from None
 
 
 def _rising(time: NDArray[np.float64], least: float) -> NDArray[np.float64]:
@@ -156,8 +155,14 @@ def _columns(signal: Any, name: str, start: float) -> Frames:
     data[:, : told.shape[1]] = told[:, :width]
     data *= np.arange(width) < filled[:, None]
     length = np.where(flags & Flag.REMOTE, length, filled).astype(np.uint8)
-    return Frames(signal.timestamps + start, there.get("ID", nothing).astype(np.uint32) & np.uint32(0x1FFFFFFF), flags,
-                  there.get("BusChannel", nothing).astype(np.uint8), length, data)  # fmt: skip
+    return Frames(
+        signal.timestamps + start,
+        there.get("ID", nothing).astype(np.uint32) & np.uint32(0x1FFFFFFF),
+        flags,
+        there.get("BusChannel", nothing).astype(np.uint8),
+        length,
+        data,
+    )
 
 
 def _fields(name: str) -> np.dtype[Any]:
@@ -196,5 +201,12 @@ def _append_groups(asammdf: Any, mdf: Any, database: Path | None) -> None:
         attachment = content, database.name, hashlib.md5(content, usedforsecurity=False).digest()
     source = Source("", "", "", Source.BUS_TYPE_CAN, Source.SOURCE_BUS)
     for name in KINDS:
-        mdf.append(asammdf.Signal(name=name, samples=np.array([], _fields(name)), timestamps=np.array([], "<f8"),
-                                  attachment=attachment, source=source))  # fmt: skip
+        mdf.append(
+            asammdf.Signal(
+                name=name,
+                samples=np.array([], _fields(name)),
+                timestamps=np.array([], "<f8"),
+                attachment=attachment,
+                source=source,
+            )
+        )

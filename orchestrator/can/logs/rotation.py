@@ -28,8 +28,14 @@ class LogFile:
 
     def document(self) -> dict[str, Any]:
         """For the manifest."""
-        return {"file": self.path.name, "frames": self.frames, "bytes": self.path.stat().st_size, "first": self.first,
-                "last": self.last, "sha256": self.sha256}  # fmt: skip
+        return {
+            "file": self.path.name,
+            "frames": self.frames,
+            "bytes": self.path.stat().st_size,
+            "first": self.first,
+            "last": self.last,
+            "sha256": self.sha256,
+        }
 
 
 class _BlfWriter(can.BLFWriter):
@@ -54,9 +60,12 @@ def writer_of(suffix: str) -> Any:
         InputError: the format cannot be written while frames come.
     """
     if suffix not in WRITERS:
-        raise InputError(f"--format {suffix.lstrip('.')}", "cannot be written frame by frame and without loss",
-                         f"choose {', '.join(each.lstrip('.') for each in WRITERS)}; `servotwin trace convert` makes "
-                         "other formats of it")  # fmt: skip
+        raise InputError(
+            f"--format {suffix.lstrip('.')}",
+            "cannot be written frame by frame and without loss",
+            f"choose {', '.join(each.lstrip('.') for each in WRITERS)}; `servotwin trace convert` makes "
+            "other formats of it",
+        )
     return WRITERS[suffix]
 
 
@@ -145,8 +154,11 @@ class LogFiles:
         self._opened = time.monotonic()
 
     def _unwritable(self, error: OSError) -> InputError:
-        return InputError(self.files[-1].path, f"cannot be written ({error.strerror})",
-                          "make room on the disk; what was written before is kept")  # fmt: skip
+        return InputError(
+            self.files[-1].path,
+            f"cannot be written ({error.strerror})",
+            "make room on the disk; what was written before is kept",
+        )
 
 
 def _flush_to_disk(path: Path) -> None:

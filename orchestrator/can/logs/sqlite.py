@@ -16,10 +16,14 @@ from orchestrator.can.frames import CLASSIC, Frames, from_messages
 from orchestrator.can.logs.findings import Findings
 from orchestrator.can.logs.messages import BATCH, oddity, shortened
 
-ROWS = ("SELECT rowid, ts, arbitration_id, extended, remote, error, dlc, data FROM messages "
-        "WHERE rowid >= ? ORDER BY rowid LIMIT ?")  # fmt: skip
-TABLE = ("CREATE TABLE messages (ts REAL, arbitration_id INTEGER, extended INTEGER, remote INTEGER, error INTEGER, "
-         "dlc INTEGER, data BLOB)")  # fmt: skip
+ROWS = (
+    "SELECT rowid, ts, arbitration_id, extended, remote, error, dlc, data FROM messages "
+    "WHERE rowid >= ? ORDER BY rowid LIMIT ?"
+)
+TABLE = (
+    "CREATE TABLE messages (ts REAL, arbitration_id INTEGER, extended INTEGER, remote INTEGER, error INTEGER, "
+    "dlc INTEGER, data BLOB)"
+)
 MAX_VALUE = 1 << 16  # bytes of a row
 LEAP = 64  # rows that are passed over behind a broken page; doubled while it stays broken
 
@@ -60,8 +64,15 @@ def fill(path: Path, batches: Iterable[Frames]) -> int:
 
 
 def _row(message: can.Message) -> tuple[float, int, bool, bool, bool, int, bytes]:
-    return (message.timestamp, message.arbitration_id, message.is_extended_id, message.is_remote_frame,
-            message.is_error_frame, message.dlc, bytes(message.data))  # fmt: skip
+    return (
+        message.timestamp,
+        message.arbitration_id,
+        message.is_extended_id,
+        message.is_remote_frame,
+        message.is_error_frame,
+        message.dlc,
+        bytes(message.data),
+    )
 
 
 def _opened(path: Path) -> sqlite3.Connection:
@@ -81,8 +92,9 @@ def _bounds(database: sqlite3.Connection, path: Path) -> tuple[int, int]:
         first = database.execute("SELECT min(rowid) FROM messages").fetchone()[0]
         last = database.execute("SELECT max(rowid) FROM messages").fetchone()[0]
     except (sqlite3.Error, UnicodeError) as problem:  # SQLite quotes what it does not understand
-        raise TraceError(path, f"is no readable SQLite database of messages ({shortened(problem)})",
-                         "record or export it again") from None  # fmt: skip
+        raise TraceError(
+            path, f"is no readable SQLite database of messages ({shortened(problem)})", "record or export it again"
+        ) from None
     return (1, 0) if first is None else (int(first), int(last))
 
 
@@ -107,7 +119,13 @@ def _message(values: list[Any]) -> tuple[can.Message | None, str]:
     if not (numbers and isinstance(time, int | float) and isinstance(data, bytes | None)):
         return None, "a value of another type"
     message = can.Message(
-        timestamp=time, arbitration_id=identifier, is_extended_id=bool(extended), is_remote_frame=bool(remote),
-        is_error_frame=bool(error), is_fd=len(data or b"") > CLASSIC, dlc=length, data=data,
-    )  # fmt: skip
+        timestamp=time,
+        arbitration_id=identifier,
+        is_extended_id=bool(extended),
+        is_remote_frame=bool(remote),
+        is_error_frame=bool(error),
+        is_fd=len(data or b"") > CLASSIC,
+        dlc=length,
+        data=data,
+    )
     return message, oddity(message)

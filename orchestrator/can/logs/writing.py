@@ -56,8 +56,9 @@ FORMATS = {
 }
 
 
-def write(path: str | Path, batches: Iterable[Frames], database: Path | None = None,
-          lost: Counter[str] | None = None) -> int:  # fmt: skip
+def write(
+    path: str | Path, batches: Iterable[Frames], database: Path | None = None, lost: Counter[str] | None = None
+) -> int:
     """Number of frames in the log that was written; it is there as a whole or not at all.
 
     Args:
@@ -114,8 +115,11 @@ def _fitting(batches: Iterable[Frames], holds: Holds, target: Path, lost: Counte
         kept, missing = _reduced(batch, holds, first or 0.0)
         if missing and lost is None:
             what, count = missing.most_common(1)[0]
-            raise TraceError(target, f"the format does not hold {what} ({count} in a row of {len(batch)} frames)",
-                             "write .mf4 or .blf")  # fmt: skip
+            raise TraceError(
+                target,
+                f"the format does not hold {what} ({count} in a row of {len(batch)} frames)",
+                "write .mf4 or .blf",
+            )
         if lost is not None:
             lost.update(missing)
         yield kept
@@ -125,8 +129,11 @@ def _reduced(batch: Frames, holds: Holds, first: float) -> tuple[Frames, Counter
     """What is left of a batch, and what had to go."""
     missing: Counter[str] = Counter()
     error, remote = batch.has(Flag.ERROR), batch.has(Flag.REMOTE) & ~batch.has(Flag.ERROR)
-    whole = {"error frames": error & (not holds.error), "remote frames": remote & (not holds.remote),
-             "CAN FD frames": batch.has(Flag.FD) & ~error & ~remote & (not holds.fd)}  # fmt: skip
+    whole = {
+        "error frames": error & (not holds.error),
+        "remote frames": remote & (not holds.remote),
+        "CAN FD frames": batch.has(Flag.FD) & ~error & ~remote & (not holds.fd),
+    }
     gone = np.zeros(len(batch), bool)
     for what, rows in whole.items():
         gone |= rows

@@ -25,14 +25,21 @@ _ANSWER = re.compile(rb"|[zZ]|V[0-9A-Fa-f]{4}|v[0-9A-Fa-f]{2,4}|N\w{1,8}|F[0-9A-
 _STATE = re.compile(rb"s([awpb])(\d{3})(\d{3})")
 _ERRORS = re.compile(rb"e\d([abBcfosO]+)")
 _STATES = {  # letter: state, bits in byte 1 of an error frame
-    b"a": (can.BusState.ACTIVE, 0x40), b"w": (can.BusState.ACTIVE, 0x0C), b"p": (can.BusState.PASSIVE, 0x30),
+    b"a": (can.BusState.ACTIVE, 0x40),
+    b"w": (can.BusState.ACTIVE, 0x0C),
+    b"p": (can.BusState.PASSIVE, 0x30),
     b"b": (can.BusState.ERROR, 0x00),
-}  # fmt: skip
+}
 _DETAILS = {  # letter: class, byte of the data, bits in it
-    "a": (ERROR_ACK, 0, 0x00), "b": (ERROR_PROTOCOL, 2, 0x08), "B": (ERROR_PROTOCOL, 2, 0x10),
-    "c": (ERROR_PROTOCOL, 3, 0x08), "f": (ERROR_PROTOCOL, 2, 0x02), "s": (ERROR_PROTOCOL, 2, 0x04),
-    "o": (ERROR_CONTROLLER, 1, 0x01), "O": (ERROR_CONTROLLER, 1, 0x02),
-}  # fmt: skip
+    "a": (ERROR_ACK, 0, 0x00),
+    "b": (ERROR_PROTOCOL, 2, 0x08),
+    "B": (ERROR_PROTOCOL, 2, 0x10),
+    "c": (ERROR_PROTOCOL, 3, 0x08),
+    "f": (ERROR_PROTOCOL, 2, 0x02),
+    "s": (ERROR_PROTOCOL, 2, 0x04),
+    "o": (ERROR_CONTROLLER, 1, 0x01),
+    "O": (ERROR_CONTROLLER, 1, 0x02),
+}
 
 
 class SlcanBus(slcanBus):
@@ -221,5 +228,6 @@ def _error_frame(letters: str, stamp: float) -> can.Message:
 
 
 def _error(identifier: int, data: bytearray, stamp: float) -> can.Message:
-    return can.Message(timestamp=stamp, arbitration_id=identifier, is_error_frame=True, is_extended_id=False, dlc=8,
-                       data=data)  # fmt: skip
+    return can.Message(
+        timestamp=stamp, arbitration_id=identifier, is_error_frame=True, is_extended_id=False, dlc=8, data=data
+    )

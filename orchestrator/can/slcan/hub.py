@@ -98,8 +98,9 @@ class _Hub:
     def __init__(self, settings: HubSettings, orders: int | None) -> None:
         settings.folder.mkdir(parents=True, exist_ok=True)
         rates = Rates(settings.bitrate, settings.data_bitrate)
-        self._ports = [_Port(settings.folder / str(number), Adapter(rates, settings.paced))
-                       for number in range(settings.ports)]  # fmt: skip
+        self._ports = [
+            _Port(settings.folder / str(number), Adapter(rates, settings.paced)) for number in range(settings.ports)
+        ]
         self._bus = Bus([port.adapter for port in self._ports])
         self._orders, self._order = orders, b""
         self._parent = os.getppid()
@@ -148,8 +149,10 @@ class _Hub:
             _tell(self._statistics())
 
     def _statistics(self) -> dict[str, Any]:
-        ports = [{"sent": each.sent, "heard": each.heard, "lost": each.lost, "refused": each.ignored}
-                 for each in self._bus.adapters]  # fmt: skip
+        ports = [
+            {"sent": each.sent, "heard": each.heard, "lost": each.lost, "refused": each.ignored}
+            for each in self._bus.adapters
+        ]
         elapsed = time.monotonic() - self._started
         return {"frames": self._bus.frames, "busy": self._bus.busy, "elapsed": elapsed, "ports": ports}
 
@@ -223,19 +226,38 @@ def _answer(answers: IO[str], patience: float, process: subprocess.Popen[str]) -
 
 
 @contextlib.contextmanager
-def hub_process(folder: Path, ports: int = 2, bitrate: int = 500_000, data_bitrate: int = 2_000_000,
-                paced: bool = True) -> Iterator[Hub]:  # fmt: skip
+def hub_process(
+    folder: Path, ports: int = 2, bitrate: int = 500_000, data_bitrate: int = 2_000_000, paced: bool = True
+) -> Iterator[Hub]:
     """A hub that is ready, in a process of its own; it ends with the block, and when this process dies.
 
     Raises:
         BusError: it did not start.
     """
     settings = HubSettings(folder, ports, bitrate, data_bitrate, paced)
-    command = [sys.executable, "-m", __name__, str(folder), "--ports", str(ports), "--bitrate", str(bitrate),
-               "--data-bitrate", str(data_bitrate), "--supervised", *([] if paced else ["--unpaced"])]  # fmt: skip
+    command = [
+        sys.executable,
+        "-m",
+        __name__,
+        str(folder),
+        "--ports",
+        str(ports),
+        "--bitrate",
+        str(bitrate),
+        "--data-bitrate",
+        str(data_bitrate),
+        "--supervised",
+        *([] if paced else ["--unpaced"]),
+    ]
     path = os.pathsep.join(filter(None, (str(_ROOT), os.environ.get("PYTHONPATH"))))
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-                               env=os.environ | {"PYTHONPATH": path}, start_new_session=True)  # fmt: skip
+    process = subprocess.Popen(
+        command,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONPATH": path},
+        start_new_session=True,
+    )
     try:
         assert process.stdout is not None
         _answer(process.stdout, _STARTING, process)

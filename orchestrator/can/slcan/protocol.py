@@ -11,8 +11,18 @@ from typing import NamedTuple
 END, BELL = b"\r", b"\a"
 LONGEST = 256  # no line is longer: B, 8 digits, 1 digit, 128 digits, a time stamp of 4
 LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)  # data bytes by length code
-BITRATES = {"S0": 10_000, "S1": 20_000, "S2": 50_000, "S3": 100_000, "S4": 125_000, "S5": 250_000, "S6": 500_000,
-            "S7": 750_000, "S8": 1_000_000, "S9": 83_300}  # [bit/s]  # fmt: skip
+BITRATES = {
+    "S0": 10_000,
+    "S1": 20_000,
+    "S2": 50_000,
+    "S3": 100_000,
+    "S4": 125_000,
+    "S5": 250_000,
+    "S6": 500_000,
+    "S7": 750_000,
+    "S8": 1_000_000,
+    "S9": 83_300,
+}  # [bit/s]
 DATA_BITRATES = {"Y2": 2_000_000, "Y5": 5_000_000}  # [bit/s]
 
 _FRAME = re.compile(
@@ -51,5 +61,12 @@ def parse(line: bytes) -> Line | None:
     expected = 0 if remote else 2 * length
     if len(digits) - expected not in (0, 4):
         return None
-    return Line(int(identifier or extended_identifier, 16), kind is None, remote, fd, letter in _SWITCHED, length,
-                digits[:expected])  # fmt: skip
+    return Line(
+        int(identifier or extended_identifier, 16),
+        kind is None,
+        remote,
+        fd,
+        letter in _SWITCHED,
+        length,
+        digits[:expected],
+    )

@@ -16,10 +16,16 @@ from tests.support.natives import everything
 
 def selecting(function: Any) -> Model:
     return Model(
-        name="selecting", description="Selects", outputs=lambda t, x, u, p: {"y": function(u, p)},
-        variables=(input_("a", "1", "A"), output("y", "1", "Y"), parameter("on", "1", False, "On"),
-                   parameter("kind", "1", 1, "Kind", minimum=1, maximum=4)),
-    )  # fmt: skip
+        name="selecting",
+        description="Selects",
+        outputs=lambda t, x, u, p: {"y": function(u, p)},
+        variables=(
+            input_("a", "1", "A"),
+            output("y", "1", "Y"),
+            parameter("on", "1", False, "On"),
+            parameter("kind", "1", 1, "Kind", minimum=1, maximum=4),
+        ),
+    )
 
 
 @pytest.mark.parametrize("name", library.names())

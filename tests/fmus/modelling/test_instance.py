@@ -42,11 +42,18 @@ def oscillator(**functions: Any) -> Model:
         "solver_step": lambda p: 0.002,
     }
     return Model(
-        name="oscillator", description="Mass on a spring",
-        variables=(input_("drive", "1", "Input"), output("a", "1", "Output"), parameter("k", "1", 4.0, "Stiffness"),
-                   parameter("d", "1", 0.5, "Damping"), parameter("a_start", "1", 1.0, "Start")),
-        states=(State("a", "a_start"), State("b")), **(defaults | functions),
-    )  # fmt: skip
+        name="oscillator",
+        description="Mass on a spring",
+        variables=(
+            input_("drive", "1", "Input"),
+            output("a", "1", "Output"),
+            parameter("k", "1", 4.0, "Stiffness"),
+            parameter("d", "1", 0.5, "Damping"),
+            parameter("a_start", "1", 1.0, "Start"),
+        ),
+        states=(State("a", "a_start"), State("b")),
+        **(defaults | functions),
+    )
 
 
 @given(k=st.floats(0.5, 20), d=st.floats(0, 2), drive=st.floats(-5, 5), step=st.floats(0.01, 0.5))

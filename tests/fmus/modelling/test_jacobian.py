@@ -36,14 +36,18 @@ def test_smooth_functions_have_the_derivatives_that_sympy_finds(function: Any) -
 @pytest.mark.parametrize(
     ("function", "at", "slope"),
     [
-        (lambda a, b: ops.clip(a, -1, 1), 0.5, 1), (lambda a, b: ops.clip(a, -1, 1), 3.0, 0),
-        (lambda a, b: ops.clip(a, -1, 1), -3.0, 0), (lambda a, b: ops.absolute(a), -2.0, -1),
-        (lambda a, b: ops.where(a > 1, a**2, 5 * a), 3.0, 6), (lambda a, b: ops.where(a > 1, a**2, 5 * a), 0.0, 5),
+        (lambda a, b: ops.clip(a, -1, 1), 0.5, 1),
+        (lambda a, b: ops.clip(a, -1, 1), 3.0, 0),
+        (lambda a, b: ops.clip(a, -1, 1), -3.0, 0),
+        (lambda a, b: ops.absolute(a), -2.0, -1),
+        (lambda a, b: ops.where(a > 1, a**2, 5 * a), 3.0, 6),
+        (lambda a, b: ops.where(a > 1, a**2, 5 * a), 0.0, 5),
         (lambda a, b: ops.where(ops.where(a > 1, a, b) > 2, a**2, b), 3.0, 6),
-        (lambda a, b: ops.floor(a) * a, 2.5, 2), (lambda a, b: ops.sign(a) * a**2, -2.0, 4),
+        (lambda a, b: ops.floor(a) * a, 2.5, 2),
+        (lambda a, b: ops.sign(a) * a**2, -2.0, 4),
         (lambda a, b: ops.uniform(3, a) * b, 2.5, 0),
     ],
-)  # fmt: skip
+)
 def test_pieces_have_the_derivative_of_the_piece_they_are_on(function: Any, at: float, slope: float) -> None:
     with sympy.evaluate(False):
         written = sympy.sympify(function(a, b))

@@ -63,8 +63,13 @@ def test_declarations_that_do_not_fit_together_are_refused(change: dict[str, Any
 def test_the_type_of_a_variable_is_that_of_its_start_value() -> None:
     types = {variable.name: variable.type for variable in Model(**VALID).variables}
     assert types == {
-        "force": "Real", "position": "Real", "mass": "Real", "count": "Integer", "on": "Boolean", "period": "Real",
-    }  # fmt: skip
+        "force": "Real",
+        "position": "Real",
+        "mass": "Real",
+        "count": "Integer",
+        "on": "Boolean",
+        "period": "Real",
+    }
 
 
 def test_start_values_are_those_of_inputs_and_parameters() -> None:
@@ -126,8 +131,15 @@ def test_an_array_declares_an_element_for_each_place_row_by_row() -> None:
     model = with_parameters(*array("A", "1", (2, 3), "Matrix", range(6)), *array("b", "1", (2,), "Vector"))
     assert model.arrays == {"A": (2, 3), "b": (2,)}
     assert start_values(model) == {
-        "A[1,1]": 0, "A[1,2]": 1, "A[1,3]": 2, "A[2,1]": 3, "A[2,2]": 4, "A[2,3]": 5, "b[1]": 0.0, "b[2]": 0.0,
-    }  # fmt: skip
+        "A[1,1]": 0,
+        "A[1,2]": 1,
+        "A[1,3]": 2,
+        "A[2,1]": 3,
+        "A[2,2]": 4,
+        "A[2,3]": 5,
+        "b[1]": 0.0,
+        "b[2]": 0.0,
+    }
 
 
 @given(st.lists(st.integers(1, 4), min_size=1, max_size=3))

@@ -21,8 +21,14 @@ from fmus.modelling.instance import Instance
 from fmus.modelling.model import Model, Table, Variable, namespace
 
 PLAYED = Table("playback", (0.0, 1.0, 2.5), (0.0, 2.0, -1.0))
-OURS = [{"uniform": ops.uniform, "playback_playback": PLAYED,
-         "dot": lambda *v: ops.dot(v[: len(v) // 2], v[len(v) // 2 :])}, "math"]  # fmt: skip
+OURS = [
+    {
+        "uniform": ops.uniform,
+        "playback_playback": PLAYED,
+        "dot": lambda *v: ops.dot(v[: len(v) // 2], v[len(v) // 2 :]),
+    },
+    "math",
+]
 FUNCTIONS = ("derivatives", "update", "outputs")
 
 
@@ -129,9 +135,13 @@ def test_jacobian_of_the_pendulum_is_the_numerical_one() -> None:
     names = [*traced.symbols["x"], *traced.symbols["u"]]
     symbols = [*traced.symbols["x"].values(), *traced.symbols["u"].values()]
     p = {v.name: v.start for v in model.of("parameter")} | {
-        "coulomb_friction_positive": 0.01, "coulomb_friction_negative": 0.02, "stribeck_friction": 0.005,
-        "added_mass": 0.2, "added_length": 0.03, "equilibrium_angle": 0.1,
-    }  # fmt: skip
+        "coulomb_friction_positive": 0.01,
+        "coulomb_friction_negative": 0.02,
+        "stribeck_friction": 0.005,
+        "added_mass": 0.2,
+        "added_length": 0.03,
+        "equilibrium_angle": 0.1,
+    }
     exact = sympy.Matrix([traced.derivatives["angle"], traced.derivatives["speed"]]).jacobian(symbols)
     exact = exact.subs({traced.symbols["p"][name]: value for name, value in p.items()})
     rng = np.random.default_rng(3)

@@ -108,8 +108,9 @@ def test_filter_has_the_frequency_response_of_its_poles(order: int, damping: flo
     for ratio in (0.5, 1.0, 2.0):
         omega = ratio * rate
         time = grid(4.0 if damping < 5 else 8.0, 0.002)
-        found = measured(partial(_sine, omega), time, sample_time=0.002, filter_order=order,
-                         cutoff=cutoff, damping=damping)  # fmt: skip
+        found = measured(
+            partial(_sine, omega), time, sample_time=0.002, filter_order=order, cutoff=cutoff, damping=damping
+        )
         late = time > time[-1] - 2.0
         basis = np.column_stack([np.sin(omega * time[late]), np.cos(omega * time[late])])
         real, imaginary = np.linalg.lstsq(basis, found[late], rcond=None)[0]

@@ -92,8 +92,10 @@ def test_a_varying_square_from_a_quarter_on_leaves_a_mass_about_where_it_was() -
     """Force to position: without the phase the mass drifts off by many times the swing."""
     time = grid(20.0, 1 / 300)
     sweep = {"frequency": 0.6, "frequency_end": 3.0, "duration": 20.0}
-    swings = [np.abs(np.cumsum(np.cumsum(played("varying square", time, phase=phase, **sweep)))).max() / 300**2
-              for phase in (0.25, 0.0)]  # fmt: skip
+    swings = [
+        np.abs(np.cumsum(np.cumsum(played("varying square", time, phase=phase, **sweep)))).max() / 300**2
+        for phase in (0.25, 0.0)
+    ]
     assert swings[0] < 0.6
     assert swings[1] > 5
 

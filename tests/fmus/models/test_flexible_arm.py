@@ -52,8 +52,9 @@ def compliance(arm: Arm) -> FloatArray:
 
 def state_matrix(**values: float) -> FloatArray:
     """A of the rates of coordinates and their rates around rest, without bristles, by central differences."""
-    p = namespace(start_values(MODEL) | {"coulomb_friction": 1e12, "bristle_stiffness": 1e-6, "bristle_damping": 0.0}
-                  | values)  # fmt: skip
+    p = namespace(
+        start_values(MODEL) | {"coulomb_friction": 1e12, "bristle_stiffness": 1e-6, "bristle_damping": 0.0} | values
+    )
     names = COORDINATES + RATES
     rest: dict[str, float] = dict.fromkeys((state.name for state in MODEL.states), 0.0)
     columns = []

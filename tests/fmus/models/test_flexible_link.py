@@ -26,13 +26,33 @@ STATES = [state.name for state in MODEL.states]
 MODES = (1, 2, 3)
 FREE: dict[str, float] = {"viscous_friction": 0.0, "damping_1": 0.0, "damping_2": 0.0, "damping_3": 0.0}
 RIG: dict[str, float] = {  # about what the real link was found to have
-    "torque_gain": 2.7e-3, "command_limit": 250, "drive_time": 0.003, "torque_bias": 6e-4, "inertia": 0.01,
-    "viscous_friction": 0.13, "coulomb_friction": 0.009, "bristle_stiffness": 5.3, "cogging_torque": 0.0045,
-    "cogging_period": 0.08, "cogging_angle": -0.007, "frequency_1": 2.54, "damping_1": 0.013, "participation_1": 0.806,
-    "tip_1": 1.41, "frequency_2": 17.5, "damping_2": 0.01, "participation_2": 0.11, "tip_2": -1.12, "frequency_3": 52.0,
-    "damping_3": 0.038, "tip_3": 2.0, "softening": 0.15, "softening_deflection": 0.0057, "softening_mix": -0.67,
+    "torque_gain": 2.7e-3,
+    "command_limit": 250,
+    "drive_time": 0.003,
+    "torque_bias": 6e-4,
+    "inertia": 0.01,
+    "viscous_friction": 0.13,
+    "coulomb_friction": 0.009,
+    "bristle_stiffness": 5.3,
+    "cogging_torque": 0.0045,
+    "cogging_period": 0.08,
+    "cogging_angle": -0.007,
+    "frequency_1": 2.54,
+    "damping_1": 0.013,
+    "participation_1": 0.806,
+    "tip_1": 1.41,
+    "frequency_2": 17.5,
+    "damping_2": 0.01,
+    "participation_2": 0.11,
+    "tip_2": -1.12,
+    "frequency_3": 52.0,
+    "damping_3": 0.038,
+    "tip_3": 2.0,
+    "softening": 0.15,
+    "softening_deflection": 0.0057,
+    "softening_mix": -0.67,
     "drag": 4.1,
-}  # fmt: skip
+}
 
 
 def parameters(**changed: float) -> SimpleNamespace:
@@ -166,8 +186,16 @@ def test_the_tip_accelerates_as_hub_and_modes_move_it() -> None:
 
 
 def test_readings_are_scaled_shifted_and_cut_off() -> None:
-    instance = Instance(MODEL, {"angle_start": 0.5, "encoder_gain": 651.9, "accelerometer_gain": -2.0,
-                                "accelerometer_offset": 3.0, "torque_bias": 1.0})  # fmt: skip
+    instance = Instance(
+        MODEL,
+        {
+            "angle_start": 0.5,
+            "encoder_gain": 651.9,
+            "accelerometer_gain": -2.0,
+            "accelerometer_offset": 3.0,
+            "torque_bias": 1.0,
+        },
+    )
     assert instance.get("encoder") == pytest.approx(651.9 * 0.5)
     free = instance.get("accelerometer")
     assert free == pytest.approx(3.0 - 2.0 * instance.get("tip_acceleration"))
@@ -213,8 +241,9 @@ def test_a_finer_solver_gives_the_same_motion(changed: dict[str, float]) -> None
     def command(t: float) -> float:
         return 150 * math.sin(2 * math.pi * 6 * t * t)
 
-    coarse, fine = (stepped(model, RIG | changed, names, grid(0.5, 0.01), {"command": command})
-                    for model in (MODEL, finer))  # fmt: skip
+    coarse, fine = (
+        stepped(model, RIG | changed, names, grid(0.5, 0.01), {"command": command}) for model in (MODEL, finer)
+    )
     assert np.all(np.abs(coarse - fine).max(axis=0) < 3e-3 * np.abs(fine).max(axis=0))
 
 

@@ -38,8 +38,15 @@ def test_without_compensation_it_is_a_pd(reference: float, position: float, spee
 
 @given(volts, volts, volts)
 def test_conditional_compensation_is_equation_4_8(reference: float, position: float, speed: float) -> None:
-    found = sampled(reference, position, speed, compensated_by=BY["effort"], compensation_voltage=0.7,
-                    error_band=0.05, speed_band=0.05)  # fmt: skip
+    found = sampled(
+        reference,
+        position,
+        speed,
+        compensated_by=BY["effort"],
+        compensation_voltage=0.7,
+        error_band=0.05,
+        speed_band=0.05,
+    )
     effort = 1.0 * (reference - position) - 2.8 * speed
     away = abs(reference - position) >= 0.05 or abs(speed) >= 0.05
     expected = (0.7 if effort >= 0 else -0.7) if away else 0.0

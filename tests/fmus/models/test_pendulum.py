@@ -20,9 +20,12 @@ from tests.support.stepping import Signal, grid, stepped
 
 PENDULUM = library.find("pendulum")
 FRICTION = {
-    "coulomb_friction_positive": 0.004, "coulomb_friction_negative": 0.009, "stribeck_friction": 0.003,
-    "stribeck_speed": 0.4, "friction_speed": 0.2,
-}  # fmt: skip
+    "coulomb_friction_positive": 0.004,
+    "coulomb_friction_negative": 0.009,
+    "stribeck_friction": 0.003,
+    "stribeck_speed": 0.4,
+    "friction_speed": 0.2,
+}
 CASES: dict[str, dict[str, float]] = {
     "ideal": {"viscous_friction": 0.0},
     "viscous": {},
@@ -84,16 +87,30 @@ def test_coulomb_friction_stops_each_direction_after_its_own_distance() -> None:
     """Without gravity a body with speed w comes to rest after J w^2 / (2 friction), smooth passage aside."""
     distances = {}
     for sign, name in ((1, "coulomb_friction_positive"), (-1, "coulomb_friction_negative")):
-        values = {"gravity_torque": 0.0, "viscous_friction": 0.0, "friction_speed": 0.001, "speed_start": 2.0 * sign,
-                  "coulomb_friction_positive": 0.01, "coulomb_friction_negative": 0.025}  # fmt: skip
+        values = {
+            "gravity_torque": 0.0,
+            "viscous_friction": 0.0,
+            "friction_speed": 0.001,
+            "speed_start": 2.0 * sign,
+            "coulomb_friction_positive": 0.01,
+            "coulomb_friction_negative": 0.025,
+        }
         distances[name] = sign * stepped(PENDULUM, values, ("angle",), grid(2.0, 0.1))[-1, 0]
         assert distances[name] == pytest.approx(0.00325 * 4 / (2 * values[name]), rel=2e-3)
 
 
 def test_stribeck_friction_fades_with_speed_as_a_bell() -> None:
     def braking(speed: float) -> float:
-        instance = Instance(PENDULUM, {"stribeck_friction": 0.02, "stribeck_speed": 0.5, "friction_speed": 1e-6,
-                                       "viscous_friction": 0.0, "speed_start": speed})  # fmt: skip
+        instance = Instance(
+            PENDULUM,
+            {
+                "stribeck_friction": 0.02,
+                "stribeck_speed": 0.5,
+                "friction_speed": 1e-6,
+                "viscous_friction": 0.0,
+                "speed_start": speed,
+            },
+        )
         return -instance.get("acceleration") * 0.00325
 
     for speed in (-2.0, -0.5, -0.01, 0.01, 0.3, 1.5):
@@ -185,11 +202,16 @@ def test_solver_step_is_short_enough_for_any_sensible_parameters(
     """Dry friction and drive are shares of the weight; the drive's frequency is a multiple of the swing's [rad/s]."""
     weight = inertia * swing**2
     values = {
-        "inertia": inertia, "gravity_torque": weight, "viscous_friction": damping * inertia * swing,
-        "coulomb_friction_positive": coulomb[0] * weight, "coulomb_friction_negative": coulomb[1] * weight,
-        "stribeck_friction": coulomb[2] * weight, "friction_speed": friction_speed, "stribeck_speed": 0.3,
+        "inertia": inertia,
+        "gravity_torque": weight,
+        "viscous_friction": damping * inertia * swing,
+        "coulomb_friction_positive": coulomb[0] * weight,
+        "coulomb_friction_negative": coulomb[1] * weight,
+        "stribeck_friction": coulomb[2] * weight,
+        "friction_speed": friction_speed,
+        "stribeck_speed": 0.3,
         "angle_start": angle,
-    }  # fmt: skip
+    }
     duration = min(3.0, 12 / swing)
     assert PENDULUM.solver_step is not None
     assume(duration / PENDULUM.solver_step(Instance(PENDULUM, values).p) < 400)

@@ -62,9 +62,21 @@ def test_a_write_that_fails_keeps_the_old_file_and_leaves_nothing_beside_it(tmp_
 
 @pytest.mark.parametrize(
     "name",
-    ["../evil", "a/../../evil", "..", "resources/..", "/etc/passwd", "C:/evil", "c:evil", "..\\evil", "a\\..\\..\\evil",
-     "\\evil", "\\\\server\\evil", "C:\\evil"],
-)  # fmt: skip
+    [
+        "../evil",
+        "a/../../evil",
+        "..",
+        "resources/..",
+        "/etc/passwd",
+        "C:/evil",
+        "c:evil",
+        "..\\evil",
+        "a\\..\\..\\evil",
+        "\\evil",
+        "\\\\server\\evil",
+        "C:\\evil",
+    ],
+)
 def test_a_path_that_leaves_the_archive_is_refused(tmp_path: Path, name: str) -> None:
     message = refusal(zipped(tmp_path / "a.fmu", "modelDescription.xml", name))
     assert "that leaves the archive; do not trust it" in message

@@ -37,8 +37,13 @@ STEP, COUNT = 0.01, 40
 SCRIPT = Path(tools.__file__)
 NAMES = library.names()
 CONTINUOUS = [name for name in NAMES if interface.exchangeable(library.find(name))]
-MODULES = {"fmuloader": "fmuloader", "fmuloader_exchange": "fmuloader", "ecos": "ecospy", "libcosim": "libcosimpy",
-           "casadi": "casadi"}  # fmt: skip
+MODULES = {
+    "fmuloader": "fmuloader",
+    "fmuloader_exchange": "fmuloader",
+    "ecos": "ecospy",
+    "libcosim": "libcosimpy",
+    "casadi": "casadi",
+}
 FMI4J, FMI4J_EXCHANGE = (pytest.param(tool, 2, marks=pytest.mark.slow) for tool in ("fmi4j", "fmi4j_exchange"))
 
 
@@ -60,9 +65,13 @@ def run(tool: str, jobs: list[dict[str, Any]]) -> list[list[list[float]]]:
     if missing(tool):
         pytest.skip(missing(tool))
     done = subprocess.run(
-        [sys.executable, str(SCRIPT), tool], input=json.dumps(jobs), capture_output=True, text=True, timeout=300,
+        [sys.executable, str(SCRIPT), tool],
+        input=json.dumps(jobs),
+        capture_output=True,
+        text=True,
+        timeout=300,
         check=False,
-    )  # fmt: skip
+    )
     assert done.returncode == 0, done.stderr[-2000:]
     rows: list[list[list[float]]] = json.loads(done.stdout)
     return rows
@@ -143,9 +152,20 @@ def test_casadi_gets_the_jacobians_of_the_pendulum(tmp_path: Path, fmi: int) -> 
 
 @pytest.mark.parametrize(
     ("tool", "fmi"),
-    [("fmuloader", 2), ("fmuloader", 3), ("fmuloader_exchange", 2), ("fmuloader_exchange", 3), ("ecos", 2), ("ecos", 3),
-     ("libcosim", 2), ("casadi", 2), ("casadi", 3), FMI4J, FMI4J_EXCHANGE],
-)  # fmt: skip
+    [
+        ("fmuloader", 2),
+        ("fmuloader", 3),
+        ("fmuloader_exchange", 2),
+        ("fmuloader_exchange", 3),
+        ("ecos", 2),
+        ("ecos", 3),
+        ("libcosim", 2),
+        ("casadi", 2),
+        ("casadi", 3),
+        FMI4J,
+        FMI4J_EXCHANGE,
+    ],
+)
 def test_a_calibrated_fmu_behaves_calibrated_with_nothing_set(tmp_path: Path, tool: str, fmi: int) -> None:
     plain = native.build(library.find("pendulum"), tmp_path / "plain.fmu", {"angle_start": 0.7}, fmi=fmi)
     values = {"inertia": 0.00213, "viscous_friction": 1.7e-4, "gravity_torque": 1.4e-3}

@@ -30,7 +30,11 @@ def test_vdmcheck_finds_no_errors(native_fmu: Callable[[str, int], Path], tmp_pa
     folder = unpacked(tmp_path / "vdmcheck")
     for name in NAMES:
         done = subprocess.run(
-            ["java", "-jar", "vdmcheck2.jar", str(native_fmu(name, 2))], cwd=folder, capture_output=True, text=True,
-            timeout=120, check=False,
-        )  # fmt: skip
+            ["java", "-jar", "vdmcheck2.jar", str(native_fmu(name, 2))],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=False,
+        )
         assert done.stdout.strip() == "No errors found.", (name, done.stdout, done.stderr)

@@ -255,8 +255,14 @@ def test_a_foreign_fmu_is_untouched_and_gets_a_valid_set_and_ssp_beside_it(fmu: 
 @pytest.mark.parametrize("version", [2, 3])
 def test_reference_fmus_get_a_set_and_an_ssp(version: int, tmp_path: Path) -> None:
     source = third_party.reference(version, "Feedthrough")
-    values = {"Float64_fixed_parameter": 0.1, "Float64_tunable_parameter": -2.5e-7, "Int32_input": 4,
-              "Boolean_input": True, "Enumeration_input": "Option 2", "String_input": "<&>"}  # fmt: skip
+    values = {
+        "Float64_fixed_parameter": 0.1,
+        "Float64_tunable_parameter": -2.5e-7,
+        "Int32_input": 4,
+        "Boolean_input": True,
+        "Enumeration_input": "Option 2",
+        "String_input": "<&>",
+    }
     check_beside(source, source.read_bytes(), write_back(source, values, tmp_path / "f.fmu", PROVENANT), values)
 
 

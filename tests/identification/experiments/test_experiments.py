@@ -83,10 +83,19 @@ def study_of(**changes: Any) -> dict[str, Any]:
         "block": 12,
         "orders": [2, 8],
         "compared": 4,
-        "feedback": {"proportional": 1, "derivative": 0.5, "position": "position", "speed": "speed",
-                     "reference": "reference", "records": {0: "C_dat1"}},
-        "physical": {"model": "flexible_arm", "payload": "payload",
-                     "without": {"bristle_stiffness": 1e-6, "bristle_damping": 0}},
+        "feedback": {
+            "proportional": 1,
+            "derivative": 0.5,
+            "position": "position",
+            "speed": "speed",
+            "reference": "reference",
+            "records": {0: "C_dat1"},
+        },
+        "physical": {
+            "model": "flexible_arm",
+            "payload": "payload",
+            "without": {"bristle_stiffness": 1e-6, "bristle_damping": 0},
+        },
         "sets": {
             "O_dat1": {**common, "experiment": "open loop", "excitation": "random"},
             "C_dat1": {**common, "experiment": "closed loop", "excitation": "square", "compensation": 0.4},
@@ -95,13 +104,20 @@ def study_of(**changes: Any) -> dict[str, Any]:
         "typical": ["O_dat1"],
         "examples": [{"name": "Ac1", "data": "C_dat1", "table": "3-1", "order": 3}],
         "claims": [
-            {"statement": "without is better", "outcome": "held",
-             "holds": [{"less": ["C_dat1.sfv"], "than": ["C_dat1c.sfv"], "times": 5}]},
-            {"statement": "the opposite", "outcome": "not borne out", "reason": "because",
-             "holds": [{"less": ["C_dat1c.sfv"], "than": ["C_dat1.sfv"]}]},
+            {
+                "statement": "without is better",
+                "outcome": "held",
+                "holds": [{"less": ["C_dat1.sfv"], "than": ["C_dat1c.sfv"], "times": 5}],
+            },
+            {
+                "statement": "the opposite",
+                "outcome": "not borne out",
+                "reason": "because",
+                "holds": [{"less": ["C_dat1c.sfv"], "than": ["C_dat1.sfv"]}],
+            },
         ],
         **changes,
-    }  # fmt: skip
+    }
 
 
 @pytest.fixture(scope="module")
@@ -272,8 +288,15 @@ def part(folder: Path, **cases: list[str]) -> None:
 def test_reduction_by_mrm_and_updating_keep_what_reduction_by_msv_loses_on_the_arm(tmp_path: Path) -> None:
     part(tmp_path, closed_loop=["C_dat2"])
     document = YAML(typ="safe", pure=True).load((SCENARIOS / "chapters.yaml").read_text())
-    document |= {"scenarios": ["closed_loop.yaml"], "typical": [], "frequencies": {}, "claims": [],
-                 "sets": {"C_dat2": document["sets"]["C_dat2"]}, "orders": [34, 36], "compare": None}  # fmt: skip
+    document |= {
+        "scenarios": ["closed_loop.yaml"],
+        "typical": [],
+        "frequencies": {},
+        "claims": [],
+        "sets": {"C_dat2": document["sets"]["C_dat2"]},
+        "orders": [34, 36],
+        "compare": None,
+    }
     document["feedback"]["records"] = {0: "C_dat2"}
     document["examples"] = [each for each in document["examples"] if each["data"] == "C_dat2"]
     (tmp_path / "study.yaml").write_text(json.dumps(document))

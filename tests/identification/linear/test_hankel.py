@@ -32,8 +32,9 @@ def test_the_factor_has_the_inner_products_of_the_matrix(compression: str) -> No
     assert found.columns == h.shape[1]
     assert np.array_equal(found.lower, np.tril(found.lower))
     scale = np.linalg.norm(h, axis=1)
-    assert found.lower @ found.lower.T / np.outer(scale, scale) == pytest.approx(h @ h.T / np.outer(scale, scale),
-                                                                                 abs=1e-13)  # fmt: skip
+    assert found.lower @ found.lower.T / np.outer(scale, scale) == pytest.approx(
+        h @ h.T / np.outer(scale, scale), abs=1e-13
+    )
 
 
 @given(st.integers(1, 6), st.integers(0, 40))

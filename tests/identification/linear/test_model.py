@@ -44,8 +44,15 @@ def test_simulation_without_a_start_is_from_the_origin() -> None:
 
 
 def test_simulation_of_a_defective_system_is_exact() -> None:
-    chain = LinearModel(np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[0.0], [1.0]]), np.eye(2)[:1], np.zeros((1, 1)),
-                        STEP, ("u",), ("y",))  # fmt: skip
+    chain = LinearModel(
+        np.array([[1.0, 1.0], [0.0, 1.0]]),
+        np.array([[0.0], [1.0]]),
+        np.eye(2)[:1],
+        np.zeros((1, 1)),
+        STEP,
+        ("u",),
+        ("y",),
+    )
     k = np.arange(1000.0)
     assert chain.simulate(np.ones((1000, 1)))[:, 0] == pytest.approx(k * (k - 1) / 2, rel=1e-12)
 

@@ -56,8 +56,9 @@ def test_an_unstable_mode_has_negative_damping() -> None:
 
 
 def test_coinciding_eigenvalues_with_one_eigenvector_are_refused() -> None:
-    defective = LinearModel(np.array([[0.5, 1.0], [0.0, 0.5]]), np.ones((2, 1)), np.ones((1, 2)), np.zeros((1, 1)),
-                            STEP, ("u",), ("y",))  # fmt: skip
+    defective = LinearModel(
+        np.array([[0.5, 1.0], [0.0, 0.5]]), np.ones((2, 1)), np.ones((1, 2)), np.zeros((1, 1)), STEP, ("u",), ("y",)
+    )
     with pytest.raises(IdentificationError, match="one eigenvector"):
         m.modes(defective)
 
@@ -73,8 +74,15 @@ def test_mrm_keeps_a_heavily_damped_mode_that_msv_ranks_last() -> None:
     slow_input = np.repeat(white(20, seed=3), 100, axis=0)  # excites what is slow
     damped, ringing = eigenvalue(0.8, 0.9), eigenvalue(40.0, 0.001)
     model = model_of([damped, ringing], outputs=1, mixed=False)
-    model = LinearModel(model.a, np.array([[0.02], [0.02], [0.05], [0.05]]), np.array([[1.0, 1.0, 1.0, 1.0]]), model.d,
-                        STEP, model.inputs, model.outputs)  # fmt: skip
+    model = LinearModel(
+        model.a,
+        np.array([[0.02], [0.02], [0.05], [0.05]]),
+        np.array([[1.0, 1.0, 1.0, 1.0]]),
+        model.d,
+        STEP,
+        model.inputs,
+        model.outputs,
+    )
     fast, slow = m.modes(model)
     assert slow.mode_singular_value(2000) < fast.mode_singular_value(2000)
     assert slow.response_magnitude(slow_input) > fast.response_magnitude(slow_input)

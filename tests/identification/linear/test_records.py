@@ -21,8 +21,17 @@ def test_columns_get_names_and_one_dimension_is_one_column() -> None:
     assert (ramp(10).inputs, ramp(10).outputs) == (("u1",), ("y1", "y2"))
 
 
-@pytest.mark.parametrize("change", [{"u": np.zeros(9)}, {"step": 0.0}, {"step": np.nan}, {"inputs": ("a", "b")},
-                                    {"y": np.zeros((10, 2, 2))}, {"y": np.zeros((10, 0))}])  # fmt: skip
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"u": np.zeros(9)},
+        {"step": 0.0},
+        {"step": np.nan},
+        {"inputs": ("a", "b")},
+        {"y": np.zeros((10, 2, 2))},
+        {"y": np.zeros((10, 0))},
+    ],
+)
 def test_sizes_and_steps_that_make_no_sense_are_refused(change: dict[str, object]) -> None:
     given: dict[str, object] = {"u": np.zeros(10), "y": np.zeros((10, 2)), "step": 0.01} | change
     with pytest.raises(IdentificationError):

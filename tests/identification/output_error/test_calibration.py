@@ -240,8 +240,10 @@ def test_back_emf_and_viscous_friction_are_named_as_one_sum(data: Path, tmp_path
 
 def test_what_has_exactly_the_same_effect_is_named_and_has_no_interval(data: Path, tmp_path: Path) -> None:
     parameters = {name: {"start": TRUTH[name], "fixed": True} for name in TRUTH if name != "motor.torque_gain"}
-    parameters |= {name: {"start": start, "min": 0.1} for name, start in
-                   (("motor.torque_gain", 7.0), ("motor.resistance", 2.0), ("hand.gravity", 9.8))}  # fmt: skip
+    parameters |= {
+        name: {"start": start, "min": 0.1}
+        for name, start in (("motor.torque_gain", 7.0), ("motor.resistance", 2.0), ("hand.gravity", 9.8))
+    }
     document = calibrated(write_study(tmp_path / "study.yaml", parameters=parameters), data, tmp_path / "out")
     assert document["uncertainty"]["unseen"] == ["motor.resistance has no effect on the outputs"]
     assert document["uncertainty"]["unseen"][0] in document["warnings"]
@@ -358,8 +360,11 @@ def test_a_foreign_fmu_is_calibrated_by_sets_beside_it_and_validated_with_them(d
     names = {"motor.fmu", "hand.fmu", "hand.ssv", "hand.ssp", "hand.provenance.json"}
     assert {path.name for path in fmus.iterdir()} == names
     assert source.read_bytes() == (fmus / "hand.fmu").read_bytes() == before
-    values = {name.removeprefix("hand."): entry["value"] for name, entry in document["parameters"].items()
-              if name.startswith("hand.")}  # fmt: skip
+    values = {
+        name.removeprefix("hand."): entry["value"]
+        for name, entry in document["parameters"].items()
+        if name.startswith("hand.")
+    }
     assert read_values(fmus / "hand.ssv") == {"added_length": LENGTH, **values}
     assert read_ssd(str(fmus / "hand.ssp"), validate=True).system.elements[0].source == "resources/Hand.fmu"
     for name, entry in document["parameters"].items():
@@ -374,19 +379,25 @@ def test_choices_given_by_name_are_written_back_too(tmp_path: Path, data: Path) 
     driven = {"drive": {"model": "excitation", "parameters": {"shape": "square", "amplitude": 0.01, "frequency": 2.0}}}
     rig: dict[str, Any] = {
         "title": "A driven rig",
-        "components": driven | {
+        "components": driven
+        | {
             "motor": {"model": "dc_motor", "parameters": {"torque_gain": 8.0}},
             "hand": {"model": "pendulum", "parameters": {"inertia": 0.004}},
         },
         "connections": ["drive.signal -> motor.voltage", *study()["connections"]],
-    }  # fmt: skip
+    }
     run_rig(tmp_path / "rig.yaml", rig, tmp_path / "driven.csv")
     components = rig["components"] | {"hand": {"model": "pendulum"}, "motor": {"model": "dc_motor"}}
     study_file = write_study(
-        tmp_path / "study.yaml", components=components, connections=rig["connections"], inputs=None,
-        traces={"files": "driven.csv"}, outputs={"hand.angle": {"signal": "hand.angle"}}, truth=None,
+        tmp_path / "study.yaml",
+        components=components,
+        connections=rig["connections"],
+        inputs=None,
+        traces={"files": "driven.csv"},
+        outputs={"hand.angle": {"signal": "hand.angle"}},
+        truth=None,
         parameters={"hand.inertia": {"start": 0.003, "min": 0.001}, "motor.torque_gain": {"start": 7.0, "min": 0.1}},
-    )  # fmt: skip
+    )
     document = calibrated(study_file, tmp_path, tmp_path / "out")
     assert document["parameters"]["hand.inertia"]["value"] == pytest.approx(0.004, rel=1e-3)
     used = defaults.load(archive.read(tmp_path / "out" / "fmus" / "drive.fmu")[defaults.RESOURCE].decode())

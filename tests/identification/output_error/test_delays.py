@@ -193,10 +193,16 @@ def test_of_a_command_and_a_reading_that_are_both_late_only_the_sum_is_seen(tmp_
     formats.write(Trace(time, {"v": driven, "y": lagging(driven, 0.0083)}), tmp_path / "lag.csv")
     study_file = late_study(
         tmp_path / "study.yaml",
-        components={"lag": {"model": "lag.py"}}, connections=None, step=0.005, traces={"files": "lag.csv"},
-        inputs={"lag.v": {"signal": "v", "delay": "wire"}}, outputs={"lag.y": {"signal": "y", "delay": "reading"}},
-        parameters={"wire": FREE, "reading": FREE}, validation=None, truth=None,
-    )  # fmt: skip
+        components={"lag": {"model": "lag.py"}},
+        connections=None,
+        step=0.005,
+        traces={"files": "lag.csv"},
+        inputs={"lag.v": {"signal": "v", "delay": "wire"}},
+        outputs={"lag.y": {"signal": "y", "delay": "reading"}},
+        parameters={"wire": FREE, "reading": FREE},
+        validation=None,
+        truth=None,
+    )
     document = calibrated(study_file, tmp_path)
     told = [*document["uncertainty"]["unseen"], *document["uncertainty"]["weak"]]
     (message,) = [each for each in told if each in document["warnings"]]
@@ -281,8 +287,10 @@ def test_a_fixed_parameter_is_a_delay_too_and_a_tied_one_follows() -> None:
 
 
 def test_a_factor_brings_recordings_to_the_units_of_variables() -> None:
-    scaled = cut(inputs={"motor.voltage": {"signal": "voltage", "factor": 2}},
-                 outputs={"hand.angle": {"signal": "angle", "factor": 0.5}})  # fmt: skip
+    scaled = cut(
+        inputs={"motor.voltage": {"signal": "voltage", "factor": 2}},
+        outputs={"hand.angle": {"signal": "angle", "factor": 0.5}},
+    )
     np.testing.assert_array_equal(scaled.measured, 0.5 * cut().measured)
     np.testing.assert_array_equal(scaled.stimuli["motor.voltage"], 2 * cut().stimuli["motor.voltage"])
 
@@ -308,13 +316,17 @@ def test_estimated_start_values_are_left_to_the_estimation() -> None:
         ({"parameters": late(max=None), "outputs": LATE}, "lag: a delay needs `start`, `min` and `max`"),
         ({"parameters": late(start=None), "outputs": LATE}, "lag: a delay needs `start`, `min` and `max`"),
         ({"parameters": late() | {"lag": {"tied": "hand.inertia"}}, "outputs": LATE}, "can only be tied to another"),
-        ({"parameters": late() | {"lag": {"tied": "two"}, "two": {"tied": "lag"}}, "outputs": LATE},
-         "can only be tied to another"),
-        ({"outputs": {"hand.angle": {"signal": "angle", "delay": 0.01}, "hand.speed": {"signal": "angle"}}},
-         "signal angle has two delays"),
+        (
+            {"parameters": late() | {"lag": {"tied": "two"}, "two": {"tied": "lag"}}, "outputs": LATE},
+            "can only be tied to another",
+        ),
+        (
+            {"outputs": {"hand.angle": {"signal": "angle", "delay": 0.01}, "hand.speed": {"signal": "angle"}}},
+            "signal angle has two delays",
+        ),
         ({"parameters": late(), "outputs": LATE, "compare": {"old": {"lag": 0.03}}}, "lag is not within its bounds"),
     ],
-)  # fmt: skip
+)
 def test_delays_that_mean_nothing_are_refused(changes: dict[str, Any], problem: str) -> None:
     with pytest.raises(ValidationError, match=problem):
         OutputErrorBlock.model_validate(study(**changes))

@@ -23,12 +23,25 @@ from orchestrator.trace import FloatArray
 STUDIES = Path(__file__).parents[3] / "scenarios" / "flexible_link"
 COUNT, STEP = 501, 0.002
 TRUTH = {
-    "link.torque_gain": 2.7e-3, "link.viscous_friction": 0.13, "link.coulomb_friction": 0.02,
-    "link.cogging_torque": 0.012, "link.frequency_1": 2.6, "link.participation_1": 0.8, "link.frequency_2": 17.5,
-    "link.tip_2": -1.1, "link.softening": 0.2, "link.accelerometer_gain": -1.6,
-}  # fmt: skip
-START = {"cogging_period": 0.08, "angle_start": -14 / 651.9, "encoder_gain": 651.9, "accelerometer_offset": 1.0,
-         "accelerometer_lowest": -150.0, "accelerometer_highest": 150.0}  # fmt: skip
+    "link.torque_gain": 2.7e-3,
+    "link.viscous_friction": 0.13,
+    "link.coulomb_friction": 0.02,
+    "link.cogging_torque": 0.012,
+    "link.frequency_1": 2.6,
+    "link.participation_1": 0.8,
+    "link.frequency_2": 17.5,
+    "link.tip_2": -1.1,
+    "link.softening": 0.2,
+    "link.accelerometer_gain": -1.6,
+}
+START = {
+    "cogging_period": 0.08,
+    "angle_start": -14 / 651.9,
+    "encoder_gain": 651.9,
+    "accelerometer_offset": 1.0,
+    "accelerometer_lowest": -150.0,
+    "accelerometer_highest": 150.0,
+}
 
 
 def unseen(study: str, data: Path, folder: Path) -> dict[str, dict[str, float]]:

@@ -59,8 +59,10 @@ def test_the_folder_of_data_goes_over_that_of_the_study_and_a_file_stands_for_it
     save(tmp_path, "rig_0__a", columns())
     there = save(tmp_path / "data", "rig_1__b", columns())
     save(tmp_path / "data", "rig_2__c", columns())
-    names = [[each.trace.name for each in load_campaign(traces(), tmp_path, data)]
-             for data in (None, tmp_path / "data", there)]  # fmt: skip
+    names = [
+        [each.trace.name for each in load_campaign(traces(), tmp_path, data)]
+        for data in (None, tmp_path / "data", there)
+    ]
     assert names == [["rig_0__a"], ["rig_1__b", "rig_2__c"], ["rig_1__b"]]
 
 

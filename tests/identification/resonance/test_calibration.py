@@ -84,14 +84,18 @@ def study(**changes: Any) -> dict[str, Any]:
             },
         },
         "campaign": {
-            "signal": "angle", "added_mass": "mass", "added_length": LENGTH, "amplitude": AMPLITUDE,
-            "frequency": "hertz", "frequency_in": "Hz",
+            "signal": "angle",
+            "added_mass": "mass",
+            "added_length": LENGTH,
+            "amplitude": AMPLITUDE,
+            "frequency": "hertz",
+            "frequency_in": "Hz",
         },
         "script": "recordings",
         "bounds": {"lower": [0, 0, 0], "upper": [0.03, 0.03, 0.5]},
         "write": dict(zip(("p1", "p2", "p3", "p4"), TRUTH, strict=True)),
         "truth": TRUTH,
-    }  # fmt: skip
+    }
     return document | changes
 
 

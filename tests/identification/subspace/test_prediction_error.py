@@ -33,8 +33,9 @@ def test_local_directions_are_all_that_changes_the_response(seed: int) -> None:
     model, rng = random_system(seed), np.random.default_rng(seed)
     directions = local_directions(model, FREE)
     assert len(directions) == model.order * 3 + 2
-    flat = np.hstack([part.reshape(len(directions), -1) for part in
-                      (directions.a, directions.b, directions.c, directions.d)])  # fmt: skip
+    flat = np.hstack(
+        [part.reshape(len(directions), -1) for part in (directions.a, directions.b, directions.c, directions.d)]
+    )
     assert flat @ flat.T == pytest.approx(np.eye(len(directions)), abs=1e-12)
     turn = 1e-6 * rng.standard_normal((5, 5))
     other = model.transformed(np.eye(5) + turn)
@@ -150,8 +151,15 @@ def test_no_feedthrough_stays_none_and_starts_at_rest_stay_at_rest() -> None:
 class TestInnovations:
     """A loop closed over coloured noise."""
 
-    TRUE = LinearModel(np.array([[0.8, 0.5], [-0.5, 0.8]]), np.array([[0.3], [0.2]]), np.array([[1.0, 0.5]]),
-                       np.zeros((1, 1)), STEP, ("u1",), ("y1",))  # fmt: skip
+    TRUE = LinearModel(
+        np.array([[0.8, 0.5], [-0.5, 0.8]]),
+        np.array([[0.3], [0.2]]),
+        np.array([[1.0, 0.5]]),
+        np.zeros((1, 1)),
+        STEP,
+        ("u1",),
+        ("y1",),
+    )
     GAIN = np.array([[0.6], [-0.4]])
 
     def record(self, samples: int, seed: int) -> Record:

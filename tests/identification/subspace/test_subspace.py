@@ -92,8 +92,12 @@ def test_weights_stand_for_units_of_the_outputs() -> None:
     rescaled = subspace(replace(record, y=record.y * factors), 5, Settings(8)).model
     back = replace(rescaled, c=rescaled.c / factors[:, None], d=rescaled.d / factors[:, None])
     assert distance(weighted.model, back) < 1e-8
-    assert np.abs(subspace(record, 5, Settings(8)).model.frequency_response(np.ones(1)) -
-                  back.frequency_response(np.ones(1))).max() > 1e-4  # fmt: skip
+    assert (
+        np.abs(
+            subspace(record, 5, Settings(8)).model.frequency_response(np.ones(1)) - back.frequency_response(np.ones(1))
+        ).max()
+        > 1e-4
+    )
 
 
 def test_compression_does_not_change_what_is_found() -> None:
@@ -302,8 +306,15 @@ class TestClosedLoop:
         found = subspace(record, 4, Settings(15, past=30, feedthrough=False, closed_loop=True))
         assert found.gain is not None
         b = np.hstack([found.model.b, found.gain])
-        predictor = LinearModel(found.model.a - found.gain @ found.model.c, b, found.model.c, np.zeros((1, 2)), STEP,
-                                ("u1", "measured y1"), ("y1",))  # fmt: skip
+        predictor = LinearModel(
+            found.model.a - found.gain @ found.model.c,
+            b,
+            found.model.c,
+            np.zeros((1, 2)),
+            STEP,
+            ("u1", "measured y1"),
+            ("y1",),
+        )
         error = record.y - predictor.simulate(np.hstack([record.u, record.y]), found.initial_states[0])
         e = error[50:, 0]
         assert np.std(e) == pytest.approx(0.5, rel=0.03)
@@ -311,8 +322,9 @@ class TestClosedLoop:
         assert np.abs(correlations).max() < 4 / np.sqrt(len(e))
 
     def test_poles_on_request_leave_the_predictor_alone(self) -> None:
-        found = subspace(self.record(20_000, 2), 4, Settings(15, past=30, feedthrough=False, closed_loop=True,
-                                                            poles="integrating"))  # fmt: skip
+        found = subspace(
+            self.record(20_000, 2), 4, Settings(15, past=30, feedthrough=False, closed_loop=True, poles="integrating")
+        )
         assert np.abs(found.model.eigenvalues - 1).min() < 1e-9
         assert found.gain is not None
         assert np.abs(np.linalg.eigvals(found.model.a - found.gain @ found.model.c)).max() < 1

@@ -55,8 +55,13 @@ def test_the_fmu_that_is_written_runs_as_the_plant_does(study: Path) -> None:
     u = white(300, seed=9)
     time = STEP * np.arange(len(u))
     driven = np.array(list(zip(time, u[:, 0], strict=True)), dtype=[("time", float), ("u", float)])
-    result = fmpy.simulate_fmu(str(study.parent / "out" / "fmus" / "plant.fmu"), input=driven, stop_time=time[-1],
-                               output_interval=STEP, output=["y", "z"])  # fmt: skip
+    result = fmpy.simulate_fmu(
+        str(study.parent / "out" / "fmus" / "plant.fmu"),
+        input=driven,
+        stop_time=time[-1],
+        output_interval=STEP,
+        output=["y", "z"],
+    )
     expected = PLANT.simulate(u)
     found = np.column_stack([result["y"], result["z"]])
     errors = [np.abs(found[late : late + 250] - expected[:250]).max() for late in (0, 1)]

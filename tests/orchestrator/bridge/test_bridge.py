@@ -86,8 +86,14 @@ def written(folder: Path, **changes: Any) -> Path:
     return path
 
 
-def go(folder: Path, aside: Path, stand_in: bool = False, ready: Callable[[Stop], None] = lambda stop: None,
-       duration: Fraction | None = None, **changes: Any) -> Coupled:  # fmt: skip
+def go(
+    folder: Path,
+    aside: Path,
+    stand_in: bool = False,
+    ready: Callable[[Stop], None] = lambda stop: None,
+    duration: Fraction | None = None,
+    **changes: Any,
+) -> Coupled:
     return couple(Job(written(folder, **changes), BUS, stand_in, duration=duration), aside, ready)
 
 
@@ -180,10 +186,14 @@ def test_constants_and_files_drive_other_inputs_meanwhile(
     time_ = np.linspace(0, 0.2, 201)
     formats.write(Trace(time_, {"torque": 0.01 * time_}, {"torque": "N.m"}), folder / "torque.parquet")
     coupled = go(
-        folder, tmp_path, stand_in=True, duration=Fraction(1, 4),
-        connections=["hand.speed -> motor.speed"], record=["hand.torque", "motor.voltage"],
+        folder,
+        tmp_path,
+        stand_in=True,
+        duration=Fraction(1, 4),
+        connections=["hand.speed -> motor.speed"],
+        record=["hand.torque", "motor.voltage"],
         stimuli={"hand.torque": {"file": "torque.parquet", "signal": "torque"}},
-    )  # fmt: skip
+    )
     torque = trace_of(coupled)["hand.torque"]
     assert torque[:201] == pytest.approx(0.01 * time_)
     assert (torque[201:250] == torque[200]).all()
@@ -350,8 +360,11 @@ def test_an_expectation_that_fails_or_looks_beyond_the_record_is_judged_so(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     Wire().plug_in(monkeypatch)
-    coupled = go(folder, tmp_path, expect=[{"signal": "hand.angle", "below": 0.1},
-                                           {"signal": "hand.angle", "below": 0.6, "after": 9}])  # fmt: skip
+    coupled = go(
+        folder,
+        tmp_path,
+        expect=[{"signal": "hand.angle", "below": 0.1}, {"signal": "hand.angle", "below": 0.6, "after": 9}],
+    )
     assert [each.held for each in coupled.result.cases[0].checks] == [False, False]
     assert coupled.result.cases[0].checks[1].found == "there is no sample from 9 to 0.2 s"
 
@@ -376,9 +389,13 @@ REFUSED: list[tuple[dict[str, Any], dict[str, Any], str]] = [
 
 @pytest.mark.parametrize(("changes", "options", "message"), REFUSED)
 def test_what_does_not_fit_is_refused_before_the_bus_is_touched(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    changes: dict[str, Any], options: dict[str, Any], message: str,
-) -> None:  # fmt: skip
+    folder: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    changes: dict[str, Any],
+    options: dict[str, Any],
+    message: str,
+) -> None:
     wire = Wire().plug_in(monkeypatch)
     with pytest.raises(InputError) as refused:
         couple(replace(Job(written(folder, **changes), BUS), **options), tmp_path)
@@ -455,8 +472,9 @@ def test_a_bench_wants_one_bus(folder: Path, arguments: list[str], message: str)
 
 
 def test_ctrl_c_ends_a_bench_with_its_result(folder: Path, tmp_path: Path) -> None:
-    with command("can", "bench", written(folder), "--interface", "virtual", "--channel", "c", "--out", tmp_path / "out"
-                 ) as machine:  # fmt: skip
+    with command(
+        "can", "bench", written(folder), "--interface", "virtual", "--channel", "c", "--out", tmp_path / "out"
+    ) as machine:
         assert machine.stderr is not None
         assert machine.stderr.readline() == "rig is on virtual:c\n"
         time.sleep(0.3)
@@ -477,8 +495,19 @@ def test_a_bench_and_a_bridge_close_a_loop_over_serial_adapters(folder: Path, tm
     law.write_text(json.dumps(LAW))
     with command("can", "bench", bench, "--serve", tmp_path / "bus", "--out", tmp_path / "bench") as machine:
         wait_for((tmp_path / "bus" / "1").exists)
-        with command("can", "bridge", law, "--interface", "slcan", "--channel", tmp_path / "bus" / "1",
-                     "--bitrate", 500_000, "--out", tmp_path / "law") as controller:  # fmt: skip
+        with command(
+            "can",
+            "bridge",
+            law,
+            "--interface",
+            "slcan",
+            "--channel",
+            tmp_path / "bus" / "1",
+            "--bitrate",
+            500_000,
+            "--out",
+            tmp_path / "law",
+        ) as controller:
             said, complaints = controller.communicate(timeout=60)
             assert controller.returncode == 0, said + complaints
         machine.send_signal(signal.SIGTERM)

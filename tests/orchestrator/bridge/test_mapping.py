@@ -64,8 +64,9 @@ def test_the_latest_of_several_frames_counts(rig: Database) -> None:
 
 
 def test_truth_values_and_whole_numbers_can_be_received(rig: Database) -> None:
-    coupling = couple(rig, receive={"rig.enable": {"signal": "Command.enable", "safe": 0},
-                                    "rig.gear": {"signal": "gear", "safe": 0}})  # fmt: skip
+    coupling = couple(
+        rig, receive={"rig.enable": {"signal": "Command.enable", "safe": 0}, "rig.gear": {"signal": "gear", "safe": 0}}
+    )
     values = received(coupling, (257, struct.pack("<hH", 0, 1 | 5 << 1)))
     assert values[:2].tolist() == [1.0, 5.0]
 
@@ -189,45 +190,82 @@ def test_periods_come_from_the_block_or_else_from_the_database(rig: Database) ->
 
 VOLTAGE = {"rig.voltage": SAFE}
 REFUSED: list[tuple[dict[str, Any], str]] = [
-    ({"receive": {"rig.voltage": {"signal": "Command.volts", "safe": 0}}},
-     "{database}: message Command: has no signal 'volts'; did you mean 'voltage'?"),
-    ({"receive": {"rig.enable": {"signal": "enable", "safe": 0}}},
-     "{database}: signal 'enable' is in 2 messages; write 'Command.enable' or 'Other.enable'"),
-    ({"receive": {"rig.voltage": {"signal": "angle", "safe": 0}}},
-     "can.receive.rig.voltage: rad does not fit V; connect like quantities"),
-    ({"receive": {"rig.voltage": {"signal": "voltage", "safe": 31}}},
-     "can.receive.rig.voltage.safe: is 31, outside its bounds [-30, 30]; choose a value inside"),
-    ({"receive": {"rig.gear": {"signal": "target", "safe": 0}}},
-     "can.receive.rig.gear: target cannot drive an Integer; it takes whole numbers"),
-    ({"receive": {"rig.gear": {"signal": "gear", "safe": 0.5}}},
-     "can.receive.rig.gear.safe: 0.5 is not whole; it is an Integer"),
-    ({"receive": {"rig.label": {"signal": "gear", "safe": 0}}},
-     "can.receive.rig.label: a String cannot be received; set it as a start value"),
-    ({"receive": {"rig.voltage": SAFE | {"silence": 0.2}, "rig.gear": {"signal": "gear", "safe": 0, "silence": 0.3}}},
-     "can.receive.rig.gear.silence: differs from that of another signal of Command; they come and go together; "
-     "give one"),
+    (
+        {"receive": {"rig.voltage": {"signal": "Command.volts", "safe": 0}}},
+        "{database}: message Command: has no signal 'volts'; did you mean 'voltage'?",
+    ),
+    (
+        {"receive": {"rig.enable": {"signal": "enable", "safe": 0}}},
+        "{database}: signal 'enable' is in 2 messages; write 'Command.enable' or 'Other.enable'",
+    ),
+    (
+        {"receive": {"rig.voltage": {"signal": "angle", "safe": 0}}},
+        "can.receive.rig.voltage: rad does not fit V; connect like quantities",
+    ),
+    (
+        {"receive": {"rig.voltage": {"signal": "voltage", "safe": 31}}},
+        "can.receive.rig.voltage.safe: is 31, outside its bounds [-30, 30]; choose a value inside",
+    ),
+    (
+        {"receive": {"rig.gear": {"signal": "target", "safe": 0}}},
+        "can.receive.rig.gear: target cannot drive an Integer; it takes whole numbers",
+    ),
+    (
+        {"receive": {"rig.gear": {"signal": "gear", "safe": 0.5}}},
+        "can.receive.rig.gear.safe: 0.5 is not whole; it is an Integer",
+    ),
+    (
+        {"receive": {"rig.label": {"signal": "gear", "safe": 0}}},
+        "can.receive.rig.label: a String cannot be received; set it as a start value",
+    ),
+    (
+        {
+            "receive": {
+                "rig.voltage": SAFE | {"silence": 0.2},
+                "rig.gear": {"signal": "gear", "safe": 0, "silence": 0.3},
+            }
+        },
+        "can.receive.rig.gear.silence: differs from that of another signal of Command; they come and go together; "
+        "give one",
+    ),
     ({"send": {"angle": "rig.angel"}}, "can.send.angle: no variable 'angel' in 'rig'; did you mean 'angle'?"),
     ({"send": {"angle": "law.angle"}}, "can.send.angle: no component 'law'; there are rig"),
-    ({"send": {"angle": "rig.voltage"}},
-     "can.send.angle: 'rig.voltage' is an input; only an output can be sent; outputs there: angle, speed, torque, "
-     "text"),
+    (
+        {"send": {"angle": "rig.voltage"}},
+        "can.send.angle: 'rig.voltage' is an input; only an output can be sent; outputs there: angle, speed, torque, "
+        "text",
+    ),
     ({"send": {"slow": "rig.torque"}}, "can.send.slow: N.m does not fit V; connect like quantities"),
     ({"send": {"angle": "rig.text"}}, "can.send.angle: a String cannot be sent; send a number"),
-    ({"send": {"angle": "rig.angle", "State.angle": "rig.angle"}},
-     "can.send.State.angle: State.angle is sent twice; remove one"),
-    ({"send": {"Guarded.count": "rig.angle"}},
-     "can.send.Guarded.count: protects Guarded and is filled in by itself; remove it"),
-    ({"send": {"first": "rig.angle"}},
-     "can.send.first: Paged is multiplexed, which cannot be sent; use a message of its own"),
-    ({"send": {"target": "rig.angle"}},
-     "can.every.Exact: is not given, and the database has no cycle time of it; give a period in seconds"),
-    ({"send": {"target": "rig.angle"}, "every": {"Exact": 0.0025}},
-     "can.every.Exact: 0.0025 s is not a multiple of 0.001 s; use 0.002 s"),
-    ({"send": {"angle": "rig.angle"}, "every": {"Exact": 0.01}},
-     "can.every.Exact: no signal is sent in it; there are State"),
-    ({"send": {"gear": "rig.torque"}, "receive": VOLTAGE},
-     "can: Command: is both received and sent; a message has one sender"),
-]  # fmt: skip
+    (
+        {"send": {"angle": "rig.angle", "State.angle": "rig.angle"}},
+        "can.send.State.angle: State.angle is sent twice; remove one",
+    ),
+    (
+        {"send": {"Guarded.count": "rig.angle"}},
+        "can.send.Guarded.count: protects Guarded and is filled in by itself; remove it",
+    ),
+    (
+        {"send": {"first": "rig.angle"}},
+        "can.send.first: Paged is multiplexed, which cannot be sent; use a message of its own",
+    ),
+    (
+        {"send": {"target": "rig.angle"}},
+        "can.every.Exact: is not given, and the database has no cycle time of it; give a period in seconds",
+    ),
+    (
+        {"send": {"target": "rig.angle"}, "every": {"Exact": 0.0025}},
+        "can.every.Exact: 0.0025 s is not a multiple of 0.001 s; use 0.002 s",
+    ),
+    (
+        {"send": {"angle": "rig.angle"}, "every": {"Exact": 0.01}},
+        "can.every.Exact: no signal is sent in it; there are State",
+    ),
+    (
+        {"send": {"gear": "rig.torque"}, "receive": VOLTAGE},
+        "can: Command: is both received and sent; a message has one sender",
+    ),
+]
 
 
 @pytest.mark.parametrize(("block", "message"), REFUSED)

@@ -65,8 +65,13 @@ def test_a_message_that_never_comes_is_silent_from_the_start(inlets: tuple[Inlet
         watchdog.check(0.001 * k, values)
     assert len(said) == 1 and counts(watchdog, 0.3)["silences"] == 1
     assert counts(watchdog, 0.3) | {"safe": {}} == {
-        "frames": 0, "first": None, "silence": SILENCE, "silences": 1, "at_safe_values": 0.3, "safe": {},
-    }  # fmt: skip
+        "frames": 0,
+        "first": None,
+        "silence": SILENCE,
+        "silences": 1,
+        "at_safe_values": 0.3,
+        "safe": {},
+    }
 
 
 def test_frames_that_come_back_end_the_silence_and_that_is_said(inlets: tuple[Inlet, ...]) -> None:

@@ -166,6 +166,10 @@ def test_the_census_is_a_line_for_each_kind_of_trouble_and_a_document_of_it_all(
     assert census.lines()[0] == "frames missing (estimated): 4 (State 3, Command 1)"
     assert not census.clean
     assert json.loads(json.dumps(census.document())) == {
-        "frames": 10, "messages": {"State": 8}, "errors": 2, "missing": {"State": 3, "Command": 1},
-        "setback_count": 1, "setbacks": [{"frame": 7, "before": 5.0, "after": 1.0}],
-    }  # fmt: skip
+        "frames": 10,
+        "messages": {"State": 8},
+        "errors": 2,
+        "missing": {"State": 3, "Command": 1},
+        "setback_count": 1,
+        "setbacks": [{"frame": 7, "before": 5.0, "after": 1.0}],
+    }

@@ -44,8 +44,13 @@ def process(*arguments: object, **options: Any) -> subprocess.Popen[str]:
     environment = os.environ | {"PYTHONPATH": str(ROOT), **options.pop("env", {})}
     return subprocess.Popen(
         COMMAND + [str(argument) for argument in arguments],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True, env=environment, **options,
-    )  # fmt: skip
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        env=environment,
+        **options,
+    )
 
 
 def only_json(answer: Result, code: int = 0) -> dict[str, Any]:
@@ -112,8 +117,15 @@ def test_every_command_explains_itself(command: list[str]) -> None:
 
 def test_the_commands_that_scripts_depend_on_are_there() -> None:
     assert {" ".join(command) for command in commands()} >= {
-        "build", "run", "calibrate", "validate", "info", "trace info", "trace convert", "trace plot",
-    }  # fmt: skip
+        "build",
+        "run",
+        "calibrate",
+        "validate",
+        "info",
+        "trace info",
+        "trace convert",
+        "trace plot",
+    }
 
 
 @pytest.mark.parametrize(
@@ -152,8 +164,17 @@ def test_run_has_exit_code_1_when_an_expectation_fails_and_still_leaves_its_fold
 
 
 def test_set_goes_over_the_file(scenario: Path, tmp_path: Path) -> None:
-    answer = servotwin("run", scenario, "--out", tmp_path / "out", "--set", "hand.angle_start=0.25",
-                       "--set", "hand.inertia=4e-3", "--json")  # fmt: skip
+    answer = servotwin(
+        "run",
+        scenario,
+        "--out",
+        tmp_path / "out",
+        "--set",
+        "hand.angle_start=0.25",
+        "--set",
+        "hand.inertia=4e-3",
+        "--json",
+    )
     assert only_json(answer)["overrides"] == {"hand.angle_start": 0.25, "hand.inertia": 0.004}
     assert formats.read(tmp_path / "out" / "run.parquet").trace["hand.angle"][0] == 0.25
 
@@ -181,8 +202,9 @@ def test_a_set_that_does_not_fit_is_refused_in_one_line(
 def test_running_twice_gives_the_same_bytes_in_every_trace(tmp_path: Path) -> None:
     cases = [{"name": "low"}, {"name": "high", "set": {"hand.angle_start": 0.55}}]
     drive = {"drive": {"model": "excitation", "parameters": {"shape": "random", "seed": 4, "amplitude": 0.01}}}
-    scenario = write_scenario(tmp_path, cases=cases, components=SCENARIO["components"] | drive,
-                              connections=["drive.signal -> hand.torque"])  # fmt: skip
+    scenario = write_scenario(
+        tmp_path, cases=cases, components=SCENARIO["components"] | drive, connections=["drive.signal -> hand.torque"]
+    )
     for name in ("one", "two"):
         assert servotwin("run", scenario, "--out", tmp_path / name, "-q").exit_code in (0, 1)
     for name in ("low.parquet", "high.parquet"):
@@ -362,10 +384,14 @@ def check_interrupts(tmp_path: Path, group: bool, *arguments: object) -> None:
 @pytest.mark.parametrize("group", [False, True], ids=["alone", "as a terminal does"])
 def test_an_interrupted_calibration_ends_within_a_second_and_leaves_nothing(tmp_path: Path, group: bool) -> None:
     record(tmp_path / "data")
-    study = write_study(tmp_path / "study.yaml", options={"starts": 5000}, parameters={
-        "hand.inertia": {"start": 0.006, "min": 0.001, "max": 0.02},
-        "hand.gravity_torque": {"start": 0.03, "min": 0.01, "max": 0.2},
-    })  # fmt: skip
+    study = write_study(
+        tmp_path / "study.yaml",
+        options={"starts": 5000},
+        parameters={
+            "hand.inertia": {"start": 0.006, "min": 0.001, "max": 0.02},
+            "hand.gravity_torque": {"start": 0.03, "min": 0.01, "max": 0.2},
+        },
+    )
     check_interrupts(tmp_path, group, "calibrate", study, "--data", tmp_path / "data", "--out", tmp_path / "out" / "c")
 
 

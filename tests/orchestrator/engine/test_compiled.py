@@ -149,9 +149,13 @@ def cases(draw: st.DrawFn, interfaces: Mapping[str, Any]) -> Case:
     for i, kind in enumerate(kinds):
         for port in interfaces[kind].of("input"):
             target = f"c{i}.{port.name}"
-            sources = [f"c{j}.{other.name}" for j, other in outputs
-                       if (other.type not in REAL or port.type in REAL) and port.numeric
-                       and (order is Order.JACOBI or rank[j] < rank[i])]  # fmt: skip
+            sources = [
+                f"c{j}.{other.name}"
+                for j, other in outputs
+                if (other.type not in REAL or port.type in REAL)
+                and port.numeric
+                and (order is Order.JACOBI or rank[j] < rank[i])
+            ]
             choice = draw(st.sampled_from(["free", "link", "link", "scaled", "stimulus"]))
             if choice in ("link", "scaled") and sources:
                 links.append((draw(st.sampled_from(sources)), target))
@@ -191,8 +195,19 @@ def test_both_loops_are_equal_to_the_last_bit(shelf: Shelf, data: st.DataObject)
 @needs_loop
 def test_every_type_travels_through_the_compiled_loop(shelf: Shelf) -> None:
     ports = shelf["Feedthrough3"].interface
-    kinds = ("Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64", "Boolean", "Float32_continuous",
-             "Float64_continuous")  # fmt: skip
+    kinds = (
+        "Int8",
+        "UInt8",
+        "Int16",
+        "UInt16",
+        "Int32",
+        "UInt32",
+        "Int64",
+        "UInt64",
+        "Boolean",
+        "Float32_continuous",
+        "Float64_continuous",
+    )
     assert all(f"{kind}_input" in ports.ports for kind in kinds)
     wave = 63.0 * np.abs(np.sin(np.arange(31)))
     case = Case(("Feedthrough3",), stimuli={f"c0.{kind}_input": wave for kind in kinds}, steps=30)
@@ -248,8 +263,18 @@ def test_an_fmu_that_asks_to_stop_does_so_at_the_same_step_in_both_loops(shelf: 
 
 
 @needs_loop
-@pytest.mark.parametrize(("kind", "value"), [("Int8", 128.0), ("Int8", -129.0), ("UInt8", -0.6), ("UInt16", 65535.5),
-                                             ("Int64", 2.0**63), ("UInt64", 2.0**64), ("Int32", -1e300)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("kind", "value"),
+    [
+        ("Int8", 128.0),
+        ("Int8", -129.0),
+        ("UInt8", -0.6),
+        ("UInt16", 65535.5),
+        ("Int64", 2.0**63),
+        ("UInt64", 2.0**64),
+        ("Int32", -1e300),
+    ],
+)
 def test_a_value_that_does_not_fit_is_refused_at_its_tick_in_both_loops(shelf: Shelf, kind: str, value: float) -> None:
     stimulus = np.where(np.arange(21) == 13, value, 1.0)
     case = Case(("Feedthrough3",), stimuli={f"c0.{kind}_input": stimulus})
@@ -488,8 +513,10 @@ def test_without_the_extension_python_steps_and_a_warning_says_so(
 @needs_loop
 def test_a_circle_that_is_iterated_is_stepped_in_python(shelf: Shelf) -> None:
     parts = {name: Part(shelf["Feedthrough2"].interface) for name in ("c0", "c1")}
-    links = [("c0.Float64_continuous_output", "c1.Float64_continuous_input"),
-             ("c1.Float64_continuous_output", "c0.Float64_continuous_input")]  # fmt: skip
+    links = [
+        ("c0.Float64_continuous_output", "c1.Float64_continuous_input"),
+        ("c1.Float64_continuous_output", "c0.Float64_continuous_input"),
+    ]
     timing = Timing(Fraction(1), Fraction(1, 10), cycles=CycleSettings(iterate=True), engine=Engine.COMPILED)
     slaves = {name: Slave(shelf["Feedthrough2"], name) for name in parts}
     with (

@@ -42,8 +42,9 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
         }
 
         def make(engine: Engine) -> Simulation:
-            parts = {name: Part(file.interface, 4 * STEP if name == "encoder" else None)
-                     for name, file in files.items()}  # fmt: skip
+            parts = {
+                name: Part(file.interface, 4 * STEP if name == "encoder" else None) for name, file in files.items()
+            }
             slaves = {name: Slave(file, name) for name, file in files.items()}
             system = wire(parts, links, ["motor.voltage"])
             return stack.enter_context(Simulation(system, slaves, Timing(COUNT * STEP, STEP, engine=engine)))
@@ -55,8 +56,9 @@ def voltage() -> FloatArray:
     return np.random.default_rng(1).normal(0.0, 0.01, COUNT + 1)
 
 
-def live(simulation: Simulation, given: FloatArray, record: list[str], outputs: list[str], every: int = 1
-         ) -> tuple[Result, Trace, FloatArray]:  # fmt: skip
+def live(
+    simulation: Simulation, given: FloatArray, record: list[str], outputs: list[str], every: int = 1
+) -> tuple[Result, Trace, FloatArray]:
     """Step through all values of the one input: the result, the record, and (K, m) the outputs after each step."""
     pieces: list[Trace] = []
     (name,) = map(str, simulation.system.stimulated)

@@ -153,8 +153,16 @@ def test_no_order_of_declaration_changes_a_network_by_one_bit(order: list[int], 
             Clock("clock"),
             Gain("d", [[1.0, 1.0]]),
         ]
-        links = ["p.y0 -> a.u0", "a.y0 -> b.u0", "p.y1 -> b.u1", "b.y0 -> c.u0", "c.y0 -> p.u0",
-                 "clock.y -> d.u0", "c.y0 -> d.u1", "d.y0 -> p.u1"]  # fmt: skip
+        links = [
+            "p.y0 -> a.u0",
+            "a.y0 -> b.u0",
+            "p.y1 -> b.u1",
+            "b.y0 -> c.u0",
+            "c.y0 -> p.u0",
+            "clock.y -> d.u0",
+            "c.y0 -> d.u1",
+            "d.y0 -> p.u1",
+        ]
         made = simulation([parts[i] for i in arrangement], links, step=Fraction(1, 20), steps={"c": Fraction(1, 10)})
         return made.run().trace
 
@@ -203,8 +211,9 @@ def test_outputs_are_recorded_as_left_limits_and_inputs_as_right_limits() -> Non
 
 
 def test_jacobi_records_one_step_of_delay() -> None:
-    made = simulation([integrator(), Gain("controller", -0.5)], LINKS, step=Fraction(1), stop=Fraction(3),
-                      order=Order.JACOBI)  # fmt: skip
+    made = simulation(
+        [integrator(), Gain("controller", -0.5)], LINKS, step=Fraction(1), stop=Fraction(3), order=Order.JACOBI
+    )
     trace = made.run(record=["plant.y0", "controller.u0", "controller.y0", "plant.u0"]).trace
     assert table(trace) == {
         "plant.y0": [1.0, 0.5, 0.0, -0.25],
@@ -232,9 +241,12 @@ def test_outputs_of_a_slow_plant_change_only_at_the_end_of_its_step() -> None:
 
 def test_a_slow_component_is_recorded_with_the_inputs_that_act_on_it() -> None:
     made = simulation(
-        [Clock("clock"), integrator()], ["clock.y -> plant.u0"], step=Fraction(1), stop=Fraction(5),
+        [Clock("clock"), integrator()],
+        ["clock.y -> plant.u0"],
+        step=Fraction(1),
+        stop=Fraction(5),
         steps={"plant": Fraction(2)},
-    )  # fmt: skip
+    )
     trace = made.run(record=["clock.y", "plant.u0", "plant.y0"]).trace
     assert table(trace) == {
         "clock.y": [0.0, 1.0, 2.0, 3.0, 4.0, 5.0],
@@ -245,9 +257,12 @@ def test_a_slow_component_is_recorded_with_the_inputs_that_act_on_it() -> None:
 
 def test_a_fast_plant_is_recorded_at_the_steps_of_the_run() -> None:
     made = simulation(
-        [integrator(), Gain("controller", -1.0)], LINKS, step=Fraction(1), stop=Fraction(2),
+        [integrator(), Gain("controller", -1.0)],
+        LINKS,
+        step=Fraction(1),
+        stop=Fraction(2),
         steps={"plant": Fraction(1, 4)},
-    )  # fmt: skip
+    )
     result = made.run(record=["plant.y0"])
     assert result.trace["plant.y0"].tolist() == [1.0, 0.0, 0.0]
     assert result.statistics["plant"].calls == 8
@@ -360,9 +375,13 @@ def test_a_component_that_feeds_itself_is_iterated() -> None:
 def test_a_circle_of_two_rates_holds_the_slow_value_between_its_steps() -> None:
     parts = [Gain("slow", 0.5, 1.0), Gain("fast", [[0.5, 1.0]]), Clock("clock")]
     made = simulation(
-        parts, ["slow.y0 -> fast.u0", "fast.y0 -> slow.u0", "clock.y -> fast.u1"],
-        step=Fraction(1), stop=Fraction(4), steps={"slow": Fraction(2)}, cycles=ITERATE,
-    )  # fmt: skip
+        parts,
+        ["slow.y0 -> fast.u0", "fast.y0 -> slow.u0", "clock.y -> fast.u1"],
+        step=Fraction(1),
+        stop=Fraction(4),
+        steps={"slow": Fraction(2)},
+        cycles=ITERATE,
+    )
     trace = made.run(record=["slow.y0", "fast.y0"]).trace
     slow = [(1 + 0.5 * t) / 0.75 for t in (0, 0, 0, 2, 2)]  # left limits: computed at t = 0 and 2
     fast = [0.5 * s + t for s, t in zip(slow, (0, 0, 1, 2, 3), strict=True)]

@@ -292,11 +292,19 @@ def linear_fmus(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, 
         fmu.close()
 
 
-def linear_loop(fmus: dict[str, FmuFile], names: list[str], step: Fraction, controller_step: Fraction,
-                order: Order = Order.GAUSS_SEIDEL) -> Simulation:  # fmt: skip
+def linear_loop(
+    fmus: dict[str, FmuFile],
+    names: list[str],
+    step: Fraction,
+    controller_step: Fraction,
+    order: Order = Order.GAUSS_SEIDEL,
+) -> Simulation:
     parts = {name: Part(fmus[name].interface, controller_step if name == "controller" else None) for name in names}
-    links = [("plant.position", "controller.position"), ("plant.speed", "controller.speed"),
-             ("controller.force", "plant.force")]  # fmt: skip
+    links = [
+        ("plant.position", "controller.position"),
+        ("plant.speed", "controller.speed"),
+        ("controller.force", "plant.force"),
+    ]
     slaves = {name: Slave(fmus[name], name) for name in names}
     return Simulation(wire(parts, links), slaves, Timing(Fraction(2), step, order=order))
 
@@ -325,9 +333,13 @@ def test_fmus_in_a_sampled_loop_follow_the_exact_recursion(
     random = np.random.default_rng(7)
     with linear_loop(linear_fmus, names, step, Fraction(1, 20)) as made:
         for _ in range(4):
-            values = {"plant.a21": -random.uniform(1, 9), "plant.a22": -random.uniform(0.1, 2),
-                      "controller.kp": random.uniform(-0.5, 1), "controller.ki": random.uniform(0, 0.05),
-                      "controller.kd": random.uniform(0, 0.5)}  # fmt: skip
+            values = {
+                "plant.a21": -random.uniform(1, 9),
+                "plant.a22": -random.uniform(0.1, 2),
+                "controller.kp": random.uniform(-0.5, 1),
+                "controller.ki": random.uniform(0, 0.05),
+                "controller.kd": random.uniform(0, 0.5),
+            }
             trace = made.run(values, record=["plant.position", "plant.force"]).trace
             positions, forces = exact(values, float(step), every, len(trace) - 1)
             assert np.abs(trace["plant.position"] - positions).max() < 1e-9

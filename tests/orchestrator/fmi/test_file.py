@@ -87,8 +87,11 @@ def test_the_interface_is_what_the_file_declares(pendulum: Path) -> None:
         assert mass.numeric
         assert not interface.ports["energy"].settable
         assert dict(interface.feed_through) == {
-            "angle": frozenset(), "speed": frozenset(), "acceleration": {"torque"}, "energy": frozenset()
-        }  # fmt: skip
+            "angle": frozenset(),
+            "speed": frozenset(),
+            "acceleration": {"torque"},
+            "energy": frozenset(),
+        }
         assert (fmu.folder / "resources").is_dir()
 
 
@@ -224,9 +227,11 @@ def test_a_model_description_with_impossible_contents_is_refused(
 
 
 def test_fmi_1_is_refused_by_name(pendulum: Path, tmp_path: Path) -> None:
-    xml = ('<fmiModelDescription fmiVersion="1.0" modelName="old" modelIdentifier="old" guid="x" '
-           'numberOfContinuousStates="0" numberOfEventIndicators="0"><ModelVariables/><Implementation/>'
-           "</fmiModelDescription>")  # fmt: skip
+    xml = (
+        '<fmiModelDescription fmiVersion="1.0" modelName="old" modelIdentifier="old" guid="x" '
+        'numberOfContinuousStates="0" numberOfEventIndicators="0"><ModelVariables/><Implementation/>'
+        "</fmiModelDescription>"
+    )
     path = changed(pendulum, tmp_path / "old.fmu", lambda files: {**files, XML: xml.encode()})
     assert refusal(path) == ": is of FMI version 1.0; export it for FMI 2.0 or 3.0"
 

@@ -448,9 +448,13 @@ def test_without_isolation_a_crash_fails_its_scenario_alone_and_points_to_isolat
 def process(*arguments: object) -> subprocess.Popen[str]:
     """The command as a process of its own, in a session of its own."""
     return subprocess.Popen(
-        COMMAND + [str(argument) for argument in arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        start_new_session=True, env=os.environ | {"PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
+        COMMAND + [str(argument) for argument in arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )
 
 
 def test_what_isolated_fmus_print_does_not_mix_with_the_document(

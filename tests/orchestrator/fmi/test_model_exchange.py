@@ -45,8 +45,15 @@ def shelf(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Shelf]:
 @pytest.mark.parametrize("version", [2, 3])
 def test_van_der_pols_equation_is_solved(version: int, shelf: Shelf) -> None:
     found = trace(shelf(f"VanDerPol{version}"), {"mu": 2.0}, stop=Fraction(10))
-    exact = solve_ivp(lambda t, x: [x[1], 2 * (1 - x[0] ** 2) * x[1] - x[0]], (0, 10), [2.0, 0.0], "DOP853",
-                      found.time, rtol=1e-12, atol=1e-12)  # fmt: skip
+    exact = solve_ivp(
+        lambda t, x: [x[1], 2 * (1 - x[0] ** 2) * x[1] - x[0]],
+        (0, 10),
+        [2.0, 0.0],
+        "DOP853",
+        found.time,
+        rtol=1e-12,
+        atol=1e-12,
+    )
     assert np.abs(found["fmu.x0"] - exact.y[0]).max() < 3e-8
 
 
@@ -104,9 +111,16 @@ FMPY = [("VanDerPol", "x0", 1e-4), ("Dahlquist", "x", 1e-6), ("BouncingBall", "h
 @pytest.mark.parametrize("version", [2, 3])
 @pytest.mark.parametrize(("model", "name", "within"), FMPY)
 def test_fmpys_solver_agrees(version: int, model: str, name: str, within: float, shelf: Shelf) -> None:
-    judge = fmpy.simulate_fmu(str(third_party.reference(version, model)), stop_time=2.5, output_interval=0.2,
-                              relative_tolerance=1e-8, output=[name], fmi_type="ModelExchange", record_events=False,
-                              validate=False)  # fmt: skip
+    judge = fmpy.simulate_fmu(
+        str(third_party.reference(version, model)),
+        stop_time=2.5,
+        output_interval=0.2,
+        relative_tolerance=1e-8,
+        output=[name],
+        fmi_type="ModelExchange",
+        record_events=False,
+        validate=False,
+    )
     found = trace(shelf(f"{model}{version}"), stop=Fraction(12, 5), step=Fraction(1, 5))[f"fmu.{name}"]
     between = [k for k in range(len(found)) if k % 5]  # at whole seconds FMPy gives the stair's right limits
     assert np.abs(found - judge[name][: len(found)])[between].max() <= within
@@ -125,8 +139,12 @@ def test_openmodelicas_mass_spring_system_moves_exactly(solver: SolverSettings) 
 @pytest.mark.parametrize("version", [2, 3])
 def test_inputs_of_each_type_reach_the_fmu_within_the_step(version: int, shelf: Shelf) -> None:
     time = np.arange(21) / 10
-    stimuli = {"fmu.Float64_continuous_input": np.sin(time), "fmu.Int32_input": np.floor(5 * time),
-               "fmu.Boolean_input": (time > 1).astype(float), "fmu.Float64_discrete_input": time**2}  # fmt: skip
+    stimuli = {
+        "fmu.Float64_continuous_input": np.sin(time),
+        "fmu.Int32_input": np.floor(5 * time),
+        "fmu.Boolean_input": (time > 1).astype(float),
+        "fmu.Float64_discrete_input": time**2,
+    }
     found = trace(shelf(f"Feedthrough{version}"), stimuli=stimuli)
     for name, samples in stimuli.items():
         assert np.array_equal(found[name.replace("input", "output")][1:], samples[:-1])
@@ -145,8 +163,12 @@ def test_held_inputs_give_the_matrix_exponential(version: int, solver: SolverSet
 
 
 @settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
-@given(k=st.floats(0, 20), d=st.floats(0, 5), step=st.fractions(Fraction(1, 50), Fraction(1), max_denominator=100),
-       jumps=st.lists(st.sampled_from([-1.0, 0.0, 0.5, 3.0]), min_size=6, max_size=6))  # fmt: skip
+@given(
+    k=st.floats(0, 20),
+    d=st.floats(0, 5),
+    step=st.fractions(Fraction(1, 50), Fraction(1), max_denominator=100),
+    jumps=st.lists(st.sampled_from([-1.0, 0.0, 0.5, 3.0]), min_size=6, max_size=6),
+)
 def test_whatever_the_input_does_the_masses_move_exactly(
     shelf: Shelf, k: float, d: float, step: Fraction, jumps: list[float]
 ) -> None:
@@ -270,8 +292,10 @@ def test_what_cvode_allocates_is_freed() -> None:
 def test_an_fmu_without_co_simulation_is_exchanged_and_one_with_both_only_where_asked(
     solver: dict[str, Any] | None, shelf: Shelf
 ) -> None:
-    for name, kind in (("Dahlquist3", Kind.CO_SIMULATION if solver is None else Kind.MODEL_EXCHANGE),
-                       ("eventful", Kind.MODEL_EXCHANGE)):  # fmt: skip
+    for name, kind in (
+        ("Dahlquist3", Kind.CO_SIMULATION if solver is None else Kind.MODEL_EXCHANGE),
+        ("eventful", Kind.MODEL_EXCHANGE),
+    ):
         block = pickle.loads(pickle.dumps(ComponentBlock(fmu=shelf(name).path, solver=solver)))
         with block.opened(shelf(name).path) as file, ExitStack() as stack:
             component = block.maker(file)(file, "fmu")

@@ -89,8 +89,7 @@ def test_time_events_between_communication_points_are_counted_each(shelf: Shelf)
 
 
 def test_without_events_the_solver_is_not_restarted(shelf: Shelf) -> None:
-    with simulation({"fmu": shelf("eventful")}, step=Fraction(1, 100), stop=Fraction(1),
-                    stimulated=["fmu.u"]) as made:  # fmt: skip
+    with simulation({"fmu": shelf("eventful")}, step=Fraction(1, 100), stop=Fraction(1), stimulated=["fmu.u"]) as made:
         made.run(stimuli={"fmu.u": np.ones(101)})
         slave = only(made)
         assert slave.get("events") == 1
@@ -152,8 +151,10 @@ def test_derivatives_that_are_not_finite_end_in_an_error_with_each_method(method
 def test_derivatives_that_are_not_finite_at_the_start_are_named(shelf: Shelf) -> None:
     with pytest.raises(FmuError) as failed:
         trace(shelf("masses2"), stimuli={"fmu.force": np.full(21, 1e308)}, values={"d": 1e308, "k": -1e308})
-    assert str(failed.value).startswith("fmu: step from t = 0 s by 0.1 s: cannot go on, for there are no derivatives "
-                                        "at t = 0 s (two_masses: 'der(v1)' is")  # fmt: skip
+    assert str(failed.value).startswith(
+        "fmu: step from t = 0 s by 0.1 s: cannot go on, for there are no derivatives "
+        "at t = 0 s (two_masses: 'der(v1)' is"
+    )
 
 
 def test_an_interrupt_comes_through_the_solver(shelf: Shelf, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -216,10 +217,12 @@ def test_an_fmu_that_cannot_go_back_is_refused_in_a_cycle(shelf: Shelf, tmp_path
 
 
 RUNS = {
-    "masses2": ({"k": 1.0}, {"d": 3.0}), "masses3": ({"k": 1.0}, {"d": 3.0}),
-    "BouncingBall2": ({"e": 0.8}, {"e": 0.5}), "BouncingBall3": ({"e": 0.8}, {"e": 0.5}),
+    "masses2": ({"k": 1.0}, {"d": 3.0}),
+    "masses3": ({"k": 1.0}, {"d": 3.0}),
+    "BouncingBall2": ({"e": 0.8}, {"e": 0.5}),
+    "BouncingBall3": ({"e": 0.8}, {"e": 0.5}),
     "eventful": (SAW, {"period": 0.03, "rate": -2.0}),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", RUNS)

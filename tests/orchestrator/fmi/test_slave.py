@@ -81,9 +81,16 @@ def test_reference_fmus_run_as_in_fmpy(
     path = third_party.reference(version, model)
     trace = run({"fmu": path}, step=step, stop=stop, values={f"fmu.{n}": v for n, v in values.items()})
     judge = fmpy.simulate_fmu(
-        str(path), stop_time=float(stop), output_interval=float(step), step_size=float(step), start_values=values,
-        output=outputs, fmi_type="CoSimulation", validate=False, set_stop_time=False,
-    )  # fmt: skip
+        str(path),
+        stop_time=float(stop),
+        output_interval=float(step),
+        step_size=float(step),
+        start_values=values,
+        output=outputs,
+        fmi_type="CoSimulation",
+        validate=False,
+        set_stop_time=False,
+    )
     assert len(judge) == len(trace)
     for name in outputs:
         assert np.abs(trace[f"fmu.{name}"] - judge[name]).max() <= 1e-12
@@ -95,8 +102,11 @@ def test_feedthrough_passes_stimuli_through_as_in_fmpy(version: int) -> None:
     path = third_party.reference(version, "Feedthrough")
     time = np.arange(21) / 10
     signal = np.sin(time)
-    stimuli = {"fmu.Float64_continuous_input": signal, "fmu.Int32_input": np.floor(5 * time),
-               "fmu.Boolean_input": (time > 1).astype(float)}  # fmt: skip
+    stimuli = {
+        "fmu.Float64_continuous_input": signal,
+        "fmu.Int32_input": np.floor(5 * time),
+        "fmu.Boolean_input": (time > 1).astype(float),
+    }
     trace = run({"fmu": path}, step=Fraction(1, 10), stop=Fraction(2), stimuli=stimuli)
     assert np.array_equal(trace["fmu.Float64_continuous_output"][1:], signal[:-1])  # left limits
     assert np.array_equal(trace["fmu.Int32_output"][1:], np.floor(5 * time)[:-1])
@@ -104,14 +114,20 @@ def test_feedthrough_passes_stimuli_through_as_in_fmpy(version: int) -> None:
 
 
 FMI2_VALUES: dict[str, Value] = {
-    "Float64_continuous": -1.5e-300, "Float64_discrete": 1e308, "Int32": -(2**31), "Boolean": True,
-    "String": "Grüße, 世界", "Enumeration": 2,
-}  # fmt: skip
+    "Float64_continuous": -1.5e-300,
+    "Float64_discrete": 1e308,
+    "Int32": -(2**31),
+    "Boolean": True,
+    "String": "Grüße, 世界",
+    "Enumeration": 2,
+}
 FMI3_VALUES: dict[str, Value] = {
-    **FMI2_VALUES, "Float32_continuous": 0.1, "Float32_discrete": -3.0e38,
+    **FMI2_VALUES,
+    "Float32_continuous": 0.1,
+    "Float32_discrete": -3.0e38,
     **{f"Int{bits}": -(2 ** (bits - 1)) for bits in (8, 16, 32, 64)},
     **{f"UInt{bits}": 2**bits - 1 for bits in (8, 16, 32, 64)},
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(

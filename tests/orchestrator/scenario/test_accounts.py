@@ -46,8 +46,13 @@ def test_the_real_time_factor_counts_from_the_start() -> None:
 
 
 def test_a_run_accounts_for_its_steps_whatever_the_components_own_are() -> None:
-    made = simulation([Clock("clock"), Gain("gain", 2.0)], ["clock.y -> gain.u0"], start=Fraction(2), stop=Fraction(4),
-                      steps={"clock": Fraction(1, 40)})  # fmt: skip
+    made = simulation(
+        [Clock("clock"), Gain("gain", 2.0)],
+        ["clock.y -> gain.u0"],
+        start=Fraction(2),
+        stop=Fraction(4),
+        steps={"clock": Fraction(1, 40)},
+    )
     found = made.run().account
     assert (found.steps, found.step, found.start, found.reached) == (20, 0.1, 2.0, 4.0)
     assert found.engine is Engine.PYTHON and found.reason == "clock is no co-simulation FMU in this process"

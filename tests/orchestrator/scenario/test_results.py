@@ -101,8 +101,12 @@ MODEL = Model("gain", "Gain", (input_("u", "1", "Input"), output("y", "1", "Outp
 def test_a_loop_in_python_is_explained(tmp_path: Path) -> None:
     (tmp_path / "gain.py").write_text(GAIN)
     components = {name: {"model": "gain.py"} for name in ("one", "two")}
-    result = run(tmp_path, components=components, connections=["one.y -> two.u", "two.y -> one.u"],
-                 run={"stop": 0.2, "step": 0.01, "cycles": {}})  # fmt: skip
+    result = run(
+        tmp_path,
+        components=components,
+        connections=["one.y -> two.u", "two.y -> one.u"],
+        run={"stop": 0.2, "step": 0.01, "cycles": {}},
+    )
     stepping = document_of(result, {}, tmp_path)["cases"][0]["stepping"]
     assert stepping["engine"] == "python"
     reason = "there is a cycle of direct feed-through to be iterated" if compiled.available() else compiled.NOT_BUILT
@@ -196,8 +200,11 @@ def test_an_interrupted_run_leaves_what_it_has_and_says_how_far_it_came(tmp_path
             raise KeyboardInterrupt
 
     path = tmp_path / "swing.yaml"
-    changes = {"cases": [{"name": name} for name in "abc"], "run": {"stop": 300, "step": 0.01},
-               "recorder": {"signals": {"angle": "hand.angle"}, "every": 0.5}}  # fmt: skip
+    changes = {
+        "cases": [{"name": name} for name in "abc"],
+        "run": {"stop": 300, "step": 0.01},
+        "recorder": {"signals": {"angle": "hand.angle"}, "every": 0.5},
+    }
     path.write_text(json.dumps(SCENARIO | changes))
     with pytest.raises(ScenarioInterrupted) as stopped:
         run_scenario(path, progress=stop)
@@ -208,7 +215,9 @@ def test_an_interrupted_run_leaves_what_it_has_and_says_how_far_it_came(tmp_path
     assert reached - 5 < last < reached <= 300
     assert interruption(stopped.value.result) == f"interrupted at t = {reached:g} s of case b"
     assert [row[3] for row in rows_of(stopped.value.result)] == [
-        "ran through", f"interrupted at t = {reached:g} s", "not run",
-    ]  # fmt: skip
+        "ran through",
+        f"interrupted at t = {reached:g} s",
+        "not run",
+    ]
     html = (tmp_path / "out" / "report.html").read_text()
     assert f"The run was interrupted at t = {reached:g} s of case b." in html and "held." not in html

@@ -103,8 +103,11 @@ def test_cases_override_the_file_and_the_command_line_overrides_both(tmp_path: P
 
 
 def test_the_order_of_cases_does_not_matter_by_one_bit(tmp_path: Path) -> None:
-    cases = ["{name: a, set: {hand.angle_start: 0.2}}", "{name: b, set: {hand.inertia: 0.1, hand.gravity_torque: 1}}",
-             "{name: c, set: {hand.speed_start: 5}}"]  # fmt: skip
+    cases = [
+        "{name: a, set: {hand.angle_start: 0.2}}",
+        "{name: b, set: {hand.inertia: 0.1, hand.gravity_torque: 1}}",
+        "{name: c, set: {hand.speed_start: 5}}",
+    ]
     there = run(tmp_path, FALLING + f"cases: [{', '.join(cases)}]")
     back = run(tmp_path, FALLING + f"cases: [{', '.join(cases[::-1])}]")
     for number in range(3):
@@ -132,12 +135,16 @@ def test_cases_have_the_same_noise_unless_each_is_to_draw_its_own(tmp_path: Path
 
 
 def test_a_case_that_fails_its_expectation_fails_the_scenario_and_says_by_how_much(tmp_path: Path) -> None:
-    result = run(tmp_path, FALLING + """
+    result = run(
+        tmp_path,
+        FALLING
+        + """
 expect: [{signal: hand.energy, below: 1}]
 cases:
   - {name: a, expect: [{signal: hand.angle, below: 0.1}]}
   - {name: b, set: {hand.angle_start: 0.5}, expect: [{signal: hand.angle, below: 0.1}]}
-""")  # fmt: skip
+""",
+    )
     assert [case.passed for case in result.cases] == [True, False]
     assert not result.passed
     check = result.cases[1].checks[1]
@@ -145,12 +152,16 @@ cases:
 
 
 def test_what_is_recorded_is_what_was_asked_for_and_what_is_looked_at(tmp_path: Path) -> None:
-    result = run(tmp_path, FALLING + """
+    result = run(
+        tmp_path,
+        FALLING
+        + """
   # a stimulated input can be recorded, too
 stimuli: {hand.torque: {constant: 0.01}}
 record: [hand.torque, hand.speed]
 expect: [{signal: hand.angle, above: -1}, {signal: hand.speed, above: -1}]
-""")  # fmt: skip
+""",
+    )
     assert trace_of(result).names == ("hand.torque", "hand.speed", "hand.angle")
     assert set(trace_of(result)["hand.torque"]) == {0.01}
 
@@ -197,13 +208,17 @@ run: {stop: 0.1, step: 0.005}
 
 
 def test_a_refusal_that_is_expected_passes_and_the_next_case_runs(tmp_path: Path) -> None:
-    result = run(tmp_path, CONTROLLED + """
+    result = run(
+        tmp_path,
+        CONTROLLED
+        + """
 cases:
   - {name: refused, expect: [{refused: downward equilibrium}]}
   - {name: wrong reason, expect: [{refused: upright}]}
   - {name: goes through, set: {controller.speed: 1.0}, expect: [{refused: downward equilibrium}]}
   - {name: runs, set: {controller.speed: 1.0}, expect: [{signal: controller.voltage, above: -1e3}]}
-""")  # fmt: skip
+""",
+    )
     assert [case.passed for case in result.cases] == [True, False, False, True]
     assert result.cases[2].checks[0].found == "the run went through"
     assert isinstance(result.cases[0].error, FmuError)
@@ -269,7 +284,7 @@ REFUSED = [
     ("0.0}", "0.0}, tables: {a: {file: b.csv, signal: c}}", "b.csv: there is no such file"),
     ("0.0}", "0.0}, feed_through: some", ":4: components.hand.feed_through: input should be"),
     ("0.0}", "0.0}, step: -1/3", "hand.step: -1/3 s is not positive"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("old", "new", "line"), REFUSED, ids=range(len(REFUSED)))

@@ -79,8 +79,9 @@ def interrupted(scenario: Path, *options: str, group: bool = False, after: float
     (folder / "scratch").mkdir()
     command = [sys.executable, "-c", SAYING, "run", str(scenario), "--out", str(folder / "out"), *options]
     environment = os.environ | {"PYTHONPATH": str(ROOT), "TMPDIR": str(folder / "scratch")}
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
-                          env=environment) as running:  # fmt: skip
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True, env=environment
+    ) as running:
         assert running.stderr is not None and running.stderr.readline() == "stepping\n"
         time.sleep(after)
         sent = time.monotonic()
@@ -118,9 +119,10 @@ def prompt(seconds: float) -> bool:
 
 
 @pytest.mark.parametrize(
-    ("options", "group"), [([], False), (["--stream"], True), (["--stride", "100"], False)],
+    ("options", "group"),
+    [([], False), (["--stream"], True), (["--stride", "100"], False)],
     ids=["in memory", "streamed, as a terminal interrupts", "thinned"],
-)  # fmt: skip
+)
 def test_an_interrupted_run_keeps_all_up_to_there(tmp_path: Path, swing: Path, options: list[str], group: bool) -> None:
     ended = interrupted(written(tmp_path, swing), *options, group=group)
     document, trace = left(tmp_path)

@@ -109,9 +109,11 @@ def structure(path: Path) -> dict[str, dict[str, set[str]]]:
 def test_dependencies_of_the_pendulum_are_those_of_its_equations(native_fmu: Built, fmi: int) -> None:
     found = structure(native_fmu("pendulum", fmi))
     assert found["outputs"] == {
-        "angle": {"angle"}, "speed": {"speed"}, "acceleration": {"angle", "speed", "torque"},
+        "angle": {"angle"},
+        "speed": {"speed"},
+        "acceleration": {"angle", "speed", "torque"},
         "energy": {"angle", "speed"},
-    }  # fmt: skip
+    }
     assert found["rates"] == {"der(angle)": {"speed"}, "der(speed)": {"angle", "speed", "torque"}}
     assert found["initial"]["angle"] == {"angle_start"}
     assert found["initial"]["der(angle)"] == {"speed_start"}
@@ -209,9 +211,11 @@ SELECTING = (input_("a", "1", "A"), parameter("kind", "1", 1, "Kind", minimum=1,
 
 def small(**changes: Any) -> Model:
     declared: dict[str, Any] = {
-        "name": "small", "description": "d", "variables": (input_("a", "1", "A"), output("y", "1", "Y")),
+        "name": "small",
+        "description": "d",
+        "variables": (input_("a", "1", "A"), output("y", "1", "Y")),
         "outputs": lambda t, x, u, p: {"y": u.a},
-    }  # fmt: skip
+    }
     return Model(**(declared | changes))
 
 
@@ -222,14 +226,21 @@ def small(**changes: Any) -> Model:
         ({"outputs": lambda t, x, u, p: {"y": math.sin(u.a)}}, "cannot be traced"),
         ({"outputs": lambda t, x, u, p: {}}, r"missing \['y'\]"),
         ({"states": (State("s"),), "solver_step": lambda p: 1.0}, "nothing gives s; write derivatives"),
-        ({"variables": (*SELECTING, output("y", "1", "Y")),
-          "outputs": lambda t, x, u, p: {"y": ops.where(p.kind == 2, u.a, -u.a)}}, "compare with < and > instead"),
+        (
+            {
+                "variables": (*SELECTING, output("y", "1", "Y")),
+                "outputs": lambda t, x, u, p: {"y": ops.where(p.kind == 2, u.a, -u.a)},
+            },
+            "compare with < and > instead",
+        ),
         ({"name": "größe"}, "'größe' is no name in C"),
         ({"name": "_small"}, "'_small' is no name in C"),
-        ({"variables": (input_("β", "1", "B"), output("y", "1", "Y")), "outputs": lambda t, x, u, p: {"y": 1.0}},
-         "'β' is no name in C"),
+        (
+            {"variables": (input_("β", "1", "B"), output("y", "1", "Y")), "outputs": lambda t, x, u, p: {"y": 1.0}},
+            "'β' is no name in C",
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_model_that_cannot_become_c_is_refused_with_the_reason(
     tmp_path: Path, changes: dict[str, Any], problem: str
 ) -> None:
@@ -242,10 +253,11 @@ def test_a_model_that_cannot_become_c_is_refused_with_the_reason(
 def test_names_that_mean_something_in_c_are_ordinary_names(tmp_path: Path, fmi: int) -> None:
     names = ("double", "int_", "NAN", "sin", "w0", "t", "v", "I", "signal", "time", "der", "main", "N_STATES")
     model = Model(
-        name="double", description='Quotes " \\ ?? and ümlauts',
+        name="double",
+        description='Quotes " \\ ?? and ümlauts',
         variables=(*(input_(name, "1", f"{name} <&>") for name in names), output("y", "1", "Sum")),
         outputs=lambda t, x, u, p: {"y": sum(getattr(u, name) for name in names)},
-    )  # fmt: skip
+    )
     path = native.build(model, tmp_path / "d.fmu", fmi=fmi)
     assert validate_fmu(str(path)) == []
     with opened(path) as fmu:
@@ -259,13 +271,15 @@ def test_names_that_mean_something_in_c_are_ordinary_names(tmp_path: Path, fmi: 
 def test_integers_booleans_and_choices_are_carried(tmp_path: Path, fmi: int) -> None:
     model = small(
         variables=(
-            input_("a", "1", "A"), input_("on", "1", "On", start=True), output("y", "1", "Y"),  # type: ignore[arg-type]
-            parameter("pumps", "1", -2, "Number"), parameter("kind", "1", 2, "Kind", minimum=1, maximum=3,
-                                                             choices=("one", "two", "three")),
+            input_("a", "1", "A"),
+            input_("on", "1", "On", start=True),
+            output("y", "1", "Y"),  # type: ignore[arg-type]
+            parameter("pumps", "1", -2, "Number"),
+            parameter("kind", "1", 2, "Kind", minimum=1, maximum=3, choices=("one", "two", "three")),
             parameter("off", "1", False, "Off"),
         ),
         outputs=lambda t, x, u, p: {"y": u.a * p.pumps + 100 * p.kind},
-    )  # fmt: skip
+    )
     path = native.build(model, tmp_path / "a.fmu", fmi=fmi)
     assert validate_fmu(str(path)) == []
     with opened(path) as fmu:

@@ -66,13 +66,15 @@ def test_operations_stand_in_c_in_the_order_they_were_written(function: Any, tex
 NUMBERS = st.floats(-50, 50).map(lambda x: round(x, 3)).filter(bool)
 TREES = st.recursive(
     st.sampled_from(["a", "b"]) | NUMBERS.map(repr),
-    lambda inner: st.builds("({} {} {})".format, inner, st.sampled_from("+-*/"), inner)
-    | st.builds("(-{})".format, inner)
-    | st.builds("ops.{}({})".format, st.sampled_from(["sin", "tanh", "floor", "absolute", "sign"]), inner)
-    | st.builds("ops.where({} {} {}, {}, {})".format, inner, st.sampled_from(["<", ">", ">="]), inner, inner, inner)
-    | st.builds("({})**2".format, inner),
+    lambda inner: (
+        st.builds("({} {} {})".format, inner, st.sampled_from("+-*/"), inner)
+        | st.builds("(-{})".format, inner)
+        | st.builds("ops.{}({})".format, st.sampled_from(["sin", "tanh", "floor", "absolute", "sign"]), inner)
+        | st.builds("ops.where({} {} {}, {}, {})".format, inner, st.sampled_from(["<", ">", ">="]), inner, inner, inner)
+        | st.builds("({})**2".format, inner)
+    ),
     max_leaves=12,
-)  # fmt: skip
+)
 
 
 @pytest.mark.skipif(not compiler.available(), reason="no C compiler here")
@@ -139,9 +141,16 @@ def test_playback_calls_the_table_of_its_name() -> None:
 
 @pytest.mark.parametrize(
     ("expression", "name"),
-    [(sympy.Mod(a, 2), "Mod"), (sympy.asin(a), "asin"), (sympy.Function("playback_other")(a), "playback_other"),
-     (sympy.Function("f")(a), "f"), (sympy.nan, "nan"), (sympy.I * a, "I"), (sympy.Symbol("c"), "c")],
-)  # fmt: skip
+    [
+        (sympy.Mod(a, 2), "Mod"),
+        (sympy.asin(a), "asin"),
+        (sympy.Function("playback_other")(a), "playback_other"),
+        (sympy.Function("f")(a), "f"),
+        (sympy.nan, "nan"),
+        (sympy.I * a, "I"),
+        (sympy.Symbol("c"), "c"),
+    ],
+)
 def test_an_operation_without_a_counterpart_is_named(expression: sympy.Expr, name: str) -> None:
     with pytest.raises(ModelError, match=f"^here: uses '{re.escape(name)}', which has no counterpart in C"):
         c_code.statements("here", DIALECT, [expression])

@@ -35,8 +35,10 @@ def test_directional_derivatives_are_the_slopes_of_the_values(
     """In initialisation mode: rates and outputs by every input and real parameter, start values included."""
     model = library.find(name)
     knowns = [v for v in model.variables if v.causality != "output" and v.type == "Real"]
-    values = {v.name: data.draw(value_of(name, v)) if v.causality == "parameter" else data.draw(st.floats(-1, 1))
-              for v in knowns}  # fmt: skip
+    values = {
+        v.name: data.draw(value_of(name, v)) if v.causality == "parameter" else data.draw(st.floats(-1, 1))
+        for v in knowns
+    }
     unknowns = [v.name for v in model.of("output")] + [f"der({state.name})" for state in model.continuous]
     known = data.draw(st.sampled_from([v.name for v in knowns]))
     step = 1e-6 * max(1.0, abs(values[known]))

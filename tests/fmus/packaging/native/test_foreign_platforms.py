@@ -54,8 +54,12 @@ def wine() -> Iterator[Machine]:
     if program is None:
         pytest.skip("no wine here")
     with tempfile.TemporaryDirectory(prefix="servotwin-wine-", ignore_cleanup_errors=True) as disk:
-        environment = {"WINEPREFIX": disk, "WINEDEBUG": "-all", "WINEDLLOVERRIDES": "mscoree,mshtml=",
-                       "LC_ALL": "C.UTF-8"}  # fmt: skip
+        environment = {
+            "WINEPREFIX": disk,
+            "WINEDEBUG": "-all",
+            "WINEDLLOVERRIDES": "mscoree,mshtml=",
+            "LC_ALL": "C.UTF-8",
+        }
         yield Machine(compiler.PLATFORMS["x86_64-windows"], (program,), "Z:/", environment)
         server = shutil.which("wineserver") or shutil.which("wineserver-stable") or "wineserver"
         subprocess.run([server, "-k"], env=os.environ | environment, check=False, timeout=60)
@@ -89,11 +93,23 @@ def played(machine: Machine, program: Path, fmu: Path, folder: Path) -> FloatArr
     library_path = f"binaries/{machine.platform.folder2 if old else machine.platform.name}/{about.modelName}"
     references = [str(v.valueReference) for v in about.modelVariables if v.causality == "output"]
     done = subprocess.run(
-        [*machine.command, str(program), library_path + machine.platform.suffix, about.guid, str(STEP), str(COUNT),
-         *references],
-        cwd=folder, input=f"file:///{quote(place.lstrip('/'), safe='/:')}" if old else place, capture_output=True,
-        encoding="utf-8", env=os.environ | machine.environment, timeout=300, check=False,
-    )  # fmt: skip
+        [
+            *machine.command,
+            str(program),
+            library_path + machine.platform.suffix,
+            about.guid,
+            str(STEP),
+            str(COUNT),
+            *references,
+        ],
+        cwd=folder,
+        input=f"file:///{quote(place.lstrip('/'), safe='/:')}" if old else place,
+        capture_output=True,
+        encoding="utf-8",
+        env=os.environ | machine.environment,
+        timeout=300,
+        check=False,
+    )
     assert done.returncode == 0, (fmu.name, done.stderr)
     return np.array([[float.fromhex(value) for value in line.split()] for line in done.stdout.splitlines()])
 

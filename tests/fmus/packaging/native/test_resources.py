@@ -72,9 +72,14 @@ def refusal(path: Path) -> str:
 @pytest.mark.parametrize("fmi", VERSIONS)
 @pytest.mark.parametrize(
     ("content", "reason"),
-    [(b"time,value\n", "has no samples"), (b"", "has no samples"), (b"time,value\n0,1\n0,2\n", "increase strictly"),
-     (b"time,value\n0;1\n", "no pair of numbers"), (b"time,value\n0,nan\n", "no pair of numbers")],
-)  # fmt: skip
+    [
+        (b"time,value\n", "has no samples"),
+        (b"", "has no samples"),
+        (b"time,value\n0,1\n0,2\n", "increase strictly"),
+        (b"time,value\n0;1\n", "no pair of numbers"),
+        (b"time,value\n0,nan\n", "no pair of numbers"),
+    ],
+)
 def test_broken_tables_stop_the_instantiation_with_the_reason(
     native_fmu: Built, tmp_path: Path, fmi: int, content: bytes, reason: str
 ) -> None:

@@ -47,7 +47,11 @@ def test_no_call_leaves_memory_behind_or_its_bounds(
     resources = tmp_path / "resources"
     place = resources.as_uri() if fmi == 2 else str(resources)
     done = subprocess.run(
-        [str(sanitized(tmp_path, fmi)), token, place], capture_output=True, text=True, timeout=60, check=False,
+        [str(sanitized(tmp_path, fmi)), token, place],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
         env=os.environ | {"ASAN_OPTIONS": "detect_leaks=1"},
-    )  # fmt: skip
+    )
     assert (done.returncode, done.stderr) == (0, "")

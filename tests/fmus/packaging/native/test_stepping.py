@@ -52,13 +52,19 @@ def test_fmpy_simulates_what_an_instance_computes(native_fmu: Built, name: str, 
     outputs = [variable.name for variable in model.of("output")]
     inputs = [variable.name for variable in model.of("input")]
     time = grid(1.0, 0.0625)
-    driven = np.array([(t, *[drive(t)] * len(inputs)) for t in time],
-                      dtype=[("time", float), *((key, float) for key in inputs)])  # fmt: skip
+    driven = np.array(
+        [(t, *[drive(t)] * len(inputs)) for t in time], dtype=[("time", float), *((key, float) for key in inputs)]
+    )
     result = fmpy.simulate_fmu(
-        str(native_fmu(name, fmi)), stop_time=1.0, step_size=0.0625, output_interval=0.0625,
+        str(native_fmu(name, fmi)),
+        stop_time=1.0,
+        step_size=0.0625,
+        output_interval=0.0625,
         start_values=in_arrays(model, RICH[name]) if fmi == 3 else RICH[name],
-        input=driven if inputs else None, output=outputs, fmi_type="CoSimulation",
-    )  # fmt: skip
+        input=driven if inputs else None,
+        output=outputs,
+        fmi_type="CoSimulation",
+    )
     expected = stepped(model, RICH[name], outputs, time, dict.fromkeys(inputs, drive))
     assert np.array_equal(np.column_stack([result[key] for key in outputs])[1:], expected[1:])
 
@@ -107,9 +113,17 @@ def test_model_exchange_with_cvode_gives_the_trajectory_of_the_instance(native_f
         "flexible_link": {"participation_2": 0.0, "participation_3": 0.0, "coulomb_friction": 10.0, "speed_start": 0.6},
     }[name]
     time = grid(1.0, 0.0625)
-    result = fmpy.simulate_fmu(str(native_fmu(name, fmi)), stop_time=1.0, output_interval=0.0625, start_values=values,
-                               output=outputs, fmi_type="ModelExchange", solver="CVode", relative_tolerance=1e-10,
-                               record_events=False)  # fmt: skip
+    result = fmpy.simulate_fmu(
+        str(native_fmu(name, fmi)),
+        stop_time=1.0,
+        output_interval=0.0625,
+        start_values=values,
+        output=outputs,
+        fmi_type="ModelExchange",
+        solver="CVode",
+        relative_tolerance=1e-10,
+        record_events=False,
+    )
     found = np.column_stack([result[key] for key in outputs])
     assert found == pytest.approx(stepped(library.find(name), values, outputs, time), rel=1e-5, abs=1e-6)
 
@@ -199,9 +213,7 @@ def test_a_parameter_cannot_be_set_after_the_initialisation_nor_an_output_ever(n
         fmu.start()
         with pytest.raises(FMICallException):
             fmu.set("inertia", 1.0)
-        assert fmu.log[-1] == (
-            3, "logStatusError", "pendulum: 'inertia' is fixed once the initialisation is over"
-        )  # fmt: skip
+        assert fmu.log[-1] == (3, "logStatusError", "pendulum: 'inertia' is fixed once the initialisation is over")
         assert fmu.get("inertia") == [0.00325]
 
 

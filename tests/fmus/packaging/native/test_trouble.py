@@ -40,11 +40,17 @@ def test_a_requirement_that_does_not_hold_fails_the_step_with_its_reason(native_
 
 def unstable(**functions: Any) -> Model:
     return Model(
-        name="unstable", description="Runs away", derivatives=lambda t, x, u, p: {"a": p.rate * x.a**2, "b": 0.0},
-        variables=(output("a", "1", "Output"), parameter("a_start", "1", 10.0, "Start"),
-                   parameter("rate", "1", 1.0, "Rate")),
-        states=(State("a", "a_start"), State("b")), **({"solver_step": lambda p: 0.01} | functions),
-    )  # fmt: skip
+        name="unstable",
+        description="Runs away",
+        derivatives=lambda t, x, u, p: {"a": p.rate * x.a**2, "b": 0.0},
+        variables=(
+            output("a", "1", "Output"),
+            parameter("a_start", "1", 10.0, "Start"),
+            parameter("rate", "1", 1.0, "Rate"),
+        ),
+        states=(State("a", "a_start"), State("b")),
+        **({"solver_step": lambda p: 0.01} | functions),
+    )
 
 
 @pytest.mark.parametrize("fmi", VERSIONS)

@@ -131,12 +131,19 @@ def test_fmpy_simulates_what_an_instance_computes(fmu: Built, name: str) -> None
     outputs = [variable.name for variable in model.of("output")]
     inputs = [variable.name for variable in model.of("input")]
     time = grid(1.0, 0.0625)
-    driven = np.array([(t, *[drive(t)] * len(inputs)) for t in time],
-                      dtype=[("time", float), *((key, float) for key in inputs)])  # fmt: skip
+    driven = np.array(
+        [(t, *[drive(t)] * len(inputs)) for t in time], dtype=[("time", float), *((key, float) for key in inputs)]
+    )
     result = fmpy.simulate_fmu(
-        str(fmu(name)), stop_time=1.0, step_size=0.0625, output_interval=0.0625, start_values=RICH[name],
-        input=driven if inputs else None, output=outputs, fmi_type="CoSimulation",
-    )  # fmt: skip
+        str(fmu(name)),
+        stop_time=1.0,
+        step_size=0.0625,
+        output_interval=0.0625,
+        start_values=RICH[name],
+        input=driven if inputs else None,
+        output=outputs,
+        fmi_type="CoSimulation",
+    )
     expected = stepped(model, RICH[name], outputs, time, dict.fromkeys(inputs, drive))
     found = np.column_stack([result[key] for key in outputs])
     assert np.array_equal(found[1:], expected[1:])
@@ -420,7 +427,12 @@ def test_an_fmu_runs_where_the_project_is_not_installed(fmu: Built, tmp_path: Pa
         "print(result['angle'][0])\n"
     )
     done = subprocess.run(
-        [sys.executable, "-P", "-c", program], cwd=tmp_path, env={"PATH": ""}, capture_output=True, text=True,
-        timeout=60, check=False,
-    )  # fmt: skip
+        [sys.executable, "-P", "-c", program],
+        cwd=tmp_path,
+        env={"PATH": ""},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
     assert (done.returncode, done.stdout.split()) == (0, ["1.0"]), done.stderr

@@ -46,8 +46,14 @@ def payloads(message: MessageSpec, seed: int, count: int = 40) -> Frames:
             data[2:, 0] = rng.choice(known, count - 2)
     data[:, message.length :] = 0
     flags = Flag.EXTENDED * message.extended | Flag.FD * message.fd
-    return Frames(0.01 * np.arange(count), np.full(count, message.id, np.uint32), np.full(count, flags, np.uint8),
-                  np.zeros(count, np.uint8), np.full(count, message.length, np.uint8), data)  # fmt: skip
+    return Frames(
+        0.01 * np.arange(count),
+        np.full(count, message.id, np.uint32),
+        np.full(count, flags, np.uint8),
+        np.zeros(count, np.uint8),
+        np.full(count, message.length, np.uint8),
+        data,
+    )
 
 
 def same(ours: float, theirs: float) -> bool:
@@ -282,10 +288,14 @@ def test_no_frame_is_refused_with_an_exception_and_each_is_accounted_for(
     rng = np.random.default_rng(seed)
     width = 64 if fd else 8
     time = rng.choice([0.0, 1.0, -5.0, 1e18, math.nan, math.inf, 1.7e9, 3.5], count) + rng.normal(size=count)
-    batch = Frames(time, rng.choice([100, 101, 102, 103, 2047, 2048, 2**29 - 1, 2**32 - 1], count).astype(np.uint32),
-                   rng.integers(0, 128, count).astype(np.uint8), rng.integers(0, 256, count).astype(np.uint8),
-                   rng.integers(0, width + 1, count).astype(np.uint8),
-                   rng.integers(0, 256, (count, width)).astype(np.uint8))  # fmt: skip
+    batch = Frames(
+        time,
+        rng.choice([100, 101, 102, 103, 2047, 2048, 2**29 - 1, 2**32 - 1], count).astype(np.uint32),
+        rng.integers(0, 128, count).astype(np.uint8),
+        rng.integers(0, 256, count).astype(np.uint8),
+        rng.integers(0, width + 1, count).astype(np.uint8),
+        rng.integers(0, 256, (count, width)).astype(np.uint8),
+    )
     decoder = Decoder(base)
     parts = [decoder.feed(batch[begin : begin + 100]) for begin in range(0, count, 100)]
     census = decoder.census

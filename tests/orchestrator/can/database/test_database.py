@@ -97,8 +97,10 @@ def test_a_signal_of_two_messages_is_known_by_its_message(base: Database) -> Non
         base.signal("status")
 
 
-@pytest.mark.parametrize(("name", "hint"), [("angel", "did you mean 'angle'"), ("State.angel", "did you mean 'angle'"),
-                                            ("zzz", "it has angle, torque")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [("angel", "did you mean 'angle'"), ("State.angel", "did you mean 'angle'"), ("zzz", "it has angle, torque")],
+)
 def test_an_unknown_signal_is_refused_with_close_names(base: Database, name: str, hint: str) -> None:
     with pytest.raises(DatabaseError, match=hint):
         base.signal(name)
@@ -123,11 +125,14 @@ def test_protection_can_be_given_and_is_checked(base: Database) -> None:
     given = base.protected({"Status": Protection("Encoder_Counter"), "Command": Protection(checksum="status")})
     assert given.message("Status").protection == Protection("Encoder_Counter", 256)
     assert given.message("State").protection == base.message("State").protection
-    for wrong, problem in [(Protection("angle"), "no plain unsigned counter"), (Protection("none"), "has no signal"),
-                           (Protection("alive_counter", 17), "cannot have 17 values"),
-                           (Protection(checksum="alive_counter"), "no checksum of one whole byte"),
-                           (Protection(checksum="crc", algorithm="CRC9"), "there is no checksum 'CRC9'"),
-                           (Protection(checksum="crc", data_id=1 << 16), "has not 16 bits")]:  # fmt: skip
+    for wrong, problem in [
+        (Protection("angle"), "no plain unsigned counter"),
+        (Protection("none"), "has no signal"),
+        (Protection("alive_counter", 17), "cannot have 17 values"),
+        (Protection(checksum="alive_counter"), "no checksum of one whole byte"),
+        (Protection(checksum="crc", algorithm="CRC9"), "there is no checksum 'CRC9'"),
+        (Protection(checksum="crc", data_id=1 << 16), "has not 16 bits"),
+    ]:
         with pytest.raises(DatabaseError, match=problem):
             base.protected({"State": wrong})
 
@@ -179,7 +184,7 @@ BAD = {
     "quotes": (DBC + '"' * 100_001, LINE.format(27) + "cannot be read"),
     "nested": (DBC + "".join(f"SG_MUL_VAL_ 102 s{n + 1} s{n} 0-9, 20-29;\n" for n in range(30)), "too many combin"),
     "loop": (DBC + "SG_MUL_VAL_ 102 a b 0-1;\nSG_MUL_VAL_ 102 b a 0-1;\n", "too many combinations"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", BAD)
@@ -191,12 +196,15 @@ def test_a_bad_file_is_refused_with_its_place(tmp_path: Path, case: str) -> None
     assert perf_counter() - begun < 3
 
 
-@pytest.mark.parametrize(("text", "problem"), [
-    ('<!DOCTYPE a [<!ENTITY b "c">]>' + KCD.split("?>")[1], "line 1: declares a document type"),
-    (KCD.replace('length="16"', 'length="999999999"'), "line 4: .*more than any frame"),
-    (KCD.replace("</Bus>", ""), "line 5: cannot be read at column"),
-    (KCD.replace("NetworkDefinition", "Other"), "expected"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ('<!DOCTYPE a [<!ENTITY b "c">]>' + KCD.split("?>")[1], "line 1: declares a document type"),
+        (KCD.replace('length="16"', 'length="999999999"'), "line 4: .*more than any frame"),
+        (KCD.replace("</Bus>", ""), "line 5: cannot be read at column"),
+        (KCD.replace("NetworkDefinition", "Other"), "expected"),
+    ],
+)
 def test_bad_xml_is_refused_with_its_place(tmp_path: Path, text: str, problem: str) -> None:
     with pytest.raises(DatabaseError, match=rf"(?i){problem}"):
         database.load(file(tmp_path, text, ".kcd"))

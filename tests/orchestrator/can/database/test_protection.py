@@ -128,9 +128,12 @@ def test_a_frame_logged_twice_is_dropped_and_counted(base: Database) -> None:
 
 def test_a_bus_frame_that_is_none_of_ours_is_only_counted(base: Database) -> None:
     single = SingleDecoder(base)
-    for message in (can.Message(arbitration_id=5, is_extended_id=False), can.Message(is_error_frame=True),
-                    can.Message(arbitration_id=100, is_extended_id=False, is_remote_frame=True),
-                    can.Message(arbitration_id=100, is_extended_id=False, data=b"123")):  # fmt: skip
+    for message in (
+        can.Message(arbitration_id=5, is_extended_id=False),
+        can.Message(is_error_frame=True),
+        can.Message(arbitration_id=100, is_extended_id=False, is_remote_frame=True),
+        can.Message(arbitration_id=100, is_extended_id=False, data=b"123"),
+    ):
         assert single.decode(message) is None
     census = single.census
     assert (census.frames, census.errors, census.remotes) == (4, 1, 1)

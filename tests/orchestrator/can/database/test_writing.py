@@ -30,11 +30,17 @@ def declarations(draw: st.DrawFn) -> list[Declared]:
     for name in names:
         low, high = sorted((draw(bounds), draw(bounds)))
         bounded = draw(st.booleans()) and high > low
-        found.append(Declared(
-            name, draw(st.sampled_from(["rad", "N.m", ""])), low if bounded else None, high if bounded else None,
-            draw(st.none() | st.just(1.0)), draw(st.sampled_from([None, 0.001, 0.0125, 0.1])),
-            draw(st.sampled_from(["", "rig"])),
-        ))  # fmt: skip
+        found.append(
+            Declared(
+                name,
+                draw(st.sampled_from(["rad", "N.m", ""])),
+                low if bounded else None,
+                high if bounded else None,
+                draw(st.none() | st.just(1.0)),
+                draw(st.sampled_from([None, 0.001, 0.0125, 0.1])),
+                draw(st.sampled_from(["", "rig"])),
+            )
+        )
     return found
 
 
@@ -82,13 +88,22 @@ def test_faster_messages_have_lower_identifiers_and_are_full_before_the_next_beg
     declared = [Declared(f"s{n}", "", -1, 1, every=(0.1, 0.001)[n < 5]) for n in range(7)]
     base = read(declared)
     assert [(each.name, each.id, each.length) for each in base.messages] == [
-        ("Servotwin_1ms", 0x100, 8), ("Servotwin_1ms_2", 0x101, 2), ("Servotwin_100ms", 0x102, 4)]  # fmt: skip
+        ("Servotwin_1ms", 0x100, 8),
+        ("Servotwin_1ms_2", 0x101, 2),
+        ("Servotwin_100ms", 0x102, 4),
+    ]
     assert [len(each.signals) for each in read(declared, fd=True).messages] == [5, 2]
 
 
 def test_a_signal_far_from_zero_gets_an_offset_and_one_without_bounds_is_a_float() -> None:
-    base = read([Declared("pressure", "Pa", 1e5, 1.01e5), Declared("free", "V", minimum=0), Declared(
-        "wide", "V", -1e6, 1e6, nominal=1), Declared("angle", "rad", -10, 10)])  # fmt: skip
+    base = read(
+        [
+            Declared("pressure", "Pa", 1e5, 1.01e5),
+            Declared("free", "V", minimum=0),
+            Declared("wide", "V", -1e6, 1e6, nominal=1),
+            Declared("angle", "rad", -10, 10),
+        ]
+    )
     pressure, angle = base.signal("pressure")[1], base.signal("angle")[1]
     assert (pressure.scale, pressure.offset, pressure.is_signed, pressure.length) == (0.02, 1e5, False, 16)
     assert (angle.scale, angle.offset, angle.is_signed) == (0.0005, 0, True)
@@ -102,15 +117,18 @@ def test_the_text_is_that_of_cantools_and_stays_the_same() -> None:
     assert raw.as_dbc_string() == text
 
 
-@pytest.mark.parametrize(("declared", "problem"), [
-    ([], "0 signals make 0 messages"),
-    ([Declared("a"), Declared("a")], "signal a: is declared twice"),
-    ([Declared("a", minimum=1, maximum=1)], "ranges from 1 to 1"),
-    ([Declared("a", minimum=0, maximum=np.inf)], "has a bound that is not below"),
-    ([Declared("a", every=0)], "has a period of 0 s"),
-    ([Declared("a", every=np.nan)], "has a bound that is not below"),
-    ([Declared(f"s{n}", every=0.001) for n in range(4000)], "4000 signals make 2000 messages"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("declared", "problem"),
+    [
+        ([], "0 signals make 0 messages"),
+        ([Declared("a"), Declared("a")], "signal a: is declared twice"),
+        ([Declared("a", minimum=1, maximum=1)], "ranges from 1 to 1"),
+        ([Declared("a", minimum=0, maximum=np.inf)], "has a bound that is not below"),
+        ([Declared("a", every=0)], "has a period of 0 s"),
+        ([Declared("a", every=np.nan)], "has a bound that is not below"),
+        ([Declared(f"s{n}", every=0.001) for n in range(4000)], "4000 signals make 2000 messages"),
+    ],
+)
 def test_a_declaration_that_makes_no_database_is_refused(declared: list[Declared], problem: str) -> None:
     with pytest.raises(DatabaseError, match=problem):
         generate(declared)

@@ -73,8 +73,11 @@ def theirs(path: Path) -> Frames:
 
 
 @quick
-@given(sent=st.lists(messages(), min_size=1, max_size=60), size=st.sampled_from([250, 500, 1 << 17]),
-       level=st.sampled_from([-1, 0, 9]))  # fmt: skip
+@given(
+    sent=st.lists(messages(), min_size=1, max_size=60),
+    size=st.sampled_from([250, 500, 1 << 17]),
+    level=st.sampled_from([-1, 0, 9]),
+)
 def test_frames_equal_those_of_python_can_one_by_one(
     tmp_path: Path, sent: list[can.Message], size: int, level: int
 ) -> None:
@@ -260,13 +263,21 @@ def test_batches_are_bounded_and_a_log_can_be_read_again(tmp_path: Path) -> None
 
 
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(changes=st.lists(st.tuples(st.integers(0, 10**6), st.integers(0, 255)), max_size=8), stored=st.booleans(),
-       cut=st.integers(0, 200), extra=st.binary(max_size=40))  # fmt: skip
+@given(
+    changes=st.lists(st.tuples(st.integers(0, 10**6), st.integers(0, 255)), max_size=8),
+    stored=st.booleans(),
+    cut=st.integers(0, 200),
+    extra=st.binary(max_size=40),
+)
 def test_whatever_a_file_holds_reading_ends(
     tmp_path: Path, changes: list[tuple[int, int]], stored: bool, cut: int, extra: bytes
 ) -> None:
-    path = write_blf(tmp_path / "a.blf", list(any_frames(40).messages()), max_container_size=700,
-                     compression_level=0 if stored else -1)  # fmt: skip
+    path = write_blf(
+        tmp_path / "a.blf",
+        list(any_frames(40).messages()),
+        max_container_size=700,
+        compression_level=0 if stored else -1,
+    )
     content = bytearray(path.read_bytes())
     for place, value in changes:
         content[place % len(content)] = value
@@ -281,8 +292,13 @@ def test_whatever_a_file_holds_reading_ends(
 
 
 @quick
-@given(content=st.lists(st.sampled_from([b"LOBJ", b"LOGG", bytes(8), b"\x30\x00\x00\x00", b"\x01\x00\x01\x00", b"xyz"]),
-                        min_size=1, max_size=300))  # fmt: skip
+@given(
+    content=st.lists(
+        st.sampled_from([b"LOBJ", b"LOGG", bytes(8), b"\x30\x00\x00\x00", b"\x01\x00\x01\x00", b"xyz"]),
+        min_size=1,
+        max_size=300,
+    )
+)
 def test_rubble_of_signatures_is_refused_or_read(tmp_path: Path, content: list[bytes]) -> None:
     path = tmp_path / "a.blf"
     path.write_bytes(header() + container(b"".join(content)) + b"".join(content))

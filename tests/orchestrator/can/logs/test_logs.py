@@ -322,8 +322,13 @@ def test_a_damaged_database_gives_the_rows_that_can_be_read(tmp_path: Path) -> N
 def test_a_database_with_odd_values_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
     path = tmp_path / "a.db"
     logs.write(path, [rig_frames(1)])
-    odd = [("x", 1, 0, 0, 0, 0, b""), (1.0, 1 << 40, 0, 0, 0, 0, b""), (None, 1, 0, 0, 0, 0, b""),
-           (1.0, 1, 0, 0, 0, 9, b"123456789" * 9), (1.0, 1, 0, 0, 0, 3, "abc")]  # fmt: skip
+    odd = [
+        ("x", 1, 0, 0, 0, 0, b""),
+        (1.0, 1 << 40, 0, 0, 0, 0, b""),
+        (None, 1, 0, 0, 0, 0, b""),
+        (1.0, 1, 0, 0, 0, 9, b"123456789" * 9),
+        (1.0, 1, 0, 0, 0, 3, "abc"),
+    ]
     with closing(sqlite3.connect(path)) as database, database:
         database.executemany("INSERT INTO messages VALUES (?, ?, ?, ?, ?, ?, ?)", odd)
     log = logs.read(path)
@@ -333,8 +338,10 @@ def test_a_database_with_odd_values_is_read_as_far_as_it_goes(tmp_path: Path) ->
 def test_a_database_that_computes_is_not_asked(tmp_path: Path) -> None:
     """A view can run for ever."""
     with closing(sqlite3.connect(tmp_path / "a.db")) as database, database:
-        database.execute("CREATE VIEW messages AS WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x+1 FROM c) "
-                         "SELECT x AS ts, 1, 0, 0, 0, 0, x'00' FROM c")  # fmt: skip
+        database.execute(
+            "CREATE VIEW messages AS WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x+1 FROM c) "
+            "SELECT x AS ts, 1, 0, 0, 0, 0, x'00' FROM c"
+        )
     with pytest.raises(TraceError, match="no table 'messages'"):
         all_of(logs.read(tmp_path / "a.db"))
 
@@ -391,8 +398,10 @@ def valid(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
 
 @pytest.mark.parametrize("form", [*TEXT, ".db"])
 @fuzzing
-@given(changes=st.lists(st.tuples(st.integers(0, 10**6), st.binary(min_size=1, max_size=6)), min_size=1, max_size=12),
-       cut=st.integers(0, 3000))  # fmt: skip
+@given(
+    changes=st.lists(st.tuples(st.integers(0, 10**6), st.binary(min_size=1, max_size=6)), min_size=1, max_size=12),
+    cut=st.integers(0, 3000),
+)
 def test_reading_a_changed_log_ends_with_frames_or_a_message(
     tmp_path: Path, valid: dict[str, bytes], form: str, changes: list[tuple[int, bytes]], cut: int
 ) -> None:

@@ -187,10 +187,13 @@ def test_a_full_bus_is_carried_without_a_loss_or_a_change_of_order(hub: Hub) -> 
 def test_can_fd_frames_pass_unchanged(hub: Hub) -> None:
     fd = {"fd": True, "data_bitrate": 2_000_000}
     messages = [
-        can.Message(arbitration_id=0x321, is_extended_id=extended, is_fd=True, bitrate_switch=switched,
-                    data=bytes(length))
-        for extended in (False, True) for switched in (False, True) for length in (0, 8, 12, 64)
-    ]  # fmt: skip
+        can.Message(
+            arbitration_id=0x321, is_extended_id=extended, is_fd=True, bitrate_switch=switched, data=bytes(length)
+        )
+        for extended in (False, True)
+        for switched in (False, True)
+        for length in (0, 8, 12, 64)
+    ]
     with opened(settings(hub.paths[0], **fd)) as one, opened(settings(hub.paths[1], **fd)) as other:
         time.sleep(0.05)
         for message in messages:
@@ -253,8 +256,12 @@ def test_a_hub_ends_when_the_process_that_started_it_is_killed(tmp_path: Path) -
         "import sys, time, pathlib; from orchestrator.can.slcan_hub import hub_process\n"
         "with hub_process(pathlib.Path(sys.argv[1])) as hub: print(hub.pid, flush=True); time.sleep(60)"
     )
-    parent = subprocess.Popen([sys.executable, "-c", code, str(tmp_path)], stdout=subprocess.PIPE, text=True,
-                              env=os.environ | {"PYTHONPATH": str(ROOT)})  # fmt: skip
+    parent = subprocess.Popen(
+        [sys.executable, "-c", code, str(tmp_path)],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )
     assert parent.stdout is not None
     pid = int(parent.stdout.readline())
     assert not gone(pid)
