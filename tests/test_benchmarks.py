@@ -7,12 +7,12 @@ from importlib import import_module
 
 import numpy as np
 import pytest
-from benchmarks import __main__ as command
-from benchmarks import many_runs
-from benchmarks.figure import Figure, table
 
 from orchestrator.scenario.run import ScenarioBlock
 from orchestrator.yaml_file import load
+from tests.benchmarks import __main__ as command
+from tests.benchmarks import many_runs
+from tests.benchmarks.figure import Figure, table
 
 Capture = pytest.CaptureFixture[str]
 Fake = Callable[[str, Figure], None]
@@ -23,14 +23,14 @@ def fake(monkeypatch: pytest.MonkeyPatch) -> Fake:
     """Lets a module measure this figure at once."""
 
     def replace(name: str, figure: Figure) -> None:
-        monkeypatch.setattr(import_module(f"benchmarks.{name}"), "figures", lambda: [figure])
+        monkeypatch.setattr(import_module(f"tests.benchmarks.{name}"), "figures", lambda: [figure])
 
     return replace
 
 
 @pytest.mark.parametrize("name", command.MODULES)
 def test_every_module_that_is_offered_measures_something(name: str) -> None:
-    assert callable(import_module(f"benchmarks.{name}").figures)
+    assert callable(import_module(f"tests.benchmarks.{name}").figures)
 
 
 def test_modules_run_in_the_order_of_the_table_and_all_when_none_is_named() -> None:

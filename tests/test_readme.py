@@ -10,7 +10,6 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from test_wire import assert_near_the_truth
 from typer.main import get_command
 
 from fmus import errors, library
@@ -18,6 +17,7 @@ from fmus.packaging import python
 from identification.cli import app
 from identification.study import load_study
 from orchestrator.scenario.run import run_scenario
+from tests.test_wire import assert_near_the_truth
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -10,15 +10,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from orchestrator.exchange import ExchangeSlave, Method, SolverSettings
 
 from fmus import library
 from fmus.modelling.model import Model, State, input_, output, parameter
 from fmus.packaging import archive, native
 from fmus.packaging.native import compiler
 from orchestrator.engine import CycleSettings, Simulation, Timing
+from orchestrator.fmi.exchange_slave import ExchangeSlave
 from orchestrator.fmi.file import FmuFile, Kind
 from orchestrator.fmi.slave import Value
+from orchestrator.solvers.base import Method, SolverSettings
 from orchestrator.system import FeedThrough, Part, wire
 from orchestrator.trace import FloatArray, Trace
 from tests.support import eventful, third_party

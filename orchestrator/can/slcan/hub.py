@@ -280,7 +280,7 @@ def _end(process: subprocess.Popen[str]) -> None:
 
 def main(arguments: Sequence[str]) -> None:
     """The process of a hub."""
-    parser = argparse.ArgumentParser("python -m orchestrator.can.slcan_hub", description=__doc__)
+    parser = argparse.ArgumentParser("python -m orchestrator.can.slcan.hub", description=__doc__)
     parser.add_argument("folder", type=Path, help="where the ports are put: links named 0, 1, ...")
     parser.add_argument("--ports", type=int, default=2)
     parser.add_argument("--bitrate", type=int, default=500_000)

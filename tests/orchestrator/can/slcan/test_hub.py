@@ -253,7 +253,7 @@ def test_a_hub_ends_with_its_block_and_takes_its_ports_away(tmp_path: Path) -> N
 
 def test_a_hub_ends_when_the_process_that_started_it_is_killed(tmp_path: Path) -> None:
     code = (
-        "import sys, time, pathlib; from orchestrator.can.slcan_hub import hub_process\n"
+        "import sys, time, pathlib; from orchestrator.can.slcan.hub import hub_process\n"
         "with hub_process(pathlib.Path(sys.argv[1])) as hub: print(hub.pid, flush=True); time.sleep(60)"
     )
     parent = subprocess.Popen(
