@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from fmus.errors import WiringError
-from orchestrator.bridge.can_block import CanBlock, ReceivedBlock
 from orchestrator.bridge.inputs import Inlet, Intake, Inward
 from orchestrator.bridge.outputs import Discharge, Outlet
 from orchestrator.can.census import Census
@@ -15,6 +14,7 @@ from orchestrator.can.database.database import Database, MessageSpec, SignalSpec
 from orchestrator.can.frames import LONGEST
 from orchestrator.fmi.file import Port
 from orchestrator.rational import multiples, seconds
+from orchestrator.scenario.can_block import CanBlock, ReceivedBlock
 from orchestrator.system import Endpoint, System, check_bounds, require, unit_factor, with_article
 
 _WHOLE = ("Boolean", "Enumeration")

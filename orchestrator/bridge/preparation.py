@@ -12,7 +12,6 @@ import numpy as np
 
 from fmus.errors import InputError, ScenarioError
 from orchestrator.assembly.assembly import Assembled, OpenSystem, assemble
-from orchestrator.bridge.can_block import CanBlock
 from orchestrator.bridge.mapping import Coupling, coupled
 from orchestrator.bridge.outputs import Outlet
 from orchestrator.bridge.session import Course
@@ -23,6 +22,7 @@ from orchestrator.engine import Run, Simulation
 from orchestrator.fmi.isolation import scratch
 from orchestrator.fmi.slave import Value
 from orchestrator.rational import multiples
+from orchestrator.scenario.can_block import CanBlock
 from orchestrator.scenario.run import CaseBlock, ScenarioBlock, recorded_names
 from orchestrator.trace import FloatArray
 from orchestrator.yaml_file import load, naming

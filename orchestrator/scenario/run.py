@@ -14,12 +14,12 @@ from pydantic import Field, model_validator
 from fmus.errors import ScenarioError, ServotwinError, WiringError
 from orchestrator import formats
 from orchestrator.assembly.assembly import Assembled, OpenSystem, RunBlock, SystemBlock, assemble
-from orchestrator.bridge.can_block import CanBlock
 from orchestrator.engine import Interrupted, Result, Run, Simulation
 from orchestrator.fmi.isolation import Isolation, scratch
 from orchestrator.fmi.slave import Value
 from orchestrator.formats import parquet
 from orchestrator.interrupts import requested
+from orchestrator.scenario.can_block import CanBlock
 from orchestrator.scenario.expectations import Check, Expectation, check
 from orchestrator.trace import FloatArray, Trace
 from orchestrator.yaml_file import Block, load, naming

@@ -15,13 +15,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from fmus.errors import InputError, ScenarioError
-from orchestrator.bridge.can_block import CanBlock
 from orchestrator.bridge.mapping import Coupling, coupled
 from orchestrator.bridge.outputs import Discharge, Outlet
 from orchestrator.can.census import Census
 from orchestrator.can.codec.fields import raw_limits
 from orchestrator.can.database.database import Database
 from orchestrator.can.database.database import load as load_database
+from orchestrator.scenario.can_block import CanBlock
 from orchestrator.trace import FloatArray
 from orchestrator.yaml_file import load
 from tests.support.coupling_samples import frame, sample_database, sample_system

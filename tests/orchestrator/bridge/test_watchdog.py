@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from orchestrator.bridge.can_block import CanBlock
 from orchestrator.bridge.inputs import Inlet
 from orchestrator.bridge.mapping import coupled
 from orchestrator.bridge.watchdog import MOST, SAID, Watchdog
+from orchestrator.scenario.can_block import CanBlock
 from orchestrator.trace import FloatArray
 from tests.support.coupling_samples import sample_database, sample_system
 

@@ -1,4 +1,8 @@
-"""A scenario's `can` block: which inputs take signals of a bus, and which outputs are sent as signals."""
+"""A scenario's `can` block: which inputs take signals of a bus, and which outputs are sent as signals.
+
+Only what the file says: a plain run, which never sees a bus, checks it and takes the safe values. What becomes of it on
+a bus is the bridge's.
+"""
 
 from __future__ import annotations
 
@@ -60,17 +64,19 @@ class CanBlock(Block):
     def _plain_sources(cls, value: Any) -> Any:
         if not isinstance(value, dict):
             return value
-        return {name: {"source": each} if isinstance(each, str) else each for name, each in value.items()}
+        return {signal: {"source": source} if isinstance(source, str) else source for signal, source in value.items()}
 
     @field_validator("every", mode="before")
     @classmethod
     def _exact(cls, value: Any) -> Any:
-        return {name: exact_seconds(each) for name, each in value.items()} if isinstance(value, dict) else value
+        return (
+            {message: exact_seconds(period) for message, period in value.items()} if isinstance(value, dict) else value
+        )
 
     @model_validator(mode="after")
     def _something(self) -> CanBlock:
         if not self.receive and not self.send:
             raise ValueError("give `receive`, `send` or both")
-        if any(each <= 0 for each in self.every.values()):
+        if any(period <= 0 for period in self.every.values()):
             raise ValueError("a period in `every` must be positive")
         return self
