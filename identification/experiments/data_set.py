@@ -28,7 +28,6 @@ from identification.subspace.subspace import realise
 from orchestrator.trace import FloatArray, Trace
 
 NEAR = 0.15  # how far from a physical frequency its mode is looked for, relative
-ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +45,7 @@ class Attempt:
     @property
     def stable(self) -> bool:
         """Whether no pole is outside the unit circle."""
-        return bool(np.abs(self.model.eigenvalues).max() <= 1 + ROUNDING)
+        return self.model.stable
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from identification.experiments.schema import ExampleBlock, Method
 from identification.linear.model import LinearModel
-from identification.linear.modes import Mode, combined, labels, modes, ranked, stabilised, strongest
+from identification.linear.modes import Mode, combined, labels, modes, ranked, strongest
+from identification.linear.poles import stabilised
 from identification.linear.records import Record
 from identification.linear.updating import reduced, updated_input, updated_output
 from orchestrator.trace import FloatArray
@@ -82,7 +81,7 @@ def reduce_and_update(
         IdentificationError: a reduction leaves nothing that can be updated.
     """
     stages = [Stage("initial", (), model, judge(model))]
-    if np.abs(model.eigenvalues).max() > 1:
+    if not model.stable:
         model = stabilised(model)
         stages.append(Stage("stabilised", (), model, judge(model)))
     ranking = _ranking(model, fitted.u)

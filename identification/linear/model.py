@@ -16,6 +16,7 @@ from identification.linear.recursion import recursion
 from orchestrator.trace import FloatArray
 
 ComplexArray = NDArray[np.complex128]
+UNIT_CIRCLE = 1 + 1e-9  # modulus up to which a pole counts as on the circle: an integrator's is 1 but for rounding
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,11 @@ class LinearModel:
     def eigenvalues(self) -> ComplexArray:
         """(n,) poles in the z-plane."""
         return np.linalg.eigvals(self.a).astype(complex)
+
+    @property
+    def stable(self) -> bool:
+        """Whether no pole is outside the unit circle, to rounding; an integrator is stable in this sense."""
+        return bool(np.abs(self.eigenvalues).max(initial=0.0) <= UNIT_CIRCLE)
 
     def states(self, u: FloatArray, start: FloatArray | None = None) -> FloatArray:
         """(K, n) states under inputs u (K, m) from a state `start` (n,), the origin by default.

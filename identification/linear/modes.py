@@ -15,7 +15,6 @@ from scipy.signal import lfilter
 
 from fmus.errors import IdentificationError
 from identification.linear.model import ComplexArray, LinearModel
-from identification.linear.poles import LARGEST
 from orchestrator.trace import FloatArray
 
 
@@ -138,19 +137,6 @@ def from_modes(found: Sequence[Mode], like: LinearModel) -> LinearModel:
         at += mode.size
     size = (at, len(like.inputs)), (len(like.outputs), at)
     return replace(like, a=a, b=np.reshape(rows, size[0]), c=np.reshape(columns, size[1][::-1]).T)
-
-
-def stabilised(model: LinearModel, radius: float = LARGEST) -> LinearModel:
-    """The model with every eigenvalue outside the unit circle moved onto a circle of this radius, its angle kept.
-
-    A pole at exactly 1, an integrator, stays. The response changes: update C or B afterwards.
-    """
-
-    def moved(mode: Mode) -> Mode:
-        size = abs(mode.eigenvalue)
-        return mode if size <= 1 else replace(mode, eigenvalue=mode.eigenvalue * radius / size)
-
-    return from_modes([moved(mode) for mode in modes(model)], model)
 
 
 def ranked(values: Sequence[float]) -> list[int]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -10,11 +11,12 @@ from scipy.linalg import eig
 from scipy.signal import place_poles
 
 from fmus.errors import IdentificationError
-from identification.linear.model import ComplexArray
+from identification.linear.model import UNIT_CIRCLE, ComplexArray, LinearModel
 from orchestrator.trace import FloatArray
 
 Poles = Literal["free", "stable", "integrating"]
 LARGEST = 0.9999  # modulus of a pole that was moved inside; the manipulator thesis, Section 3.5, does the same
+_SHARED = 1e-12  # overlap of a pole's left and right eigenvector below which another pole shares it
 
 
 @dataclass(frozen=True)
@@ -36,11 +38,42 @@ def constrained(a: FloatArray, poles: Poles) -> tuple[FloatArray, tuple[Move, ..
     """
     if poles == "free" or not len(a):
         return a, ()
+    return _placed(a, lambda values: _wanted(values, poles))
+
+
+def stabilised(model: LinearModel) -> LinearModel:
+    """The model with every pole outside the unit circle moved to a modulus of `LARGEST`, its angle kept.
+
+    A pole on the circle to rounding, an integrator, stays; so does a stable model, bit for bit. The response changes:
+    update C or B afterwards.
+
+    Raises:
+        IdentificationError: two unstable poles share an eigenvector.
+
+    Source: the flexible-manipulator thesis, Section 3.5.
+    """
+    if model.stable:
+        return model
+
+    def inside(values: ComplexArray) -> ComplexArray:
+        modulus = np.abs(values)
+        return np.where(modulus > UNIT_CIRCLE, values * LARGEST / np.maximum(modulus, LARGEST), values)
+
+    return replace(model, a=_placed(model.a, inside)[0])
+
+
+def _placed(a: FloatArray, wanted_of: Callable[[ComplexArray], ComplexArray]) -> tuple[FloatArray, tuple[Move, ...]]:
+    """A (n, n) with some poles elsewhere and all eigenvectors as they were, and which were moved.
+
+    Only the eigenvectors of the poles that move enter, not the whole modal basis, whose condition may be bad.
+    """
     values, left, right = eig(a, left=True, right=True)
-    wanted = _wanted(values, poles)
+    wanted = wanted_of(values)
     moving = np.flatnonzero(wanted != values)
-    shapes = right[:, moving] / np.sum(left[:, moving].conj() * right[:, moving], axis=0)
-    change = (shapes * (wanted - values)[moving]) @ left[:, moving].conj().T
+    overlaps = np.sum(left[:, moving].conj() * right[:, moving], axis=0)
+    if np.abs(overlaps).min(initial=1.0) < _SHARED:
+        raise IdentificationError("model", "two poles to be moved have one eigenvector", "choose another order")
+    change = (right[:, moving] / overlaps * (wanted - values)[moving]) @ left[:, moving].conj().T
     return a + change.real, _moves(values, wanted)
 
 

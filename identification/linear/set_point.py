@@ -43,6 +43,6 @@ def closed(model: LinearModel, feedback: Feedback) -> LinearModel:
 def followed(model: LinearModel, feedback: Feedback, set_point: FloatArray) -> FloatArray | None:
     """(K, p) outputs of the closed loop from rest for a set-point (K,), None where the loop is unstable."""
     loop = closed(model, feedback)
-    if np.abs(loop.eigenvalues).max() > 1 + 1e-9:
+    if not loop.stable:
         return None
     return loop.simulate(np.asarray(set_point, dtype=float)[:, None])

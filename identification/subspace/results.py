@@ -123,7 +123,7 @@ def _model(result: SubspaceCalibration, candidate: Candidate) -> dict[str, Any]:
     return {
         "order": model.order,
         "why": candidate.why,
-        "stable": bool(np.abs(model.eigenvalues).max() <= 1 + 1e-9),
+        "stable": model.stable,
         "fit": {
             "train": _fits(result, candidate, candidate.train, fitted=True),
             "validation": _fits(result, candidate, candidate.unseen, fitted=False) if len(candidate.unseen) else None,
@@ -160,7 +160,7 @@ def _mode_entries(model: LinearModel, spread: Sequence[Spread | None]) -> list[d
 def _warnings(result: SubspaceCalibration) -> list[str]:
     taken, found = result.taken, result.subspaces[result.study.weightings[0]]
     warnings = []
-    if np.abs(taken.model.eigenvalues).max() > 1 + 1e-9:
+    if not taken.model.stable:
         warnings.append("the model is unstable; ask for `poles: stable`, or for another order")
     if found.dropped:
         warnings.append(f"{found.dropped} pieces between gaps were too short, {found.lost} samples are left out")

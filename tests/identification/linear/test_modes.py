@@ -88,18 +88,6 @@ def test_mrm_keeps_a_heavily_damped_mode_that_msv_ranks_last() -> None:
     assert slow.response_magnitude(slow_input) > fast.response_magnitude(slow_input)
 
 
-def test_unstable_modes_are_moved_inside_and_an_integrator_stays() -> None:
-    model = model_of([1.0003, 1.0, 1.02 * np.exp(0.3j), 0.7])
-    moved = m.stabilised(model)
-    assert np.sort(np.abs(moved.eigenvalues)) == pytest.approx([0.7, 0.9999, 0.9999, 0.9999, 1.0])
-    assert np.angle([z for z in moved.eigenvalues if z.imag > 1e-6]) == pytest.approx([0.3])
-
-
-def test_moving_modes_inside_leaves_a_stable_model_alone() -> None:
-    model, u = model_of(ARM), white(100)
-    assert m.stabilised(model).simulate(u) == pytest.approx(model.simulate(u), abs=1e-8)
-
-
 def test_the_strongest_that_fit_are_kept_and_never_half_a_pair() -> None:
     found = m.modes(model_of(ARM))
     assert m.strongest(found, [6, 5, 4, 3, 2, 1], 5) == [0, 1, 4]

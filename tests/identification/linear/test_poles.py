@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from fmus.errors import IdentificationError
-from identification.linear.poles import LARGEST, constrained, injecting
+from identification.linear.model import LinearModel
+from identification.linear.poles import LARGEST, constrained, injecting, stabilised
 from tests.support.linear_systems import random_system, sorted_poles, system
 
 UNSTABLE = system([1.1, 1.02 * np.exp(0.4j), 0.9 * np.exp(1.2j), 0.5], outputs=2)
@@ -74,3 +77,34 @@ def test_an_integrating_model_needs_a_real_pole() -> None:
     with pytest.raises(IdentificationError, match="of order 2 has no real pole"):
         constrained(system([0.9j]).a, "integrating")
     assert sorted_poles(UNSTABLE)[-1] == pytest.approx(1.1)
+
+
+def test_stabilising_moves_what_is_outside_to_one_radius_at_its_angle_and_an_integrator_stays() -> None:
+    moved = stabilised(system([1.0003, 1.0, 1.02 * np.exp(0.3j), 0.7]))
+    assert np.sort(np.abs(moved.eigenvalues)) == pytest.approx([0.7, LARGEST, LARGEST, LARGEST, 1.0], abs=1e-12)
+    assert np.angle([z for z in moved.eigenvalues if z.imag > 1e-6]) == pytest.approx([0.3])
+
+
+@given(st.integers(0, 200))
+def test_stabilising_leaves_a_stable_model_alone_bit_for_bit(seed: int) -> None:
+    model = system([1.0, 0.99, 0.97 * np.exp(0.5j), 0.3], seed=seed)  # the integrator is off 1 by rounding
+    same = stabilised(model)
+    assert all(np.array_equal(getattr(same, name), getattr(model, name)) for name in "abcd")
+
+
+@given(st.integers(0, 200))
+def test_stabilising_changes_no_mode_but_the_unstable_ones_however_near_the_others_are_to_each_other(seed: int) -> None:
+    pair = np.array([[0.9, 1.0], [0.0, 0.9 + 1e-10]])  # nearly one eigenvector: no modal basis holds ten digits
+    rng = np.random.default_rng(seed)
+    stable = LinearModel(pair, rng.normal(size=(2, 1)), rng.normal(size=(1, 2)), np.zeros((1, 1)), 0.01, ("u",), ("y",))
+    a = np.block([[pair, np.zeros((2, 1))], [np.zeros((1, 2)), np.array([[1.01]])]])
+    whole = replace(stable, a=a, b=np.vstack([stable.b, 1.0]), c=np.hstack([stable.c, [[0.0]]]))
+    turned = whole.transformed(np.linalg.qr(rng.normal(size=(3, 3)))[0])
+    u = rng.normal(size=(200, 1))
+    expected = stable.simulate(u)
+    assert stabilised(turned).simulate(u) == pytest.approx(expected, abs=1e-9 * np.abs(expected).max())
+
+
+def test_unstable_poles_with_one_eigenvector_are_refused() -> None:
+    with pytest.raises(IdentificationError, match="have one eigenvector"):
+        constrained(np.array([[1.1, 1.0], [0.0, 1.1]]), "stable")
