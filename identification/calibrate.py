@@ -26,7 +26,7 @@ from identification.study import OutputErrorBlock, ResonanceBlock, SubspaceBlock
 from identification.subspace import calibration as subspace_calibration
 from identification.subspace import results as subspace_results
 from orchestrator.assembly.assembly import Assembled
-from orchestrator.fmi.slave import Value
+from orchestrator.fmi.interface import Value
 from orchestrator.formats import Layout
 from orchestrator.report import Report, figures
 from orchestrator.results import check_target, result_folder, versions, write_json

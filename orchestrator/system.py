@@ -11,8 +11,7 @@ from typing import Literal
 
 from fmus import units
 from fmus.errors import WiringError
-from orchestrator.fmi.file import Interface, Port
-from orchestrator.fmi.slave import Value
+from orchestrator.fmi.interface import Interface, Port, Value
 
 FeedThrough = Literal["declared", "none", "all"]
 _REAL = ("Real", "Float64", "Float32")
@@ -188,6 +187,17 @@ def require(system: System, endpoint: Endpoint, causality: str, role: str, place
             f"{causality}s there: {there}",
         )
     return port
+
+
+def must_be(system: System, name: str, causality: str, key: str) -> None:
+    """See that a study names a variable of this causality; what has a start value passes for a parameter.
+
+    Raises:
+        WiringError: there is no such variable, or it is something else.
+    """
+    port = system.port(Endpoint.parse(name), f"{key}.{name}")
+    if port.causality != causality and not (causality == "parameter" and port.start is not None):
+        raise WiringError(f"{key}.{name}", f"is {with_article(port.causality)}", f"name {with_article(causality)}")
 
 
 def unit_factor(place: str, source: str | None, target: str | None) -> float:

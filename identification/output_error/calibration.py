@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fmus.errors import IdentificationError, TraceError, WiringError
+from fmus.errors import IdentificationError, TraceError
 from identification.output_error.estimator import (
     Estimate,
     InitialState,
@@ -32,7 +32,7 @@ from identification.output_error.windows import Cut, cut_windows
 from identification.recordings.campaign import Recorded, load_campaign, split
 from identification.study import OutputErrorBlock, ParameterBlock, WindowsBlock
 from orchestrator.assembly.assembly import Assembled, OpenSystem, assemble
-from orchestrator.system import Endpoint, System, check_values, with_article
+from orchestrator.system import Endpoint, check_values, must_be
 from orchestrator.trace import FloatArray
 
 Listener = Callable[[Progress], None]
@@ -256,14 +256,3 @@ def _named_parameters(study: OutputErrorBlock) -> dict[str, list[str]]:
         **{f"compare.{name}": values for name, values in study.compare.items()},
     }
     return {key: [name for name in names if name not in study.delays] for key, names in named.items()}
-
-
-def must_be(system: System, name: str, causality: str, key: str) -> None:
-    """See that a study names a variable of this causality; what has a start value passes for a parameter.
-
-    Raises:
-        WiringError: there is no such variable, or it is something else.
-    """
-    port = system.port(Endpoint.parse(name), f"{key}.{name}")
-    if port.causality != causality and not (causality == "parameter" and port.start is not None):
-        raise WiringError(f"{key}.{name}", f"is {with_article(port.causality)}", f"name {with_article(causality)}")

@@ -17,7 +17,7 @@ from identification.recordings.campaign import Recorded, recording_warnings
 from identification.recordings.source import LayoutBlock
 from identification.study import OutputErrorBlock, ResonanceBlock
 from orchestrator.assembly.assembly import assemble
-from orchestrator.fmi.slave import Value
+from orchestrator.fmi.interface import Value
 from orchestrator.results import result_folder, versions, write_json
 
 STUDY = "study.yaml"

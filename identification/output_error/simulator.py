@@ -10,7 +10,7 @@ import numpy as np
 from identification.output_error.windows import Cut
 from orchestrator.assembly.assembly import Assembled, OpenSystem
 from orchestrator.engine import Simulation, Timing
-from orchestrator.fmi.slave import Value
+from orchestrator.fmi.interface import Value
 from orchestrator.trace import FloatArray
 
 

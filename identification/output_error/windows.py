@@ -14,7 +14,7 @@ from identification.output_error.delays import Command, Held, Reading, compared_
 from identification.recordings.campaign import Recorded
 from identification.recordings.source import trace_values
 from identification.study import Delay, InitialBlock, OutputErrorBlock, SignalBlock, WindowsBlock
-from orchestrator.fmi.slave import Value
+from orchestrator.fmi.interface import Value
 from orchestrator.rational import multiples
 from orchestrator.trace import FloatArray, Trace, usable
 

@@ -13,7 +13,7 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from fmus.errors import ScenarioError
-from orchestrator.fmi.slave import Value
+from orchestrator.fmi.interface import Value
 from orchestrator.formats import Layout
 from orchestrator.yaml_file import Block
 

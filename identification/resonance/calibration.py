@@ -13,7 +13,6 @@ import numpy as np
 from fmus.errors import ScenarioError
 from fmus.parameters import ssv
 from identification.estimation.estimated_value import EstimatedValue
-from identification.output_error.calibration import must_be
 from identification.output_error.results import SUMMARY, data_summary, finite, write_system
 from identification.recordings.campaign import Recorded, load_campaign, recording_warnings
 from identification.resonance.added_mass import Bounds
@@ -32,7 +31,7 @@ from orchestrator.assembly.assembly import OpenSystem, assemble
 from orchestrator.report import Report, Section, figures
 from orchestrator.results import result_folder, versions, write_json
 from orchestrator.scenario.run import Progress
-from orchestrator.system import check_values
+from orchestrator.system import check_values, must_be
 from orchestrator.trace import FloatArray
 
 SCRIPTS: dict[str, Processing] = {"synthetic": SYNTHETIC_SCRIPT, "recordings": RECORDINGS_SCRIPT}

@@ -19,12 +19,14 @@ from fmus.modelling.model import Table
 from fmus.packaging import targets
 from orchestrator import formats
 from orchestrator.engine import CycleSettings, Order, Simulation, Timing
+from orchestrator.fmi.component import Component
 from orchestrator.fmi.exchange_slave import ExchangeSlave
 from orchestrator.fmi.file import FmuFile, Kind
+from orchestrator.fmi.interface import Value
 from orchestrator.fmi.isolation import IsolatedSlave, Isolation, Make
-from orchestrator.fmi.slave import Component, Slave, Value
+from orchestrator.fmi.slave import Slave
 from orchestrator.rational import seconds
-from orchestrator.solvers.base import Method, SolverSettings
+from orchestrator.solvers.base import SolverMethod, SolverSettings
 from orchestrator.system import FeedThrough, Part, System, wire
 from orchestrator.yaml_file import Block
 
@@ -39,7 +41,7 @@ class TableBlock(Block):
 class SolverBlock(Block):
     """How a component's derivatives are integrated; that makes it run by model exchange."""
 
-    method: Method = Method.CVODE
+    method: SolverMethod = SolverMethod.CVODE
     relative_tolerance: float = Field(1e-6, ge=1e-12, le=0.1)
     most_steps: int = Field(10_000, ge=1)
 

@@ -12,7 +12,7 @@ from orchestrator.bridge.outputs import Discharge, Outlet
 from orchestrator.can.census import Census
 from orchestrator.can.database.database import Database, MessageSpec, SignalSpec
 from orchestrator.can.frames import LONGEST
-from orchestrator.fmi.file import Port
+from orchestrator.fmi.interface import Port
 from orchestrator.rational import multiples, seconds
 from orchestrator.scenario.can_block import CanBlock, ReceivedBlock
 from orchestrator.system import Endpoint, System, check_bounds, require, unit_factor, with_article

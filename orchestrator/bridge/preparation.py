@@ -19,8 +19,8 @@ from orchestrator.can import wire
 from orchestrator.can.database.database import load as load_database
 from orchestrator.can.live.bus import BusSettings
 from orchestrator.engine import Run, Simulation
+from orchestrator.fmi.interface import Value
 from orchestrator.fmi.isolation import scratch
-from orchestrator.fmi.slave import Value
 from orchestrator.rational import multiples
 from orchestrator.scenario.can_block import CanBlock
 from orchestrator.scenario.run import CaseBlock, ScenarioBlock, recorded_names

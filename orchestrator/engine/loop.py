@@ -15,7 +15,7 @@ from typing import Protocol
 from fmus.errors import FmuError
 from orchestrator.engine.plan import CycleSettings
 from orchestrator.engine.recording import Recorder
-from orchestrator.fmi.slave import Component
+from orchestrator.fmi.component import Component
 from orchestrator.rational import Clock
 from orchestrator.trace import FloatArray
 

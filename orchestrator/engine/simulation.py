@@ -17,7 +17,8 @@ from orchestrator.engine.live import FARTHEST, HELD, LiveRun
 from orchestrator.engine.loop import Loop, Node, Statistics, Stepper
 from orchestrator.engine.plan import CycleSettings, Order, Plan, make_plan
 from orchestrator.engine.recording import ROWS, Recorder, Sink
-from orchestrator.fmi.slave import Component, Value
+from orchestrator.fmi.component import Component
+from orchestrator.fmi.interface import Value
 from orchestrator.interrupts import requested
 from orchestrator.rational import clock, multiples, written
 from orchestrator.system import Endpoint, System, check_values

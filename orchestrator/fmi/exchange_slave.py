@@ -20,8 +20,9 @@ from fmus.errors import FmuFileError
 from orchestrator.fmi.exchange_functions import Exchange, Exchange2, Exchange3
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.functions import DISCARD, FAILED, ended
-from orchestrator.fmi.slave import Instance, stepping
-from orchestrator.solvers.base import Solver, SolverSettings, Stateless, solver_type
+from orchestrator.fmi.instance import Instance, stepping
+from orchestrator.solvers.base import Solver, SolverSettings, Stateless
+from orchestrator.solvers.choice import solver_type
 from orchestrator.trace import FloatArray
 
 _TOGETHER = 1e-9  # times that differ by less than this share of a step are one

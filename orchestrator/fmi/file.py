@@ -6,9 +6,9 @@ The archive and its XML come from outside: paths, sizes and document types are c
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from types import TracebackType
@@ -20,9 +20,9 @@ from fmus.errors import FmuFileError, ServotwinError
 from fmus.modelling.model import element_names
 from fmus.packaging import archive
 from orchestrator.fmi import unpacked
+from orchestrator.fmi.interface import Interface, Port
 
 LARGEST_DESCRIPTION = 256 << 20
-_NO_NUMBER = ("String", "Binary", "Clock")
 
 
 class Kind(StrEnum):
@@ -30,67 +30,6 @@ class Kind(StrEnum):
 
     CO_SIMULATION = "co-simulation"
     MODEL_EXCHANGE = "model exchange"
-
-
-@dataclass(frozen=True)
-class Port:
-    """A scalar variable of an FMU, or an element of an array of parameters, named as in `A[1,2]`.
-
-    Attributes:
-        type: FMI type name ("Real", "Float64", "Integer", "Int32", "Boolean", "Enumeration", "String", ...).
-        variability: "constant", "fixed", "tunable", "discrete" or "continuous".
-        start: start value as the file gives it, None without one.
-        items: name -> value of an enumeration.
-        array: start values of the array it is an element of, row by row.
-        element: its number there, from 0.
-    """
-
-    name: str
-    reference: int
-    type: str
-    causality: str
-    unit: str | None = None
-    start: str | None = None
-    minimum: float | None = None
-    maximum: float | None = None
-    items: Mapping[str, int] | None = None
-    description: str = ""
-    variability: str = "continuous"
-    array: tuple[float, ...] = field(default=(), repr=False)
-    element: int = 0
-
-    @property
-    def numeric(self) -> bool:
-        """Whether its values are numbers (or true and false), so that they can be connected and recorded."""
-        return self.type not in _NO_NUMBER
-
-    @property
-    def settable(self) -> bool:
-        """Whether it can be given a value before a run: parameters, inputs, and states with a start value."""
-        causes = ("parameter", "input", "local", "output")
-        return self.causality in causes and self.variability != "constant" and self.start is not None
-
-
-@dataclass(frozen=True)
-class Interface:
-    """What a component offers to a system.
-
-    Attributes:
-        ports: name -> scalar variable.
-        feed_through: output -> the inputs that act on it at once; None where the FMU does not say.
-    """
-
-    model_name: str
-    fmi_version: str
-    ports: Mapping[str, Port]
-    feed_through: Mapping[str, frozenset[str] | None]
-    has_state: bool = False
-    fixed_step: float | None = None
-    variable_step: bool = True
-
-    def of(self, causality: str) -> tuple[Port, ...]:
-        """Ports of one causality."""
-        return tuple(port for port in self.ports.values() if port.causality == causality)
 
 
 class FmuFile:

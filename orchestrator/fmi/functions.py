@@ -16,9 +16,9 @@ from fmpy import fmi2, fmi3
 from fmpy.model_description import ModelDescription
 
 from fmus.errors import FmuFileError
-from orchestrator.fmi.file import FmuFile, Port
+from orchestrator.fmi.file import FmuFile
+from orchestrator.fmi.interface import Port, Value
 
-Value = float | int | bool | str
 DISCARD = FAILED = 2  # status discard, and worse
 FATAL = 4  # no function of the FMU may be called again
 

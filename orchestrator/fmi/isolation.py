@@ -28,8 +28,8 @@ from fmus import errors
 from fmus.errors import FmuError, InputError, ServotwinError
 from orchestrator.fmi import isolation_worker as messages
 from orchestrator.fmi.file import FmuFile
+from orchestrator.fmi.interface import Value
 from orchestrator.fmi.isolation_worker import Line, Make
-from orchestrator.fmi.slave import Value
 
 LOG = logging.getLogger("servotwin.isolation")
 PATIENCE = 60.0  # with an FMU that owes an answer [s]
@@ -39,7 +39,7 @@ _DYING = 5.0  # patience with a process that has closed its pipe [s]
 _ERRORS: dict[str, type[ServotwinError]] = {
     name: each for name, each in vars(errors).items() if isinstance(each, type) and issubclass(each, ServotwinError)
 }
-_BOOT = "import sys; sys.path[:] = {path!r}; from orchestrator.isolation_worker import serve; serve({life})"
+_BOOT = "import sys; sys.path[:] = {path!r}; from orchestrator.fmi.isolation_worker import serve; serve({life})"
 _CLEAR = 'read finished || rm -rf -- "$0"'
 
 

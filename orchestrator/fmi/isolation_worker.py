@@ -25,8 +25,8 @@ from time import monotonic
 from typing import Any
 
 from fmus.errors import ServotwinError
+from orchestrator.fmi.component import Component
 from orchestrator.fmi.file import FmuFile
-from orchestrator.fmi.slave import Component
 
 CALL, EXCHANGE = b"c", b"x"  # kinds of order: a method with its arguments; inputs and a step for outputs
 RESULT, VALUES, ERROR, LOGGED = b"r", b"v", b"e", b"l"  # kinds of answer, and a log message in between

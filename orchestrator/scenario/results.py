@@ -11,7 +11,7 @@ from typing import Any
 
 from fmus.files import sha256
 from orchestrator import formats
-from orchestrator.fmi.slave import Value
+from orchestrator.fmi.interface import Value
 from orchestrator.report import Report, Section, figures
 from orchestrator.results import result_folder, versions, write_json
 from orchestrator.scenario import accounts

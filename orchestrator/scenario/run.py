@@ -15,8 +15,8 @@ from fmus.errors import ScenarioError, ServotwinError, WiringError
 from orchestrator import formats
 from orchestrator.assembly.assembly import Assembled, OpenSystem, RunBlock, SystemBlock, assemble
 from orchestrator.engine import Interrupted, Result, Run, Simulation
+from orchestrator.fmi.interface import Value
 from orchestrator.fmi.isolation import Isolation, scratch
-from orchestrator.fmi.slave import Value
 from orchestrator.formats import parquet
 from orchestrator.interrupts import requested
 from orchestrator.scenario.can_block import CanBlock

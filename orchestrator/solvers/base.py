@@ -1,4 +1,4 @@
-"""What a solver of differential equations has to offer, and which there are.
+"""What a solver of differential equations has to offer, and by which names they are known.
 
 A solver takes one internal step at a time, so that whoever uses it can look for events in between.
 """
@@ -12,13 +12,12 @@ from enum import StrEnum
 
 import numpy as np
 
-from fmus.errors import WiringError
 from orchestrator.trace import FloatArray
 
 Rates = Callable[[float, FloatArray], FloatArray]
 
 
-class Method(StrEnum):
+class SolverMethod(StrEnum):
     """CVODE's backward differentiation formulas (for stiff systems too), or a method of SciPy: RK45 and DOP853
     (explicit), Radau and BDF (implicit), or LSODA, which chooses."""
 
@@ -40,7 +39,7 @@ class SolverSettings:
         most_steps: internal steps that one communication step may take.
     """
 
-    method: Method = Method.CVODE
+    method: SolverMethod = SolverMethod.CVODE
     relative_tolerance: float = 1e-6
     most_steps: int = 10_000
 
@@ -88,22 +87,3 @@ class Stateless(Solver):
 
     def at(self, time: float) -> FloatArray:
         return np.zeros(0)
-
-
-def solver_type(method: Method, component: str) -> type[Solver]:
-    """The solver of this name, for a component.
-
-    Raises:
-        WiringError: there is no such one on this platform.
-    """
-    if method is not Method.CVODE:
-        from orchestrator.solvers.scipy import TYPES  # noqa: PLC0415 - loads slowly
-
-        return TYPES[method]
-    try:
-        from orchestrator.solvers.cvode import Cvode  # noqa: PLC0415 - loads libraries
-    except Exception as error:  # FMPy raises its own kind where the version does not fit
-        raise WiringError(
-            f"{component}.solver", f"CVODE cannot be loaded ({error})", "use `method: BDF` or `Radau`"
-        ) from error
-    return Cvode

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.integrate import BDF, DOP853, LSODA, RK45, Radau
 
-from orchestrator.solvers.base import Method, Solver
+from orchestrator.solvers.base import Solver, SolverMethod
 from orchestrator.trace import FloatArray
 
 
@@ -63,4 +63,4 @@ def _type(method: Any) -> type[Solver]:
     return type(method.__name__, (ScipySolver,), {"method": method, "extends": method is not LSODA})
 
 
-TYPES = {Method(each.__name__): _type(each) for each in (RK45, DOP853, Radau, BDF, LSODA)}
+TYPES = {SolverMethod(each.__name__): _type(each) for each in (RK45, DOP853, Radau, BDF, LSODA)}

@@ -32,7 +32,8 @@ import numpy as np
 
 from orchestrator.engine import Engine, Order, Result, Simulation, Timing
 from orchestrator.fmi.file import FmuFile
-from orchestrator.fmi.slave import Slave, Value
+from orchestrator.fmi.interface import Value
+from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part, wire
 from orchestrator.trace import FloatArray
 

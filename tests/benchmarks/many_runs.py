@@ -19,7 +19,7 @@ import numpy as np
 
 from orchestrator.assembly.assembly import Assembled, OpenSystem, assemble
 from orchestrator.engine import Result, Run
-from orchestrator.fmi.slave import Value
+from orchestrator.fmi.interface import Value
 from orchestrator.scenario.run import ScenarioBlock
 from orchestrator.yaml_file import load
 

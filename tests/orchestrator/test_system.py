@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fmus.errors import WiringError
-from orchestrator.fmi.file import Interface, Port
-from orchestrator.fmi.slave import Value
+from orchestrator.fmi.interface import Interface, Port, Value
 from orchestrator.system import Connection, Endpoint, Part, System, check_values, wire
 
 

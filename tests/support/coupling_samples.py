@@ -12,7 +12,7 @@ import can
 from orchestrator.can.database import database
 from orchestrator.can.database.database import Database
 from orchestrator.can.live.bus import BusSettings
-from orchestrator.fmi.file import Interface, Port
+from orchestrator.fmi.interface import Interface, Port
 from orchestrator.system import Part, System, wire
 
 DBC = """VERSION ""

@@ -18,15 +18,15 @@ from fmus.packaging.native import compiler
 from orchestrator.engine import CycleSettings, Simulation, Timing
 from orchestrator.fmi.exchange_slave import ExchangeSlave
 from orchestrator.fmi.file import FmuFile, Kind
-from orchestrator.fmi.slave import Value
-from orchestrator.solvers.base import Method, SolverSettings
+from orchestrator.fmi.interface import Value
+from orchestrator.solvers.base import SolverMethod, SolverSettings
 from orchestrator.system import FeedThrough, Part, wire
 from orchestrator.trace import FloatArray, Trace
 from tests.support import eventful, third_party
 from tests.support.scripted import Scripted
 
 TIGHT = SolverSettings(relative_tolerance=1e-10)
-METHODS = [SolverSettings(method, 1e-9) for method in Method]
+METHODS = [SolverSettings(method, 1e-9) for method in SolverMethod]
 TENTH = Fraction(1, 10)
 
 

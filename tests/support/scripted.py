@@ -11,8 +11,7 @@ import scipy.linalg
 
 from fmus.errors import FmuError
 from orchestrator.engine import CycleSettings, Order, Simulation, Timing
-from orchestrator.fmi.file import Interface, Port
-from orchestrator.fmi.slave import Value
+from orchestrator.fmi.interface import Interface, Port, Value
 from orchestrator.system import FeedThrough, Part, System, wire
 from orchestrator.trace import FloatArray
 

@@ -27,8 +27,9 @@ from fmus.errors import FmuError, WiringError
 from fmus.packaging import python
 from orchestrator.engine import CycleSettings, Engine, Interrupted, Order, Result, Run, Simulation, Timing, compiled
 from orchestrator.engine.recording import Recorder
-from orchestrator.fmi.file import FmuFile, Port
-from orchestrator.fmi.slave import Slave, Value
+from orchestrator.fmi.file import FmuFile
+from orchestrator.fmi.interface import Port, Value
+from orchestrator.fmi.slave import Slave
 from orchestrator.rational import clock
 from orchestrator.system import Part, System, wire
 from orchestrator.trace import FloatArray, Trace

@@ -31,9 +31,10 @@ from identification.cli import app
 from orchestrator.assembly.assembly import ComponentBlock, OpenSystem, SystemBlock, assemble
 from orchestrator.batch import suite
 from orchestrator.engine import CycleSettings, Simulation, Timing
+from orchestrator.fmi.component import Component
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.isolation import IsolatedSlave, Isolation
-from orchestrator.fmi.slave import Component, Slave
+from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part, wire
 from orchestrator.trace import Trace
 from tests.support import brute, moody, third_party

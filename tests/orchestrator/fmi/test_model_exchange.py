@@ -29,7 +29,8 @@ from orchestrator.fmi.file import FmuFile, Kind
 from orchestrator.fmi.slave import Slave
 from orchestrator.info import about
 from orchestrator.scenario.run import run_scenario
-from orchestrator.solvers.base import Method, SolverSettings, solver_type
+from orchestrator.solvers.base import SolverMethod, SolverSettings
+from orchestrator.solvers.choice import solver_type
 from orchestrator.system import Part, wire
 from tests.support import third_party
 from tests.support.exchanging import METHODS, TENTH, TIGHT, Shelf, matrices, open_shelf, simulation, trace, with_xml
@@ -75,8 +76,8 @@ def test_a_run_may_start_at_any_time(version: int, shelf: Shelf) -> None:
     assert found["fmu.x"] == pytest.approx(np.exp(5 - found.time), abs=1e-8)
 
 
-@pytest.mark.parametrize("method", Method)
-def test_the_error_follows_the_tolerance(method: Method, shelf: Shelf) -> None:
+@pytest.mark.parametrize("method", SolverMethod)
+def test_the_error_follows_the_tolerance(method: SolverMethod, shelf: Shelf) -> None:
     errors = []
     for tolerance in (1e-4, 1e-6, 1e-8):
         found = trace(shelf("Dahlquist3"), solver=SolverSettings(method, tolerance), step=Fraction(2))
@@ -180,8 +181,8 @@ def test_whatever_the_input_does_the_masses_move_exactly(
     assert [found["fmu.x1"][-1], found["fmu.x2"][-1]] == pytest.approx(x[[0, 2]], abs=1e-7)
 
 
-@pytest.mark.parametrize("method", [Method.CVODE, Method.RADAU, Method.BDF, Method.LSODA])
-def test_a_stiff_system_takes_implicit_methods_few_steps(method: Method, shelf: Shelf) -> None:
+@pytest.mark.parametrize("method", [SolverMethod.CVODE, SolverMethod.RADAU, SolverMethod.BDF, SolverMethod.LSODA])
+def test_a_stiff_system_takes_implicit_methods_few_steps(method: SolverMethod, shelf: Shelf) -> None:
     """A mode of 0.5 µs, over 10 s; fewer steps than an explicit method needs for stability alone by four decades."""
     solver = SolverSettings(method, 1e-8, most_steps=700)
     found = trace(shelf("masses2"), {"d": 1e6}, solver=solver, step=Fraction(10), stop=Fraction(10))
@@ -190,7 +191,7 @@ def test_a_stiff_system_takes_implicit_methods_few_steps(method: Method, shelf: 
 
 
 def test_an_explicit_method_on_a_stiff_system_is_an_error_that_names_the_way_out(shelf: Shelf) -> None:
-    solver = SolverSettings(Method.DOP853, most_steps=200)
+    solver = SolverSettings(SolverMethod.DOP853, most_steps=200)
     with pytest.raises(FmuError) as failed:
         trace(shelf("masses2"), {"d": 1e6}, solver=solver, step=Fraction(10), stop=Fraction(10))
     assert str(failed.value).startswith("fmu: step from t = 0 s by 10 s: 200 internal steps reached t = 0.00")
@@ -276,7 +277,7 @@ def test_memory_does_not_grow_over_runs(name: str, shelf: Shelf) -> None:
 def test_what_cvode_allocates_is_freed() -> None:
     def cycles(count: int) -> None:
         for _ in range(count):
-            solver = solver_type(Method.CVODE, "test")(lambda t, x: -x, 100, TIGHT)  # a Jacobian of 80 kB
+            solver = solver_type(SolverMethod.CVODE, "test")(lambda t, x: -x, 100, TIGHT)  # a Jacobian of 80 kB
             solver.restart(0.0, np.ones(100), np.ones(100))
             solver.step(1.0)
             solver.close()
@@ -303,7 +304,7 @@ def test_an_fmu_without_co_simulation_is_exchanged_and_one_with_both_only_where_
             assert file.kind is kind
             assert isinstance(component, ExchangeSlave if kind is Kind.MODEL_EXCHANGE else Slave)
             if solver and kind is Kind.MODEL_EXCHANGE:
-                assert component._settings == SolverSettings(Method.RADAU, 1e-9)
+                assert component._settings == SolverSettings(SolverMethod.RADAU, 1e-9)
 
 
 SCENARIO = """

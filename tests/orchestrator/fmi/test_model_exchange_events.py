@@ -15,7 +15,7 @@ from fmus.errors import FmuError, WiringError
 from orchestrator.engine import CycleSettings
 from orchestrator.fmi.exchange_slave import ExchangeSlave
 from orchestrator.fmi.file import FmuFile
-from orchestrator.solvers.base import Method, SolverSettings
+from orchestrator.solvers.base import SolverMethod, SolverSettings
 from orchestrator.trace import FloatArray
 from tests.support import eventful
 from tests.support.exchanging import METHODS, Shelf, matrices, only, open_shelf, same, simulation, trace, with_xml
@@ -140,8 +140,8 @@ def test_after_a_fatal_error_no_function_of_the_fmu_is_called(shelf: Shelf) -> N
     assert ctypes.c_int.in_dll(library, "calls_after_fatal").value == 0
 
 
-@pytest.mark.parametrize("method", Method)
-def test_derivatives_that_are_not_finite_end_in_an_error_with_each_method(method: Method, shelf: Shelf) -> None:
+@pytest.mark.parametrize("method", SolverMethod)
+def test_derivatives_that_are_not_finite_end_in_an_error_with_each_method(method: SolverMethod, shelf: Shelf) -> None:
     undefined = eventful.TROUBLES.index("undefined")
     with pytest.raises(FmuError, match=rf"{method} at t = 1[\d.]* s: .*, for der\(x\) is nan at t = 1") as failed:
         trace(shelf("eventful"), {"trouble": undefined}, solver=SolverSettings(method))

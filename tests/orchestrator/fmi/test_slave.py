@@ -20,7 +20,8 @@ from fmus.errors import FmuError, FmuFileError, WiringError
 from fmus.packaging import python
 from orchestrator.engine import CycleSettings, Order, Simulation, Timing
 from orchestrator.fmi.file import FmuFile
-from orchestrator.fmi.slave import Slave, Value
+from orchestrator.fmi.interface import Value
+from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part, wire
 from orchestrator.trace import Trace
 from tests.support import moody, third_party

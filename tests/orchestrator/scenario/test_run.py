@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from fmus.errors import FmuError, InputError, ScenarioError, ServotwinError, TraceError, WiringError
 from orchestrator import formats
 from orchestrator.engine import Simulation
-from orchestrator.fmi.slave import Value
+from orchestrator.fmi.interface import Value
 from orchestrator.interrupts import Interrupts
 from orchestrator.scenario.run import Keeping, ScenarioInterrupted, ScenarioResult, parse_override, run_scenario
 from orchestrator.trace import Trace

@@ -1,0 +1,54 @@
+"""The contract between the engine and what it steps: FMUs here or in other processes, and scripted stand-ins."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
+
+from orchestrator.fmi.interface import Interface, Value
+
+
+class Component(Protocol):
+    """What the engine needs of a component; FMUs and scripted stand-ins alike.
+
+    Life cycle: set*, begin, (write, read)*, run, (write, step, read)*, then reset or close.
+    """
+
+    name: str
+    interface: Interface
+
+    def set(self, values: Mapping[str, Value]) -> None:
+        """Give parameters and start values; each is read back when the initialisation is over."""
+
+    def begin(self, start: float, stop: float | None) -> None:
+        """Enter initialisation; times in seconds."""
+
+    def bind(self, inputs: Sequence[str], outputs: Sequence[str]) -> None:
+        """Say which values `write` and `read` carry, in which order."""
+
+    def write(self, values: Sequence[float]) -> None:
+        """Set the bound inputs."""
+
+    def read(self) -> Sequence[float]:
+        """Values of the bound outputs."""
+
+    def run(self) -> None:
+        """Leave initialisation."""
+
+    def step(self, time: float, duration: float) -> None:
+        """Advance from `time` by `duration` [s]."""
+
+    def save(self) -> Any:
+        """A snapshot of the whole state."""
+
+    def restore(self, state: Any) -> None:
+        """Go back to a snapshot."""
+
+    def drop(self, state: Any) -> None:
+        """Free a snapshot."""
+
+    def reset(self) -> None:
+        """Back to where `begin` is allowed, all values at their defaults."""
+
+    def close(self) -> None:
+        """Free everything."""

@@ -1,0 +1,216 @@
+"""One running FMU, version 2.0 or 3.0: its life cycle, its values, and its errors."""
+
+from __future__ import annotations
+
+import ctypes
+import logging
+import math
+import os
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, Generic, TypeVar
+
+from fmus.errors import FmuError, FmuFileError
+from orchestrator.fmi.file import FmuFile
+from orchestrator.fmi.functions import DISCARD, FATAL, Adapter, Channel
+from orchestrator.fmi.interface import Port, Value
+
+LOG = logging.getLogger("servotwin.fmu")
+STATUS = ("OK", "warning", "discard", "error", "fatal error", "pending")
+# Errors are raised with what the FMU said, so their messages need no louder place in the log.
+_LEVELS = (logging.DEBUG, logging.WARNING, logging.INFO, logging.INFO, logging.INFO, logging.DEBUG)
+_TROUBLE = frozenset(f"logStatus{kind}" for kind in ("Warning", "Discard", "Error", "Fatal"))
+
+
+A = TypeVar("A", bound=Adapter)
+
+
+class Instance(Generic[A]):
+    """An instance of an FMU; see `Component` for the meaning of the methods. How it steps is for subclasses to say.
+
+    Attributes:
+        adapters: the FMU's functions, for FMI 2 and 3.
+        tolerance: relative tolerance of the solver that integrates its states, where that is not its own.
+
+    Raises (any method):
+        FmuError: the FMU returned discard, error or fatal; the message carries what it logged.
+    """
+
+    adapters: tuple[type[A], type[A]]
+    tolerance: float | None = None
+
+    def __init__(self, fmu: FmuFile, name: str, *, debug_log: bool = False) -> None:
+        self.name = name
+        self.interface = fmu.interface
+        self.warnings = 0
+        self._messages: deque[str] = deque(maxlen=20)
+        self._given: dict[str, Value] = {}
+        self._alive = False
+        adapter: Any = self.adapters[fmu.interface.fmi_version.startswith("3")]
+        try:
+            with _same_folder():
+                self._fmi: A = adapter(fmu, name, self._log, debug_log)
+        except Exception as error:
+            raise self._failure("instantiate", str(error)) from error
+        self._alive = True
+        self._log_errors(fmu, debug_log)
+        self._inputs = self._outputs = Channel(self._fmi, ())
+
+    def set(self, values: Mapping[str, Value]) -> None:
+        for name, value in values.items():
+            port = self._port(name)
+            typed = _typed(self.name, port, value)
+            try:
+                status = self._fmi.set_one(port, typed)
+            except OverflowError as error:
+                raise FmuFileError(f"{self.name}.{name}", str(error), "choose a value inside") from None
+            self._check(status, f"set {name} = {value}")
+            self._given[name] = typed
+
+    def get(self, name: str) -> Value:
+        """Present value of any variable."""
+        status, value = self._fmi.get_one(self._port(name))
+        self._check(status, f"get {name}")
+        return value
+
+    def begin(self, start: float, stop: float | None) -> None:
+        self._check(self._fmi.begin(start, stop, self.tolerance), "enter initialisation")
+
+    def bind(self, inputs: Sequence[str], outputs: Sequence[str]) -> None:
+        self._inputs = Channel(self._fmi, [self._port(name) for name in inputs])
+        self._outputs = Channel(self._fmi, [self._port(name) for name in outputs])
+
+    def write(self, values: Sequence[float]) -> None:
+        try:
+            status = self._inputs.write(values)
+        except (ValueError, OverflowError) as error:
+            raise self._failure("set inputs", str(error)) from None
+        if status:
+            self.written(status)
+
+    def written(self, status: int) -> None:
+        """Take note of how setting the inputs went."""
+        self._check(status, "set inputs")
+
+    def read(self) -> Sequence[float]:
+        status, values = self._outputs.read()
+        if status:
+            self.got(status)
+        return values
+
+    def got(self, status: int) -> None:
+        """Take note of how getting the outputs went."""
+        self._check(status, "get outputs")
+
+    def run(self) -> None:
+        self._check(self._fmi.run(), "initialise")
+        for name, value in self._given.items():
+            self._require_taken(name, value)
+
+    def save(self) -> Any:
+        state = ctypes.c_void_p()
+        self._check(self._fmi.state("Get", ctypes.byref(state)), "save its state")
+        return state
+
+    def restore(self, state: Any) -> None:
+        self._check(self._fmi.state("Set", state), "restore its state")
+
+    def drop(self, state: Any) -> None:
+        if self._alive:
+            self._check(self._fmi.state("Free", ctypes.byref(state)), "free a saved state")
+
+    def reset(self) -> None:
+        if not self._alive:
+            raise FmuError(self.name, "cannot run again after a fatal error", "load the FMU again")
+        self._given.clear()
+        self._messages.clear()
+        self.warnings = 0
+        self._check(self._fmi.reset(), "reset")
+
+    def close(self) -> None:
+        if self._alive:
+            self._alive = False
+            self._fmi.free()
+
+    def _log_errors(self, fmu: FmuFile, debug_log: bool) -> None:
+        """Ask for messages about trouble, where the FMU keeps them apart from the rest."""
+        offered = [category.name for category in fmu.description.logCategories]
+        wanted = offered if debug_log else [name for name in offered if name in _TROUBLE]
+        if wanted:
+            names = (ctypes.c_char_p * len(wanted))(*(name.encode() for name in wanted))
+            self._fmi.call("SetDebugLogging", True, ctypes.c_size_t(len(wanted)), names)
+
+    def _port(self, name: str) -> Port:
+        try:
+            return self.interface.ports[name]
+        except KeyError:
+            raise FmuFileError(f"{self.name}.{name}", "no such variable", "see `servotwin info`") from None
+
+    def _require_taken(self, name: str, value: Value) -> None:
+        taken = self.get(name)
+        if isinstance(value, float) and isinstance(taken, float):
+            same = math.isclose(value, taken, rel_tol=1e-6 if self._fmi.single(self._port(name)) else 1e-12)
+        else:
+            same = value == taken
+        if not same:
+            raise FmuError(
+                f"{self.name}.{name}",
+                f"was set to {value} but is {taken}",
+                "the FMU does not take it; remove it or ask the supplier",
+            )
+
+    def _log(self, status: int, message: str) -> None:
+        line = " ".join(message.split())
+        self._messages.append(line)
+        LOG.log(_LEVELS[status] if 0 <= status < len(_LEVELS) else logging.ERROR, "%s: %s", self.name, line)
+
+    def _check(self, status: int, action: str, ending: str = "") -> None:
+        if status == 1:
+            self.warnings += 1
+        elif status:
+            self._alive = self._alive and status != FATAL
+            returned = f"returned {STATUS[status] if 0 < status < len(STATUS) else status}"
+            raise self._failure(action, ending if ending and status == DISCARD else returned)
+
+    def _failure(self, action: str, problem: str, fix: str = "") -> FmuError:
+        said = f" ({'; '.join(list(self._messages)[-3:])})" if self._messages else ""
+        return FmuError(self.name, f"{action}: {problem}{said}", fix)
+
+
+def stepping(time: float, duration: float) -> str:
+    """What an FMU is doing that steps from a time by a duration [s], for messages."""
+    return f"step from t = {time:g} s by {duration:g} s"
+
+
+@contextmanager
+def _same_folder() -> Iterator[None]:
+    """Undo the change of the working directory that FMPy leaves behind when a library does not load."""
+    here = os.getcwd()  # noqa: PTH109 - the path as it is, not resolved
+    try:
+        yield
+    finally:
+        os.chdir(here)
+
+
+def _typed(component: str, port: Port, value: Value) -> Value:
+    """The value in the port's type; names of enumeration items are looked up."""
+    place = f"{component}.{port.name}"
+    if port.type == "String":
+        return str(value)
+    if isinstance(value, str):
+        if port.items is None or value not in port.items:
+            known = ", ".join(port.items) if port.items else f"a {port.type}"
+            raise FmuFileError(place, f"cannot be '{value}'", f"give {known}")
+        return port.items[value]
+    if port.type == "Boolean":
+        if value not in (0, 1):
+            raise FmuFileError(place, f"is a Boolean, not {value}", "give true or false")
+        return bool(value)
+    if isinstance(value, bool):
+        raise FmuFileError(place, f"cannot be {str(value).lower()}", f"give a {port.type}")
+    if port.type in ("Real", "Float64", "Float32"):
+        return float(value)
+    if not math.isfinite(value) or int(value) != value:
+        raise FmuFileError(place, f"is of type {port.type}, {value} is not whole", "give a whole number")
+    return int(value)
