@@ -16,6 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from fmus.errors import TraceError
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+ComplexArray = NDArray[np.complex128]
 
 LATEST = 1e15  # [s]; stamps beyond it are no times, whatever the file says
 

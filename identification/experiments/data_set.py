@@ -20,10 +20,10 @@ from identification.experiments.reduction import Errors, Judge, Reduction, reduc
 from identification.experiments.schema import ExampleBlock, ExperimentsBlock
 from identification.linear.mode_tracking import stabilisation
 from identification.linear.model import LinearModel
-from identification.linear.preparation import Preparation, Prepared, prepared, without_compensation
-from identification.linear.records import Record, record
+from identification.linear.preparation import Preparation, PreparedData, prepared, without_compensation
+from identification.linear.records import InputOutputData, record
 from identification.linear.set_point import Feedback, followed
-from identification.subspace.range_space import Settings, range_space
+from identification.subspace.range_space import SubspaceSettings, range_space
 from identification.subspace.subspace import realise
 from orchestrator.trace import FloatArray, Trace
 
@@ -157,7 +157,7 @@ def distances(models: Sequence[LinearModel], physical: Sequence[PhysicalMode]) -
     return tuple(away)
 
 
-def _cut(job: Job) -> Record:
+def _cut(job: Job) -> InputOutputData:
     """The samples that count, the compensation taken off where it shall be."""
     known = job.study.sets[job.code]
     whole = record(job.trace, [job.study.input], job.study.outputs)
@@ -182,8 +182,8 @@ def _preparation(study: ExperimentsBlock) -> Preparation:
     return Preparation(centred, how.cutoff, how.causal, how.filter_input)
 
 
-def _attempts(study: ExperimentsBlock, fitted: Record, judge: Judge) -> tuple[Attempt, ...]:
-    space = range_space(fitted, Settings(study.block, feedthrough=False, initial_states=False))
+def _attempts(study: ExperimentsBlock, fitted: InputOutputData, judge: Judge) -> tuple[Attempt, ...]:
+    space = range_space(fitted, SubspaceSettings(study.block, feedthrough=False, initial_states=False))
     attempts = []
     for order in range(study.orders[0], study.orders[1] + 1):
         try:
@@ -194,7 +194,7 @@ def _attempts(study: ExperimentsBlock, fitted: Record, judge: Judge) -> tuple[At
     return tuple(attempts)
 
 
-def _judge(job: Job, ready: Prepared) -> Judge:
+def _judge(job: Job, ready: PreparedData) -> Judge:
     """The two validations of models of this record."""
     study, whole = job.study, ready.records[0]
     set_point, measured = _followed(job, whole.step)
@@ -231,7 +231,7 @@ def _examples(job: Job) -> list[ExampleBlock]:
     return [each for each in job.study.examples if (each.data, each.removed) == (job.code, job.removed)]
 
 
-def _reduction(result: SetResult, example: ExampleBlock, fitted: Record, job: Job, judge: Judge) -> Reduction:
+def _reduction(result: SetResult, example: ExampleBlock, fitted: InputOutputData, job: Job, judge: Judge) -> Reduction:
     start = result.chosen
     if example.unstable:
         unstable = [each for each in result.attempts if not each.stable]

@@ -9,7 +9,7 @@ from identification.experiments.schema import ExampleBlock, Method
 from identification.linear.model import LinearModel
 from identification.linear.modes import Mode, combined, labels, modes, ranked, strongest
 from identification.linear.poles import stabilised
-from identification.linear.records import Record
+from identification.linear.records import InputOutputData
 from identification.linear.updating import reduced, updated_input, updated_output
 from orchestrator.trace import FloatArray
 
@@ -68,7 +68,7 @@ class Reduction:
 
 
 def reduce_and_update(
-    model: LinearModel, example: ExampleBlock, fitted: Record, flexible: Sequence[float], judge: Judge
+    model: LinearModel, example: ExampleBlock, fitted: InputOutputData, flexible: Sequence[float], judge: Judge
 ) -> Reduction:
     """All stages of an example.
 
@@ -99,7 +99,7 @@ def reduce_and_update(
     return Reduction(example, ranking, tuple(stages))
 
 
-def _updated(model: LinearModel, example: ExampleBlock, fitted: Record) -> LinearModel:
+def _updated(model: LinearModel, example: ExampleBlock, fitted: InputOutputData) -> LinearModel:
     return (updated_input if example.update == "input" else updated_output)(model, [fitted])
 
 

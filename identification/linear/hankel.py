@@ -40,7 +40,7 @@ class Factor:
 
 
 @dataclass(frozen=True)
-class Rows:
+class HankelRows:
     """Rows of a block Hankel matrix: `lags` lags of some channels, from lag `first` on, lag by lag."""
 
     channels: tuple[int, ...]
@@ -48,7 +48,7 @@ class Rows:
     lags: int
 
 
-def factor(signals: Sequence[FloatArray], rows: Sequence[Rows], compression: Compression = "auto") -> Factor:
+def factor(signals: Sequence[FloatArray], rows: Sequence[HankelRows], compression: Compression = "auto") -> Factor:
     """The triangular factor of the Hankel matrix whose rows are these groups, one below the other.
 
     Column k of the matrix holds sample k + lag of every channel; columns run over all records.

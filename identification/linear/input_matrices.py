@@ -13,13 +13,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fmus.errors import IdentificationError
 from identification.estimation.threads import single_threaded
 from identification.linear.hankel import absorbed
 from identification.linear.recursion import recursion
-from orchestrator.trace import FloatArray
+from orchestrator.trace import BoolArray, FloatArray
 
 _CHUNK = 1024
 _GROWTH = 1e6  # an unstable model is fitted over stretches in which it grows no more than this
@@ -41,7 +40,7 @@ def fit_inputs(
     a: FloatArray,
     c: FloatArray,
     records: Sequence[tuple[FloatArray, FloatArray]],
-    feedthrough: NDArray[np.bool_],
+    feedthrough: BoolArray,
     *,
     starts: bool = True,
 ) -> InputFit:
@@ -97,9 +96,7 @@ def _stretch(a: FloatArray) -> int:
     return longest if radius <= 1 else max(4 * len(a), int(min(np.log(_GROWTH) / np.log(radius), longest / 2)))
 
 
-def _rows(
-    a: FloatArray, c: FloatArray, u: FloatArray, y: FloatArray, feedthrough: NDArray[np.bool_]
-) -> Iterator[FloatArray]:
+def _rows(a: FloatArray, c: FloatArray, u: FloatArray, y: FloatArray, feedthrough: BoolArray) -> Iterator[FloatArray]:
     """Rows (p K', n + n m + d + 1) of [x0, B input by input, D, y] for chunks of a record, instant by instant."""
     (outputs, order), inputs = c.shape, u.shape[1]
     state = np.concatenate([np.zeros((outputs * inputs, order)), c])
@@ -123,7 +120,7 @@ def _rows(
         yield np.concatenate(rows, axis=2).reshape(len(part) * outputs, -1)
 
 
-def _direct(u: FloatArray, feedthrough: NDArray[np.bool_]) -> FloatArray:
+def _direct(u: FloatArray, feedthrough: BoolArray) -> FloatArray:
     """(K, p, d) what each element of D sees."""
     where, which = np.nonzero(feedthrough)
     columns = np.zeros((len(u), len(feedthrough), len(where)))

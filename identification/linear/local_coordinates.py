@@ -11,12 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import qr
 
 from identification.linear.model import LinearModel
 from identification.linear.recursion import recursion
-from orchestrator.trace import FloatArray
+from orchestrator.trace import BoolArray, FloatArray
 
 _NEGLIGIBLE = 1e-10
 
@@ -39,7 +38,7 @@ class Directions:
         return replace(model, a=model.a + a, b=model.b + b, c=model.c + c, d=model.d + d)
 
 
-def local_directions(model: LinearModel, feedthrough: NDArray[np.bool_], held: Sequence[FloatArray] = ()) -> Directions:
+def local_directions(model: LinearModel, feedthrough: BoolArray, held: Sequence[FloatArray] = ()) -> Directions:
     """An orthonormal basis of the changes that matter.
 
     Args:

@@ -9,13 +9,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fmus.errors import IdentificationError
 from identification.linear.recursion import recursion
-from orchestrator.trace import FloatArray
+from orchestrator.trace import ComplexArray, FloatArray
 
-ComplexArray = NDArray[np.complex128]
 UNIT_CIRCLE = 1 + 1e-9  # modulus up to which a pole counts as on the circle: an integrator's is 1 but for rounding
 
 

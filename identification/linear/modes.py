@@ -14,8 +14,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 from fmus.errors import IdentificationError
-from identification.linear.model import ComplexArray, LinearModel
-from orchestrator.trace import FloatArray
+from identification.linear.model import LinearModel
+from orchestrator.trace import ComplexArray, FloatArray
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from scipy.linalg import eig
 from scipy.signal import place_poles
 
 from fmus.errors import IdentificationError
-from identification.linear.model import UNIT_CIRCLE, ComplexArray, LinearModel
-from orchestrator.trace import FloatArray
+from identification.linear.model import UNIT_CIRCLE, LinearModel
+from orchestrator.trace import ComplexArray, FloatArray
 
 Poles = Literal["free", "stable", "integrating"]
 LARGEST = 0.9999  # modulus of a pole that was moved inside; the manipulator thesis, Section 3.5, does the same
@@ -20,14 +20,14 @@ _SHARED = 1e-12  # overlap of a pole's left and right eigenvector below which an
 
 
 @dataclass(frozen=True)
-class Move:
+class PoleMove:
     """One pole, or one of a pair, put elsewhere in the z-plane."""
 
     before: complex
     after: complex
 
 
-def constrained(a: FloatArray, poles: Poles) -> tuple[FloatArray, tuple[Move, ...]]:
+def constrained(a: FloatArray, poles: Poles) -> tuple[FloatArray, tuple[PoleMove, ...]]:
     """A (n, n) with its poles where they belong, and which were moved; all eigenvectors stay.
 
     Poles on or outside the unit circle are reflected inside, to a modulus of at most `LARGEST`. An integrating model
@@ -62,7 +62,9 @@ def stabilised(model: LinearModel) -> LinearModel:
     return replace(model, a=_placed(model.a, inside)[0])
 
 
-def _placed(a: FloatArray, wanted_of: Callable[[ComplexArray], ComplexArray]) -> tuple[FloatArray, tuple[Move, ...]]:
+def _placed(
+    a: FloatArray, wanted_of: Callable[[ComplexArray], ComplexArray]
+) -> tuple[FloatArray, tuple[PoleMove, ...]]:
     """A (n, n) with some poles elsewhere and all eigenvectors as they were, and which were moved.
 
     Only the eigenvectors of the poles that move enter, not the whole modal basis, whose condition may be bad.
@@ -77,7 +79,7 @@ def _placed(a: FloatArray, wanted_of: Callable[[ComplexArray], ComplexArray]) ->
     return a + change.real, _moves(values, wanted)
 
 
-def injecting(a: FloatArray, c: FloatArray, poles: Poles) -> tuple[FloatArray, tuple[Move, ...]]:
+def injecting(a: FloatArray, c: FloatArray, poles: Poles) -> tuple[FloatArray, tuple[PoleMove, ...]]:
     """The gain G (n, p) with which A + G C has its poles where they belong, as `constrained`, and which were moved.
 
     A predictor A - K C stays what it is when G is added to K as well.
@@ -96,7 +98,7 @@ def injecting(a: FloatArray, c: FloatArray, poles: Poles) -> tuple[FloatArray, t
     return gain, moves
 
 
-def _moving(a: FloatArray, c: FloatArray, move: Move) -> FloatArray:
+def _moving(a: FloatArray, c: FloatArray, move: PoleMove) -> FloatArray:
     """The gain (n, p) that moves one pole, or a pair, and no other."""
     values, right = np.linalg.eig(a)
     v = right[:, np.argmin(np.abs(values - move.before))]
@@ -114,8 +116,8 @@ def _wanted(values: ComplexArray, poles: Poles) -> ComplexArray:
     return wanted
 
 
-def _moves(values: ComplexArray, wanted: ComplexArray) -> tuple[Move, ...]:
-    return tuple(Move(complex(values[i]), complex(wanted[i])) for i in np.flatnonzero(wanted != values))
+def _moves(values: ComplexArray, wanted: ComplexArray) -> tuple[PoleMove, ...]:
+    return tuple(PoleMove(complex(values[i]), complex(wanted[i])) for i in np.flatnonzero(wanted != values))
 
 
 def integrator(values: ComplexArray) -> int:

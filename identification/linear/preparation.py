@@ -13,7 +13,7 @@ import numpy as np
 
 from fmus.errors import IdentificationError
 from identification.linear.model import LinearModel
-from identification.linear.records import Record
+from identification.linear.records import InputOutputData
 from identification.signals.processing import low_pass
 from orchestrator.trace import FloatArray
 
@@ -38,14 +38,14 @@ class Preparation:
 
 
 @dataclass(frozen=True)
-class Prepared:
+class PreparedData:
     """Records fit for identification.
 
     Attributes:
         scale: (p,) by which the outputs were multiplied.
     """
 
-    records: tuple[Record, ...]
+    records: tuple[InputOutputData, ...]
     scale: FloatArray
 
     def unscaled(self, model: LinearModel) -> LinearModel:
@@ -53,7 +53,7 @@ class Prepared:
         return replace(model, c=model.c / self.scale[:, None], d=model.d / self.scale[:, None])
 
 
-def prepared(records: Sequence[Record], how: Preparation) -> Prepared:
+def prepared(records: Sequence[InputOutputData], how: Preparation) -> PreparedData:
     """The records after the steps of `how`, one scale for all of them.
 
     Raises:
@@ -61,7 +61,7 @@ def prepared(records: Sequence[Record], how: Preparation) -> Prepared:
     """
     plain = [_filtered(_centred(record, how), how) for record in records]
     scale = _scale(plain) if how.scaled else np.ones(plain[0].y.shape[1])
-    return Prepared(tuple(replace(record, y=record.y * scale) for record in plain), scale)
+    return PreparedData(tuple(replace(record, y=record.y * scale) for record in plain), scale)
 
 
 def without_compensation(u: FloatArray, magnitude: float) -> FloatArray:
@@ -73,14 +73,14 @@ def without_compensation(u: FloatArray, magnitude: float) -> FloatArray:
     return np.sign(u) * np.maximum(np.abs(u) - magnitude, 0.0)
 
 
-def _centred(record: Record, how: Preparation) -> Record:
+def _centred(record: InputOutputData, how: Preparation) -> InputOutputData:
     y = record.y - record.y[0]
     for number in how.zero_mean:
         y[:, number] -= y[:, number].mean()
     return replace(record, y=y)
 
 
-def _filtered(record: Record, how: Preparation) -> Record:
+def _filtered(record: InputOutputData, how: Preparation) -> InputOutputData:
     if how.cutoff is None:
         return record
     y = low_pass(record.y, record.step, how.cutoff, causal=how.causal)
@@ -88,7 +88,7 @@ def _filtered(record: Record, how: Preparation) -> Record:
     return replace(record, u=u, y=y)
 
 
-def _scale(records: Sequence[Record]) -> FloatArray:
+def _scale(records: Sequence[InputOutputData]) -> FloatArray:
     largest = np.max([np.abs(record.y).max(axis=0) for record in records], axis=0)
     for number, size in enumerate(largest):
         if not size > 0:

@@ -19,7 +19,7 @@ _LARGEST = 1e100
 
 
 @dataclass(frozen=True, eq=False)
-class Record:
+class InputOutputData:
     """What went in and what came out, sample by sample.
 
     Attributes:
@@ -59,9 +59,12 @@ class Record:
     def __len__(self) -> int:
         return len(self.u)
 
-    def rows(self, start: int, stop: int) -> Record:
+    def rows(self, start: int, stop: int) -> InputOutputData:
         """The samples start <= k < stop."""
         return replace(self, u=self.u[start:stop], y=self.y[start:stop])
+
+
+Records = InputOutputData | Sequence[InputOutputData]  # one, or several that one model is found from
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +77,7 @@ class Pieces:
         lost: samples in them.
     """
 
-    records: tuple[Record, ...]
+    records: tuple[InputOutputData, ...]
     dropped: int = 0
     lost: int = 0
 
@@ -84,7 +87,7 @@ class Pieces:
         return sum(map(len, self.records))
 
 
-def record(trace: Trace, inputs: Sequence[str], outputs: Sequence[str]) -> Record:
+def record(trace: Trace, inputs: Sequence[str], outputs: Sequence[str]) -> InputOutputData:
     """A record of these signals of a trace.
 
     Raises:
@@ -97,17 +100,17 @@ def record(trace: Trace, inputs: Sequence[str], outputs: Sequence[str]) -> Recor
     if worst > _JITTER * step:
         raise TraceError(trace.name, f"stamps are up to {worst / step:.2g} steps off an even grid", "resample it")
     u, y = (np.column_stack([trace[name] for name in names]) for names in (inputs, outputs))
-    return Record(u, y, step, tuple(inputs), tuple(outputs), trace.name)
+    return InputOutputData(u, y, step, tuple(inputs), tuple(outputs), trace.name)
 
 
-def without_gaps(records: Record | Sequence[Record], shortest: int) -> Pieces:
+def without_gaps(records: Records, shortest: int) -> Pieces:
     """The records cut where a sample is not finite; pieces below `shortest` samples are dropped and counted.
 
     Raises:
         IdentificationError: the records differ in step or columns, no piece is long enough, or a value is so large
             that its square overflows.
     """
-    given = (records,) if isinstance(records, Record) else tuple(records)
+    given = (records,) if isinstance(records, InputOutputData) else tuple(records)
     if not given:
         raise IdentificationError("records", "there are none", "give at least one")
     for each in given[1:]:
@@ -129,7 +132,7 @@ def without_gaps(records: Record | Sequence[Record], shortest: int) -> Pieces:
     return Pieces(kept, len(pieces) - len(kept), lost)
 
 
-def _check_alike(first: Record, other: Record) -> None:
+def _check_alike(first: InputOutputData, other: InputOutputData) -> None:
     if abs(other.step - first.step) > _SAME_STEP * first.step:
         raise IdentificationError(
             other.name,
@@ -144,7 +147,7 @@ def _check_alike(first: Record, other: Record) -> None:
         )
 
 
-def _split(whole: Record) -> list[Record]:
+def _split(whole: InputOutputData) -> list[InputOutputData]:
     """The longest runs of finite samples."""
     finite = np.isfinite(whole.u).all(axis=1) & np.isfinite(whole.y).all(axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], finite.astype(int), [0]])))

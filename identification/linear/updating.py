@@ -15,7 +15,7 @@ from fmus.errors import IdentificationError
 from identification.linear.input_matrices import fit_inputs
 from identification.linear.model import LinearModel
 from identification.linear.modes import from_modes, modes
-from identification.linear.records import Record
+from identification.linear.records import InputOutputData
 from orchestrator.trace import FloatArray
 
 
@@ -27,7 +27,7 @@ def reduced(model: LinearModel, kept: Sequence[int]) -> LinearModel:
     return from_modes([found[i] for i in kept], model)
 
 
-def updated_output(model: LinearModel, records: Sequence[Record]) -> LinearModel:
+def updated_output(model: LinearModel, records: Sequence[InputOutputData]) -> LinearModel:
     """C by least squares of the outputs on the states from rest; A, B and D stay (3-20).
 
     Raises:
@@ -45,7 +45,9 @@ def updated_output(model: LinearModel, records: Sequence[Record]) -> LinearModel
     return replace(model, c=np.asarray(solution.T, dtype=float))
 
 
-def updated_input(model: LinearModel, records: Sequence[Record], scale: FloatArray | None = None) -> LinearModel:
+def updated_input(
+    model: LinearModel, records: Sequence[InputOutputData], scale: FloatArray | None = None
+) -> LinearModel:
     """B by least squares of the outputs from rest; A, C and D stay (3-17).
 
     Args:

@@ -11,10 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import signal
 
 from fmus.errors import IdentificationError, TraceError
-from orchestrator.trace import Trace
+from orchestrator.trace import ComplexArray, Trace
 
 FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 def mean_step(time: FloatArray) -> float:

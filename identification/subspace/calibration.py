@@ -11,15 +11,15 @@ import numpy as np
 from identification.estimation.validation import fit
 from identification.linear.model import LinearModel
 from identification.linear.modes import combined, modes, strongest
-from identification.linear.preparation import Preparation, Prepared, prepared, without_compensation
-from identification.linear.records import Record, record
+from identification.linear.preparation import Preparation, PreparedData, prepared, without_compensation
+from identification.linear.records import InputOutputData, record
 from identification.linear.updating import reduced, updated_input, updated_output
 from identification.recordings.campaign import Recorded, load_campaign, split
 from identification.study import OrderBlock, ReductionBlock, SubspaceBlock
 from identification.subspace.orders import Best, Gap, OrderRule, Threshold
 from identification.subspace.prediction_error import Refined, Refinement, refine
 from identification.subspace.range_space import Weighting
-from identification.subspace.subspace import Settings, SubspaceResult, simulated, subspace
+from identification.subspace.subspace import SubspaceResult, SubspaceSettings, simulated, subspace
 from orchestrator.trace import FloatArray
 
 Listener = Callable[[float, str], None]
@@ -56,7 +56,7 @@ class SubspaceCalibration:
 
     study: SubspaceBlock
     recorded: tuple[Recorded, ...]
-    records: dict[str, Record]
+    records: dict[str, InputOutputData]
     candidates: dict[str, Candidate]
     subspaces: dict[str, SubspaceResult]
     refined: Refined | None
@@ -106,7 +106,7 @@ def calibrate(study: SubspaceBlock, base: Path, data: Path | None, progress: Lis
     return SubspaceCalibration(study, tuple(recorded), judged, candidates, found, refined)
 
 
-def _record(study: SubspaceBlock, recorded: Recorded) -> Record:
+def _record(study: SubspaceBlock, recorded: Recorded) -> InputOutputData:
     trace = recorded.trace.select([*study.inputs, *study.outputs])
     if study.sample is not None:
         count = int(trace.duration / study.sample * (1 + 1e-12)) + 1
@@ -124,9 +124,9 @@ def _preparation(study: SubspaceBlock) -> Preparation:
     return Preparation(_zero_mean(study), how.cutoff, how.causal, how.filter_input, how.scaled)
 
 
-def settings_of(study: SubspaceBlock, weighting: Weighting) -> Settings:
+def settings_of(study: SubspaceBlock, weighting: Weighting) -> SubspaceSettings:
     """How a model is estimated with one of the study's weightings."""
-    return Settings(
+    return SubspaceSettings(
         study.block,
         weighting,
         past=study.past,
@@ -157,7 +157,7 @@ def _rule(order: int | OrderBlock) -> OrderRule:
     return Best(range(order.best[0], order.best[1] + 1))
 
 
-def _reduced(model: LinearModel, how: ReductionBlock, records: Sequence[Record]) -> LinearModel:
+def _reduced(model: LinearModel, how: ReductionBlock, records: Sequence[InputOutputData]) -> LinearModel:
     found = modes(model)
     u = np.concatenate([each.u for each in records])
     values = [mode.mode_singular_value(len(u)) if how.by == "msv" else mode.response_magnitude(u) for mode in found]
@@ -173,8 +173,8 @@ def _judged(
     name: str,
     why: str,
     model: LinearModel,
-    ready: Prepared,
-    sides: tuple[Sequence[Record], Sequence[Record]],
+    ready: PreparedData,
+    sides: tuple[Sequence[InputOutputData], Sequence[InputOutputData]],
 ) -> Candidate:
     """A model of prepared records, in the signals' own units, with its free runs of both sides: fitted and kept."""
     own = ready.unscaled(model)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fmus.errors import IdentificationError
-from identification.linear.records import Record
+from identification.linear.records import InputOutputData
 from orchestrator.trace import FloatArray
 
 _ZERO = 1e-12  # of the largest singular value
@@ -40,7 +40,7 @@ class Best:
 
     orders: Sequence[int]
     margin: float = 0.01
-    validation: Sequence[Record] = ()
+    validation: Sequence[InputOutputData] = ()
 
 
 OrderRule = int | Threshold | Gap | Best

@@ -21,8 +21,8 @@ from identification.estimation.uncertainty import Covariance, covariance
 from identification.linear.local_coordinates import Directions, balanced_basis
 from identification.linear.model import LinearModel
 from identification.linear.poles import Poles, constrained
-from identification.linear.records import Record, without_gaps
-from identification.subspace.prediction_problem import Problem
+from identification.linear.records import InputOutputData, Records, without_gaps
+from identification.subspace.prediction_problem import PredictionProblem
 from orchestrator.trace import FloatArray
 
 Error = Literal["output-error", "innovations"]
@@ -75,14 +75,14 @@ class Refined:
     model: LinearModel
     gain: FloatArray
     initial_states: FloatArray
-    records: tuple[Record, ...]
+    records: tuple[InputOutputData, ...]
     cost: float
     first_cost: float
     iterations: int
     converged: bool
     why: str
     weights: FloatArray
-    problem: Problem
+    problem: PredictionProblem
     candidate: LinearModel
 
     @property
@@ -103,7 +103,10 @@ class Refined:
 
 @single_threaded
 def refine(
-    model: LinearModel, records: Record | Sequence[Record], settings: Refinement, gain: FloatArray | None = None
+    model: LinearModel,
+    records: Records,
+    settings: Refinement,
+    gain: FloatArray | None = None,
 ) -> Refined:
     """The model, changed until its error over all records is least.
 
@@ -157,7 +160,7 @@ class _Point:
     cost: float
 
 
-def _at(problem: Problem, model: LinearModel) -> _Point:
+def _at(problem: PredictionProblem, model: LinearModel) -> _Point:
     """The point with its best initial states; infinite cost where a run overflows or a pole is where none may be."""
     if not problem.admitted(model):
         return _Point(model, np.zeros((len(problem.data), model.order)), np.inf)
@@ -167,7 +170,7 @@ def _at(problem: Problem, model: LinearModel) -> _Point:
     return _Point(model, starts, cost if np.isfinite(cost) else np.inf)
 
 
-def _minimised(problem: Problem, point: _Point, settings: Refinement) -> tuple[_Point, int, bool, str]:
+def _minimised(problem: PredictionProblem, point: _Point, settings: Refinement) -> tuple[_Point, int, bool, str]:
     """The last point, steps taken, whether it is a minimum, and why it ended."""
     damping = 1e-3
     for iteration in range(settings.iterations):
@@ -185,7 +188,7 @@ def _minimised(problem: Problem, point: _Point, settings: Refinement) -> tuple[_
 
 
 def _stepped(
-    problem: Problem, point: _Point, directions: Directions, quadratic: _Quadratic, damping: float
+    problem: PredictionProblem, point: _Point, directions: Directions, quadratic: _Quadratic, damping: float
 ) -> tuple[_Point | None, float]:
     """The first point with a lower cost as the damping grows, and the damping to go on with."""
     while damping < _MOST_DAMPING:
@@ -228,7 +231,7 @@ class _Quadratic:
         return np.asarray(self.right @ (self.values / (self.values**2 + damping) * self.target) / self.lengths)
 
 
-def _weights(settings: Refinement, records: Sequence[Record]) -> FloatArray:
+def _weights(settings: Refinement, records: Sequence[InputOutputData]) -> FloatArray:
     outputs = records[0].outputs
     if not settings.weights:
         size = np.sqrt(sum(np.sum(each.y**2, axis=0) for each in records) / sum(map(len, records)))
@@ -242,19 +245,26 @@ def _weights(settings: Refinement, records: Sequence[Record]) -> FloatArray:
 
 
 def _posed(
-    model: LinearModel, records: Sequence[Record], weights: FloatArray, settings: Refinement, gain: FloatArray | None
-) -> tuple[Problem, LinearModel]:
+    model: LinearModel,
+    records: Sequence[InputOutputData],
+    weights: FloatArray,
+    settings: Refinement,
+    gain: FloatArray | None,
+) -> tuple[PredictionProblem, LinearModel]:
     """The problem and the candidate that stands for the model in it."""
     a, _ = constrained(model.a, settings.poles)
     c, d = model.c * weights[:, None], model.d * weights[:, None] * settings.feedthrough
     mask = np.full(d.shape, settings.feedthrough)
     data = [(each.u, each.y * weights) for each in records]
     if settings.error == "output-error":
-        return (Problem(tuple(data), mask, 0, settings.poles, settings.initial_states), replace(model, a=a, c=c, d=d))
+        return (
+            PredictionProblem(tuple(data), mask, 0, settings.poles, settings.initial_states),
+            replace(model, a=a, c=c, d=d),
+        )
     k = _kalman_gain(replace(model, a=a, c=c, d=d), data) if gain is None else gain / weights
     none = np.zeros((len(c), len(c)))
     both, free = [(np.hstack([u, y]), y) for u, y in data], np.hstack([mask, none.astype(bool)])
-    problem = Problem(tuple(both), free, len(c), settings.poles, settings.initial_states)
+    problem = PredictionProblem(tuple(both), free, len(c), settings.poles, settings.initial_states)
     predictor = LinearModel(
         a - k @ c,
         np.hstack([model.b - k @ d, k]),
@@ -283,7 +293,7 @@ def _kalman_gain(model: LinearModel, data: Sequence[tuple[FloatArray, FloatArray
 
 
 def _unposed(
-    problem: Problem, candidate: LinearModel, model: LinearModel, weights: FloatArray
+    problem: PredictionProblem, candidate: LinearModel, model: LinearModel, weights: FloatArray
 ) -> tuple[LinearModel, FloatArray]:
     """The model and the gain that a candidate stands for."""
     inputs, gain = len(model.inputs), problem.gain(candidate)

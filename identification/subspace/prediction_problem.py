@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eig
 
 from identification.linear.hankel import absorbed
@@ -19,14 +18,13 @@ from identification.linear.local_coordinates import Directions, flattened, local
 from identification.linear.model import LinearModel
 from identification.linear.poles import Poles, constrained, integrator
 from identification.linear.recursion import recursion
-from orchestrator.trace import FloatArray
+from orchestrator.trace import BoolArray, FloatArray
 
-BoolArray = NDArray[np.bool_]
 _CHUNK = 2**17  # numbers in the sensitivities of one chunk: what a processor's cache holds
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class PredictionProblem:
     """Weighted output error of a model, the candidate, whose inputs may hold measured outputs.
 
     Attributes:

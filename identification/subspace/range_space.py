@@ -6,7 +6,6 @@ weights, and all of it follows from one triangular factor of the data.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -14,9 +13,9 @@ import numpy as np
 
 from fmus.errors import IdentificationError
 from identification.estimation.threads import single_threaded
-from identification.linear.hankel import Compression, Factor, Rows, factor
+from identification.linear.hankel import Compression, Factor, HankelRows, factor
 from identification.linear.poles import Poles
-from identification.linear.records import Pieces, Record, without_gaps
+from identification.linear.records import InputOutputData, Pieces, Records, without_gaps
 from orchestrator.trace import FloatArray
 
 Weighting = Literal["orse", "n4sid", "moesp", "cva"]
@@ -25,7 +24,7 @@ _RANK = 1e-10
 
 
 @dataclass(frozen=True)
-class Settings:
+class SubspaceSettings:
     """How a model is estimated.
 
     Attributes:
@@ -92,7 +91,7 @@ class RangeSpace:
     values: FloatArray
     pieces: Pieces
     weights: FloatArray
-    settings: Settings
+    settings: SubspaceSettings
     condition: float
     compression: Compression
     excitation: float
@@ -110,7 +109,7 @@ class RangeSpace:
 
 
 @single_threaded
-def range_space(records: Record | Sequence[Record], settings: Settings) -> RangeSpace:
+def range_space(records: Records, settings: SubspaceSettings) -> RangeSpace:
     """The observability range space of all records together.
 
     Raises:
@@ -147,7 +146,7 @@ class _Groups:
     `given` rows of future inputs, `inputs` rows of all inputs, `known` rows of these and past outputs.
     """
 
-    groups: tuple[Rows, ...]
+    groups: tuple[HankelRows, ...]
     given: int
     inputs: int
     known: int
@@ -158,12 +157,17 @@ class _Groups:
         return self.known + self.outputs
 
     @classmethod
-    def of(cls, settings: Settings, m: int, p: int) -> _Groups:
+    def of(cls, settings: SubspaceSettings, m: int, p: int) -> _Groups:
         u, y, past = tuple(range(m)), tuple(range(m, m + p)), settings.history
         future = (1 if settings.feedthrough else 0) if settings.closed_loop else settings.block
         asked = 1 if settings.closed_loop else settings.block
         seen = past if settings.closed_loop or settings.instruments == "inputs and outputs" else 0
-        groups = (Rows(u, past, future), Rows(u, 0, past), Rows(y, 0, seen), Rows(y, past, asked))
+        groups = (
+            HankelRows(u, past, future),
+            HankelRows(u, 0, past),
+            HankelRows(y, 0, seen),
+            HankelRows(y, past, asked),
+        )
         given, inputs = m * future, m * (future + past)
         kept = tuple(group for group in groups if group.lags)
         return cls(kept, given, inputs, inputs + p * seen, p * asked)
@@ -175,7 +179,7 @@ def _check_outputs(pieces: Pieces) -> None:
             raise IdentificationError(f"{pieces.records[0].name}.{name}", "is constant", "leave this output out")
 
 
-def _weights(settings: Settings, first: Record) -> FloatArray:
+def _weights(settings: SubspaceSettings, first: InputOutputData) -> FloatArray:
     weights = np.array(settings.weights or np.ones(len(first.outputs)), dtype=float)
     if weights.shape != (len(first.outputs),) or not np.all((weights > 0) & np.isfinite(weights)):
         raise IdentificationError(
@@ -196,7 +200,7 @@ def _check_length(pieces: Pieces, depth: int, rows: int) -> None:
         )
 
 
-def _excitation(compressed: Factor, rows: _Groups, first: Record) -> float:
+def _excitation(compressed: Factor, rows: _Groups, first: InputOutputData) -> float:
     """Condition of the inputs' block Hankel matrix, each row scaled to length 1."""
     lead = compressed.lower[: rows.inputs, : rows.inputs]
     lengths = np.linalg.norm(lead, axis=1, keepdims=True)
@@ -227,7 +231,7 @@ def _projected(lower: FloatArray, rows: _Groups, weighting: Weighting) -> tuple[
     return (root[:, seen] * sizes[seen]) @ basis, values
 
 
-def _closed_loop(lower: FloatArray, rows: _Groups, settings: Settings) -> tuple[FloatArray, FloatArray]:
+def _closed_loop(lower: FloatArray, rows: _Groups, settings: SubspaceSettings) -> tuple[FloatArray, FloatArray]:
     """Basis and singular values of what the past predicts, from the autoregression's coefficients.
 
     The observability matrix found is the predictor's, of A - K C and C.

@@ -1,7 +1,7 @@
 """State-space models from records: observability range space extraction (ORSE) and its relatives.
 
 `subspace` is the one way in: it extracts the range space, chooses the order, and realises the model; `scan` realises
-many orders from one extraction. ORSE is biased by feedback; `Settings(closed_loop=True)` is the remedy.
+many orders from one extraction. ORSE is biased by feedback; `SubspaceSettings(closed_loop=True)` is the remedy.
 """
 
 from __future__ import annotations
@@ -10,22 +10,19 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fmus.errors import IdentificationError
 from identification.estimation.threads import single_threaded
 from identification.linear.hankel import Compression
 from identification.linear.input_matrices import InputFit, fit_inputs
 from identification.linear.model import LinearModel
-from identification.linear.poles import Move, constrained, injecting
-from identification.linear.records import Record, without_gaps
+from identification.linear.poles import PoleMove, constrained, injecting
+from identification.linear.records import InputOutputData, Records, without_gaps
 from identification.subspace.orders import Best, OrderRule, checked, from_singular_values
-from identification.subspace.range_space import RangeSpace, Settings, range_space
-from orchestrator.trace import FloatArray
+from identification.subspace.range_space import RangeSpace, SubspaceSettings, range_space
+from orchestrator.trace import BoolArray, FloatArray
 
-BoolArray = NDArray[np.bool_]
-
-__all__ = ["Settings", "SubspaceResult", "realise", "scan", "simulated", "subspace"]
+__all__ = ["SubspaceResult", "SubspaceSettings", "realise", "scan", "simulated", "subspace"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,11 +48,11 @@ class SubspaceResult:
     why: str
     singular_values: FloatArray
     initial_states: FloatArray
-    records: tuple[Record, ...]
+    records: tuple[InputOutputData, ...]
     rms: FloatArray
     delta: FloatArray
     gain: FloatArray | None
-    moves: tuple[Move, ...]
+    moves: tuple[PoleMove, ...]
     condition: float
     compression: Compression
     excitation: float
@@ -74,7 +71,7 @@ class SubspaceResult:
 
 
 @single_threaded
-def subspace(records: Record | Sequence[Record], order: OrderRule, settings: Settings) -> SubspaceResult:
+def subspace(records: Records, order: OrderRule, settings: SubspaceSettings) -> SubspaceResult:
     """The linear model of all records together.
 
     Args:
@@ -94,7 +91,7 @@ def subspace(records: Record | Sequence[Record], order: OrderRule, settings: Set
 
 
 @single_threaded
-def scan(records: Record | Sequence[Record], orders: Iterable[int], settings: Settings) -> tuple[SubspaceResult, ...]:
+def scan(records: Records, orders: Iterable[int], settings: SubspaceSettings) -> tuple[SubspaceResult, ...]:
     """A model of each order, all from one decomposition."""
     space = range_space(records, settings)
     return tuple(realise(space, order) for order in orders)
@@ -140,7 +137,7 @@ def realise(space: RangeSpace, order: int, why: str = "") -> SubspaceResult:
 
 
 @single_threaded
-def simulated(model: LinearModel, records: Sequence[Record], horizon: int | None = None) -> list[FloatArray]:
+def simulated(model: LinearModel, records: Sequence[InputOutputData], horizon: int | None = None) -> list[FloatArray]:
     """(K, p) free runs of a model along records it was not fitted to, each from its own least-squares initial state.
 
     Args:
@@ -160,7 +157,7 @@ class _Fitted:
     a: FloatArray
     fit: InputFit
     gain: FloatArray | None
-    moves: tuple[Move, ...]
+    moves: tuple[PoleMove, ...]
 
 
 def _by_simulation(space: RangeSpace, a: FloatArray, c: FloatArray) -> _Fitted:
@@ -228,7 +225,7 @@ def _best(space: RangeSpace, rule: Best) -> SubspaceResult:
     return replace(results[chosen], why=why)
 
 
-def _judged(result: SubspaceResult, validation: Sequence[Record]) -> float:
+def _judged(result: SubspaceResult, validation: Sequence[InputOutputData]) -> float:
     """Mean delta, inf where a run overflows."""
     if not validation:
         return result.mean_delta
@@ -242,7 +239,9 @@ def _mean(deltas: FloatArray) -> float:
     return float(known.mean()) if len(known) else np.nan
 
 
-def _errors(model: LinearModel, records: Sequence[Record], starts: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _errors(
+    model: LinearModel, records: Sequence[InputOutputData], starts: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """(R, p) rms and delta of the free runs."""
     runs = [model.simulate(each.u, start) for each, start in zip(records, starts, strict=True)]
     pairs = [(each.y, run) for each, run in zip(records, runs, strict=True)]

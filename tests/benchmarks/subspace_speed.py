@@ -19,8 +19,8 @@ import numpy as np
 
 from identification.estimation.validation import delta
 from identification.linear.model import LinearModel
-from identification.linear.records import Record
-from identification.subspace.range_space import Settings, Weighting
+from identification.linear.records import InputOutputData
+from identification.subspace.range_space import SubspaceSettings, Weighting
 from identification.subspace.subspace import subspace
 
 from .figure import Figure, report
@@ -73,21 +73,21 @@ def lightly_damped(modes: int) -> LinearModel:
     )
 
 
-def excited(system: LinearModel, samples: int, rng: np.random.Generator, noise: float = 0.05) -> Record:
+def excited(system: LinearModel, samples: int, rng: np.random.Generator, noise: float = 0.05) -> InputOutputData:
     """A record under white excitation; `noise` is relative to each output's standard deviation."""
     u = rng.standard_normal((samples, 1))
     y = system.simulate(u)
-    return Record(u, y + noise * y.std(axis=0) * rng.standard_normal(y.shape), STEP)
+    return InputOutputData(u, y + noise * y.std(axis=0) * rng.standard_normal(y.shape), STEP)
 
 
-def error(model: LinearModel, unseen: Record) -> float:
+def error(model: LinearModel, unseen: InputOutputData) -> float:
     """Delta-bar of the free run from rest."""
     return float(np.mean(delta(unseen.y, model.simulate(unseen.u))))
 
 
-def ours_measured(weighting: Weighting, seen: Record, unseen: Record) -> Measured:
+def ours_measured(weighting: Weighting, seen: InputOutputData, unseen: InputOutputData) -> Measured:
     """Time of all that `subspace` does."""
-    settings, taken = Settings(BLOCK, weighting), []
+    settings, taken = SubspaceSettings(BLOCK, weighting), []
     for _ in range(REPEATS):
         begun = perf_counter()
         result = subspace(seen, ORDER, settings)
@@ -95,7 +95,7 @@ def ours_measured(weighting: Weighting, seen: Record, unseen: Record) -> Measure
     return Measured(min(taken), error(result.model, unseen))
 
 
-def against(tool: str, ours: Measured, seen: Record, unseen: Record) -> list[Figure]:
+def against(tool: str, ours: Measured, seen: InputOutputData, unseen: InputOutputData) -> list[Figure]:
     """Another tool beside our method with the same weights; one line with the reason where it does not run."""
     try:
         theirs = peer_measured(tool, seen, unseen)
@@ -116,7 +116,7 @@ def against(tool: str, ours: Measured, seen: Record, unseen: Record) -> list[Fig
     ]
 
 
-def peer_measured(tool: str, seen: Record, unseen: Record) -> Measured:
+def peer_measured(tool: str, seen: InputOutputData, unseen: InputOutputData) -> Measured:
     """The tool's times and error."""
     with tempfile.TemporaryDirectory() as folder:
         source, target = Path(folder) / "data.npz", Path(folder) / "model.npz"
@@ -158,7 +158,7 @@ def print_long_record(weighting: Weighting) -> None:
 
     record = excited(lightly_damped(ORDER // 2), LONG, np.random.default_rng(2))
     begun, busy = perf_counter(), process_time()
-    subspace(record, ORDER, Settings(BLOCK, weighting))
+    subspace(record, ORDER, SubspaceSettings(BLOCK, weighting))
     print(perf_counter() - begun, process_time() - busy, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
 
 

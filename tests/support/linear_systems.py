@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from identification.linear.model import ComplexArray, LinearModel
-from identification.linear.records import Record
-from orchestrator.trace import FloatArray
+from identification.linear.model import LinearModel
+from identification.linear.records import InputOutputData
+from orchestrator.trace import ComplexArray, FloatArray
 
 STEP = 0.01
 
@@ -48,12 +48,14 @@ def random_system(seed: int, pairs: int = 2, real: int = 1, inputs: int = 1, out
     return system([*paired, *reals], inputs, outputs, seed)
 
 
-def record_of(model: LinearModel, samples: int, seed: int = 0, noise: float = 0.0, settled: bool = False) -> Record:
+def record_of(
+    model: LinearModel, samples: int, seed: int = 0, noise: float = 0.0, settled: bool = False
+) -> InputOutputData:
     """White excitation and white noise, relative to each output; from a random state unless `settled`."""
     rng = np.random.default_rng(1000 + seed)
     u = rng.standard_normal((samples, len(model.inputs)))
     y = model.simulate(u, None if settled else rng.standard_normal(model.order))
-    return Record(
+    return InputOutputData(
         u,
         y + noise * y.std(axis=0) * rng.standard_normal(y.shape),
         model.step,

@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from identification.linear.hankel import Rows, factor, gram_matrix
+from identification.linear.hankel import HankelRows, factor, gram_matrix
 
-GROUPS = (Rows((0,), 3, 4), Rows((1, 2), 0, 3), Rows((2,), 3, 5))
+GROUPS = (HankelRows((0,), 3, 4), HankelRows((1, 2), 0, 3), HankelRows((2,), 3, 5))
 
 
-def written_out(signals: list[np.ndarray], groups: tuple[Rows, ...]) -> np.ndarray:
+def written_out(signals: list[np.ndarray], groups: tuple[HankelRows, ...]) -> np.ndarray:
     """(r, d) the matrix, all records side by side."""
     depth = max(group.first + group.lags for group in groups)
     rows = [(group.first + lag, channel) for group in groups for lag in range(group.lags) for channel in group.channels]
@@ -41,7 +41,7 @@ def test_the_factor_has_the_inner_products_of_the_matrix(compression: str) -> No
 @settings(max_examples=30)
 def test_the_correlation_recursion_is_the_gram_matrix(depth: int, more: int) -> None:
     (z,) = noise(depth + more)
-    h = written_out([z], (Rows((0, 1, 2), 0, depth),))
+    h = written_out([z], (HankelRows((0, 1, 2), 0, depth),))
     assert gram_matrix(z, depth) == pytest.approx(h @ h.T, rel=1e-9, abs=1e-6)
 
 
@@ -63,9 +63,11 @@ def test_condition_is_free_of_units() -> None:
 def test_the_gram_matrix_is_left_where_it_would_cost_the_smallest_direction(size: float, expected: str) -> None:
     (z,) = noise(400)
     z[:, 2] = z[:, 0] + size * z[:, 2] / 1e-3
-    found = factor([z], (Rows((0, 2), 0, 5),))
+    found = factor([z], (HankelRows((0, 2), 0, 5),))
     assert found.compression == expected
-    exact = np.linalg.svd(written_out([z / np.sqrt(np.mean(z**2, axis=0))], (Rows((0, 2), 0, 5),)), compute_uv=False)
+    exact = np.linalg.svd(
+        written_out([z / np.sqrt(np.mean(z**2, axis=0))], (HankelRows((0, 2), 0, 5),)), compute_uv=False
+    )
     if size:
         assert found.condition == pytest.approx(exact[0] / exact[-1], rel=1e-6)
 

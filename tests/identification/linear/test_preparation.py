@@ -9,16 +9,16 @@ from hypothesis import strategies as st
 
 from fmus.errors import IdentificationError
 from identification.linear.preparation import Preparation, prepared, without_compensation
-from identification.linear.records import Record
+from identification.linear.records import InputOutputData
 from tests.support.linear_fits import STEP, eigenvalue, model_of, white
 
 PLAIN = Preparation(cutoff=None, scaled=False)
 
 
-def biased() -> Record:
+def biased() -> InputOutputData:
     model = model_of([eigenvalue(9, 0.03), eigenvalue(0.8, 0.4)], outputs=3)
     u = white(1500)
-    return Record(u, model.simulate(u) + np.array([5.0, -3.0, 2.0]), STEP)
+    return InputOutputData(u, model.simulate(u) + np.array([5.0, -3.0, 2.0]), STEP)
 
 
 def test_outputs_start_at_zero_and_strains_have_no_mean() -> None:
@@ -48,7 +48,9 @@ def test_records_are_scaled_alike() -> None:
 def test_filtering_both_sides_leaves_the_model_between_them_unchanged(causal: bool) -> None:
     model = model_of([eigenvalue(9, 0.03)], outputs=1)
     u = white(3000)
-    (record,) = prepared([Record(u, model.simulate(u), STEP)], Preparation(causal=causal, scaled=False)).records
+    (record,) = prepared(
+        [InputOutputData(u, model.simulate(u), STEP)], Preparation(causal=causal, scaled=False)
+    ).records
     error = record.y - record.y[0] - (model.simulate(record.u) - model.simulate(record.u)[0])
     inner = error[300:-300] - error[300:-300].mean()
     assert np.sqrt(np.mean(inner**2)) < 0.01 * record.y.std()
@@ -56,14 +58,16 @@ def test_filtering_both_sides_leaves_the_model_between_them_unchanged(causal: bo
 
 def test_filtering_only_the_outputs_as_published_adds_the_filters_lag() -> None:
     u = np.sin(2 * np.pi * 10 * np.arange(3000) * STEP)[:, None]
-    (both,) = prepared([Record(u, u, STEP)], Preparation(causal=True, scaled=False)).records
-    (outputs,) = prepared([Record(u, u, STEP)], Preparation(causal=True, filter_input=False, scaled=False)).records
+    (both,) = prepared([InputOutputData(u, u, STEP)], Preparation(causal=True, scaled=False)).records
+    (outputs,) = prepared(
+        [InputOutputData(u, u, STEP)], Preparation(causal=True, filter_input=False, scaled=False)
+    ).records
     assert both.y == pytest.approx(both.u)
     assert np.abs(outputs.y - outputs.u)[300:].max() > 0.2
 
 
 def test_an_output_that_stays_zero_cannot_be_scaled() -> None:
-    flat = Record(white(100), np.ones((100, 1)), STEP)
+    flat = InputOutputData(white(100), np.ones((100, 1)), STEP)
     with pytest.raises(IdentificationError, match="output 0: is 0 throughout"):
         prepared([flat], Preparation(cutoff=None))
 

@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fmus.errors import IdentificationError, TraceError
-from identification.linear.records import Record, record, without_gaps
+from identification.linear.records import InputOutputData, record, without_gaps
 from orchestrator.trace import Trace
 
 
-def ramp(samples: int, step: float = 0.01, name: str = "ramp") -> Record:
-    return Record(np.arange(float(samples)), np.arange(2.0 * samples).reshape(-1, 2), step, name=name)
+def ramp(samples: int, step: float = 0.01, name: str = "ramp") -> InputOutputData:
+    return InputOutputData(np.arange(float(samples)), np.arange(2.0 * samples).reshape(-1, 2), step, name=name)
 
 
 def test_columns_get_names_and_one_dimension_is_one_column() -> None:
@@ -35,7 +35,7 @@ def test_columns_get_names_and_one_dimension_is_one_column() -> None:
 def test_sizes_and_steps_that_make_no_sense_are_refused(change: dict[str, object]) -> None:
     given: dict[str, object] = {"u": np.zeros(10), "y": np.zeros((10, 2)), "step": 0.01} | change
     with pytest.raises(IdentificationError):
-        Record(**given)  # type: ignore[arg-type]
+        InputOutputData(**given)  # type: ignore[arg-type]
 
 
 def test_a_record_is_split_where_a_sample_is_missing_and_short_pieces_are_counted() -> None:
@@ -64,7 +64,7 @@ def test_records_of_different_steps_are_refused_with_both() -> None:
 
 
 def test_records_of_different_columns_are_refused() -> None:
-    other = Record(np.zeros(50), np.zeros((50, 2)), 0.01, ("torque",))
+    other = InputOutputData(np.zeros(50), np.zeros((50, 2)), 0.01, ("torque",))
     with pytest.raises(IdentificationError, match="torque"):
         without_gaps([ramp(50), other], 5)
 

@@ -12,19 +12,19 @@ from hypothesis import strategies as st
 from fmus.errors import IdentificationError
 from identification.linear.model import LinearModel
 from identification.linear.modes import modes
-from identification.linear.records import Record
+from identification.linear.records import InputOutputData
 from identification.linear.updating import reduced, updated_input, updated_output
 from tests.support.linear_fits import STEP, eigenvalue, model_of, white
 
 FULL = model_of([eigenvalue(46, 0.03), eigenvalue(23, 0.04), eigenvalue(9, 0.03), 0.97, 0.99], inputs=2)
 
 
-def records(model: LinearModel, *seeds: int) -> list[Record]:
+def records(model: LinearModel, *seeds: int) -> list[InputOutputData]:
     inputs = [white(400, len(model.inputs), seed) for seed in seeds]
-    return [Record(u, model.simulate(u), STEP, model.inputs, model.outputs) for u in inputs]
+    return [InputOutputData(u, model.simulate(u), STEP, model.inputs, model.outputs) for u in inputs]
 
 
-def error(model: LinearModel, given: list[Record]) -> float:
+def error(model: LinearModel, given: list[InputOutputData]) -> float:
     return float(np.sqrt(sum(np.sum((each.y - model.simulate(each.u)) ** 2) for each in given)))
 
 
@@ -63,7 +63,7 @@ def test_input_matrix_is_that_of_plain_least_squares() -> None:
 
 
 def test_states_that_do_not_move_are_refused() -> None:
-    still = [Record(np.zeros((50, 2)), np.ones((50, 3)), STEP, FULL.inputs, FULL.outputs)]
+    still = [InputOutputData(np.zeros((50, 2)), np.ones((50, 3)), STEP, FULL.inputs, FULL.outputs)]
     with pytest.raises(IdentificationError, match="0 of 8 states"):
         updated_output(FULL, still)
     with pytest.raises(IdentificationError, match="no mode is kept"):

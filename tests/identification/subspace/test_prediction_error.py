@@ -14,17 +14,17 @@ from fmus.errors import IdentificationError
 from identification.linear.local_coordinates import balanced_basis, local_directions
 from identification.linear.model import LinearModel
 from identification.linear.poles import Poles
-from identification.linear.records import Record
+from identification.linear.records import InputOutputData
 from identification.subspace.prediction_error import Error, Refined, Refinement, refine, uncertainty
-from identification.subspace.range_space import Settings
+from identification.subspace.range_space import SubspaceSettings
 from identification.subspace.subspace import subspace
 from tests.support.linear_systems import STEP, distance, random_system, record_of, system
 
 FREE = np.ones((2, 1), dtype=bool)
 
 
-def start(records: list[Record], order: int, **changes: object) -> LinearModel:
-    return subspace(records, order, replace(Settings(8, "moesp"), **changes)).model  # type: ignore[arg-type]
+def start(records: list[InputOutputData], order: int, **changes: object) -> LinearModel:
+    return subspace(records, order, replace(SubspaceSettings(8, "moesp"), **changes)).model  # type: ignore[arg-type]
 
 
 @given(st.integers(0, 1000))
@@ -108,7 +108,7 @@ def test_refinement_beats_the_subspace_estimate_it_started_from_on_average() -> 
     true, gains = random_system(4), []
     for seed in range(8):
         record = record_of(true, 500, seed, noise=0.3)
-        model = subspace(record, 5, Settings(8)).model
+        model = subspace(record, 5, SubspaceSettings(8)).model
         gains.append(distance(refine(model, record, Refinement()).model, true) / distance(model, true))
     assert np.exp(np.mean(np.log(gains))) < 0.9
 
@@ -162,7 +162,7 @@ class TestInnovations:
     )
     GAIN = np.array([[0.6], [-0.4]])
 
-    def record(self, samples: int, seed: int) -> Record:
+    def record(self, samples: int, seed: int) -> InputOutputData:
         rng = np.random.default_rng(seed)
         aim, e = 0.5 * rng.standard_normal(samples), rng.standard_normal(samples)
         u, y, x = np.zeros((samples, 1)), np.zeros((samples, 1)), np.zeros(2)
@@ -170,11 +170,11 @@ class TestInnovations:
             y[k] = self.TRUE.c @ x + e[k]
             u[k] = aim[k] - 0.4 * y[k]
             x = self.TRUE.a @ x + self.TRUE.b @ u[k] + self.GAIN[:, 0] * e[k]
-        return Record(u, y, STEP)
+        return InputOutputData(u, y, STEP)
 
     def refined(self, error: Error) -> Refined:
         record = self.record(20_000, 1)
-        begun = subspace(record, 2, Settings(10, feedthrough=False, closed_loop=True))
+        begun = subspace(record, 2, SubspaceSettings(10, feedthrough=False, closed_loop=True))
         return refine(begun.model, record, Refinement(error, feedthrough=False), begun.gain)
 
     def test_innovations_are_right_where_the_free_run_s_error_misleads(self) -> None:
@@ -188,7 +188,7 @@ class TestInnovations:
 
     def test_innovations_may_start_without_a_gain(self) -> None:
         record = self.record(4000, 2)
-        begun = subspace(record, 2, Settings(10, feedthrough=False, closed_loop=True))
+        begun = subspace(record, 2, SubspaceSettings(10, feedthrough=False, closed_loop=True))
         given_gain = refine(begun.model, record, Refinement("innovations", feedthrough=False), begun.gain)
         without = refine(begun.model, record, Refinement("innovations", feedthrough=False))
         assert without.cost == pytest.approx(given_gain.cost, rel=1e-4)
