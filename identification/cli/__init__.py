@@ -6,11 +6,16 @@ Commands import what they need when they run, so that --help stays fast.
 from __future__ import annotations
 
 import gc
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from identification.cli import studies
-from orchestrator.cli import bridge, can, scenarios, traces
+from orchestrator.cli import bridge, can, scenarios, tables, traces
+
+if TYPE_CHECKING:
+    from orchestrator.formats import Layout
 
 __all__ = ["app", "main"]
 
@@ -25,6 +30,22 @@ app.add_typer(studies.app)
 app.add_typer(traces.app, name="trace")
 app.add_typer(can.app, name="can")
 can.app.add_typer(bridge.app)
+
+
+def _judge_claims(study: Path, out: Path) -> dict[str, Any]:
+    from identification.calibrate import judge_claims
+
+    return judge_claims(study, out)
+
+
+def _layout_of(study: Path) -> Layout:
+    from identification.calibrate import layout_of
+
+    return layout_of(study)
+
+
+tables.JUDGES["claims"] = _judge_claims
+tables.LAYOUTS["method"] = _layout_of
 
 
 def main() -> None:

@@ -9,63 +9,51 @@ import typer
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from orchestrator.cli.terminal import Answer, Json, Out, Quiet, Terminal, Verbose, answered
+from orchestrator.cli.terminal import Answer, Out, Terminal, command
 
 app = typer.Typer()
 
 Data = Annotated[Path | None, typer.Option("--data", help="Folder (or file) of recordings.")]
 
 
-@app.command()
+@command(app)
 def calibrate(
+    terminal: Terminal,
     study: Annotated[Path, typer.Argument(help="A study file.")],
     data: Data = None,
     out: Out = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
-) -> None:
+) -> Answer:
     """Traces to calibrated FMUs, parameters.ssv, summary.json and report.html.
 
     Exit code 1 when a claim does not come out as the study states.
     """
+    from identification.calibrate import calibrate_study
 
-    def work(terminal: Terminal) -> Answer:
-        from identification.calibrate import calibrate_study
-
-        folder = out or Path("out") / study.stem
-        with terminal.bar(study.stem) as move:
-            document = calibrate_study(study, data, folder, move)
-        shows = next((each for key, each in _RESULTS.items() if key in document), _parameters)
-        shown: list[Table | str] = [shows(document), *_fits(document), *_warnings(document)]
-        fmus = f"FMUs in {folder / 'fmus'}, " if (folder / "fmus").is_dir() else ""
-        shown.append(f"{fmus}report in {folder / 'report.html'}")
-        return Answer(document, shown, document.get("as_stated", True))
-
-    answered(work, as_json, quiet, verbose)
+    folder = out or Path("out") / study.stem
+    with terminal.bar(study.stem) as move:
+        document = calibrate_study(study, data, folder, move)
+    shows = next((show for key, show in _RESULTS.items() if key in document), _parameters)
+    fmus = f"FMUs in {folder / 'fmus'}, " if (folder / "fmus").is_dir() else ""
+    shown: list[Table | str] = [shows(document), *_fits(document), *_warnings(document)]
+    shown.append(f"{fmus}report in {folder / 'report.html'}")
+    return Answer(document, shown, document.get("as_stated", True))
 
 
-@app.command()
+@command(app)
 def validate(
+    terminal: Terminal,
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that `calibrate` wrote.")],
     data: Annotated[Path, typer.Option("--data", help="Folder (or file) of other recordings.")],
     out: Out = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
-) -> None:
+) -> Answer:
     """Judge a calibrated result on other traces; exit code 1 when it misses the study's target."""
+    from identification.calibrate import validate_result
 
-    def work(terminal: Terminal) -> Answer:
-        from identification.calibrate import validate_result
-
-        target = out or folder / "validation"
-        with terminal.bar("validating") as move:
-            document = validate_result(folder, data, target, move)
-        shown = [*_fits(document), *_warnings(document), f"report in {target / 'report.html'}"]
-        return Answer(document, shown, document["held"])
-
-    answered(work, as_json, quiet, verbose)
+    target = out or folder / "validation"
+    with terminal.bar("validating") as move:
+        document = validate_result(folder, data, target, move)
+    shown = [*_fits(document), *_warnings(document), f"report in {target / 'report.html'}"]
+    return Answer(document, shown, document["held"])
 
 
 def _parameters(document: dict[str, Any]) -> Table:
@@ -93,8 +81,8 @@ def _models(document: dict[str, Any]) -> Table:
     sides = {"fitted": "train", "unseen": "validation"}
     table = Table("model", "order", *(f"{output}, {side}" for side in sides for output in outputs), title="median FIT")
     for name, model in document["models"].items():
-        judged = [model["fit"][group] for group in sides.values()]
-        values = [_figure(each["outputs"][output] if each else None) for each in judged for output in outputs]
+        fits = [model["fit"][group] for group in sides.values()]
+        values = [_figure(fit["outputs"][output] if fit else None) for fit in fits for output in outputs]
         table.add_row(name, str(model["order"]), *values)
     return table
 
@@ -102,7 +90,7 @@ def _models(document: dict[str, Any]) -> Table:
 def _claims(document: dict[str, Any]) -> Table:
     table = Table("claim", "outcome", "comparisons", title=document["title"])
     for claim in document["claims"]:
-        held = sum(each["held"] for each in claim["comparisons"])
+        held = sum(comparison["held"] for comparison in claim["comparisons"])
         table.add_row(claim["statement"], claim["outcome"], f"{held} of {len(claim['comparisons'])}")
     return table
 
@@ -114,7 +102,7 @@ def _fits(document: dict[str, Any]) -> list[str]:
     lines = []
     for group, judged in document["fit"].items():
         if group == "compared":
-            lines += [f"median FIT of {name}: {_figure(each['median'])}" for name, each in judged.items()]
+            lines += [f"median FIT of {name}: {_figure(other['median'])}" for name, other in judged.items()]
         elif judged is not None:
             lines.append(f"median FIT, {group}: {_figure(judged['median'])} ({len(judged['traces'])} traces)")
             outputs = judged.get("outputs", {})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,7 +11,7 @@ import typer
 from rich.table import Table
 
 from fmus.errors import InputError
-from orchestrator.cli.terminal import ERR, Answer, Json, Quiet, Terminal, Verbose, answered
+from orchestrator.cli.terminal import Answer, Terminal, command
 
 if TYPE_CHECKING:
     from orchestrator.can.live.bus import BusSettings
@@ -19,143 +20,115 @@ app = typer.Typer(no_args_is_help=True, help="Record a CAN bus, play back onto i
 
 Interface = Annotated[str, typer.Option("--interface", help="python-can's name: socketcan, pcan, kvaser, slcan, ...")]
 Channel = Annotated[str, typer.Option("--channel", help="What the interface calls the bus: can0, a serial port, ...")]
-Bitrate = Annotated[
-    int | None, typer.Option("--bitrate", min=1, metavar="BIT/S", help="As the adapter is set by default.")
-]
-Fd = Annotated[bool, typer.Option("--fd", help="The bus has CAN FD frames.")]
-DataBitrate = Annotated[
-    int | None, typer.Option("--data-bitrate", min=1, metavar="BIT/S", help="Of CAN FD frames that switch.")
-]
-Options = Annotated[
-    list[str] | None, typer.Option("--option", metavar="NAME=VALUE", help="For this interface only; repeatable.")
-]
 Dbc = Annotated[Path | None, typer.Option("--dbc", help="Database of the bus: DBC, ARXML, KCD or SYM.")]
 
 
-@app.command()
+@dataclass(frozen=True)
+class Adapter:
+    """How the adapter of a bus is set."""
+
+    bitrate: Annotated[
+        int | None, typer.Option("--bitrate", min=1, metavar="BIT/S", help="As the adapter is set by default.")
+    ] = None
+    fd: Annotated[bool, typer.Option("--fd", help="The bus has CAN FD frames.")] = False
+    data_bitrate: Annotated[
+        int | None, typer.Option("--data-bitrate", min=1, metavar="BIT/S", help="Of CAN FD frames that switch.")
+    ] = None
+    option: Annotated[
+        list[str] | None, typer.Option("--option", metavar="NAME=VALUE", help="For this interface only; repeatable.")
+    ] = None
+
+    def bus(self, interface: str, channel: str) -> BusSettings:
+        """The bus behind it."""
+        from orchestrator.can.live.bus import BusSettings, parse_option
+
+        options = dict(map(parse_option, self.option or []))
+        return BusSettings(interface, channel, self.bitrate, self.fd, self.data_bitrate, options)
+
+
+@command(app)
 def record(
+    terminal: Terminal,
     interface: Interface,
     channel: Channel,
-    bitrate: Bitrate = None,
-    fd: Fd = False,
-    data_bitrate: DataBitrate = None,
-    option: Options = None,
+    adapter: Adapter,
     dbc: Dbc = None,
     out: Annotated[Path | None, typer.Option("--out", help="Folder of the recording; a new one by default.")] = None,
     duration: Annotated[float | None, typer.Option(min=0.0, metavar="SECONDS", help="Until Ctrl-C by default.")] = None,
     rotate_size: Annotated[float | None, typer.Option(min=0.0, metavar="MB", help="New files at this size.")] = None,
     rotate_after: Annotated[float | None, typer.Option(min=0.0, metavar="SECONDS", help="... at this age.")] = None,
     format_: Annotated[str, typer.Option("--format", help="blf, asc or log.")] = "blf",
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
-) -> None:
+) -> Answer:
     """Write all frames of a bus to log files, with a manifest; Ctrl-C or SIGTERM ends it."""
+    from orchestrator.can.live.recorder import Recording, Status
+    from orchestrator.can.live.recorder import record as record_bus
 
-    def work(terminal: Terminal) -> Answer:
-        from orchestrator.can.live.recorder import Recording, Status
-        from orchestrator.can.live.recorder import record as record_bus
+    folder = out or Path("out") / f"recording_{datetime.now():%Y-%m-%d_%H%M%S}"
+    bus = adapter.bus(interface, channel)
+    size = None if rotate_size is None else rotate_size * 1e6
+    recording = Recording(bus, folder, dbc, duration, size, rotate_after, f".{format_.lower()}")
+    with terminal.bar(bus.place) as move:
 
-        folder = out or Path("out") / f"recording_{datetime.now():%Y-%m-%d_%H%M%S}"
-        bus = bus_settings(interface, channel, bitrate, fd, data_bitrate, option)
-        size = None if rotate_size is None else rotate_size * 1e6
-        recording = Recording(bus, folder, dbc, duration, size, rotate_after, f".{format_.lower()}")
-        with terminal.bar(bus.place) as move:
+        def show(status: Status) -> None:
+            move(min(status.elapsed / duration, 1.0) if duration else 0.0, _line(status))
 
-            def show(status: Status) -> None:
-                move(min(status.elapsed / duration, 1.0) if duration else 0.0, _line(status))
-
-            def ready() -> None:
-                if not terminal.quiet:
-                    ERR.print(f"recording {bus.place}", soft_wrap=True)
-
-            document = record_bus(recording, show, ready)
-        return Answer(document, [_counts(document), *document["remarks"], f"recorded into {folder}"])
-
-    answered(work, as_json, quiet, verbose)
+        document = record_bus(recording, show, lambda: terminal.say(f"recording {bus.place}"))
+    return Answer(document, [_counts(document), *document["remarks"], f"recorded into {folder}"])
 
 
-@app.command()
+@command(app)
 def replay(
+    terminal: Terminal,
     log: Annotated[Path, typer.Argument(help="A log file of frames.")],
     interface: Interface,
     channel: Channel,
-    bitrate: Bitrate = None,
-    fd: Fd = False,
-    data_bitrate: DataBitrate = None,
-    option: Options = None,
+    adapter: Adapter,
     speed: Annotated[float, typer.Option(metavar="FACTOR", help="How many times faster than recorded.")] = 1.0,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
-) -> None:
+) -> Answer:
     """Send the frames of a log with their original timing."""
+    from orchestrator.can.live.replay import replay as replay_log
 
-    def work(terminal: Terminal) -> Answer:
-        from orchestrator.can.live.replay import replay as replay_log
-
-        bus = bus_settings(interface, channel, bitrate, fd, data_bitrate, option)
-        with terminal.bar(log.name) as move:
-            done = replay_log(bus, log, speed, lambda share, sent: move(share, f"{sent:,} frames"))
-        document = {"log": str(log), "speed": speed} | done.document()
-        stopped = f"interrupted after {done.sent:,} frames" if done.stopped else ""
-        return Answer(document, [*_replayed(document), *done.damage], interrupted=stopped)
-
-    answered(work, as_json, quiet, verbose)
+    bus = adapter.bus(interface, channel)
+    with terminal.bar(log.name) as move:
+        done = replay_log(bus, log, speed, lambda share, sent: move(share, f"{sent:,} frames"))
+    document = {"log": str(log), "speed": speed} | done.document()
+    stopped = f"interrupted after {done.sent:,} frames" if done.stopped else ""
+    return Answer(document, [*_replayed(document), *done.damage], interrupted=stopped)
 
 
-@app.command()
+@command(app)
 def database(
+    terminal: Terminal,
     scenario: Annotated[Path, typer.Argument(help="A scenario file.")],
     out: Annotated[Path, typer.Option("--out", metavar="FILE.dbc", help="The database to write.")],
     every: Annotated[
         float | None, typer.Option(metavar="SECONDS", help="Period of all messages; by default the components' steps.")
     ] = None,
-    fd: Fd = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
-) -> None:
+    fd: Annotated[bool, typer.Option("--fd", help="The bus has CAN FD frames.")] = False,
+) -> Answer:
     """Lay out CAN messages for a scenario's recorded outputs and driven inputs, and write them as a DBC."""
+    from orchestrator.bridge.declared_signals import declared
+    from orchestrator.can.database.database import load
+    from orchestrator.can.database.writing import generate
 
-    def work(terminal: Terminal) -> Answer:
-        from orchestrator.bridge.declared_signals import declared
-        from orchestrator.can.database.database import load
-        from orchestrator.can.database.writing import generate
-
-        if out.suffix.lower() != ".dbc":
-            raise InputError(out, "is no DBC by its name", "give a name that ends in .dbc")
-        if out.exists():
-            raise InputError(out, "is there already", "give another --out, or remove it")
-        signals = declared(scenario, every)
-        out.parent.mkdir(parents=True, exist_ok=True)
-        generate(signals, out, fd)
-        messages = load(out).messages
-        table = Table("message", "identifier", "bytes", "period [s]", "signals")
-        for each in messages:
-            names = ", ".join(signal.name for signal in each.signals)
-            table.add_row(each.name, f"{each.id:03X}", str(each.length), f"{each.cycle:g}", names)
-        document = {
-            each.name: {
-                "identifier": each.id,
-                "length": each.length,
-                "period": each.cycle,
-                "signals": [signal.name for signal in each.signals],
-            }
-            for each in messages
+    if out.suffix.lower() != ".dbc":
+        raise InputError(out, "is no DBC by its name", "give a name that ends in .dbc")
+    if out.exists():
+        raise InputError(out, "is there already", "give another --out, or remove it")
+    signals = declared(scenario, every)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    generate(signals, out, fd)
+    table, messages = Table("message", "identifier", "bytes", "period [s]", "signals"), {}
+    for message in load(out).messages:
+        names = [signal.name for signal in message.signals]
+        table.add_row(message.name, f"{message.id:03X}", str(message.length), f"{message.cycle:g}", ", ".join(names))
+        messages[message.name] = {
+            "identifier": message.id,
+            "length": message.length,
+            "period": message.cycle,
+            "signals": names,
         }
-        return Answer({"database": str(out), "messages": document}, [table, f"written to {out}"])
-
-    answered(work, as_json, quiet, verbose)
-
-
-def bus_settings(
-    interface: str, channel: str, bitrate: int | None, fd: bool, data_bitrate: int | None, options: list[str] | None
-) -> BusSettings:
-    """The bus that the options of a command name."""
-    from orchestrator.can.live.bus import BusSettings, parse_option
-
-    return BusSettings(interface, channel, bitrate, fd, data_bitrate, dict(map(parse_option, options or [])))
+    return Answer({"database": str(out), "messages": messages}, [table, f"written to {out}"])
 
 
 def _line(status: Any) -> str:

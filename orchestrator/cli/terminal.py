@@ -7,27 +7,26 @@ import logging
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
+from functools import partial
+from inspect import Parameter, Signature, signature
+from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, Any, NoReturn, TypeVar, get_type_hints
 
 import typer
 from rich.console import Console
-from rich.logging import RichHandler
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from fmus.errors import InputError, ServotwinError
 from orchestrator.cli.stdout import stdout_kept
 from orchestrator.interrupts import Interrupts
+from orchestrator.progress import Progress, silent
 
 WIDE = 120  # columns of output that goes to no terminal
 OUT = Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else WIDE)
 ERR = Console(stderr=True, highlight=False, markup=False)
 
-Json = Annotated[bool, typer.Option("--json", help="One JSON document on stdout.")]
-Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors.")]
-Verbose = Annotated[int, typer.Option("-v", "--verbose", count=True, help="Say more; -vv shows tracebacks.")]
 Out = Annotated[Path | None, typer.Option("--out", help="Folder for the results.")]
 
 
@@ -45,62 +44,111 @@ class Answer:
     interrupted: str = ""
 
 
-@dataclass
+@dataclass(frozen=True)
 class Terminal:
-    """How to talk: chosen by --json, -q and -v."""
+    """How a command talks: the options that all have."""
 
-    json: bool = False
-    quiet: bool = False
-    verbose: int = 0
+    json: Annotated[bool, typer.Option("--json", help="One JSON document on stdout.")] = False
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors.")] = False
+    verbose: Annotated[int, typer.Option("-v", "--verbose", count=True, help="Say more; -vv shows tracebacks.")] = 0
+
+    def say(self, line: str) -> None:
+        """Tell people something while the work goes on."""
+        if not self.quiet:
+            ERR.print(line, soft_wrap=True)
 
     @contextmanager
-    def bar(self, label: str) -> Iterator[Callable[[float, str], None]]:
-        """A progress bar on a terminal: the function that is given moves it to a fraction, with a remark."""
+    def bar(self, label: str) -> Iterator[Progress]:
+        """A progress bar on a terminal, moved by the function that is given."""
+        if self.quiet or self.json or not ERR.is_terminal:
+            yield silent
+            return
+        from rich import progress
+
         columns = (
-            TextColumn("{task.description}", markup=False),
-            BarColumn(),
-            TextColumn("{task.fields[remark]}", markup=False),
-            TimeElapsedColumn(),
+            progress.TextColumn("{task.description}", markup=False),
+            progress.BarColumn(),
+            progress.TextColumn("{task.fields[doing]}", markup=False),
+            progress.TimeElapsedColumn(),
         )
-        hidden = self.quiet or self.json or not ERR.is_terminal
-        with Progress(*columns, console=ERR, transient=True, disable=hidden) as progress:
-            task = progress.add_task(label, total=1.0, remark="")
-
-            def move(fraction: float, remark: str) -> None:
-                progress.update(task, completed=fraction, remark=remark)
-
-            yield move
+        with progress.Progress(*columns, console=ERR, transient=True) as shown:
+            task = shown.add_task(label, total=1.0, doing="")
+            yield lambda fraction, doing: shown.update(task, completed=fraction, doing=doing)
 
 
-def answered(work: Callable[[Terminal], Answer], as_json: bool, quiet: bool, verbose: int) -> None:
-    """Do the work, show the answer, and leave with the exit code: 0, 1 (did not hold), 2, 3 or 130."""
-    level = logging.ERROR if quiet else (logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)]
+Work = TypeVar("Work", bound=Callable[..., Answer])
+
+
+def command(app: typer.Typer, name: str | None = None) -> Callable[[Work], Work]:
+    """Make a function that is given a terminal and options, and returns the answer, a command.
+
+    A parameter whose type is a dataclass stands for its fields, a group of options; --json, -q and -v come last. The
+    exit code is 0, 1 (did not hold), 2, 3 or 130.
+    """
+
+    def register(work: Work) -> Work:
+        terminal, *others = _evaluated(work)
+        kinds: dict[str, Any] = {parameter.name: parameter.annotation for parameter in (*others, terminal)}
+        groups = {key: kind for key, kind in kinds.items() if is_dataclass(kind)}
+        options = [_evaluated(groups[one.name]) if one.name in groups else [one] for one in (*others, terminal)]
+
+        def run(**given: Any) -> None:
+            for group, kind in groups.items():
+                given[group] = kind(**{field.name: given.pop(field.name) for field in fields(kind)})
+            _answered(partial(work, **given), given[terminal.name])
+
+        run.__signature__ = Signature(list(chain(*options)))  # type: ignore[attr-defined]
+        run.__doc__, run.__name__ = work.__doc__, work.__name__
+        app.command(name)(run)
+        return work
+
+    return register
+
+
+def _evaluated(function: Callable[..., Any]) -> list[Parameter]:
+    """The parameters of a function or dataclass, each by its keyword, with types instead of their texts."""
+    hints = get_type_hints(function, include_extras=True)
+    return [
+        parameter.replace(kind=Parameter.KEYWORD_ONLY, annotation=hints[parameter.name])
+        for parameter in signature(function).parameters.values()
+    ]
+
+
+def _answered(work: Callable[[], Answer], terminal: Terminal) -> NoReturn:
+    """Do the work, show the answer, and leave with the exit code."""
+    _log(terminal)
+    interrupts = Interrupts()
+    try:
+        with interrupts, stdout_kept():
+            answer = work()
+    except ServotwinError as error:
+        if interrupts.requested:
+            _interrupted()
+        _fail(error, terminal)
+    except KeyboardInterrupt:
+        _interrupted()
+    except OSError as error:
+        _fail(InputError(error.filename or "file", error.strerror or str(error), "check the path"), terminal)
+    if terminal.json:
+        sys.stdout.write(json.dumps(answer.document, indent=2, allow_nan=False) + "\n")
+    elif not terminal.quiet:
+        for shown in answer.shown:
+            OUT.print(shown, soft_wrap=isinstance(shown, str))
+    if answer.interrupted:
+        _interrupted(answer.interrupted)
+    raise typer.Exit(0 if answer.held else 1)
+
+
+def _log(terminal: Terminal) -> None:
+    from rich.logging import RichHandler
+
+    levels = (logging.WARNING, logging.INFO, logging.DEBUG)
     logging.basicConfig(
-        level=level,
+        level=logging.ERROR if terminal.quiet else levels[min(terminal.verbose, 2)],
         format="%(message)s",
         force=True,
         handlers=[RichHandler(console=ERR, show_time=False, show_path=False)],
     )
-    interrupts = Interrupts()
-    try:
-        with interrupts, stdout_kept():
-            answer = work(Terminal(as_json, quiet, verbose))
-    except ServotwinError as error:
-        if interrupts.requested:
-            _interrupted()
-        _fail(error, error.exit_code, verbose)
-    except KeyboardInterrupt:
-        _interrupted()
-    except OSError as error:
-        _fail(InputError(error.filename or "file", error.strerror or str(error), "check the path"), 2, verbose)
-    if as_json:
-        sys.stdout.write(json.dumps(answer.document, indent=2, allow_nan=False) + "\n")
-    elif not quiet:
-        for each in answer.shown:
-            OUT.print(each, soft_wrap=isinstance(each, str))
-    if answer.interrupted:
-        _interrupted(answer.interrupted)
-    raise typer.Exit(0 if answer.held else 1)
 
 
 def _interrupted(line: str = "interrupted") -> NoReturn:
@@ -108,11 +156,11 @@ def _interrupted(line: str = "interrupted") -> NoReturn:
     raise typer.Exit(130) from None
 
 
-def _fail(error: ServotwinError, code: int, verbose: int) -> NoReturn:
-    if verbose >= 2:
+def _fail(error: ServotwinError, terminal: Terminal) -> NoReturn:
+    if terminal.verbose >= 2:
         ERR.print_exception()
     ERR.print(f"servotwin: {error}", style="red", soft_wrap=True, markup=False)
-    raise typer.Exit(code) from None
+    raise typer.Exit(error.exit_code) from None
 
 
 def facts(document: dict[str, Any]) -> Table:
@@ -120,8 +168,8 @@ def facts(document: dict[str, Any]) -> Table:
     table = Table(show_header=False, title=str(document.get("name", "")))
     for key, value in document.items():
         if isinstance(value, list):
-            for number, each in enumerate(value):
-                cells = each.values() if isinstance(each, dict) else [each]
+            for number, entry in enumerate(value):
+                cells = entry.values() if isinstance(entry, dict) else [entry]
                 table.add_row("" if number else key, "  ".join(str(cell) for cell in cells if cell not in (None, "")))
         elif key != "name":
             table.add_row(key, str(value))

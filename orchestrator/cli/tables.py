@@ -1,0 +1,20 @@
+"""What commands here need to know of studies: tables that the package above fills when its commands are imported.
+
+Both go by a key at the top of a YAML file, which tells what the file is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from orchestrator.formats import Layout
+
+JUDGES: dict[str, Callable[[Path, Path], dict[str, Any]]] = {}
+"""Who judges such a file as a case of the suite: given the file and a folder for results, whether all came out as
+stated, and the cases. Other processes import the function by its name."""
+
+LAYOUTS: dict[str, Callable[[Path], Layout]] = {}
+"""Who knows how such a file has recordings read."""
