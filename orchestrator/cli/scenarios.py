@@ -19,8 +19,8 @@ from orchestrator.interrupts import whole
 from orchestrator.results import check_target
 
 if TYPE_CHECKING:
+    from orchestrator.fmi.interface import Value
     from orchestrator.fmi.isolation import Isolation
-    from orchestrator.fmi.slave import Value
 
 app = typer.Typer()
 

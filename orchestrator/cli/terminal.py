@@ -89,7 +89,7 @@ def command(app: typer.Typer, name: str | None = None) -> Callable[[Work], Work]
     def register(work: Work) -> Work:
         terminal, *others = _evaluated(work)
         kinds: dict[str, Any] = {parameter.name: parameter.annotation for parameter in (*others, terminal)}
-        groups = {key: kind for key, kind in kinds.items() if is_dataclass(kind)}
+        groups: dict[str, Any] = {key: kind for key, kind in kinds.items() if is_dataclass(kind)}
         options = [_evaluated(groups[one.name]) if one.name in groups else [one] for one in (*others, terminal)]
 
         def run(**given: Any) -> None:
