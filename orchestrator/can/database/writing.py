@@ -1,8 +1,8 @@
 """Writes the CAN database of a system's declared signals, for those who have none: what can be said of a layout.
 
 Signals with both bounds become whole numbers of 16 bits whose resolution is the next round one (1, 2 or 5 times a
-power of ten) that spans the bounds. Without both bounds, or where that resolution is coarser than a thousandth of the
-nominal value, a signal is a float of 32 bits. Signals of one sender and one period share messages, in the order of
+power of ten, 1e-30 at least) that spans the bounds. Without both bounds, or where that resolution is coarser than a
+thousandth of the nominal value, a signal is a float of 32 bits. Signals of one sender and one period share messages, in the order of
 their declaration, until a message is full. Faster messages have lower identifiers, which win on the bus.
 """
 
@@ -27,6 +27,7 @@ from orchestrator.can.frames import CLASSIC, LONGEST
 FIRST_ID, LAST_ID = 0x100, 0x7FF
 LONGEST_NAME = 32
 _LARGEST = 1e30  # of bounds and nominal values
+_FINEST = 1e-30  # of resolutions, far from where numbers lose digits and end in 0
 _FINE = 1000  # steps that a nominal value has at least
 _RECEIVER = "Any"
 
@@ -152,10 +153,11 @@ def _scaling(signal: Declared) -> tuple[float, float, bool] | None:
 
 
 def _round_up(value: float) -> float:
-    """The next of 1, 2 and 5 times powers of ten."""
+    """The next of 1, 2 and 5 times powers of ten, the finest resolution at least."""
+    value = max(value, _FINEST)
     power = math.floor(math.log10(value))
-    found = (float(f"{digit}e{power}") for digit in (1, 2, 5, 10))
-    return next(each for each in found if each >= value * (1 - 1e-12))
+    rounded = (float(f"{digit}e{power}") for digit in (1, 2, 5, 10))
+    return next(number for number in rounded if number >= value * (1 - 1e-12))
 
 
 def _floor(value: float, step: float) -> float:

@@ -8,7 +8,7 @@ from pathlib import Path
 import cantools
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from fmus.errors import DatabaseError
@@ -69,6 +69,9 @@ def test_reading_a_generated_database_gives_what_was_declared(declared: list[Dec
 
 @settings(max_examples=60, deadline=None)
 @given(declarations())
+@example([Declared("subnormal", minimum=-5e-324, maximum=0.0)])
+@example([Declared("subnormal", minimum=2e-310, maximum=3e-310, nominal=1.0)])
+@example([Declared("narrow", minimum=1e-20, maximum=1.0000000001e-20)])
 def test_bounds_are_sent_to_within_a_step_and_nominal_values_to_a_thousandth(declared: list[Declared]) -> None:
     base, names = read(declared), signal_names([each.name for each in declared])
     for each in (each for each in declared if each.minimum is not None and each.maximum is not None):
@@ -80,7 +83,7 @@ def test_bounds_are_sent_to_within_a_step_and_nominal_values_to_a_thousandth(dec
         step = 1e-7 * max(abs(each.minimum), abs(each.maximum)) if signal.is_float else signal.scale
         assert abs(values[0] - each.minimum) <= step
         assert abs(values[-1] - each.maximum) <= step
-        assert signal.is_float or (each.maximum - each.minimum) / signal.scale > 65535 / 13
+        assert signal.is_float or signal.scale == 1e-30 or (each.maximum - each.minimum) / signal.scale > 65535 / 13
         assert signal.is_float or not each.nominal or signal.scale <= each.nominal / 1000
 
 
