@@ -98,7 +98,7 @@ def about_trace(
 
 def _about_decoding(recording: formats.Recording, start: float) -> dict[str, Any]:
     """When a log began, and what was found while it was read and decoded."""
-    from orchestrator.can.logs.tally import moment  # noqa: PLC0415
+    from orchestrator.can.logs.frame_count import moment  # noqa: PLC0415
 
     return {"start": moment(start), "notes": list(recording.notes), "found": dict(recording.found)}
 
@@ -106,9 +106,9 @@ def _about_decoding(recording: formats.Recording, start: float) -> dict[str, Any
 def about_log(path: Path, progress: Callable[[float], None] | None = None) -> dict[str, Any]:
     """Frames of a CAN log by identifier, and what could not be read."""
     from orchestrator.can import logs  # noqa: PLC0415 (it brings python-can along)
-    from orchestrator.can.logs.tally import Tally  # noqa: PLC0415
+    from orchestrator.can.logs.frame_count import FrameCount  # noqa: PLC0415
 
-    log, tally = logs.read(path, progress), Tally()
+    log, tally = logs.read(path, progress), FrameCount()
     for batch in log:
         tally.feed(batch)
     return {"name": path.stem, **tally.document(), **({"notes": found} if (found := log.findings.lines()) else {})}

@@ -13,23 +13,20 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import Any
-
-import can
 
 from fmus.errors import ServotwinError
-from fmus.files import sha256
 from orchestrator import formats
-from orchestrator.bridge.preparation import Job, Prepared, prepared
-from orchestrator.bridge.session import Ending, Progress, Session
-from orchestrator.bridge.traffic import Exchange
+from orchestrator.bridge.account import BusAccount
+from orchestrator.bridge.preparation import BridgeJob, PreparedBridge, prepared
+from orchestrator.bridge.session import Ending, Session
+from orchestrator.bridge.traffic import BusTraffic
 from orchestrator.bridge.watchdog import Watchdog
 from orchestrator.can.live.bus import opened
 from orchestrator.can.live.receiver import Receiver
 from orchestrator.engine import Result
 from orchestrator.formats import parquet
+from orchestrator.progress import Progress, silent
 from orchestrator.realtime.background import Background
-from orchestrator.realtime.deadlines import Deadlines
 from orchestrator.realtime.pacing import quiet
 from orchestrator.realtime.stopping import Stop, stop_requests
 from orchestrator.scenario.expectations import Check, Expectation, check
@@ -42,31 +39,28 @@ READABLE = 5_000_000  # values of a record up to which all of it is read again, 
 
 
 @dataclass(frozen=True)
-class Coupled:
+class BridgeResult:
     """What came of a job.
 
     Attributes:
         result: the scenario's, with one case; partial where the coupling ended before its time.
-        about: bus, watchdog and deadlines as plain values.
-        found: what was not as it should be in the frames, a line each.
+        account: of bus, watchdog and deadlines.
         interrupted: whether Ctrl-C ended it.
     """
 
-    job: Job
+    job: BridgeJob
     result: ScenarioResult
-    deadlines: Deadlines
-    about: dict[str, Any]
-    found: tuple[str, ...]
+    account: BusAccount
     ending: Ending
     interrupted: bool
 
 
 def couple(
-    job: Job,
+    job: BridgeJob,
     aside: Path,
     ready: Callable[[Stop], None] = lambda stop: None,
-    progress: Progress = lambda share, elapsed: None,
-) -> Coupled:
+    progress: Progress = silent,
+) -> BridgeResult:
     """Couple to the end of the job, to Ctrl-C or SIGTERM, or to a failure.
 
     Args:
@@ -82,63 +76,54 @@ def couple(
     file = aside / "0.parquet"
     with prepared(job) as system, stop_requests() as stop:
         started = datetime.now(UTC)
+        coupling = system.coupling
         with ExitStack() as stack:
             append = stack.enter_context(parquet.appending(file))
             background = stack.enter_context(Background())
             live = system.simulation.live(
-                system.run, system.coupling.outputs, lambda piece: background.do(partial(append, piece))
+                system.run, coupling.outputs, lambda piece: background.do(partial(append, piece))
             )
             bus = stack.enter_context(opened(job.bus))
             stack.enter_context(quiet())
             receiver = stack.enter_context(Receiver(bus, QUEUE))
-            inlets = system.coupling.inward.inlets
-            watchdog = Watchdog(inlets, lambda line: background.do(partial(LOG.warning, "%s", line)))
-            exchange = Exchange(bus, receiver, system.coupling, watchdog)
-            session = Session(live, exchange, system.block.run.step, system.course, job.bus.place)
+            messages = coupling.reception.messages
+            watchdog = Watchdog(messages, lambda line: background.do(partial(LOG.warning, "%s", line)))
+            traffic = BusTraffic(bus, receiver, coupling, watchdog)
+            session = Session(live, traffic, system.block.run.step, system.course, job.bus.place)
             ready(stop)
             ending = session.run(stop, progress)
             result = live.result()
-        about = _document(job, system, bus, receiver, exchange) | {
-            "started": started.isoformat(),
-            "seconds": round(ending.elapsed, 6),
-            "deadlines": session.deadlines.document(),
-            "watchdog": watchdog.document(ending.elapsed),
-        }
+        account = BusAccount(
+            mode="bench" if job.stand_in else "bridge",
+            bus=job.bus,
+            database=system.database,
+            received=coupling.reception.statistics,
+            dropped=receiver.dropped,
+            sent=coupling.sent_statistics,
+            frames=traffic.sent,
+            no_room=traffic.refused,
+            malformed=getattr(bus, "malformed", 0),
+            refused=getattr(bus, "refused", 0),
+            trouble=traffic.trouble,
+            notes=coupling.notes(),
+            started=started,
+            seconds=round(ending.elapsed, 6),
+            deadlines=session.deadlines,
+            watchdog=watchdog.report(ending.elapsed),
+        )
         judged = _judged(job, system, result, ending, file)
-        found = (*system.coupling.inward.census.lines(), *system.coupling.sent.lines())
-        return Coupled(job, judged, session.deadlines, about, found, ending, ending.stopped and stop.interrupted)
+        return BridgeResult(job, judged, account, ending, ending.stopped and stop.interrupted)
 
 
-def _document(job: Job, system: Prepared, bus: can.BusABC, receiver: Receiver, exchange: Exchange) -> dict[str, Any]:
-    """The bus and what passed over it, as plain values."""
-    settings, coupling = job.bus, system.coupling
-    sent = {name: each for name, each in coupling.sent.document().items() if name != "frames"}
-    return {
-        "mode": "bench" if job.stand_in else "bridge",
-        "interface": settings.interface,
-        "channel": settings.channel,
-        "bitrate": settings.bitrate,
-        "fd": settings.fd,
-        "data_bitrate": settings.data_bitrate,
-        "database": {"file": system.database.name, "sha256": sha256(system.database)},
-        "received": coupling.inward.census.document() | {"dropped": receiver.dropped},
-        "sent": {"frames": exchange.sent, "no_room": exchange.refused} | sent,
-        "malformed_lines": getattr(bus, "malformed", 0),
-        "refused_lines": getattr(bus, "refused", 0),
-        "trouble": exchange.trouble,
-        "notes": coupling.notes(),
-    }
-
-
-def _judged(job: Job, system: Prepared, result: Result, ending: Ending, file: Path) -> ScenarioResult:
+def _judged(job: BridgeJob, system: PreparedBridge, result: Result, ending: Ending, file: Path) -> ScenarioResult:
     """The scenario's result with this case alone; judged where it came to its end and is no stand-in."""
     block, case = system.block, system.case
     expected = [] if job.stand_in else [*block.expect, *case.expect]
     early = ending.failure is not None or (ending.stopped and not job.stand_in)
     names = system.run.record or ()
-    looked_at = {each.signal for each in expected if each.signal is not None}
+    looked_at = {expectation.signal for expectation in expected if expectation.signal is not None}
     result = replace(result, trace=_read(file, job.every, tuple(names), looked_at, result))
-    checks = () if early else tuple(_check(each, result.trace, job.scenario.parent) for each in expected)
+    checks = () if early else tuple(_check(expectation, result.trace, job.scenario.parent) for expectation in expected)
     state = State.INTERRUPTED if early else State.DONE
     judged = CaseResult(case.name, result, ending.failure, checks, file if file.exists() else None, state)
     keeping = Keeping(job.every, file.parent)

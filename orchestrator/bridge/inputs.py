@@ -11,27 +11,27 @@ from dataclasses import dataclass, replace
 
 import can
 
-from orchestrator.can.census import Census
 from orchestrator.can.codec.single_decoding import SingleDecoder
 from orchestrator.can.database.database import Database, MessageSpec
+from orchestrator.can.statistics import FrameStatistics
 from orchestrator.trace import FloatArray
 
 Key = tuple[int, bool]  # identifier, and whether it is an extended one
 
 
 @dataclass(frozen=True)
-class Intake:
+class ReceivedSignal:
     """How an input takes a signal.
 
     Attributes:
-        signal: its public name.
+        name: its public name.
         input: component.input.
         place: its number among the inputs.
         factor: from the signal's unit to the input's.
         safe: value while no frame comes [unit of the input].
     """
 
-    signal: str
+    name: str
     input: str
     place: int
     factor: float
@@ -39,60 +39,59 @@ class Intake:
 
 
 @dataclass(frozen=True)
-class Inlet:
+class ReceivedMessage:
     """A message that is received.
 
     Attributes:
         silence: how long no frame may come [s].
     """
 
-    message: MessageSpec
-    intakes: tuple[Intake, ...]
+    spec: MessageSpec
+    signals: tuple[ReceivedSignal, ...]
     silence: float
 
     @property
     def key(self) -> Key:
         """What its frames are known by."""
-        return self.message.id, self.message.extended
+        return self.spec.id, self.spec.extended
 
-    def rest(self, given: FloatArray) -> None:
+    def give_safe_values(self, inputs: FloatArray) -> None:
         """Give the inputs their safe values."""
-        for each in self.intakes:
-            given[each.place] = each.safe
+        for signal in self.signals:
+            inputs[signal.place] = signal.safe
 
 
-class Inward:
-    """What is received.
+class Reception:
+    """All messages that are received.
 
     Attributes:
-        census: what was found in all frames so far.
+        statistics: of all frames so far.
     """
 
-    def __init__(self, database: Database, inlets: Sequence[Inlet]) -> None:
-        self.inlets = tuple(inlets)
-        self._by_key = {each.key: each for each in inlets}
-        self._decoder = SingleDecoder(
-            _timeless(database), [intake.signal for each in inlets for intake in each.intakes]
-        )
+    def __init__(self, database: Database, messages: Sequence[ReceivedMessage]) -> None:
+        self.messages = tuple(messages)
+        self._by_key = {message.key: message for message in messages}
+        names = [signal.name for message in messages for signal in message.signals]
+        self._decoder = SingleDecoder(_timeless(database), names)
 
     @property
-    def census(self) -> Census:
-        return self._decoder.census
+    def statistics(self) -> FrameStatistics:
+        return self._decoder.statistics
 
-    def take(self, frame: can.Message, given: FloatArray) -> Inlet | None:
+    def take(self, frame: can.Message, inputs: FloatArray) -> ReceivedMessage | None:
         """Give a frame's values to the inputs; its message, None where no input got any."""
-        inlet = self._by_key.get((frame.arbitration_id, frame.is_extended_id))
-        wrong = None if inlet is None else self.census.checksums[inlet.message.name]
+        message = self._by_key.get((frame.arbitration_id, frame.is_extended_id))
+        wrong = None if message is None else self.statistics.checksums[message.spec.name]
         values = self._decoder.decode(frame)
-        if inlet is None or not values or self.census.checksums[inlet.message.name] != wrong:
+        if message is None or not values or self.statistics.checksums[message.spec.name] != wrong:
             return None
-        for each in inlet.intakes:
-            value = values.get(each.signal)
+        for signal in message.signals:
+            value = values.get(signal.name)
             if value is not None:
-                given[each.place] = each.factor * value
-        return inlet
+                inputs[signal.place] = signal.factor * value
+        return message
 
 
 def _timeless(database: Database) -> Database:
     """Without cycle times: on a live bus frames bunch, and only counters tell of those that are missing."""
-    return Database(database.path, [replace(each, cycle=None) for each in database.messages])
+    return Database(database.path, [replace(message, cycle=None) for message in database.messages])

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from fmus.errors import WiringError
-from orchestrator.bridge.inputs import Inlet, Intake, Inward
-from orchestrator.bridge.outputs import Discharge, Outlet
-from orchestrator.can.census import Census
+from orchestrator.bridge.inputs import ReceivedMessage, ReceivedSignal, Reception
+from orchestrator.bridge.outputs import SentMessage, SentSignal
 from orchestrator.can.database.database import Database, MessageSpec, SignalSpec
 from orchestrator.can.frames import LONGEST
+from orchestrator.can.statistics import FrameStatistics
 from orchestrator.fmi.interface import Port
 from orchestrator.rational import multiples, seconds
 from orchestrator.scenario.can_block import CanBlock, ReceivedBlock
@@ -26,21 +26,21 @@ class Coupling:
 
     Attributes:
         outputs: component.output of the values that are sent.
-        sent: what was found in sending them.
+        sent_statistics: what was found in sending them.
     """
 
-    inward: Inward
-    outlets: tuple[Outlet, ...]
+    reception: Reception
+    sent: tuple[SentMessage, ...]
     outputs: tuple[str, ...]
-    sent: Census
+    sent_statistics: FrameStatistics
 
     def notes(self) -> list[str]:
         """What is sent without having been asked for."""
         return [
-            f"{each.message.name}: {', '.join(each.others)} rest{'s' if len(each.others) == 1 else ''} at the initial "
-            "value, or zero, since nothing is sent there"
-            for each in self.outlets
-            if each.others
+            f"{message.spec.name}: {', '.join(message.others)} rest{'s' if len(message.others) == 1 else ''} at the "
+            "initial value, or zero, since nothing is sent there"
+            for message in self.sent
+            if message.others
         ]
 
 
@@ -54,41 +54,44 @@ def coupled(block: CanBlock, system: System, database: Database, step: Fraction,
         WiringError: a name, unit, type, safe value or period does not fit.
         DatabaseError: a message or signal is not in the database.
     """
-    sent = Census()
-    outputs = tuple(dict.fromkeys(each.source for each in block.send.values()))
-    inlets = _inlets(block, system, database)
-    outlets = _outlets(block, system, database, outputs, step, sent, switched)
-    both = {each.message.name for each in inlets} & {each.message.name for each in outlets}
+    statistics = FrameStatistics()
+    outputs = tuple(dict.fromkeys(signal.source for signal in block.send.values()))
+    received = _received(block, system, database)
+    sent = tuple(
+        SentMessage(spec, signals, _period(spec, block.every.get(spec.name), step), statistics, switched)
+        for spec, signals in _sent(block, system, database, outputs).items()
+    )
+    both = {message.spec.name for message in received} & {message.spec.name for message in sent}
     if both:
         raise WiringError(f"can: {min(both)}", "is both received and sent", "a message has one sender")
-    return Coupling(Inward(database, inlets), outlets, outputs, sent)
+    return Coupling(Reception(database, received), sent, outputs, statistics)
 
 
-def _inlets(block: CanBlock, system: System, database: Database) -> tuple[Inlet, ...]:
+def _received(block: CanBlock, system: System, database: Database) -> tuple[ReceivedMessage, ...]:
     places = {name: place for place, name in enumerate(sorted(map(str, system.stimulated)))}
-    messages: dict[str, MessageSpec] = {}
-    intakes: dict[str, list[Intake]] = {}
-    silences: dict[str, set[float]] = {}
-    for name, each in block.receive.items():
-        message, signal = database.signal(each.signal)
+    messages: dict[MessageSpec, list[ReceivedSignal]] = {}
+    silences: dict[MessageSpec, set[float]] = {}
+    for name, wanted in block.receive.items():
+        message, signal = database.signal(wanted.signal)
         public = database.public_name(message, signal)
-        intake = _intake(system, name, each, signal, public, places[str(Endpoint.parse(name))])
-        messages[message.name] = message
-        intakes.setdefault(message.name, []).append(intake)
-        silences.setdefault(message.name, set()).update([each.silence] if each.silence else [])
-        if len(silences[message.name]) > 1:
+        taken = _received_signal(system, name, wanted, signal, public, places[str(Endpoint.parse(name))])
+        messages.setdefault(message, []).append(taken)
+        silences.setdefault(message, set()).update([wanted.silence] if wanted.silence else [])
+        if len(silences[message]) > 1:
             raise WiringError(
                 f"can.receive.{name}.silence",
                 f"differs from that of another signal of {message.name}",
                 "they come and go together; give one",
             )
     return tuple(
-        Inlet(message, tuple(intakes[name]), next(iter(silences[name]), block.silence))
-        for name, message in messages.items()
+        ReceivedMessage(message, tuple(signals), next(iter(silences[message]), block.silence))
+        for message, signals in messages.items()
     )
 
 
-def _intake(system: System, name: str, block: ReceivedBlock, signal: SignalSpec, public: str, place: int) -> Intake:
+def _received_signal(
+    system: System, name: str, block: ReceivedBlock, signal: SignalSpec, public: str, place: int
+) -> ReceivedSignal:
     where = f"can.receive.{name}"
     port = require(system, Endpoint.parse(name), "input", "can be received", where)
     if not port.numeric:
@@ -98,7 +101,7 @@ def _intake(system: System, name: str, block: ReceivedBlock, signal: SignalSpec,
         raise WiringError(where, f"{signal.name} cannot drive {with_article(port.type)}", "it takes whole numbers")
     if _whole(port) and block.safe != int(block.safe):
         raise WiringError(f"{where}.safe", f"{block.safe:g} is not whole", f"it is {with_article(port.type)}")
-    return Intake(public, name, place, unit_factor(where, signal.unit, port.unit), block.safe)
+    return ReceivedSignal(public, name, place, unit_factor(where, signal.unit, port.unit), block.safe)
 
 
 def _whole(port: Port) -> bool:
@@ -110,48 +113,39 @@ def _counts(signal: SignalSpec) -> bool:
     return not signal.is_float and signal.scale == int(signal.scale) and signal.offset == int(signal.offset)
 
 
-def _outlets(
-    block: CanBlock,
-    system: System,
-    database: Database,
-    outputs: Sequence[str],
-    step: Fraction,
-    census: Census,
-    switched: bool,
-) -> tuple[Outlet, ...]:
-    messages: dict[str, MessageSpec] = {}
-    discharges: dict[str, list[Discharge]] = {}
-    for name, each in block.send.items():
+def _sent(
+    block: CanBlock, system: System, database: Database, outputs: Sequence[str]
+) -> dict[MessageSpec, list[SentSignal]]:
+    """The signals that are sent, by their message."""
+    messages: dict[MessageSpec, list[SentSignal]] = {}
+    for name, wanted in block.send.items():
         where = f"can.send.{name}"
         message, signal = database.signal(name)
-        _check_free(where, message, signal, discharges.get(message.name, []))
-        port = require(system, Endpoint.parse(each.source, where), "output", "can be sent", where)
+        _check_free(where, message, signal, messages.get(message, []))
+        port = require(system, Endpoint.parse(wanted.source, where), "output", "can be sent", where)
         if not port.numeric:
             raise WiringError(where, f"{with_article(port.type)} cannot be sent", "send a number")
-        if each.safe is not None:
-            check_bounds(f"{where}.safe", port, each.safe)
+        if wanted.safe is not None:
+            check_bounds(f"{where}.safe", port, wanted.safe)
         factor = unit_factor(where, port.unit, signal.unit)
-        messages[message.name] = message
-        discharge = Discharge(signal, each.source, outputs.index(each.source), factor, each.safe)
-        discharges.setdefault(message.name, []).append(discharge)
-    idle = sorted(set(block.every) - set(messages))
+        given = SentSignal(signal, wanted.source, outputs.index(wanted.source), factor, wanted.safe)
+        messages.setdefault(message, []).append(given)
+    sent = [message.name for message in messages]
+    idle = sorted(set(block.every) - set(sent))
     if idle:
-        raise WiringError(f"can.every.{idle[0]}", "no signal is sent in it", f"there are {', '.join(messages)}")
-    return tuple(
-        Outlet(message, discharges[name], _period(message, block.every.get(name), step), census, switched)
-        for name, message in messages.items()
-    )
+        raise WiringError(f"can.every.{idle[0]}", "no signal is sent in it", f"there are {', '.join(sent)}")
+    return messages
 
 
-def _check_free(where: str, message: MessageSpec, signal: SignalSpec, others: Sequence[Discharge]) -> None:
+def _check_free(where: str, message: MessageSpec, signal: SignalSpec, others: Sequence[SentSignal]) -> None:
     """See that something can be sent in this signal."""
-    if any(each.signal.name == signal.name for each in others):
+    if any(other.spec.name == signal.name for other in others):
         raise WiringError(where, f"{message.name}.{signal.name} is sent twice", "remove one")
     if message.length > LONGEST:
         raise WiringError(where, f"{message.name} is longer than a frame", "use a message of its own")
-    if any(each.scale == 0 for each in message.signals):
+    if any(other.scale == 0 for other in message.signals):
         raise WiringError(where, f"{message.name} has a signal with the scale 0", "correct the database")
-    if any(each.is_multiplexer for each in message.signals):
+    if any(other.is_multiplexer for other in message.signals):
         raise WiringError(where, f"{message.name} is multiplexed, which cannot be sent", "use a message of its own")
     protection = message.protection
     if protection is not None and signal.name in (protection.counter, protection.checksum):

@@ -12,14 +12,14 @@ from dataclasses import dataclass
 
 import can
 
-from orchestrator.can.census import Census
 from orchestrator.can.codec.fields import longest, raw_limits, resting
 from orchestrator.can.database.database import MessageSpec, SignalSpec, checksum_byte
 from orchestrator.can.database.protection import checksum
+from orchestrator.can.statistics import FrameStatistics
 
 
 @dataclass(frozen=True)
-class Discharge:
+class SentSignal:
     """How a signal takes an output.
 
     Attributes:
@@ -29,14 +29,14 @@ class Discharge:
         safe: value that is sent when the coupling ends [unit of the output].
     """
 
-    signal: SignalSpec
+    spec: SignalSpec
     output: str
     place: int
     factor: float
     safe: float | None
 
 
-class Outlet:
+class SentMessage:
     """A message that is sent.
 
     Attributes:
@@ -44,60 +44,65 @@ class Outlet:
     """
 
     def __init__(
-        self, message: MessageSpec, discharges: Sequence[Discharge], every: int, census: Census, switched: bool = False
+        self,
+        spec: MessageSpec,
+        signals: Sequence[SentSignal],
+        every: int,
+        statistics: FrameStatistics,
+        switched: bool = False,
     ) -> None:
-        self.message, self.discharges, self.every = message, tuple(discharges), every
-        self._census, self._switched = census, switched
-        self._raw = {each.name: _raw(each, raw_limits(each), resting(each)) for each in message.signals}
-        self._raw |= dict.fromkeys(message.left_out, 0)
-        self._limits = [(each, raw_limits(each.signal)) for each in discharges]
-        self._seal, self._length = _seal(message), longest(message)
+        self.spec, self.signals, self.every = spec, tuple(signals), every
+        self._statistics, self._switched = statistics, switched
+        self._raw = {signal.name: _raw(signal, raw_limits(signal), resting(signal)) for signal in spec.signals}
+        self._raw |= dict.fromkeys(spec.left_out, 0)
+        self._limits = [(signal, raw_limits(signal.spec)) for signal in signals]
+        self._seal, self._length = _seal(spec), longest(spec)
 
     @property
     def others(self) -> list[str]:
         """Signals that rest, since nothing is sent in them."""
-        protection = self.message.protection
-        filled = {each.signal.name for each in self.discharges}
+        protection = self.spec.protection
+        filled = {signal.spec.name for signal in self.signals}
         filled |= {protection.counter, protection.checksum} if protection else set()
-        return [each.name for each in self.message.signals if each.name not in filled]
+        return [signal.name for signal in self.spec.signals if signal.name not in filled]
 
     def frame(self, outputs: Sequence[float]) -> can.Message:
         """The next frame, with these values of the outputs that are read."""
-        for each, limits in self._limits:
-            self._fill(each.signal, limits, outputs[each.place] * each.factor)
+        for signal, limits in self._limits:
+            self._fill(signal.spec, limits, outputs[signal.place] * signal.factor)
         return self._sealed()
 
-    def last_frame(self) -> can.Message | None:
+    def safe_frame(self) -> can.Message | None:
         """The frame with the safe values, and what was sent last in signals without one; None without any."""
-        if all(each.safe is None for each in self.discharges):
+        if all(signal.safe is None for signal in self.signals):
             return None
-        for each, limits in self._limits:
-            if each.safe is not None:
-                self._fill(each.signal, limits, each.safe * each.factor)
+        for signal, limits in self._limits:
+            if signal.safe is not None:
+                self._fill(signal.spec, limits, signal.safe * signal.factor)
         return self._sealed()
 
     def _fill(self, signal: SignalSpec, limits: tuple[float, float], value: float) -> None:
         raw, (low, high) = (value - signal.offset) / signal.scale, limits
         if math.isnan(raw):
-            self._census.not_finite[signal.name] += 1
+            self._statistics.not_finite[signal.name] += 1
             return
         self._raw[signal.name] = _raw(signal, limits, value)
         slack = 0.0 if signal.is_float else 0.5  # less is lost by rounding anyway
         if not low - slack <= raw <= high + slack:
-            self._census.saturated[signal.name] += 1
+            self._statistics.saturated[signal.name] += 1
 
     def _sealed(self) -> can.Message:
-        protection = self.message.protection
+        spec, protection = self.spec, self.spec.protection
         if protection is not None and protection.counter:
             self._raw[protection.counter] = (int(self._raw[protection.counter]) + 1) % protection.modulus
-        data = self.message.raw.encode(self._raw, scaling=False, strict=False)
+        data = spec.raw.encode(self._raw, scaling=False, strict=False)
         data = data if self._seal is None else self._seal(data)
-        self._census.messages[self.message.name] += 1
+        self._statistics.messages[spec.name] += 1
         return can.Message(
-            arbitration_id=self.message.id,
-            is_extended_id=self.message.extended,
-            is_fd=self.message.fd,
-            bitrate_switch=self.message.fd and self._switched,
+            arbitration_id=spec.id,
+            is_extended_id=spec.extended,
+            is_fd=spec.fd,
+            bitrate_switch=spec.fd and self._switched,
             is_rx=False,
             data=data.ljust(self._length, b"\0"),
         )

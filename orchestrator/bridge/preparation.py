@@ -13,9 +13,9 @@ import numpy as np
 from fmus.errors import InputError, ScenarioError
 from orchestrator.assembly.assembly import Assembled, OpenSystem, assemble
 from orchestrator.bridge.mapping import Coupling, coupled
-from orchestrator.bridge.outputs import Outlet
+from orchestrator.bridge.outputs import SentMessage
 from orchestrator.bridge.session import Course
-from orchestrator.can import wire
+from orchestrator.can import frame_time
 from orchestrator.can.database.database import load as load_database
 from orchestrator.can.live.bus import BusSettings
 from orchestrator.engine import Run, Simulation
@@ -29,7 +29,7 @@ from orchestrator.yaml_file import load, naming
 
 
 @dataclass(frozen=True)
-class Job:
+class BridgeJob:
     """What is coupled to which bus.
 
     Attributes:
@@ -50,7 +50,7 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Prepared:
+class PreparedBridge:
     """A system that is ready to be initialised and coupled.
 
     Attributes:
@@ -69,7 +69,7 @@ class Prepared:
 
 
 @contextmanager
-def prepared(job: Job) -> Iterator[Prepared]:
+def prepared(job: BridgeJob) -> Iterator[PreparedBridge]:
     """The job with its FMUs built, loaded and wired.
 
     Raises:
@@ -83,12 +83,14 @@ def prepared(job: Job) -> Iterator[Prepared]:
         driven = tuple(sorted(block.driven()))
         with OpenSystem(assemble(block, base, folder, driven)) as system:
             coupling = coupled(can, system.system, database, block.run.step, job.bus.data_bitrate is not None)
-            _check_bus(job.bus, coupling.outlets, block.run.step)
+            _check_bus(job.bus, coupling.sent, block.run.step)
             with system.simulation(block.run.timing()) as simulation:
                 course, first = _course(job, block, simulation, driven)
                 values = block.values_of(case) | dict(job.overrides)
                 run = Run(values, first, recorded_names(block, simulation.outputs), record_every=job.every)
-                yield Prepared(block, case, base / can.database, system.assembled, simulation, coupling, run, course)
+                yield PreparedBridge(
+                    block, case, base / can.database, system.assembled, simulation, coupling, run, course
+                )
 
 
 def _can_block(path: Path, block: ScenarioBlock) -> CanBlock:
@@ -108,17 +110,19 @@ def _case(block: ScenarioBlock, name: str | None) -> CaseBlock:
     )
 
 
-def _check_bus(bus: BusSettings, outlets: Sequence[Outlet], step: Fraction) -> None:
+def _check_bus(bus: BusSettings, sent: Sequence[SentMessage], step: Fraction) -> None:
     """See that the bus can carry what is sent."""
-    wider = [each.message.name for each in outlets if each.message.fd]
+    wider = [message.spec.name for message in sent if message.spec.fd]
     if wider and not bus.fd:
         raise InputError(bus.place, f"is no CAN FD bus, but {wider[0]} has CAN FD frames", "give --fd")
     if bus.bitrate is None:
         return
     load = sum(
-        wire.seconds(each.message.length, each.message.extended, False, each.message.fd, bus.bitrate, bus.data_bitrate)
-        / float(each.every * step)
-        for each in outlets
+        frame_time.seconds(
+            message.spec.length, message.spec.extended, False, message.spec.fd, bus.bitrate, bus.data_bitrate
+        )
+        / float(message.every * step)
+        for message in sent
     )
     if load > 1:
         raise InputError(
@@ -129,7 +133,7 @@ def _check_bus(bus: BusSettings, outlets: Sequence[Outlet], step: Fraction) -> N
 
 
 def _course(
-    job: Job, block: ScenarioBlock, simulation: Simulation, driven: Sequence[str]
+    job: BridgeJob, block: ScenarioBlock, simulation: Simulation, driven: Sequence[str]
 ) -> tuple[Course, dict[str, FloatArray]]:
     """How long to go on with which stimuli, and the first value of each input."""
     instants, base = simulation.instants(), job.scenario.parent

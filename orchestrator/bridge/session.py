@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 
 from fmus.errors import BusError, ServotwinError
-from orchestrator.bridge.traffic import Exchange
+from orchestrator.bridge.traffic import BusTraffic
 from orchestrator.engine import LiveRun, Result
+from orchestrator.progress import Progress
 from orchestrator.realtime.deadlines import Deadlines
 from orchestrator.realtime.pacing import Pace
 from orchestrator.realtime.stopping import Stop
@@ -19,8 +19,6 @@ from orchestrator.trace import FloatArray
 _LEAD = 0.02  # from the end of all preparations to the first step [s]
 _LINGERING = 0.05  # before the bus may be closed: adapters forget what they have not sent by then [s]
 _REPORTS = 0.1  # between two reports of progress [s]
-
-Progress = Callable[[float, float], None]  # share that is done, time since the first step [s]
 
 
 @dataclass(frozen=True)
@@ -55,8 +53,8 @@ class Session:
         deadlines: how they were kept.
     """
 
-    def __init__(self, live: LiveRun[Result], exchange: Exchange, step: Fraction, course: Course, place: str) -> None:
-        self._live, self._exchange, self._step, self._course, self._place = live, exchange, step, course, place
+    def __init__(self, live: LiveRun[Result], traffic: BusTraffic, step: Fraction, course: Course, place: str) -> None:
+        self._live, self._traffic, self._step, self._course, self._place = live, traffic, step, course, place
         self.deadlines = Deadlines(float(step))
 
     def run(self, stop: Stop, progress: Progress) -> Ending:
@@ -72,12 +70,12 @@ class Session:
             stopped = stop.interrupted = True
         finally:
             elapsed = max(time.monotonic() - start, 0.0)
-            self._exchange.rest()
+            self._traffic.send_safe_values()
             time.sleep(_LINGERING)
-        if failure is None and self._exchange.trouble and not self._course.endures:
+        if failure is None and self._traffic.trouble and not self._course.endures:
             failure = BusError(
                 self._place,
-                f"failed at t = {elapsed:.3f} s ({self._exchange.trouble})",
+                f"failed at t = {elapsed:.3f} s ({self._traffic.trouble})",
                 "see to the adapter and the wiring",
             )
         return Ending(stopped, failure, elapsed)
@@ -85,23 +83,23 @@ class Session:
     def _go(self, start: float, stop: Stop, progress: Progress) -> bool:
         """Step until the course or the bus ends; True where it was told to end before."""
         pace = Pace(start, self._step)
-        live, exchange, deadlines, course = self._live, self._exchange, self.deadlines, self._course
+        live, traffic, deadlines, course = self._live, self._traffic, self.deadlines, self._course
         reports = max(1, round(_REPORTS / float(self._step)))
         last = len(course.stimuli) - 1
         for number in itertools.count():
             deadline = pace.deadline(number)
             now = pace.wait(deadline, stop)
-            if number == course.steps or (exchange.trouble and not course.endures):
+            if number == course.steps or (traffic.trouble and not course.endures):
                 break
             if stop.requested:
                 return True
             deadlines.begun(now - deadline)
             if course.columns:
                 live.given[course.columns] = course.stimuli[min(number, last)]
-            exchange.take(now - start, live.given)
+            traffic.receive(now - start, live.given)
             live.step()
-            exchange.give(number, live.outputs)
+            traffic.send(number, live.outputs)
             deadlines.work.add(time.monotonic() - now)
             if number % reports == 0:
-                progress(number / course.steps if course.steps else 0.0, now - start)
+                progress(number / course.steps if course.steps else 0.0, f"{now - start:.0f} s")
         return False

@@ -19,7 +19,7 @@ _LAST_PATIENCE = 0.2  # with an adapter that has no room for a safe value [s]
 BUS_OFF = "the adapter has left the bus (bus off)"
 
 
-class Exchange:
+class BusTraffic:
     """Takes from a bus and gives to it.
 
     Attributes:
@@ -33,31 +33,31 @@ class Exchange:
         self.trouble, self.gone = "", False
         self.sent = self.refused = 0
 
-    def take(self, now: float, given: FloatArray) -> None:
+    def receive(self, now: float, inputs: FloatArray) -> None:
         """Give the inputs what has come, and safe values where nothing came; it is `now` since the beginning [s]."""
         for frame in self._receiver.take():
             if is_bus_off(frame):
                 self.trouble = BUS_OFF
-                self._watchdog.lost(now, BUS_OFF, given)
-            inlet = self._coupling.inward.take(frame, given)
-            if inlet is not None:
-                self._watchdog.heard(inlet, now)
+                self._watchdog.lost(now, BUS_OFF, inputs)
+            message = self._coupling.reception.take(frame, inputs)
+            if message is not None:
+                self._watchdog.heard(message, now)
         if self._receiver.failure is not None and not self.gone:
             self._lose(self._receiver.failure)
         if self.gone:
-            self._watchdog.lost(now, self.trouble, given)
-        self._watchdog.check(now, given)
+            self._watchdog.lost(now, self.trouble, inputs)
+        self._watchdog.check(now, inputs)
 
-    def give(self, step: int, outputs: Sequence[float]) -> None:
+    def send(self, step: int, outputs: Sequence[float]) -> None:
         """Send the messages that are due in this step."""
-        for each in self._coupling.outlets:
-            if step % each.every == 0:
-                self._send(each.frame(outputs), 0.0)
+        for message in self._coupling.sent:
+            if step % message.every == 0:
+                self._send(message.frame(outputs), 0.0)
 
-    def rest(self) -> None:
+    def send_safe_values(self) -> None:
         """Send the safe values, so that nobody acts on the last ones for ever."""
-        for each in self._coupling.outlets:
-            frame = each.last_frame()
+        for message in self._coupling.sent:
+            frame = message.safe_frame()
             if frame is not None:
                 self._send(frame, _LAST_PATIENCE)
 

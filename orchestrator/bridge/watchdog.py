@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
-from orchestrator.bridge.inputs import Inlet
+from orchestrator.bridge.inputs import ReceivedMessage
 from orchestrator.trace import FloatArray
 
 MOST = 1000  # events that are kept; beyond it they are only counted
@@ -27,6 +26,42 @@ class Event:
     kind: str
 
 
+@dataclass(frozen=True)
+class PeerPresence:
+    """How a message was there; times since the coupling began [s].
+
+    Attributes:
+        frames: that gave inputs values.
+        first: when the first of them came, None where none did.
+        silence: how long no frame may come; silences: how often none came for longer.
+        at_safe_values: how long its inputs had their safe values.
+        safe: component.input -> its safe value [unit of the input].
+    """
+
+    frames: int
+    first: float | None
+    silence: float
+    silences: int
+    at_safe_values: float
+    safe: dict[str, float]
+
+    def remark(self, name: str) -> str:
+        """What somebody should know about the silence of the message of this name."""
+        if self.first is None:
+            return f"{name} never came; its inputs had their safe values"
+        times = "once" if self.silences == 1 else f"{self.silences:,} times"
+        return f"{name} was silent {times}; its inputs had their safe values for {self.at_safe_values:.3g} s in all"
+
+
+@dataclass(frozen=True)
+class WatchdogReport:
+    """What was seen: messages by their names, and the first events of all that were counted."""
+
+    messages: dict[str, PeerPresence]
+    event_count: int
+    events: list[Event]
+
+
 @dataclass
 class _Watch:
     """What is known of a message.
@@ -37,7 +72,7 @@ class _Watch:
         silent: whether its silence was said.
     """
 
-    inlet: Inlet
+    message: ReceivedMessage
     heard: float = 0.0
     since: float | None = 0.0
     silent: bool = False
@@ -45,6 +80,16 @@ class _Watch:
     frames: int = 0
     silences: int = 0
     at_safe: float = 0.0
+
+    @property
+    def name(self) -> str:
+        return self.message.spec.name
+
+    def presence(self, now: float) -> PeerPresence:
+        """What there is to be told of it now [s]."""
+        at_safe = round(self.at_safe + (0.0 if self.since is None else now - self.since), 6)
+        safe = {signal.input: signal.safe for signal in self.message.signals}
+        return PeerPresence(self.frames, self.first, self.message.silence, self.silences, at_safe, safe)
 
 
 class Watchdog:
@@ -57,48 +102,38 @@ class Watchdog:
         events: the first `MOST`; `event_count` counts all.
     """
 
-    def __init__(self, inlets: Sequence[Inlet], say: Callable[[str], None]) -> None:
-        self._watches = {each.key: _Watch(each) for each in inlets}
+    def __init__(self, messages: Sequence[ReceivedMessage], say: Callable[[str], None]) -> None:
+        self._watches = {message.key: _Watch(message) for message in messages}
         self._say = say
         self.events: list[Event] = []
         self.event_count = 0
 
-    def heard(self, inlet: Inlet, now: float) -> None:
+    def heard(self, message: ReceivedMessage, now: float) -> None:
         """Note a frame that gave its inputs values."""
-        watch = self._watches[inlet.key]
+        watch = self._watches[message.key]
         watch.heard = now
         watch.frames += 1
         if watch.since is not None:
             self._recovered(watch, now)
 
-    def check(self, now: float, given: FloatArray) -> None:
+    def check(self, now: float, inputs: FloatArray) -> None:
         """Put the inputs of every message that has become silent to their safe values."""
         for watch in self._watches.values():
-            if not watch.silent and now - watch.heard > watch.inlet.silence:
-                self._silent(watch, now, f"no frame for {watch.inlet.silence:g} s")
-                watch.inlet.rest(given)
+            if not watch.silent and now - watch.heard > watch.message.silence:
+                self._silent(watch, now, f"no frame for {watch.message.silence:g} s")
+                watch.message.give_safe_values(inputs)
 
-    def lost(self, now: float, why: str, given: FloatArray) -> None:
+    def lost(self, now: float, why: str, inputs: FloatArray) -> None:
         """Put the inputs of all messages to their safe values at once."""
         for watch in self._watches.values():
-            watch.inlet.rest(given)
+            watch.message.give_safe_values(inputs)
             if not watch.silent:
                 self._silent(watch, now, why)
 
-    def document(self, now: float) -> dict[str, Any]:
-        """What was seen up to now, as plain values; times in seconds since the coupling began."""
-        messages = {
-            watch.inlet.message.name: {
-                "frames": watch.frames,
-                "first": watch.first,
-                "silence": watch.inlet.silence,
-                "silences": watch.silences,
-                "at_safe_values": round(watch.at_safe + (0.0 if watch.since is None else now - watch.since), 6),
-                "safe": {each.input: each.safe for each in watch.inlet.intakes},
-            }
-            for watch in self._watches.values()
-        }
-        return {"messages": messages, "event_count": self.event_count, "events": [asdict(each) for each in self.events]}
+    def report(self, now: float) -> WatchdogReport:
+        """What was seen up to now [s since the coupling began]."""
+        messages = {watch.name: watch.presence(now) for watch in self._watches.values()}
+        return WatchdogReport(messages, self.event_count, list(self.events))
 
     def _recovered(self, watch: _Watch, now: float) -> None:
         assert watch.since is not None
@@ -106,22 +141,22 @@ class Watchdog:
         watch.since = None
         if watch.first is None:
             watch.first = now
-            self._note(watch, now, "first", f"{watch.inlet.message.name} is there" if watch.silent else "")
+            self._note(watch, now, "first", f"{watch.name} is there" if watch.silent else "")
         else:
-            self._note(watch, now, "back", f"{watch.inlet.message.name} is back")
+            self._note(watch, now, "back", f"{watch.name} is back")
         watch.silent = False
 
     def _silent(self, watch: _Watch, now: float, why: str) -> None:
         watch.silent = True
         watch.silences += 1
         watch.since = now if watch.since is None else watch.since
-        safe = ", ".join(f"{each.input} = {each.safe:g}" for each in watch.inlet.intakes)
-        self._note(watch, now, "silent", f"{watch.inlet.message.name}: {why}; safe values: {safe}")
+        safe = ", ".join(f"{signal.input} = {signal.safe:g}" for signal in watch.message.signals)
+        self._note(watch, now, "silent", f"{watch.name}: {why}; safe values: {safe}")
 
     def _note(self, watch: _Watch, now: float, kind: str, line: str) -> None:
         self.event_count += 1
         if len(self.events) < MOST:
-            self.events.append(Event(round(now, 6), watch.inlet.message.name, kind))
+            self.events.append(Event(round(now, 6), watch.name, kind))
         if line and self.event_count <= SAID:
             self._say(f"t = {now:.3f} s: {line}")
             if self.event_count == SAID:

@@ -17,8 +17,8 @@ from orchestrator.cli.terminal import Answer, Out, Terminal, command
 from orchestrator.interrupts import whole
 
 if TYPE_CHECKING:
-    from orchestrator.bridge.bridge import Coupled
-    from orchestrator.bridge.preparation import Job
+    from orchestrator.bridge.bridge import BridgeResult
+    from orchestrator.bridge.preparation import BridgeJob
     from orchestrator.can.live.bus import BusSettings
 
 app = typer.Typer()
@@ -37,13 +37,13 @@ class Coupling:
     ] = None
     stride: Annotated[int, typer.Option(min=1, metavar="N", help="Record every N-th step only.")] = 1
 
-    def job(self, scenario: Path, bus: BusSettings, endless: bool) -> Job:
+    def job(self, scenario: Path, bus: BusSettings, endless: bool) -> BridgeJob:
         """The scenario on this bus."""
-        from orchestrator.bridge.preparation import Job
+        from orchestrator.bridge.preparation import BridgeJob
         from orchestrator.rational import seconds
 
         duration = None if self.duration is None else seconds(self.duration, "--duration")
-        return Job(scenario, bus, endless, self.case, overrides(self.set_), duration, self.stride)
+        return BridgeJob(scenario, bus, endless, self.case, overrides(self.set_), duration, self.stride)
 
 
 @command(app)
@@ -97,7 +97,7 @@ def bench(
     return _answer(coupled, folder, coupled.interrupted)
 
 
-def _coupled(job: Job, folder: Path, terminal: Terminal) -> tuple[Coupled, Path]:
+def _coupled(job: BridgeJob, folder: Path, terminal: Terminal) -> tuple[BridgeResult, Path]:
     """What came of the job, written to the folder.
 
     Raises:
@@ -121,8 +121,8 @@ def _coupled(job: Job, folder: Path, terminal: Terminal) -> tuple[Coupled, Path]
     return coupled, folder
 
 
-def _answer(coupled: Coupled, folder: Path, interrupted: bool) -> Answer:
-    from orchestrator.bridge.results import document_of, messages, remarks
+def _answer(coupled: BridgeResult, folder: Path, interrupted: bool) -> Answer:
+    from orchestrator.bridge.results import document_of
     from orchestrator.scenario.results import rows_of
 
     result, document = coupled.result, document_of(coupled, folder)
@@ -133,6 +133,6 @@ def _answer(coupled: Coupled, folder: Path, interrupted: bool) -> Answer:
     for row in rows_of(result):
         checks.add_row(*row)
     passed = Table("direction", "message", "frames", "frames/s")
-    for direction, name, count, rate in messages(coupled):
+    for direction, name, count, rate in coupled.account.traffic():
         passed.add_row(direction, name, f"{count:,}", f"{rate:,.1f}")
-    return Answer(document, [checks, passed, *remarks(coupled), f"results in {folder}"], result.passed)
+    return Answer(document, [checks, passed, *coupled.account.remarks(), f"results in {folder}"], result.passed)

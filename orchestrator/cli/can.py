@@ -60,13 +60,13 @@ def record(
     format_: Annotated[str, typer.Option("--format", help="blf, asc or log.")] = "blf",
 ) -> Answer:
     """Write all frames of a bus to log files, with a manifest; Ctrl-C or SIGTERM ends it."""
-    from orchestrator.can.live.recorder import Recording, Status
+    from orchestrator.can.live.recorder import BusRecording, Status
     from orchestrator.can.live.recorder import record as record_bus
 
     folder = out or Path("out") / f"recording_{datetime.now():%Y-%m-%d_%H%M%S}"
     bus = adapter.bus(interface, channel)
     size = None if rotate_size is None else rotate_size * 1e6
-    recording = Recording(bus, folder, dbc, duration, size, rotate_after, f".{format_.lower()}")
+    recording = BusRecording(bus, folder, dbc, duration, size, rotate_after, f".{format_.lower()}")
     with terminal.bar(bus.place) as move:
 
         def show(status: Status) -> None:

@@ -19,7 +19,7 @@ from orchestrator.can.codec.decoding import Decoder
 from orchestrator.can.codec.encoding import Encoder
 from orchestrator.can.codec.merging import Merger
 from orchestrator.can.database.database import Database, load
-from orchestrator.can.logs.tally import moment
+from orchestrator.can.logs.frame_count import moment
 from orchestrator.formats import can_log, csv, parquet
 from orchestrator.formats.layout import Layout
 from orchestrator.trace import Trace
@@ -114,7 +114,7 @@ def encoded(source: Path, target: Path, layout: Layout) -> Conversion:
     left = [name for name in trace.names if name not in wanted]
     told = [f"not in the database: {', '.join(left)}"] if left and layout.signals is None else []
     told += [f"{target.suffix} does not hold {what}: {times} times" for what, times in lost.items()]
-    return Conversion(count, "frames", None, (*encoder.census.lines(), *told), encoder.census.document())
+    return Conversion(count, "frames", None, (*encoder.statistics.lines(), *told), encoder.statistics.document())
 
 
 def streamed(source: Path, target: Path, layout: Layout, progress: Progress) -> Conversion:
@@ -126,7 +126,7 @@ def streamed(source: Path, target: Path, layout: Layout, progress: Progress) -> 
     start, units = _survey(source, database, layout, lambda share: progress(share / 2))
     log = logs.read(source, lambda share: progress(0.5 + share / 2))
     decoder = Decoder(database, list(units))
-    merger = Merger(list(units), start=start, name=source.stem, census=decoder.census)
+    merger = Merger(list(units), start=start, name=source.stem, statistics=decoder.statistics)
     known = {name: unit for name, unit in units.items() if unit}
     rows = 0
 
@@ -139,8 +139,8 @@ def streamed(source: Path, target: Path, layout: Layout, progress: Progress) -> 
                 rows += len(piece)
 
     atomic_write(target, content)
-    notes = (*log.findings.lines(), *decoder.census.lines())
-    return Conversion(rows, "samples", start, notes, {**decoder.census.document(), **can_log.damage(log)})
+    notes = (*log.findings.lines(), *decoder.statistics.lines())
+    return Conversion(rows, "samples", start, notes, {**decoder.statistics.document(), **can_log.damage(log)})
 
 
 def _copied(source: Path, target: Path, layout: Layout) -> Conversion:
@@ -176,8 +176,8 @@ def _survey(source: Path, database: Database, layout: Layout, progress: Progress
         missing = [name for name in order if name not in units]
         if missing:
             error = TraceError(source, f"holds no frame with the signal {', '.join(missing)}", "check the database")
-            raise can_log.refusal(source, error, counted.tally)
+            raise can_log.refusal(source, error, counted.frame_count)
     if not units:
         error = TraceError(source, "holds no frame of the database", "check that log and database belong together")
-        raise can_log.refusal(source, error, counted.tally)
+        raise can_log.refusal(source, error, counted.frame_count)
     return decoder.start or 0.0, {name: units[name] for name in order if name in units}

@@ -12,7 +12,7 @@ from orchestrator.can import logs
 from orchestrator.can.codec import decoding
 from orchestrator.can.database.database import Database, load
 from orchestrator.can.frames import Frames
-from orchestrator.can.logs.tally import Tally
+from orchestrator.can.logs.frame_count import FrameCount
 from orchestrator.formats.layout import Layout
 from orchestrator.formats.recording import Recording
 from orchestrator.trace import Trace, ordered
@@ -33,11 +33,11 @@ def read(path: Path, layout: Layout, progress: Callable[[float], None] | None = 
             counted, database, signals(layout), layout.interpolated, layout.channel, layout.steady, str(path)
         )
     except TraceError as error:
-        raise refusal(path, error, counted.tally) from None
+        raise refusal(path, error, counted.frame_count) from None
     trace, stamps = ordered(decoded.trace.time, decoded.trace.signals, decoded.trace.units, str(path))
     schedules = {"schedules": [*map(str, decoded.schedules)]} if decoded.schedules else {}
-    found = {**decoded.census.document(), **damage(log), **schedules}
-    notes = (*log.findings.lines(), *decoded.census.lines())
+    found = {**decoded.statistics.document(), **damage(log), **schedules}
+    notes = (*log.findings.lines(), *decoded.statistics.lines())
     named = laid_out(Trace(trace.time, trace.signals, trace.units, path.stem), layout, database)
     return Recording(named, stamps, path, sha256(path), notes, decoded.start, found)
 
@@ -47,11 +47,11 @@ class Counted:
     """Batches as they pass by, and what they hold."""
 
     batches: Iterable[Frames]
-    tally: Tally = field(default_factory=Tally)
+    frame_count: FrameCount = field(default_factory=FrameCount)
 
     def __iter__(self) -> Iterator[Frames]:
         for batch in self.batches:
-            self.tally.feed(batch)
+            self.frame_count.feed(batch)
             yield batch
 
 
@@ -98,11 +98,15 @@ def laid_out(trace: Trace, layout: Layout, database: Database) -> Trace:
     return Trace(trace.time, trace.signals, {**trace.units, **layout.units}, trace.name)
 
 
-def refusal(path: Path, error: TraceError, tally: Tally) -> TraceError:
+def refusal(path: Path, error: TraceError, frame_count: FrameCount) -> TraceError:
     """The decoder's refusal with what is in the log."""
     if error.place != str(path):
         return error
-    there = f"identifiers in the log: {tally.listed()}" if tally.identifiers else "there are no data frames in it"
+    there = (
+        f"identifiers in the log: {frame_count.listed()}"
+        if frame_count.identifiers
+        else "there are no data frames in it"
+    )
     return TraceError(path, f"{error.problem} ({there})", error.fix)
 
 

@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TypedDict
 
-from orchestrator.realtime.lateness import Lateness
+from orchestrator.realtime.lateness import Lateness, LatenessFigures
 
 LATE = 1e-3  # a step that begins later than this after its deadline is a late one [s]
+
+
+class DeadlineFigures(TypedDict):
+    """How steps kept their deadlines; times in seconds."""
+
+    steps: int
+    step: float
+    late: int
+    on_time: float
+    overrun: int
+    lateness: LatenessFigures
+    work: LatenessFigures
 
 
 class Deadlines:
@@ -34,7 +46,7 @@ class Deadlines:
         """Share of the steps that were not late; 1 before the first."""
         return 1 - self.late / max(self.lateness.count, 1)
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> DeadlineFigures:
         """The statistics as plain values; times in seconds."""
         return {
             "steps": self.lateness.count,
@@ -48,10 +60,11 @@ class Deadlines:
 
     def sentence(self) -> str:
         """How the deadlines were kept, for people."""
-        late, work = ({name: 1e6 * each for name, each in one.document().items()} for one in (self.lateness, self.work))
+        late, work = self.lateness.document(), self.work.document()
+        half, most, last = (1e6 * late["median"], 1e6 * late["p99_9"], 1e6 * late["worst"])
         return (
             f"{self.lateness.count:,} steps of {self._step:g} s, {100 * self.on_time:.4g} % of them begun within 1 ms "
             f"of their deadline ({self.late:,} late, {self.overrun:,} by more than a step). Half began within "
-            f"{late['median']:.0f} µs, 99.9 % within {late['p99_9']:.0f} µs, the last after {late['worst']:.0f} µs. "
-            f"Half took up to {work['median']:.0f} µs, 99.9 % up to {work['p99_9']:.0f} µs."
+            f"{half:.0f} µs, 99.9 % within {most:.0f} µs, the last after {last:.0f} µs. "
+            f"Half took up to {1e6 * work['median']:.0f} µs, 99.9 % up to {1e6 * work['p99_9']:.0f} µs."
         )

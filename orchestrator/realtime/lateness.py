@@ -4,9 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import TypedDict
 
 _FINEST, _PER_DECADE = 1e-6, 50  # the smallest lateness that is told apart [s]; steps of 4.7 %
 _BINS = 9 * _PER_DECADE  # up to 1000 s
+
+
+class LatenessFigures(TypedDict):
+    """Percentiles of lateness [s]."""
+
+    median: float
+    p95: float
+    p99: float
+    p99_9: float
+    worst: float
 
 
 @dataclass
@@ -33,7 +44,7 @@ class Lateness:
                 return min(_FINEST * 10 ** (place / _PER_DECADE), self.worst)
         return self.worst
 
-    def document(self) -> dict[str, float]:
+    def document(self) -> LatenessFigures:
         """For manifests [s]."""
         return {
             "median": self.quantile(0.5),

@@ -9,10 +9,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from fractions import Fraction
 
-from orchestrator.realtime.priority import short_turns
+from orchestrator.realtime.priority import short_time_slices
 from orchestrator.realtime.stopping import Stop
 
-SPIN = 1e-4  # before a deadline, in which turns are left to other threads instead of sleeping [s]
+SPIN = 1e-4  # before a deadline, in which the processor is left to other threads instead of sleeping [s]
 _SWITCHING = 2e-4  # for which another thread may keep the one that has deadlines waiting [s]
 
 
@@ -40,13 +40,13 @@ class Pace:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Threads take short turns within the block, and what there is already is not searched for garbage."""
+    """Threads have short time slices within the block, and what there is already is not searched for garbage."""
     former = sys.getswitchinterval()
     sys.setswitchinterval(_SWITCHING)
     gc.collect()
     gc.freeze()
     try:
-        with short_turns():
+        with short_time_slices():
             yield
     finally:
         gc.unfreeze()

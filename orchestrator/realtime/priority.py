@@ -1,4 +1,4 @@
-"""Short turns on a processor: a thread that asks for little at a time need not wait until others have had their fill.
+"""Short time slices on a processor: a thread that asks for little at a time need not wait for others to finish theirs.
 
 Linux from 6.12 on grants them to anybody; elsewhere nothing changes.
 """
@@ -13,23 +13,23 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-_TURN = 100_000  # the shortest that there is [ns]
+_SHORTEST = 100_000  # time slice that there is [ns]
 _SETTING = {"x86_64": 314, "aarch64": 274}  # numbers of the system call sched_setattr
 _ATTRIBUTES = "=IIQiIQQQ"  # its struct sched_attr: size, policy, flags, nice, priority, runtime, deadline, period
 
 
 @contextmanager
-def short_turns() -> Iterator[None]:
-    """This thread, and those that it starts within the block, take short turns."""
-    _take(_TURN)
+def short_time_slices() -> Iterator[None]:
+    """This thread, and those that it starts within the block, have short time slices."""
+    _set_time_slice(_SHORTEST)
     try:
         yield
     finally:
-        _take(0)
+        _set_time_slice(0)
 
 
-def _take(nanoseconds: int) -> None:
-    """Take turns of this length, 0 of the usual one; a thread that was put before others stays so."""
+def _set_time_slice(nanoseconds: int) -> None:
+    """Have time slices of this length, 0 of the usual one; a thread of higher priority keeps it."""
     if sys.platform != "linux":
         return
     call = _SETTING.get(platform.machine())

@@ -16,7 +16,7 @@ from statistics import median
 import can
 
 from orchestrator.can.live.bus import BusSettings, open_bus, opened, send
-from orchestrator.can.live.recorder import Recording, record
+from orchestrator.can.live.recorder import BusRecording, record
 from orchestrator.can.slcan.hub import Hub, hub_process
 
 from .figure import Figure
@@ -98,7 +98,7 @@ def _recording(hub: Hub, folder: Path, seconds: float = 5.0) -> Figure:
     sender = threading.Thread(target=fill)
     sender.start()
     try:
-        document = record(Recording(_settings(hub, 1), folder, duration=seconds))
+        document = record(BusRecording(_settings(hub, 1), folder, duration=seconds))
     finally:
         ending.set()
         sender.join()

@@ -90,7 +90,7 @@ def frame(identifier: int, data: bytes) -> can.Message:
     return can.Message(arbitration_id=identifier, is_extended_id=False, data=data)
 
 
-class Wire:
+class ScriptedBus:
     """A bus on which a peer answers at once, in the very call that sends to it.
 
     Args:
@@ -123,18 +123,20 @@ class Wire:
 
     def identified(self, identifier: int) -> list[can.Message]:
         """The frames that were sent with this identifier."""
-        return [each for each in self.sent if each.arbitration_id == identifier]
+        return [frame for frame in self.sent if frame.arbitration_id == identifier]
 
-    def plug_in(self, monkeypatch: Any) -> Wire:
-        """Be the bus that is opened, and what receives from it."""
+    def plug_in(self, monkeypatch: Any, punctual: bool = True) -> ScriptedBus:
+        """Be the bus that is opened, and what receives from it; `punctual` steps begin at their deadlines at once."""
+        if punctual:
+            monkeypatch.setattr("orchestrator.realtime.pacing.Pace.wait", lambda pace, deadline, stop: deadline)
         monkeypatch.setattr("orchestrator.bridge.bridge.opened", self._opened)
         monkeypatch.setattr("orchestrator.bridge.bridge.Receiver", self._receiver)
         return self
 
     @contextmanager
-    def _opened(self, settings: BusSettings) -> Iterator[Wire]:
+    def _opened(self, settings: BusSettings) -> Iterator[ScriptedBus]:
         yield self
 
     @contextmanager
-    def _receiver(self, bus: Wire, limit: int) -> Iterator[Wire]:
+    def _receiver(self, bus: ScriptedBus, limit: int) -> Iterator[ScriptedBus]:
         yield self

@@ -18,6 +18,7 @@ from orchestrator.can.live.bus import BusSettings, opened
 ROOT = Path(__file__).parents[2]
 COMMAND = [sys.executable, "-c", "from identification.cli import main; main()"]
 BITRATE = 500_000
+HANG = 300.0  # far more than anything here takes on a busy computer [s]
 
 
 def settings(port: Path, **others: Any) -> BusSettings:
@@ -42,7 +43,7 @@ def heard(bus: can.BusABC, timeout: float = 1.0) -> list[can.Message]:
     return messages
 
 
-def wait_for(condition: Callable[[], Any], patience: float = 15.0) -> None:
+def wait_for(condition: Callable[[], Any], patience: float = HANG) -> None:
     """Wait until something is so; fail when it never is."""
     until = time.monotonic() + patience
     while not condition():
@@ -66,6 +67,17 @@ def command(*arguments: object) -> Iterator[subprocess.Popen[str]]:
     finally:
         process.kill()
         process.communicate()
+
+
+def until_said(process: subprocess.Popen[str], words: str) -> None:
+    """Wait until the process says these words on stderr; fail when it ends without them."""
+    assert process.stderr is not None
+    lines = []
+    for line in process.stderr:
+        lines.append(line)
+        if words in line:
+            return
+    raise AssertionError(f"never said '{words}': {''.join(lines)}")
 
 
 @contextmanager

@@ -1,6 +1,6 @@
 """Frames to signals, many at once: what logs need. Values equal those of cantools.
 
-Everything in the stream that is not as it should be is counted in a census.
+Everything in the stream that is not as it should be is counted in a statistics.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmus.errors import TraceError
-from orchestrator.can.census import Census
 from orchestrator.can.codec.merging import Merger, Series, ascending, joined
-from orchestrator.can.codec.message_reader import MessageReader, channels
+from orchestrator.can.codec.message_reader import MessageReader, signal_columns
 from orchestrator.can.codec.schedule import Schedule, counter_of, on_schedule
 from orchestrator.can.codec.single_decoding import SingleDecoder
-from orchestrator.can.codec.time_stamps import Clock
+from orchestrator.can.codec.time_stamps import StampRepair
 from orchestrator.can.database.database import Database, MessageSpec
 from orchestrator.can.frames import Flag, Frames
+from orchestrator.can.statistics import FrameStatistics
 from orchestrator.trace import Trace
 
 __all__ = ["Decoded", "Decoder", "Merger", "Series", "SingleDecoder", "trace"]
@@ -35,7 +35,7 @@ class Decoder:
     """Decodes a stream of frames, batch after batch.
 
     Attributes:
-        census: what was found so far.
+        statistics: what was found so far.
     """
 
     def __init__(self, database: Database, signals: Sequence[str] | None = None) -> None:
@@ -44,16 +44,16 @@ class Decoder:
         Raises:
             DatabaseError: a signal is not in the database, or its name alone is that of several.
         """
-        self.census = Census()
-        wanted = channels(database, signals)
-        self._readers = [MessageReader(each, wanted.get(each.name, ()), self.census) for each in database.messages]
-        self._clock = Clock(self.census)
+        self.statistics = FrameStatistics()
+        wanted = signal_columns(database, signals)
+        self._readers = [MessageReader(each, wanted.get(each.name, ()), self.statistics) for each in database.messages]
+        self._stamps = StampRepair(self.statistics)
         self._standard, self._extended, self._extended_numbers = _tables(database.messages)
 
     @property
     def start(self) -> float | None:
         """Stamp of the first frame [s]; None before there was one."""
-        return self._clock.first
+        return self._stamps.first
 
     def feed(self, frames: Frames) -> dict[str, Series]:
         """The signals of these frames: message -> its series; messages without a wanted signal are only counted."""
@@ -64,8 +64,8 @@ class Decoder:
         return {name: joined(parts) for name, parts in pieces.items()}
 
     def _chunk(self, frames: Frames) -> Iterator[tuple[str, Series]]:
-        self.census.frames += len(frames)
-        frames = self._data_frames(self._clock.straightened(frames))
+        self.statistics.frames += len(frames)
+        frames = self._data_frames(self._stamps.straightened(frames))
         numbers = self._numbers(frames)
         order = np.argsort(numbers, kind="stable")
         ends = np.cumsum(np.bincount(numbers + 1, minlength=len(self._readers) + 1))
@@ -82,8 +82,8 @@ class Decoder:
         if not special.any():
             return frames
         errors = frames.has(Flag.ERROR)
-        self.census.errors += int(np.count_nonzero(errors))
-        self.census.remotes += int(np.count_nonzero(frames.has(Flag.REMOTE) & ~errors))
+        self.statistics.errors += int(np.count_nonzero(errors))
+        self.statistics.remotes += int(np.count_nonzero(frames.has(Flag.REMOTE) & ~errors))
         return frames[special == 0]
 
     def _numbers(self, frames: Frames) -> Numbers:
@@ -101,7 +101,7 @@ class Decoder:
         extended = frames.has(Flag.EXTENDED)
         for kind, chosen in ((False, ~extended), (True, extended)):
             for identifier, count in zip(*np.unique(frames.id[chosen], return_counts=True), strict=True):
-                self.census.add_unknown(int(identifier), kind, int(count))
+                self.statistics.add_unknown(int(identifier), kind, int(count))
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class Decoded:
 
     trace: Trace
     start: float
-    census: Census
+    statistics: FrameStatistics
     series: Mapping[str, Series]
     schedules: tuple[Schedule, ...] = ()
 
@@ -160,8 +160,10 @@ def trace(
         series[message], found = on_schedule(own, message, own.values[counters[message]], protection.modulus)
         schedules.append(found)
     named = None if signals is None else [database.public_name(*database.signal(each)) for each in signals]
-    merger = Merger(_columns(named, series, name), interpolated=linear, name=name, census=decoder.census, patience=0.0)
-    return Decoded(merger.feed(series), start, decoder.census, series, tuple(schedules))
+    merger = Merger(
+        _columns(named, series, name), interpolated=linear, name=name, statistics=decoder.statistics, patience=0.0
+    )
+    return Decoded(merger.feed(series), start, decoder.statistics, series, tuple(schedules))
 
 
 def _tables(messages: Sequence[MessageSpec]) -> tuple[Numbers, NDArray[np.uint32], Numbers]:

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from fmus.errors import TraceError
-from orchestrator.can.census import Census
 from orchestrator.can.codec.message_writer import MessageWriter
 from orchestrator.can.database.database import Database, MessageSpec
 from orchestrator.can.frames import Frames, concatenated
+from orchestrator.can.statistics import FrameStatistics
 from orchestrator.trace import FloatArray, Trace
 
 MOST_FRAMES = 1 << 28  # of a message in one trace
@@ -20,7 +20,7 @@ class Encoder:
     """Encodes traces, one after another; counters go on from one to the next.
 
     Attributes:
-        census: what was sent, and what had to be limited.
+        statistics: what was sent, and what had to be limited.
     """
 
     def __init__(self, database: Database, signals: Sequence[str]) -> None:
@@ -29,13 +29,13 @@ class Encoder:
         Raises:
             DatabaseError: a signal is not in the database, or its message cannot be sent.
         """
-        self.census = Census()
+        self.statistics = FrameStatistics()
         sent: dict[MessageSpec, dict[str, str]] = {}
         for name in signals:
             message, signal = database.signal(name)
             sent.setdefault(message, {})[signal.name] = name
         by_priority = sorted(sent.items(), key=lambda each: each[0].id)
-        self._writers = [MessageWriter(message, columns, self.census) for message, columns in by_priority]
+        self._writers = [MessageWriter(message, columns, self.statistics) for message, columns in by_priority]
         self._columns = list(dict.fromkeys(signals))
 
     def encode(self, trace: Trace, start: float = 0.0) -> Frames:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from orchestrator.can.census import Census
+from orchestrator.can.statistics import FrameStatistics
 from orchestrator.trace import FloatArray, Trace
 
 PATIENCE = 0.1  # [s]: by how much frames of different batches may be out of order
@@ -69,7 +69,7 @@ class Merger:
     patience: float = PATIENCE
     interpolated: Collection[str] = ()
     name: str = "can"
-    census: Census = field(default_factory=Census)
+    statistics: FrameStatistics = field(default_factory=FrameStatistics)
     _held: dict[str, float] = field(default_factory=dict)
     _units: dict[str, str] = field(default_factory=dict)
     _kept: dict[str, Series] = field(default_factory=dict)
@@ -112,7 +112,7 @@ class Merger:
 
     def _in_time(self, series: Series) -> Series:
         late = int(np.searchsorted(series.time, self._passed, side="right"))
-        self.census.late += late
+        self.statistics.late += late
         return series[late:]
 
     def _columns(self, series: Series, rows: NDArray[np.intp], time: FloatArray) -> dict[str, FloatArray]:

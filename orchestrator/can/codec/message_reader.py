@@ -9,18 +9,18 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from orchestrator.can.census import Census, add
 from orchestrator.can.codec import bits
 from orchestrator.can.codec.fields import field_of, longest
 from orchestrator.can.codec.merging import Series
 from orchestrator.can.codec.multiplexing import Presence, whole
 from orchestrator.can.database import protection as checks
 from orchestrator.can.database.database import Database, MessageSpec, SignalSpec, checksum_byte
+from orchestrator.can.statistics import FrameStatistics, add
 from orchestrator.trace import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class MessageRows:
     """Frames of one message: stamps (K,) and data (K, n), and the data as words in either order."""
 
     time: FloatArray
@@ -29,8 +29,8 @@ class Rows:
     def __len__(self) -> int:
         return len(self.time)
 
-    def __getitem__(self, rows: NDArray[np.bool_]) -> Rows:
-        return Rows(self.time[rows], self.data[rows])
+    def __getitem__(self, rows: NDArray[np.bool_]) -> MessageRows:
+        return MessageRows(self.time[rows], self.data[rows])
 
     @cached_property
     def little(self) -> bits.Words:
@@ -46,7 +46,7 @@ class Rows:
 
 
 @dataclass(frozen=True)
-class Channel:
+class SignalColumn:
     """A signal that is decoded.
 
     Attributes:
@@ -61,23 +61,23 @@ class Channel:
     high: float | None
 
 
-def channel(name: str, spec: SignalSpec) -> Channel:
+def channel(name: str, spec: SignalSpec) -> SignalColumn:
     """The signal under its public name, with the limits that its values can break."""
     place = field_of(spec)
     slack = 1e-6 * abs(spec.scale)
     ends = [limit * spec.scale + spec.offset for limit in place.limits()]
     low = None if spec.minimum is None or min(ends) >= spec.minimum - slack else spec.minimum - slack
     high = None if spec.maximum is None or max(ends) <= spec.maximum + slack else spec.maximum + slack
-    return Channel(name, spec, place, low, high)
+    return SignalColumn(name, spec, place, low, high)
 
 
-def channels(database: Database, signals: Sequence[str] | None) -> dict[str, list[Channel]]:
+def signal_columns(database: Database, signals: Sequence[str] | None) -> dict[str, list[SignalColumn]]:
     """Message -> its signals that are wanted; all signals where none are named."""
     if signals is None:
         pairs = [(message, signal) for message in database.messages for signal in message.signals]
     else:
         pairs = [database.signal(name) for name in dict.fromkeys(signals)]
-    found: dict[str, dict[str, Channel]] = {}
+    found: dict[str, dict[str, SignalColumn]] = {}
     for message, signal in pairs:
         name = database.public_name(message, signal)
         found.setdefault(message.name, {})[name] = channel(name, signal)
@@ -87,32 +87,32 @@ def channels(database: Database, signals: Sequence[str] | None) -> dict[str, lis
 class MessageReader:
     """Decodes the frames of one message, batch after batch."""
 
-    def __init__(self, spec: MessageSpec, channels: Sequence[Channel], census: Census) -> None:
-        self.spec, self._channels, self._census = spec, channels, census
+    def __init__(self, spec: MessageSpec, signal_columns: Sequence[SignalColumn], statistics: FrameStatistics) -> None:
+        self.spec, self._columns, self._statistics = spec, signal_columns, statistics
         self._longest = longest(spec)
-        self._units: Mapping[str, str] = {each.name: each.spec.unit for each in channels if each.spec.unit}
+        self._units: Mapping[str, str] = {each.name: each.spec.unit for each in signal_columns if each.spec.unit}
         self._multiplexed = any(each.multiplexer for each in spec.signals)
-        self._last: Rows | None = None
+        self._last: MessageRows | None = None
         self._last_count: int | None = None
 
     def read(self, time: FloatArray, length: NDArray[np.uint8], data: NDArray[np.uint8]) -> Series:
         """The signals of these frames: stamps (K,), data bytes (K,), data (K, n)."""
         name = self.spec.name
-        self._census.messages[name] += len(time)
-        rows = Rows(time, data)
-        add(self._census.long, name, int(np.count_nonzero(length > self._longest)))
+        self._statistics.messages[name] += len(time)
+        rows = MessageRows(time, data)
+        add(self._statistics.long, name, int(np.count_nonzero(length > self._longest)))
         short = length < self.spec.length
         if short.any():
-            add(self._census.short, name, int(np.count_nonzero(short)))
+            add(self._statistics.short, name, int(np.count_nonzero(short)))
             rows = rows[~short]
         if len(rows):
             rows = self._without_duplicates(rows)
         if len(rows):
             self._check(rows)
-            self._last = Rows(rows.time[-1:], rows.data[-1:])
+            self._last = MessageRows(rows.time[-1:], rows.data[-1:])
         return Series(rows.time, self._values(rows), self._units)
 
-    def _without_duplicates(self, rows: Rows) -> Rows:
+    def _without_duplicates(self, rows: MessageRows) -> MessageRows:
         before = self._last
         same = np.empty(len(rows), dtype=bool)
         same[0] = before is not None and rows.time[0] == before.time[0]
@@ -121,37 +121,37 @@ class MessageReader:
             return rows
         same[1:] &= (rows.little[1:] == rows.little[:-1]).all(axis=1)
         same[0] &= before is not None and _trimmed(rows.data[0]) == _trimmed(before.data[0])
-        add(self._census.duplicates, self.spec.name, int(np.count_nonzero(same)))
+        add(self._statistics.duplicates, self.spec.name, int(np.count_nonzero(same)))
         return rows[~same]
 
-    def _check(self, rows: Rows) -> None:
+    def _check(self, rows: MessageRows) -> None:
         """Count what the counter, the checksum and the cycle time say is wrong."""
         protection, name = self.spec.protection, self.spec.name
         if protection and protection.counter:
             self._check_counter(rows, protection)
         elif self.spec.cycle:
             last = None if self._last is None else float(self._last.time[0])
-            add(self._census.missing, name, checks.gaps(rows.time, self.spec.cycle, last))
+            add(self._statistics.missing, name, checks.gaps(rows.time, self.spec.cycle, last))
         if protection and protection.checksum:
             signal = self.spec.signal(protection.checksum)
             data = rows.data[:, : self.spec.length]
             right = checks.checksums(data, protection.algorithm, checksum_byte(signal), protection.data_id)
-            add(self._census.checksums, name, int(np.count_nonzero(rows.raw(field_of(signal)) != right)))
+            add(self._statistics.checksums, name, int(np.count_nonzero(rows.raw(field_of(signal)) != right)))
 
-    def _check_counter(self, rows: Rows, protection: checks.Protection) -> None:
+    def _check_counter(self, rows: MessageRows, protection: checks.Protection) -> None:
         counter = rows.raw(field_of(self.spec.signal(protection.counter))).astype(np.int64)
         missing, wrong = checks.lost(counter, protection.modulus, self._last_count)
         self._last_count = int(counter[-1])
-        add(self._census.missing, self.spec.name, missing)
-        add(self._census.counters, self.spec.name, wrong)
+        add(self._statistics.missing, self.spec.name, missing)
+        add(self._statistics.counters, self.spec.name, wrong)
 
-    def _values(self, rows: Rows) -> dict[str, FloatArray]:
+    def _values(self, rows: MessageRows) -> dict[str, FloatArray]:
         if not self._multiplexed:
-            return {each.name: self._inspected(each, rows.raw(each.place)) for each in self._channels}
+            return {each.name: self._inspected(each, rows.raw(each.place)) for each in self._columns}
         presence = Presence(self.spec, lambda signal: whole(field_of(signal), rows.raw(field_of(signal))))
-        add(self._census.multiplexers, self.spec.name, presence.unknown)
+        add(self._statistics.multiplexers, self.spec.name, presence.unknown)
         values = {}
-        for each in self._channels:
+        for each in self._columns:
             there, raw = presence.of(each.spec), rows.raw(each.place)
             if there is None:
                 values[each.name] = self._inspected(each, raw)
@@ -160,17 +160,17 @@ class MessageReader:
                 values[each.name][there] = self._inspected(each, raw[there])
         return values
 
-    def _inspected(self, channel: Channel, raw: bits.Words) -> FloatArray:
+    def _inspected(self, channel: SignalColumn, raw: bits.Words) -> FloatArray:
         """The values, once those that no one should send are counted."""
         values = channel.place.values(raw)
         if channel.place.is_float:
-            add(self._census.not_finite, channel.name, int(np.count_nonzero(~np.isfinite(values))))
+            add(self._statistics.not_finite, channel.name, int(np.count_nonzero(~np.isfinite(values))))
         outside = 0
         if channel.low is not None:
             outside += int(np.count_nonzero(values < channel.low))
         if channel.high is not None:
             outside += int(np.count_nonzero(values > channel.high))
-        add(self._census.out_of_range, channel.name, outside)
+        add(self._statistics.out_of_range, channel.name, outside)
         return values
 
 

@@ -7,13 +7,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from fmus.errors import DatabaseError
-from orchestrator.can.census import Census, add
 from orchestrator.can.codec import bits
 from orchestrator.can.codec.fields import field_of, longest, raw_limits, resting
 from orchestrator.can.codec.multiplexing import Presence, whole
 from orchestrator.can.database import protection as checks
 from orchestrator.can.database.database import MessageSpec, SignalSpec, checksum_byte
 from orchestrator.can.frames import CLASSIC, LONGEST, Flag, Frames
+from orchestrator.can.statistics import FrameStatistics, add
 from orchestrator.trace import FloatArray
 
 
@@ -30,8 +30,8 @@ class MessageWriter:
         DatabaseError: the message is no single frame, or a signal has no scale.
     """
 
-    def __init__(self, spec: MessageSpec, sent: Mapping[str, str], census: Census) -> None:
-        self.spec, self._sent, self._census = spec, dict(sent), census
+    def __init__(self, spec: MessageSpec, sent: Mapping[str, str], statistics: FrameStatistics) -> None:
+        self.spec, self._sent, self._statistics = spec, dict(sent), statistics
         if spec.length > LONGEST:
             raise DatabaseError(f"message {spec.name}", f"has {spec.length} bytes, more than a frame", "split it")
         for signal in spec.signals:
@@ -53,8 +53,8 @@ class MessageWriter:
         data = words[False].astype(bits.LITTLE).view(np.uint8) | words[True].astype(bits.BIG).view(np.uint8)
         self._seal(data)
         self._count += count
-        self._census.frames += count
-        self._census.messages[spec.name] += count
+        self._statistics.frames += count
+        self._statistics.messages[spec.name] += count
         flags = Flag.EXTENDED * spec.extended | Flag.FD * spec.fd
         identifier, length = np.full(count, spec.id, np.uint32), np.full(count, longest(spec), np.uint8)
         return Frames(time, identifier, np.full(count, flags, np.uint8), np.zeros(count, np.uint8), length, data)
@@ -76,7 +76,7 @@ class MessageWriter:
             return np.zeros(count, dtype=np.uint64)
         if signal.name in self._sent:
             raw, limited = field_of(signal).encoded(columns[self._sent[signal.name]], *raw_limits(signal))
-            add(self._census.saturated, self._sent[signal.name], int(np.count_nonzero(limited)))
+            add(self._statistics.saturated, self._sent[signal.name], int(np.count_nonzero(limited)))
             return raw
         rest = resting(signal)
         values = np.array([turn.get(signal.name, rest) for turn in self._turns], dtype=np.float64)

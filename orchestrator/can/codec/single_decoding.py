@@ -8,35 +8,37 @@ from collections.abc import Mapping, Sequence
 import can
 import cantools
 
-from orchestrator.can.census import Census, add
 from orchestrator.can.codec.fields import longest
-from orchestrator.can.codec.message_reader import Channel, channels
+from orchestrator.can.codec.message_reader import SignalColumn, signal_columns
 from orchestrator.can.database import protection as checks
 from orchestrator.can.database.database import Database, MessageSpec, checksum_byte
+from orchestrator.can.statistics import FrameStatistics, add
 
 
 class SingleDecoder:
     """Decodes frames one by one.
 
     Attributes:
-        census: what was found so far; of the stamps only that they are as far apart as the cycle time says.
+        statistics: what was found so far; of the stamps only that they are as far apart as the cycle time says.
     """
 
     def __init__(self, database: Database, signals: Sequence[str] | None = None) -> None:
-        self.census = Census()
-        wanted = channels(database, signals)
-        self._readers = {(m.id, m.extended): _Reader(m, wanted.get(m.name, ()), self.census) for m in database.messages}
+        self.statistics = FrameStatistics()
+        wanted = signal_columns(database, signals)
+        self._readers = {
+            (m.id, m.extended): _Reader(m, wanted.get(m.name, ()), self.statistics) for m in database.messages
+        }
 
     def decode(self, message: can.Message) -> dict[str, float] | None:
         """Public name -> value of the finite signals in the frame; None for a frame that cannot be decoded."""
-        self.census.frames += 1
+        self.statistics.frames += 1
         if message.is_error_frame or message.is_remote_frame:
-            self.census.errors += message.is_error_frame
-            self.census.remotes += not message.is_error_frame
+            self.statistics.errors += message.is_error_frame
+            self.statistics.remotes += not message.is_error_frame
             return None
         reader = self._readers.get((message.arbitration_id, message.is_extended_id))
         if reader is None:
-            self.census.add_unknown(message.arbitration_id, message.is_extended_id)
+            self.statistics.add_unknown(message.arbitration_id, message.is_extended_id)
             return None
         return reader.read(message)
 
@@ -44,22 +46,22 @@ class SingleDecoder:
 class _Reader:
     """One message's frames."""
 
-    def __init__(self, spec: MessageSpec, wanted: Sequence[Channel], census: Census) -> None:
-        self._spec, self._wanted, self._census, self._longest = spec, wanted, census, longest(spec)
+    def __init__(self, spec: MessageSpec, wanted: Sequence[SignalColumn], statistics: FrameStatistics) -> None:
+        self._spec, self._wanted, self._statistics, self._longest = spec, wanted, statistics, longest(spec)
         self._last_time: float | None = None
         self._last_count: int | None = None
 
     def read(self, message: can.Message) -> dict[str, float] | None:
-        name, census, size = self._spec.name, self._census, len(message.data)
-        census.messages[name] += 1
+        name, statistics, size = self._spec.name, self._statistics, len(message.data)
+        statistics.messages[name] += 1
         if size < self._spec.length:
-            census.short[name] += 1
+            statistics.short[name] += 1
             return None
-        add(census.long, name, int(size > self._longest))
+        add(statistics.long, name, int(size > self._longest))
         try:
             decoded = self._spec.raw.decode_simple(bytes(message.data), decode_choices=False)
         except cantools.database.DecodeError:
-            census.multiplexers[name] += 1
+            statistics.multiplexers[name] += 1
             return None
         self._check(message, decoded)
         return self._inspected(decoded)
@@ -71,10 +73,10 @@ class _Reader:
             if value is None:
                 continue
             if not math.isfinite(value):
-                self._census.not_finite[each.name] += 1
+                self._statistics.not_finite[each.name] += 1
                 continue
             outside = (each.low is not None and value < each.low) or (each.high is not None and value > each.high)
-            add(self._census.out_of_range, each.name, int(outside))
+            add(self._statistics.out_of_range, each.name, int(outside))
             values[each.name] = float(value)
         return values
 
@@ -84,17 +86,17 @@ class _Reader:
             self._check_counter(int(decoded[protection.counter]), protection.modulus)
         elif self._spec.cycle and self._last_time is not None:
             cycles = (message.timestamp - self._last_time) / self._spec.cycle
-            add(self._census.missing, name, round(cycles) - 1 if cycles > 1.5 else 0)
+            add(self._statistics.missing, name, round(cycles) - 1 if cycles > 1.5 else 0)
         self._last_time = message.timestamp
         if protection and protection.checksum:
             byte = checksum_byte(self._spec.signal(protection.checksum))
             right = checks.checksum(message.data[: self._spec.length], protection.algorithm, byte, protection.data_id)
-            add(self._census.checksums, name, int(decoded[protection.checksum] != right))
+            add(self._statistics.checksums, name, int(decoded[protection.checksum] != right))
 
     def _check_counter(self, count: int, modulus: int) -> None:
         if self._last_count is not None:
             step = (count - self._last_count) % modulus
             wrong = step != 1 or count >= modulus
-            add(self._census.missing, self._spec.name, max(step - 1, 0) if wrong else 0)
-            add(self._census.counters, self._spec.name, int(wrong))
+            add(self._statistics.missing, self._spec.name, max(step - 1, 0) if wrong else 0)
+            add(self._statistics.counters, self._spec.name, int(wrong))
         self._last_count = count

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from orchestrator.can.census import Census
 from orchestrator.can.frames import Frames
+from orchestrator.can.statistics import FrameStatistics
 from orchestrator.trace import LATEST, FloatArray
 
 JUMP = 1.0  # [s]: what frames may be out of order by, and more is a jump
@@ -19,7 +19,7 @@ CONTINUED = 1e-6  # [s] from the last stamp before a setback to the first after 
 
 
 @dataclass
-class Clock:
+class StampRepair:
     """Stamps of a stream as a clock that does not jump backwards has them.
 
     A single frame whose stamp is more than `JUMP` away from both its neighbours' in one batch, or is no time, takes
@@ -27,7 +27,7 @@ class Clock:
     stamps are moved to follow on. Smaller disorder is left to sorting, and forward jumps are gaps.
     """
 
-    census: Census
+    statistics: FrameStatistics
     seen: int = 0
     first: float | None = None
     last: float | None = None
@@ -53,7 +53,7 @@ class Clock:
     def _without_strays(self, time: FloatArray) -> FloatArray:
         wrong = ~(np.abs(time) < LATEST)
         if wrong.any():
-            self.census.strays += int(np.count_nonzero(wrong))
+            self.statistics.strays += int(np.count_nonzero(wrong))
             time = _filled(time, wrong, self.last)
         steps = np.diff(time, prepend=time[0] if self.last is None else self.last)
         far = np.abs(steps) > JUMP
@@ -62,21 +62,21 @@ class Clock:
         returns = np.abs(steps[:-1] + steps[1:]) <= JUMP
         stray = np.append(far[:-1] & returns & far[1:], False)
         stray[1:] &= ~stray[:-1]
-        self.census.strays += int(np.count_nonzero(stray))
+        self.statistics.strays += int(np.count_nonzero(stray))
         return _filled(time, stray, self.last)
 
     def _follow_on(self, time: FloatArray, before: FloatArray, back: NDArray[np.intp]) -> FloatArray:
         moves = np.zeros(len(time))
         moves[back] = before[back] - time[back] + CONTINUED
         for row in back.tolist():
-            self.census.add_setback(self.seen + row, float(before[row]), float(time[row]))
+            self.statistics.add_setback(self.seen + row, float(before[row]), float(time[row]))
         moved = self.moved + np.cumsum(moves)
         self.moved = float(moved[-1])
         return time + moved
 
     def _count_disorder(self, time: FloatArray) -> None:
         highest = np.maximum.accumulate(np.concatenate(([self.latest], time)))
-        self.census.disordered += int(np.count_nonzero(time < highest[:-1]))
+        self.statistics.disordered += int(np.count_nonzero(time < highest[:-1]))
         self.latest = float(highest[-1])
 
 

@@ -2,8 +2,8 @@
 
 Signals with both bounds become whole numbers of 16 bits whose resolution is the next round one (1, 2 or 5 times a
 power of ten, 1e-30 at least) that spans the bounds. Without both bounds, or where that resolution is coarser than a
-thousandth of the nominal value, a signal is a float of 32 bits. Signals of one sender and one period share messages, in the order of
-their declaration, until a message is full. Faster messages have lower identifiers, which win on the bus.
+thousandth of the nominal value, a signal is a float of 32 bits. Signals of one sender and one period share messages, in
+the order of their declaration, until a message is full. Faster messages have lower identifiers, which win on the bus.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Recording a bus: log files and a manifest in a folder, with everything that was received, however it ends.
+"""BusRecording a bus: log files and a manifest in a folder, with everything that was received, however it ends.
 
 A thread receives; frames are written every few hundredths of a second, and are on disk within a second.
 """
@@ -17,13 +17,13 @@ from typing import Any
 import can
 
 from fmus.errors import BusError, InputError
-from orchestrator.can import frames, wire
-from orchestrator.can.census import Census
+from orchestrator.can import frame_time, frames
 from orchestrator.can.codec.decoding import Decoder
 from orchestrator.can.database.database import Database, load
 from orchestrator.can.live.bus import BusSettings, is_bus_off, opened
 from orchestrator.can.live.receiver import Receiver
 from orchestrator.can.logs.rotation import LogFiles, writer_of
+from orchestrator.can.statistics import FrameStatistics
 from orchestrator.realtime.pacing import quiet
 from orchestrator.realtime.stopping import Stop, stop_requests
 from orchestrator.results import versions, write_json
@@ -36,7 +36,7 @@ _SYNC = 0.5  # between two times that the file is made whole [s]
 
 
 @dataclass(frozen=True)
-class Recording:
+class BusRecording:
     """What is recorded, where to, and for how long.
 
     Attributes:
@@ -87,7 +87,7 @@ class Status:
 class _Counts:
     """What has been seen."""
 
-    census: Census
+    statistics: FrameStatistics
     decoder: Decoder | None
     bitrates: tuple[int | None, int | None]
     frames: int = 0
@@ -107,7 +107,7 @@ class _Counts:
         nominal, data = self.bitrates
         if nominal is not None:
             self.busy += sum(
-                wire.seconds(
+                frame_time.seconds(
                     each.dlc,
                     each.is_extended_id,
                     each.is_remote_frame,
@@ -121,23 +121,23 @@ class _Counts:
         self.bus_off += [each.timestamp for each in messages if is_bus_off(each)][: _MOST - len(self.bus_off)]
 
     def document(self) -> dict[str, Any]:
-        """The census; frames by identifier where there is no database."""
-        found = self.census.document()
+        """The statistics; frames by identifier where there is no database."""
+        found = self.statistics.document()
         if self.decoder is None:
             found["identifiers"] = found.pop("unknown", {})
         return found
 
     def _count_identifiers(self, messages: Sequence[can.Message]) -> None:
-        self.census.frames += len(messages)
+        self.statistics.frames += len(messages)
         for each in messages:
             if each.is_error_frame:
-                self.census.errors += 1
+                self.statistics.errors += 1
             else:
-                self.census.add_unknown(each.arbitration_id, each.is_extended_id)
+                self.statistics.add_unknown(each.arbitration_id, each.is_extended_id)
 
 
 def record(
-    recording: Recording,
+    recording: BusRecording,
     progress: Callable[[Status], None] = lambda status: None,
     ready: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:
@@ -159,7 +159,7 @@ def record(
         Receiver(bus, recording.queue) as receiver,
     ):
         _make(recording.out)
-        session = _Session(recording, bus, receiver, database)
+        session = _BusRecorder(recording, bus, receiver, database)
         ready()
         document = session.run(stop, progress)
     if session.failure is not None:
@@ -171,15 +171,15 @@ def record(
     return document
 
 
-class _Session:
+class _BusRecorder:
     """One recording while it is made."""
 
-    def __init__(self, recording: Recording, bus: can.BusABC, receiver: Receiver, database: Database | None) -> None:
+    def __init__(self, recording: BusRecording, bus: can.BusABC, receiver: Receiver, database: Database | None) -> None:
         settings = recording.bus
         decoder = None if database is None else Decoder(database)
         self._recording, self._bus, self._receiver = recording, bus, receiver
         self._counts = _Counts(
-            decoder.census if decoder else Census(), decoder, (settings.bitrate, settings.data_bitrate)
+            decoder.statistics if decoder else FrameStatistics(), decoder, (settings.bitrate, settings.data_bitrate)
         )
         self._log = LogFiles(
             recording.out,
@@ -246,7 +246,7 @@ class _Session:
             now - self._begin,
             counts.frames,
             self._receiver.dropped,
-            counts.census.errors,
+            counts.statistics.errors,
             (counts.frames - frames_then) / past,
             load,
         )
@@ -268,7 +268,7 @@ class _Session:
             "failure": None if self._receiver.failure is None else str(self._receiver.failure),
             "frames": counts.frames,
             "dropped": self._receiver.dropped,
-            "error_frames": counts.census.errors,
+            "error_frames": counts.statistics.errors,
             "bus_off": [_iso(stamp) for stamp in counts.bus_off],
             "malformed_lines": getattr(self._bus, "malformed", 0),
             "refused_lines": getattr(self._bus, "refused", 0),
@@ -276,14 +276,14 @@ class _Session:
             "found": counts.document(),
             "versions": versions(),
         }
-        document["remarks"] = _remarks(document, counts.census)
+        document["remarks"] = _remarks(document, counts.statistics)
         fresh = recording.out / ".manifest.json"
         write_json(fresh, document)
         fresh.replace(recording.out / "manifest.json")
         return document
 
 
-def _remarks(document: dict[str, Any], found: Census) -> list[str]:
+def _remarks(document: dict[str, Any], found: FrameStatistics) -> list[str]:
     """What somebody should know about a recording: a line each."""
     lines = {
         "{dropped:,} frames were dropped: they came faster than they could be written": document["dropped"],

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from fmus.errors import TraceError
 from orchestrator.can.frames import Frames
-from orchestrator.can.logs import blf, dialects, mf4, sqlite, text
+from orchestrator.can.logs import blf, mf4, sqlite, text, text_formats
 from orchestrator.can.logs.findings import Damage, Findings
 from orchestrator.can.logs.suffixes import CSV_HEADER, SUFFIXES, is_log
 from orchestrator.can.logs.writing import write
@@ -24,18 +24,18 @@ Reading = Callable[[Path, Findings, Progress], Iterator[Frames]]
 BATCH = 1 << 16  # frames that are handed out at once, at most
 
 
-def _lines(dialect: text.Dialect) -> Reading:
-    return lambda path, findings, progress: text.frames(path, dialect, findings, progress)
+def _lines(text_format: text.TextFormat) -> Reading:
+    return lambda path, findings, progress: text.frames(path, text_format, findings, progress)
 
 
 READERS: dict[str, Reading] = {
-    ".asc": _lines(dialects.ASC),
+    ".asc": _lines(text_formats.ASC),
     ".blf": blf.frames,
-    ".csv": _lines(dialects.CSV),
+    ".csv": _lines(text_formats.CSV),
     ".db": sqlite.frames,
-    ".log": _lines(dialects.CANDUMP),
+    ".log": _lines(text_formats.CANDUMP),
     ".mf4": mf4.frames,
-    ".trc": _lines(dialects.TRC),
+    ".trc": _lines(text_formats.TRC),
 }
 
 

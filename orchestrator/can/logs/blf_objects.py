@@ -113,14 +113,14 @@ def chain(octets: Octets, total: int) -> Chain:
     broken = _broken(heads) & whole
     next_one = (following == np.arange(1, len(starts) + 1)) & (following < len(starts))
     smooth = next_one & (gap <= PADDING) & ~broken & whole
-    turns = np.flatnonzero(~smooth).tolist()
+    breaks = np.flatnonzero(~smooth).tolist()
     runs: list[tuple[int, int]] = []
     gaps: list[tuple[int, int]] = []
     row, end = 0, 0
     while row < len(starts):
         if starts[row] - end > PADDING:
             gaps.append((end, int(starts[row])))
-        last = turns[bisect_left(turns, row)]
+        last = breaks[bisect_left(breaks, row)]
         if broken[last]:
             runs.append((row, last))
             row, end = last + 1, int(starts[last])
@@ -172,7 +172,7 @@ class Objects(NamedTuple):
         return Objects(self.octets, self.starts[rows], self.heads[rows], self.bodies[rows])
 
 
-class Columns(NamedTuple):
+class FrameColumns(NamedTuple):
     """Columns of frames without their stamps; a channel counts from 1, `data` may go on beyond a frame's length."""
 
     id: NDArray[np.uint32]
@@ -244,17 +244,17 @@ def _frames(objects: Objects, origin: float) -> Frames:
     return found
 
 
-def _message(objects: Objects) -> Columns:
+def _message(objects: Objects) -> FrameColumns:
     raw = gather(objects.octets, objects.bodies, MESSAGE)
     flags = _where(raw["flags"] & 0x80, Flag.REMOTE) | _where(raw["flags"] & 1, Flag.SENT)
     length = np.where(flags & Flag.REMOTE, raw["dlc"], np.minimum(raw["dlc"], CLASSIC))
-    return Columns(raw["id"], flags, raw["channel"], length, raw["data"])
+    return FrameColumns(raw["id"], flags, raw["channel"], length, raw["data"])
 
 
-def _error(objects: Objects) -> Columns:
+def _error(objects: Objects) -> FrameColumns:
     raw = gather(objects.octets, objects.bodies, ERROR)
     nothing = np.zeros(len(raw), np.uint8)
-    return Columns(
+    return FrameColumns(
         nothing.astype(np.uint32),
         nothing + np.uint8(Flag.ERROR),
         raw["channel"],
@@ -263,13 +263,13 @@ def _error(objects: Objects) -> Columns:
     )
 
 
-def _error_ext(objects: Objects) -> Columns:
+def _error_ext(objects: Objects) -> FrameColumns:
     raw = gather(objects.octets, objects.bodies, ERROR_EXT)
     flags = np.full(len(raw), Flag.ERROR, np.uint8)
-    return Columns(raw["id"], flags, raw["channel"], np.minimum(raw["dlc"], CLASSIC), raw["data"])
+    return FrameColumns(raw["id"], flags, raw["channel"], np.minimum(raw["dlc"], CLASSIC), raw["data"])
 
 
-def _fd(objects: Objects) -> Columns:
+def _fd(objects: Objects) -> FrameColumns:
     raw = gather(objects.octets, objects.bodies, FD)
     fd = raw["fd"]
     flags = (
@@ -281,10 +281,10 @@ def _fd(objects: Objects) -> Columns:
     )
     valid = np.minimum(raw["valid"], LONGEST)
     length = np.where(flags & Flag.REMOTE, LENGTHS[np.minimum(raw["dlc"], 15)], valid)
-    return Columns(raw["id"], flags, raw["channel"], length, raw["data"])
+    return FrameColumns(raw["id"], flags, raw["channel"], length, raw["data"])
 
 
-def _fd_64(objects: Objects) -> Columns:
+def _fd_64(objects: Objects) -> FrameColumns:
     raw = gather(objects.octets, objects.bodies, FD_64)
     told = raw["flags"]
     flags = (
@@ -299,14 +299,14 @@ def _fd_64(objects: Objects) -> Columns:
     there = np.clip(behind - objects.heads["header"] - FD_64.itemsize, 0, valid)
     data = gather(objects.octets, objects.bodies + FD_64.itemsize, np.dtype([("data", "u1", LONGEST)]))["data"]
     length = np.where(flags & Flag.REMOTE, LENGTHS[np.minimum(raw["dlc"], 15)], valid)
-    return Columns(raw["id"], flags, raw["channel"], length, data * (np.arange(LONGEST) < there[:, None]))
+    return FrameColumns(raw["id"], flags, raw["channel"], length, data * (np.arange(LONGEST) < there[:, None]))
 
 
 def _where(bits: NDArray[Any], flag: Flag) -> NDArray[np.uint8]:
     return (bits != 0) * np.uint8(flag)
 
 
-KINDS: dict[int, tuple[np.dtype[Any], Callable[[Objects], Columns]]] = {
+KINDS: dict[int, tuple[np.dtype[Any], Callable[[Objects], FrameColumns]]] = {
     CAN_MESSAGE: (MESSAGE, _message),
     CAN_MESSAGE2: (MESSAGE, _message),
     CAN_ERROR: (ERROR, _error),

@@ -23,7 +23,7 @@ from orchestrator.can.logs.messages import BATCH, oddity, shortened, silence
 MAX_LINE = 1 << 12  # bytes
 
 
-class Verdict(Enum):
+class LineKind(Enum):
     """What a line is from which no frame came."""
 
     NOTHING = auto()
@@ -32,7 +32,7 @@ class Verdict(Enum):
 
 
 @dataclass(frozen=True)
-class Dialect:
+class TextFormat:
     """What is particular about a format.
 
     Attributes:
@@ -46,7 +46,7 @@ class Dialect:
 
     reader: Callable[[Feed], Iterable[can.Message]]
     header: Callable[[str], str]
-    verdict: Callable[[str], Verdict]
+    verdict: Callable[[str], LineKind]
     adapt: Callable[[can.Message, str], None]
     preamble: re.Pattern[str] | None = None
     behind_preamble: str = ""
@@ -57,7 +57,7 @@ class Feed:
     """The lines of a log as a file to read from, which says what became of them."""
 
     file: BinaryIO
-    dialect: Dialect
+    text_format: TextFormat
     findings: Findings
     offset: int = 0
     number: int = 0
@@ -90,10 +90,10 @@ class Feed:
         if not self._waits:
             return
         self._waits = False
-        verdict = self.dialect.verdict(self.line)
-        if verdict is Verdict.BROKEN:
+        verdict = self.text_format.verdict(self.line)
+        if verdict is LineKind.BROKEN:
             self.complain("this line is no frame")
-        elif verdict is Verdict.EVENT:
+        elif verdict is LineKind.EVENT:
             self.findings.skipped += 1
 
     def complain(self, problem: str) -> None:
@@ -113,12 +113,12 @@ class Feed:
     def _read(self) -> list[tuple[str, bool]]:
         """The next line, behind the one that ends the preamble where it is the first after it."""
         line = self._next_line()
-        while (name := self.dialect.header(line)) and self._kept.get(name) == line:
+        while (name := self.text_format.header(line)) and self._kept.get(name) == line:
             line = self._next_line()  # logs that were put together repeat their header
         given = []
-        preamble = self.dialect.preamble
+        preamble = self.text_format.preamble
         if self._in_preamble and preamble is not None and not preamble.match(line):
-            self._in_preamble, end = False, self.dialect.behind_preamble
+            self._in_preamble, end = False, self.text_format.behind_preamble
             self._kept[end] = end
             given.append((end, False))
         if name:
@@ -150,12 +150,14 @@ class Feed:
         self.findings.add(self._start, f"a line of {length} bytes is no frame", self.number)
 
 
-def frames(path: Path, dialect: Dialect, findings: Findings, progress: Callable[[float], None]) -> Iterator[Frames]:
+def frames(
+    path: Path, text_format: TextFormat, findings: Findings, progress: Callable[[float], None]
+) -> Iterator[Frames]:
     """The frames in batches, in the order of the file."""
     silence()
     size = path.stat().st_size
     with path.open("rb") as file:
-        feed = Feed(file, dialect, findings)
+        feed = Feed(file, text_format, findings)
         taken: list[can.Message] = []
         for message in _messages(feed):
             taken.append(message)
@@ -171,9 +173,9 @@ def _messages(feed: Feed) -> Iterator[can.Message]:
     while before != feed.state():
         before = feed.state()
         try:
-            for message in feed.dialect.reader(feed):
+            for message in feed.text_format.reader(feed):
                 feed.came()
-                feed.dialect.adapt(message, feed.line)
+                feed.text_format.adapt(message, feed.line)
                 if problem := oddity(message):
                     feed.complain(problem)
                 else:

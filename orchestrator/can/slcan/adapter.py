@@ -1,6 +1,6 @@
 """Serial adapters and the bus between them, without ports: what a stand-in for hardware does with lines and time.
 
-A bus of `Adapter`s carries one frame after the other, the one of highest priority first, each for as long as its bits
+A bus of adapters carries one frame after the other, the one of highest priority first, each for as long as its bits
 take. An adapter that is set to another bit rate hears errors instead of frames, and what it sends is lost.
 """
 
@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from orchestrator.can import wire
+from orchestrator.can import frame_time
 from orchestrator.can.slcan import protocol
 
 QUEUE = 256  # frames that an adapter keeps until the bus is free; it reads no more then
@@ -31,14 +31,14 @@ class Queued(NamedTuple):
 
 
 @dataclass
-class Rates:
+class BitRates:
     """Bit rates of a bus or of an adapter; None: not set [bit/s]."""
 
     nominal: int | None
     data: int | None = None
 
 
-class Adapter:
+class SerialAdapter:
     """What a LAWICEL adapter does with commands from its port and frames from the bus.
 
     Attributes:
@@ -47,9 +47,9 @@ class Adapter:
         ignored: commands and frames that were answered with BEL.
     """
 
-    def __init__(self, bus: Rates, paced: bool = True) -> None:
+    def __init__(self, bus: BitRates, paced: bool = True) -> None:
         self._bus, self._paced = bus, paced
-        self.rates = Rates(bus.nominal)
+        self.rates = BitRates(bus.nominal)
         self.open = self.listens_only = self.off = False
         self.queue: deque[Queued] = deque()
         self.outgoing = bytearray()
@@ -89,17 +89,17 @@ class Adapter:
         self.ignored += answer == protocol.BELL
         return answer
 
-    def _enqueue(self, line: bytes, frame: protocol.Line, now: float) -> bytes:
+    def _enqueue(self, line: bytes, frame: protocol.FrameLine, now: float) -> bytes:
         if not self.open or self.listens_only or self.off or (frame.fd and self.rates.data is None):
             self.ignored += 1
             return protocol.BELL
         duration = 0.0
         if self._paced:
             data_rate = self._bus.data if frame.switched else None
-            duration = wire.seconds(
+            duration = frame_time.seconds(
                 frame.length, frame.extended, frame.remote, frame.fd, self._bus.nominal or 1, data_rate
             )
-        order = wire.priority(frame.identifier, frame.extended, frame.remote)
+        order = frame_time.priority(frame.identifier, frame.extended, frame.remote)
         self.queue.append(Queued(line + protocol.END, order, now, duration, frame.fd))
         return b"Z\r" if frame.extended else b"z\r"
 
@@ -109,7 +109,7 @@ class Adapter:
         elif text in ("O", "L") and not self.open:
             self.open, self.listens_only = True, text == "L"
         elif text in protocol.BITRATES and not self.open:
-            self.rates = Rates(protocol.BITRATES[text])
+            self.rates = BitRates(protocol.BITRATES[text])
         elif text in protocol.DATA_BITRATES and not self.open:
             self.rates.data = protocol.DATA_BITRATES[text]
         elif text == "F" and self.open:
@@ -179,7 +179,7 @@ class Adapter:
             self.outgoing += text.encode() + protocol.END
 
 
-class Bus:
+class AdapterBus:
     """Carries the frames of its adapters, one after the other.
 
     Attributes:
@@ -187,11 +187,11 @@ class Bus:
         frames: how many have passed.
     """
 
-    def __init__(self, adapters: Sequence[Adapter]) -> None:
+    def __init__(self, adapters: Sequence[SerialAdapter]) -> None:
         self.adapters = list(adapters)
         self.busy, self.frames = 0.0, 0
         self._free = 0.0  # when the latest frame ended
-        self._now: tuple[float, Adapter, Queued] | None = None  # the frame on the bus and when it ends
+        self._now: tuple[float, SerialAdapter, Queued] | None = None  # the frame on the bus and when it ends
 
     def advance(self, now: float) -> float | None:
         """Let pass what ends by now; when the next frame ends, None where none is on the bus."""
@@ -217,7 +217,7 @@ class Bus:
         self._now = begin + frame.duration, sender, frame
         return True
 
-    def _finish(self, sender: Adapter, frame: Queued) -> None:
+    def _finish(self, sender: SerialAdapter, frame: Queued) -> None:
         if not sender.open:
             return
         if not sender.matches:

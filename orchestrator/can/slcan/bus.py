@@ -204,7 +204,7 @@ class SlcanBus(slcanBus):
         return data
 
 
-def _data_frame(frame: protocol.Line, stamp: float) -> can.Message:
+def _data_frame(frame: protocol.FrameLine, stamp: float) -> can.Message:
     return can.Message(
         timestamp=stamp,
         arbitration_id=frame.identifier,

@@ -23,7 +23,7 @@ from types import FrameType
 from typing import IO, Any
 
 from fmus.errors import BusError
-from orchestrator.can.slcan.adapter import Adapter, Bus, Rates
+from orchestrator.can.slcan.adapter import AdapterBus, BitRates, SerialAdapter
 
 _STARTING = 20.0  # patience with a process that has still to start [s]
 _ENDING = 5.0  # patience with one that has been told to end [s]
@@ -54,7 +54,7 @@ class _Port:
     The hub keeps the application's end open too, so that applications may come and go as with a real port.
     """
 
-    def __init__(self, path: Path, adapter: Adapter) -> None:
+    def __init__(self, path: Path, adapter: SerialAdapter) -> None:
         self.adapter, self.path = adapter, path
         self.master, self._slave = os.openpty()
         tty.setraw(self._slave)
@@ -97,11 +97,12 @@ class _Hub:
 
     def __init__(self, settings: HubSettings, orders: int | None) -> None:
         settings.folder.mkdir(parents=True, exist_ok=True)
-        rates = Rates(settings.bitrate, settings.data_bitrate)
+        rates = BitRates(settings.bitrate, settings.data_bitrate)
         self._ports = [
-            _Port(settings.folder / str(number), Adapter(rates, settings.paced)) for number in range(settings.ports)
+            _Port(settings.folder / str(number), SerialAdapter(rates, settings.paced))
+            for number in range(settings.ports)
         ]
-        self._bus = Bus([port.adapter for port in self._ports])
+        self._bus = AdapterBus([port.adapter for port in self._ports])
         self._orders, self._order = orders, b""
         self._parent = os.getppid()
         self._started = time.monotonic()

@@ -31,7 +31,7 @@ _FRAME = re.compile(
 _REMOTE, _FD, _SWITCHED = frozenset(b"rR"), frozenset(b"dDbB"), frozenset(b"bB")
 
 
-class Line(NamedTuple):
+class FrameLine(NamedTuple):
     """A frame as its line says it; `digits` are the hexadecimal digits of its data."""
 
     identifier: int
@@ -43,7 +43,7 @@ class Line(NamedTuple):
     digits: bytes
 
 
-def parse(line: bytes) -> Line | None:
+def parse(line: bytes) -> FrameLine | None:
     """The frame of a line without its end, None where it is none: another answer, or noise.
 
     Frames may end with a time stamp of 4 digits, as adapters send it when told so once; it is left out.
@@ -61,7 +61,7 @@ def parse(line: bytes) -> Line | None:
     expected = 0 if remote else 2 * length
     if len(digits) - expected not in (0, 4):
         return None
-    return Line(
+    return FrameLine(
         int(identifier or extended_identifier, 16),
         kind is None,
         remote,

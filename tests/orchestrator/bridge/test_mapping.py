@@ -16,11 +16,11 @@ from hypothesis import strategies as st
 
 from fmus.errors import InputError, ScenarioError
 from orchestrator.bridge.mapping import Coupling, coupled
-from orchestrator.bridge.outputs import Discharge, Outlet
-from orchestrator.can.census import Census
+from orchestrator.bridge.outputs import SentMessage, SentSignal
 from orchestrator.can.codec.fields import raw_limits
 from orchestrator.can.database.database import Database
 from orchestrator.can.database.database import load as load_database
+from orchestrator.can.statistics import FrameStatistics
 from orchestrator.scenario.can_block import CanBlock
 from orchestrator.trace import FloatArray
 from orchestrator.yaml_file import load
@@ -45,7 +45,7 @@ def received(coupling: Coupling, *frames: tuple[int, bytes]) -> FloatArray:
     """The inputs after these frames."""
     given = np.zeros(len(INPUTS))
     for identifier, data in frames:
-        coupling.inward.take(frame(identifier, data), given)
+        coupling.reception.take(frame(identifier, data), given)
     return given
 
 
@@ -60,7 +60,7 @@ def test_the_latest_of_several_frames_counts(rig: Database) -> None:
     coupling = couple(rig, receive={"rig.voltage": SAFE})
     values = received(coupling, *((257, struct.pack("<hH", 1000 * k, 0)) for k in range(5)))
     assert values[INPUTS.index("rig.voltage")] == 4.0
-    assert coupling.inward.census.messages["Command"] == 5
+    assert coupling.reception.statistics.messages["Command"] == 5
 
 
 def test_truth_values_and_whole_numbers_can_be_received(rig: Database) -> None:
@@ -76,48 +76,48 @@ def test_a_value_that_is_not_finite_leaves_the_last_one_and_is_counted(rig: Data
     coupling = couple(rig, receive={"rig.target": {"signal": "target", "safe": 0}})
     values = received(coupling, (258, struct.pack("<d", 180.0)), (258, struct.pack("<d", bad)))
     assert values[INPUTS.index("rig.target")] == pytest.approx(math.pi)
-    assert coupling.inward.census.not_finite["target"] == 1
+    assert coupling.reception.statistics.not_finite["target"] == 1
 
 
 def test_frames_that_are_too_short_or_wrong_by_their_checksum_change_nothing(rig: Database) -> None:
     sender = couple(rig, send={"torque": "rig.torque"})
-    good = bytes(sender.outlets[0].frame([0.25]).data)
+    good = bytes(sender.sent[0].frame([0.25]).data)
     receiver = couple(rig, receive={"rig.page": {"signal": "torque", "safe": 0}})
     spoilt = bytes([good[0] ^ 1]) + good[1:]
     assert received(receiver, (259, good), (259, spoilt), (259, good[:2]))[INPUTS.index("rig.page")] == 0.25
-    assert receiver.inward.census.checksums["Guarded"] == 1
-    assert receiver.inward.census.short["Guarded"] == 1
+    assert receiver.reception.statistics.checksums["Guarded"] == 1
+    assert receiver.reception.statistics.short["Guarded"] == 1
 
 
 def test_a_page_without_the_signal_leaves_its_value(rig: Database) -> None:
     coupling = couple(rig, receive={"rig.page": {"signal": "second", "safe": 0}})
     pages = [struct.pack("<BHxxxxx", page, value) for page, value in ((1, 7), (0, 9), (5, 11))]
     assert received(coupling, *((260, data) for data in pages))[INPUTS.index("rig.page")] == 7.0
-    assert coupling.inward.census.multiplexers["Paged"] == 1
+    assert coupling.reception.statistics.multiplexers["Paged"] == 1
 
 
 def test_frames_of_others_change_nothing_and_are_counted(rig: Database) -> None:
     coupling = couple(rig, receive={"rig.voltage": SAFE})
     assert not received(coupling, (257, b"\0" * 4), (261, b"\1\1"), (0x7FF, b"")).any()
-    assert coupling.inward.census.unknown == {"7FF": 1}
+    assert coupling.reception.statistics.unknown == {"7FF": 1}
 
 
 def test_the_sender_of_a_message_fills_in_what_protects_it(rig: Database) -> None:
-    (outlet,) = couple(rig, send={"torque": "rig.torque"}).outlets
-    frames = [outlet.frame([0.001 * k]) for k in range(18)]
+    (message,) = couple(rig, send={"torque": "rig.torque"}).sent
+    frames = [message.frame([0.001 * k]) for k in range(18)]
     assert [each.data[2] & 15 for each in frames] == [(k + 1) % 16 for k in range(18)]
     receiver = couple(rig, receive={"rig.page": {"signal": "torque", "safe": 0}})
     received(receiver, *((259, bytes(each.data)) for each in frames))
-    assert receiver.inward.census.clean
+    assert receiver.reception.statistics.clean
 
 
 @given(angle=st.floats(-100, 100), speed=st.floats(-300, 300))
 def test_what_is_sent_comes_back_to_half_a_step_of_its_resolution(rig: Database, angle: float, speed: float) -> None:
     coupling = couple(rig, send={"angle": "rig.angle", "State.speed": "rig.speed"})
-    values = rig.message("State").raw.decode(bytes(coupling.outlets[0].frame([angle, speed]).data))
+    values = rig.message("State").raw.decode(bytes(coupling.sent[0].frame([angle, speed]).data))
     assert values["angle"] == pytest.approx(angle, abs=0.5e-4 * (1 + 1e-9))
     assert values["speed"] == pytest.approx(speed * 30 / math.pi, abs=0.05 * (1 + 1e-9))
-    assert coupling.sent.clean
+    assert coupling.sent_statistics.clean
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -128,11 +128,11 @@ def test_any_value_goes_into_any_message_as_the_nearest_that_it_holds(made: Any,
     for message in rig.messages:
         if any(each.is_multiplexer for each in message.signals):
             continue
-        census = Census()
-        discharges = [Discharge(each, "rig.any", place, 1.0, None) for place, each in enumerate(message.signals)]
-        values = data.draw(st.lists(st.floats(), min_size=len(discharges), max_size=len(discharges)))
-        found = message.raw.decode(bytes(Outlet(message, discharges, 1, census).frame(values).data))
-        assert sum(census.not_finite.values()) == sum(map(math.isnan, values))
+        statistics = FrameStatistics()
+        sent = [SentSignal(each, "rig.any", place, 1.0, None) for place, each in enumerate(message.signals)]
+        values = data.draw(st.lists(st.floats(), min_size=len(sent), max_size=len(sent)))
+        found = message.raw.decode(bytes(SentMessage(message, sent, 1, statistics).frame(values).data))
+        assert sum(statistics.not_finite.values()) == sum(map(math.isnan, values))
         for each, value in zip(message.signals, values, strict=True):
             low, high = raw_limits(each)
             raw = min(max((value - each.offset) / each.scale, low), high)
@@ -145,47 +145,47 @@ def test_any_value_goes_into_any_message_as_the_nearest_that_it_holds(made: Any,
 @given(angle=st.floats(allow_nan=False), before=st.floats(-100, 100))
 def test_a_value_beyond_the_range_is_limited_and_counted(rig: Database, angle: float, before: float) -> None:
     coupling = couple(rig, send={"angle": "rig.angle"})
-    coupling.outlets[0].frame([before])
-    sent = rig.message("State").raw.decode(bytes(coupling.outlets[0].frame([angle]).data))["angle"]
+    coupling.sent[0].frame([before])
+    sent = rig.message("State").raw.decode(bytes(coupling.sent[0].frame([angle]).data))["angle"]
     assert sent == pytest.approx(min(max(angle, -100.0), 100.0), abs=0.5001e-4)
-    assert coupling.sent.saturated["angle"] == (abs(angle) > 100.00005)
+    assert coupling.sent_statistics.saturated["angle"] == (abs(angle) > 100.00005)
 
 
 def test_a_value_that_is_nan_is_sent_as_the_last_good_one(rig: Database) -> None:
     coupling = couple(rig, send={"angle": "rig.angle", "speed": "rig.speed"})
-    first, second = (bytes(coupling.outlets[0].frame([value, 0.0]).data) for value in (1.0, math.nan))
+    first, second = (bytes(coupling.sent[0].frame([value, 0.0]).data) for value in (1.0, math.nan))
     assert first == second
-    assert coupling.sent.not_finite == {"angle": 1}
+    assert coupling.sent_statistics.not_finite == {"angle": 1}
 
 
 def test_signals_that_nobody_sends_rest_and_that_is_said(rig: Database) -> None:
     coupling = couple(rig, send={"angle": "rig.angle"})
-    values = rig.message("State").raw.decode(bytes(coupling.outlets[0].frame([1.0]).data))
+    values = rig.message("State").raw.decode(bytes(coupling.sent[0].frame([1.0]).data))
     assert (values["speed"], values["spare"]) == (0.0, 0.0)
     assert coupling.notes() == ["State: speed, spare rest at the initial value, or zero, since nothing is sent there"]
 
 
 def test_the_last_frame_has_the_safe_values_and_leaves_the_others(rig: Database) -> None:
     coupling = couple(rig, send={"angle": "rig.angle", "speed": {"source": "rig.speed", "safe": 0.0}})
-    coupling.outlets[0].frame([1.25, 7.0])
-    last = coupling.outlets[0].last_frame()
+    coupling.sent[0].frame([1.25, 7.0])
+    last = coupling.sent[0].safe_frame()
     assert last is not None
     values = rig.message("State").raw.decode(bytes(last.data))
     assert (values["angle"], values["speed"]) == (pytest.approx(1.25), 0.0)
-    assert couple(rig, send={"angle": "rig.angle"}).outlets[0].last_frame() is None
+    assert couple(rig, send={"angle": "rig.angle"}).sent[0].safe_frame() is None
 
 
 def test_a_can_fd_frame_is_filled_up_to_a_length_that_there_is(rig: Database) -> None:
     block = CanBlock.model_validate({"database": rig.path, "send": {"wide": "rig.angle"}, "every": {"Wide": 0.01}})
-    (outlet,) = coupled(block, sample_system(), rig, STEP, switched=True).outlets
-    frame_ = outlet.frame([0.5])
+    (message,) = coupled(block, sample_system(), rig, STEP, switched=True).sent
+    frame_ = message.frame([0.5])
     assert (frame_.is_fd, frame_.bitrate_switch, len(frame_.data)) == (True, True, 12)
     assert rig.message("Wide").raw.decode(bytes(frame_.data))["wide"] == 0.5
 
 
 def test_periods_come_from_the_block_or_else_from_the_database(rig: Database) -> None:
     coupling = couple(rig, send={"angle": "rig.angle", "torque": "rig.torque"}, every={"Guarded": "0.004"})
-    assert [each.every for each in coupling.outlets] == [1, 4]
+    assert [each.every for each in coupling.sent] == [1, 4]
 
 
 VOLTAGE = {"rig.voltage": SAFE}

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from orchestrator.realtime.background import Background
 from orchestrator.realtime.deadlines import Deadlines
 from orchestrator.realtime.pacing import Pace, quiet
-from orchestrator.realtime.priority import short_turns
+from orchestrator.realtime.priority import short_time_slices
 from orchestrator.realtime.stopping import Stop
 
 DAY = 86_400_000  # steps of 1 ms
@@ -93,7 +93,7 @@ def test_short_turns_leave_priority_and_policy_as_they_are() -> None:
         return os.getpriority(os.PRIO_PROCESS, 0), os.sched_getscheduler(0)
 
     before, usual = about(), turn()
-    with short_turns():
+    with short_time_slices():
         inside: list[int] = []
         thread = threading.Thread(target=lambda: inside.append(turn()))
         thread.start()

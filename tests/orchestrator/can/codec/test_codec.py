@@ -77,7 +77,7 @@ def test_decoding_gives_the_values_of_cantools_bit_for_bit(random: Any, seed: in
             for signal in message.signals:
                 value = float(series.values[base.public_name(message, signal)][row])
                 assert same(value, float(expected.get(signal.name, math.nan))), (signal, row)
-        assert decoder.census.multiplexers[message.name] == refused
+        assert decoder.statistics.multiplexers[message.name] == refused
 
 
 @QUICK
@@ -93,7 +93,7 @@ def test_one_frame_at_a_time_gives_the_same_as_many(random: Any, seed: int) -> N
             assert values is None or all(same(float(series.values[name][row]), v) for name, v in values.items())
             assert values is None or len(values) == sum(np.isfinite(v[row]) for v in series.values.values())
         for name in ("frames", "messages", "unknown", "short", "multiplexers", "counters", "checksums", "missing"):
-            assert getattr(many.census, name) == getattr(single.census, name)
+            assert getattr(many.statistics, name) == getattr(single.statistics, name)
 
 
 @QUICK
@@ -235,7 +235,7 @@ def test_values_that_do_not_fit_are_limited_and_counted(base: Database) -> None:
     np.testing.assert_allclose(back["Command"].values["voltage"], [24, -24, 24])
     np.testing.assert_allclose(back["State"].values["speed"], [16384.5, -16383, 0])
     assert np.isfinite(back["Command"].values["current"]).all()
-    assert encoder.census.saturated == {"voltage": 1, "speed": 2, "current": 2}
+    assert encoder.statistics.saturated == {"voltage": 1, "speed": 2, "current": 2}
 
 
 def test_a_value_that_is_no_number_is_not_sent(base: Database) -> None:
@@ -249,7 +249,7 @@ def test_no_frame_is_lost_when_the_clock_is_set_back(base: Database) -> None:
     decoded = decoding.trace([frames.concatenated([first, later])], base, ["voltage"])
     np.testing.assert_allclose(decoded.trace["voltage"], [1, 2, 3, 4, 5, 6])
     np.testing.assert_allclose(decoded.trace.time, [0, 1, 2, 2, 3, 4], atol=1e-5)
-    assert [str(each) for each in decoded.census.setbacks] == ["at frame 3 from 5002.000000 s to 40.000000 s"]
+    assert [str(each) for each in decoded.statistics.setbacks] == ["at frame 3 from 5002.000000 s to 40.000000 s"]
 
 
 def test_a_float_signal_that_is_no_number_is_counted_and_the_last_value_held(base: Database) -> None:
@@ -257,14 +257,14 @@ def test_a_float_signal_that_is_no_number_is_counted_and_the_last_value_held(bas
     out.data[1, 4:] = np.frombuffer(np.float32(np.nan).tobytes(), np.uint8)
     decoded = decoding.trace([out], base)
     assert decoded.trace["current"].tolist() == [0.5, 0.5, 2.5]
-    assert decoded.census.not_finite == {"current": 1}
+    assert decoded.statistics.not_finite == {"current": 1}
 
 
 def test_frames_of_a_wrong_length_are_counted_and_only_longer_ones_decoded(base: Database) -> None:
     out = sent(base, [0.0, 1.0, 2.0], first=[1, 2, 3])
     out.length[0], out.length[1] = 3, 8
     decoded = decoding.trace([out], base)
-    assert (decoded.census.short, decoded.census.long) == ({"Muxed": 1}, {"Muxed": 1})
+    assert (decoded.statistics.short, decoded.statistics.long) == ({"Muxed": 1}, {"Muxed": 1})
     assert decoded.trace["first"].tolist() == [2, 3]
 
 
@@ -274,10 +274,10 @@ def test_error_remote_and_unknown_frames_are_counted(base: Database) -> None:
     out.id[2], out.flags[3] = 0x7AB, Flag.EXTENDED
     decoder = Decoder(base)
     series = decoder.feed(out)
-    assert decoder.census.errors == decoder.census.remotes == 1
-    assert decoder.census.unknown == {"7AB": 1, "00000065": 1}
+    assert decoder.statistics.errors == decoder.statistics.remotes == 1
+    assert decoder.statistics.unknown == {"7AB": 1, "00000065": 1}
     assert series["Command"].values["voltage"].tolist() == [5.0]
-    assert decoder.census.frames == 5
+    assert decoder.statistics.frames == 5
 
 
 @given(st.integers(0, 10**6), st.integers(1, 400), st.booleans())
@@ -298,12 +298,12 @@ def test_no_frame_is_refused_with_an_exception_and_each_is_accounted_for(
     )
     decoder = Decoder(base)
     parts = [decoder.feed(batch[begin : begin + 100]) for begin in range(0, count, 100)]
-    census = decoder.census
-    accounted = census.errors + census.remotes + census.unknown.total() + census.messages.total()
-    assert accounted == census.frames == count
+    statistics = decoder.statistics
+    accounted = statistics.errors + statistics.remotes + statistics.unknown.total() + statistics.messages.total()
+    assert accounted == statistics.frames == count
     decoded = sum(len(each) for part in parts for each in part.values())
-    assert decoded == census.messages.total() - census.short.total() - census.duplicates.total()
+    assert decoded == statistics.messages.total() - statistics.short.total() - statistics.duplicates.total()
     merger = decoding.Merger(["angle", "voltage"])
     rows = [merger.feed(part) for part in parts] + [merger.finish()]
     assert all(np.isfinite(each[name]).all() for each in rows for name in each.names)
-    assert census.lines() and census.document()
+    assert statistics.lines() and statistics.document()

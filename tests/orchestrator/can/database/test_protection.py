@@ -76,8 +76,8 @@ def test_what_is_sent_passes_its_own_checks(base: Database) -> None:
     encoder = Encoder(base, ["angle"])
     for start in (0.0, 10.0):  # counters go on from one trace to the next
         decoder.feed(encoder.encode(Trace(0.01 * np.arange(40.0), {"angle": np.linspace(-9, 9, 40)}), start))
-    assert decoder.census.messages == {"State": 80}
-    assert decoder.census.clean
+    assert decoder.statistics.messages == {"State": 80}
+    assert decoder.statistics.clean
 
 
 def test_lost_repeated_and_corrupt_frames_are_counted(base: Database) -> None:
@@ -92,11 +92,11 @@ def test_lost_repeated_and_corrupt_frames_are_counted(base: Database) -> None:
         decoder.feed(frames[begin : begin + 7])
     for message in frames.messages():
         single.decode(message)
-    for census in (decoder.census, single.census):
-        assert census.missing == {"State": 3}
-        assert census.counters == {"State": 3}  # two gaps and a repetition
-        assert census.checksums == {"State": 1}
-        assert any("checksums: State 1" in line for line in census.lines())
+    for statistics in (decoder.statistics, single.statistics):
+        assert statistics.missing == {"State": 3}
+        assert statistics.counters == {"State": 3}  # two gaps and a repetition
+        assert statistics.checksums == {"State": 1}
+        assert any("checksums: State 1" in line for line in statistics.lines())
 
 
 def test_a_counter_beyond_its_last_value_is_wrong() -> None:
@@ -113,7 +113,7 @@ def test_missing_frames_are_told_from_the_cycle_time_where_there_is_no_counter(b
         decoder.feed(frames[begin : begin + 19])
     for message in frames.messages():
         single.decode(message)
-    assert decoder.census.missing == single.census.missing == {"Timed": 4}
+    assert decoder.statistics.missing == single.statistics.missing == {"Timed": 4}
 
 
 def test_a_frame_logged_twice_is_dropped_and_counted(base: Database) -> None:
@@ -122,8 +122,8 @@ def test_a_frame_logged_twice_is_dropped_and_counted(base: Database) -> None:
     decoder = Decoder(base)
     parts = [decoder.feed(twice[begin : begin + 7]).get("State") for begin in range(0, 40, 7)]
     assert sum(len(each) for each in parts if each) == 20
-    assert decoder.census.duplicates == {"State": 20}
-    assert not decoder.census.counters
+    assert decoder.statistics.duplicates == {"State": 20}
+    assert not decoder.statistics.counters
 
 
 def test_a_bus_frame_that_is_none_of_ours_is_only_counted(base: Database) -> None:
@@ -135,6 +135,6 @@ def test_a_bus_frame_that_is_none_of_ours_is_only_counted(base: Database) -> Non
         can.Message(arbitration_id=100, is_extended_id=False, data=b"123"),
     ):
         assert single.decode(message) is None
-    census = single.census
-    assert (census.frames, census.errors, census.remotes) == (4, 1, 1)
-    assert (census.unknown, census.short) == ({"005": 1}, {"State": 1})
+    statistics = single.statistics
+    assert (statistics.frames, statistics.errors, statistics.remotes) == (4, 1, 1)
+    assert (statistics.unknown, statistics.short) == ({"005": 1}, {"State": 1})

@@ -20,7 +20,7 @@ from fmus.errors import BusError, InputError
 from orchestrator.can import logs
 from orchestrator.can.live import recorder
 from orchestrator.can.live.bus import BusSettings, opened, send
-from orchestrator.can.live.recorder import Recording, record
+from orchestrator.can.live.recorder import BusRecording, record
 from orchestrator.can.slcan.hub import Hub, hub_process
 from tests.support.wiring import BITRATE, command, frame, joined, number, settings, wait_for
 
@@ -78,7 +78,7 @@ def virtual(channel: str, folder: Path, sent: Callable[[can.BusABC], None], **op
         thread = threading.Thread(target=work)
         thread.start()
         try:
-            return record(Recording(bus, folder, **{"duration": 0.4} | options))
+            return record(BusRecording(bus, folder, **{"duration": 0.4} | options))
         finally:
             thread.join()
 
@@ -152,7 +152,7 @@ def test_at_the_wrong_bit_rate_nothing_is_heard_and_it_is_said(hub: Hub, tmp_pat
 
     thread = threading.Thread(target=work)
     thread.start()
-    found = record(Recording(settings(hub.paths[1], bitrate=250_000), tmp_path / "run", duration=0.8))
+    found = record(BusRecording(settings(hub.paths[1], bitrate=250_000), tmp_path / "run", duration=0.8))
     thread.join()
     assert found["frames"] == found["error_frames"] > 100
     assert any("bit rate" in line for line in found["remarks"])
@@ -160,7 +160,7 @@ def test_at_the_wrong_bit_rate_nothing_is_heard_and_it_is_said(hub: Hub, tmp_pat
 
 
 def test_bus_off_is_reported(hub: Hub, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    found = record(Recording(settings(hub.paths[1]), tmp_path / "run", duration=0.6), ready=lambda: hub.bus_off(1))
+    found = record(BusRecording(settings(hub.paths[1]), tmp_path / "run", duration=0.6), ready=lambda: hub.bus_off(1))
     assert len(found["bus_off"]) == 1
     assert "bus off" in caplog.text
     assert any("bus off" in line for line in found["remarks"])
@@ -216,7 +216,7 @@ def test_a_clock_that_is_set_back_begins_a_new_file_and_keeps_its_stamps(tmp_pat
 
     bus = BusSettings("virtual", "clock", options={"preserve_timestamps": "true"})
     with opened(bus) as sender:
-        found = record(Recording(bus, tmp_path / "run", duration=0.6), ready=lambda: jump(sender))
+        found = record(BusRecording(bus, tmp_path / "run", duration=0.6), ready=lambda: jump(sender))
     assert [each["frames"] for each in found["files"]] == [3, 2]
     assert [message.timestamp for message in recorded(tmp_path / "run")] == pytest.approx(stamps, abs=1e-6, rel=0.0)
 
@@ -243,18 +243,18 @@ def test_without_a_database_frames_are_counted_by_identifier(tmp_path: Path) -> 
 def test_a_recording_is_never_overwritten(tmp_path: Path) -> None:
     (tmp_path / "manifest.json").write_text("{}")
     with pytest.raises(InputError, match="not overwritten"):
-        record(Recording(BusSettings("virtual", "kept"), tmp_path, duration=0.1))
+        record(BusRecording(BusSettings("virtual", "kept"), tmp_path, duration=0.1))
 
 
 def test_a_format_that_loses_frames_is_refused_before_anything_is_opened(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"--format trc.*choose blf, asc, log"):
-        Recording(BusSettings("virtual", "refused"), tmp_path / "run", suffix=".trc")
+        BusRecording(BusSettings("virtual", "refused"), tmp_path / "run", suffix=".trc")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_an_adapter_that_does_not_open_is_said_and_leaves_no_recording(tmp_path: Path) -> None:
     with pytest.raises(BusError, match="does not open"):
-        record(Recording(BusSettings("slcan", "/dev/ttyNONE"), tmp_path / "run"))
+        record(BusRecording(BusSettings("slcan", "/dev/ttyNONE"), tmp_path / "run"))
     assert not (tmp_path / "run" / "manifest.json").exists()
 
 
@@ -278,5 +278,5 @@ def test_a_full_disk_is_said_and_what_was_written_is_kept(tmp_path: Path, monkey
 
 def test_a_bus_that_does_not_open_leaves_no_folder(tmp_path: Path) -> None:
     with pytest.raises(BusError, match="does not open"):
-        record(Recording(BusSettings("slcan", str(tmp_path / "none"), BITRATE), tmp_path / "run"))
+        record(BusRecording(BusSettings("slcan", str(tmp_path / "none"), BITRATE), tmp_path / "run"))
     assert not (tmp_path / "run").exists()

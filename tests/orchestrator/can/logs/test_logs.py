@@ -21,7 +21,7 @@ from fmus.errors import TraceError
 from orchestrator.can import logs
 from orchestrator.can.frames import Flag, Frames, from_messages
 from orchestrator.can.logs import mf4
-from orchestrator.can.logs.tally import Tally, moment
+from orchestrator.can.logs.frame_count import FrameCount, moment
 from tests.support.can_samples import all_of, any_frames, different, latest_difference, rig_frames
 
 pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
@@ -372,11 +372,11 @@ def test_progress_rises_to_one(tmp_path: Path, suffix: str) -> None:
 
 
 def test_a_tally_counts_identifiers_and_their_periods() -> None:
-    tally = Tally()
+    frame_count = FrameCount()
     frames = rig_frames(1000)
     for first in range(0, 2000, 300):
-        tally.feed(frames[first : first + 300])
-    document = tally.document()
+        frame_count.feed(frames[first : first + 300])
+    document = frame_count.document()
     assert document["frames"] == 2000 and document["start"] == "2023-11-14T22:13:20.250Z"
     assert document["identifiers"] == [
         {"id": "100", "frames": 1000, "period": pytest.approx(1e-3)},

@@ -15,10 +15,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from orchestrator.can import wire
+from orchestrator.can import frame_time
 from orchestrator.can.live.bus import is_bus_off, opened, send
 from orchestrator.can.slcan import protocol
-from orchestrator.can.slcan.adapter import BACKLOG, Adapter, Bus, Rates
+from orchestrator.can.slcan.adapter import BACKLOG, AdapterBus, BitRates, SerialAdapter
 from orchestrator.can.slcan.hub import Hub, hub_process
 from tests.support.wiring import BITRATE, ROOT, frame, heard, joined, number, settings, wait_for
 
@@ -32,40 +32,40 @@ def hub(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Hub]:
         yield running
 
 
-def lines(adapter: Adapter) -> list[bytes]:
+def lines(adapter: SerialAdapter) -> list[bytes]:
     """What an adapter says, which is taken."""
     said = bytes(adapter.outgoing).split(b"\r")[:-1]
     adapter.outgoing.clear()
     return said
 
 
-def opened_adapters(count: int, bitrates: str = "S6") -> tuple[Bus, list[Adapter]]:
-    adapters = [Adapter(Rates(500_000, 2_000_000)) for _ in range(count)]
+def opened_adapters(count: int, bitrates: str = "S6") -> tuple[AdapterBus, list[SerialAdapter]]:
+    adapters = [SerialAdapter(BitRates(500_000, 2_000_000)) for _ in range(count)]
     for adapter in adapters:
         adapter.take(f"{bitrates}\rO\r".encode(), 0.0)
         lines(adapter)
-    return Bus(adapters), adapters
+    return AdapterBus(adapters), adapters
 
 
 def test_frames_are_as_long_as_published() -> None:
     for (length, extended), expected in BITS.items():
-        assert wire.bits(length, extended) == (expected, 0)
+        assert frame_time.bits(length, extended) == (expected, 0)
 
 
 def test_a_switched_frame_is_faster_than_one_that_is_not() -> None:
-    slow = wire.seconds(64, False, False, True, 500_000, None)
-    assert 0.2 < wire.seconds(64, False, False, True, 500_000, 2_000_000) / slow < 0.4
+    slow = frame_time.seconds(64, False, False, True, 500_000, None)
+    assert 0.2 < frame_time.seconds(64, False, False, True, 500_000, 2_000_000) / slow < 0.4
 
 
 @given(st.integers(0, 2**29 - 1), st.integers(0, 2**29 - 1))
 def test_the_lower_extended_identifier_wins(one: int, other: int) -> None:
-    assert (wire.priority(one, True, False) < wire.priority(other, True, False)) == (one < other)
+    assert (frame_time.priority(one, True, False) < frame_time.priority(other, True, False)) == (one < other)
 
 
 @given(st.integers(0, 2**11 - 1), st.booleans())
 def test_a_standard_frame_wins_over_an_extended_one_with_the_same_base(identifier: int, remote: bool) -> None:
-    extended = wire.priority(identifier << 18, True, False)
-    assert wire.priority(identifier, False, False) < wire.priority(identifier, False, True) < extended
+    extended = frame_time.priority(identifier << 18, True, False)
+    assert frame_time.priority(identifier, False, False) < frame_time.priority(identifier, False, True) < extended
 
 
 def test_frames_that_wait_for_the_bus_go_in_the_order_of_their_priority() -> None:
@@ -94,7 +94,7 @@ def test_a_frame_is_not_heard_by_its_sender() -> None:
 
 def test_an_adapter_at_another_bit_rate_hears_errors_and_nobody_hears_it() -> None:
     bus, (one, reader) = opened_adapters(2)
-    wrong = Adapter(Rates(500_000, 2_000_000))
+    wrong = SerialAdapter(BitRates(500_000, 2_000_000))
     wrong.take(b"S4\rO\r", 0.0)
     lines(wrong)
     bus.adapters.append(wrong)
@@ -117,7 +117,7 @@ def test_an_adapter_at_another_bit_rate_hears_errors_and_nobody_hears_it() -> No
 
 def test_an_adapter_without_a_data_bit_rate_hears_errors_where_can_fd_frames_pass() -> None:
     bus, (one, classic) = opened_adapters(2)
-    switched = Adapter(Rates(500_000, 2_000_000))
+    switched = SerialAdapter(BitRates(500_000, 2_000_000))
     switched.take(b"S6\rY2\rO\r", 0.0)
     bus.adapters.append(switched)
     switched.take(b"b1232AABB\r", 1.0)
@@ -152,8 +152,8 @@ def test_answers_that_nobody_reads_do_not_pile_up() -> None:
 
 @given(st.lists(st.binary(max_size=60), max_size=20))
 def test_no_bytes_break_an_adapter(pieces: list[bytes]) -> None:
-    adapter = Adapter(Rates(500_000, 2_000_000))
-    bus = Bus([adapter])
+    adapter = SerialAdapter(BitRates(500_000, 2_000_000))
+    bus = AdapterBus([adapter])
     for now, piece in enumerate([b"S6\rY2\rO\r", *pieces]):
         adapter.take(piece, float(now))
         bus.advance(now + 0.5)

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from orchestrator.can.census import MOST, Census
 from orchestrator.can.codec.merging import Merger, Series
-from orchestrator.can.codec.time_stamps import CONTINUED, Clock
+from orchestrator.can.codec.time_stamps import CONTINUED, StampRepair
 from orchestrator.can.frames import Frames
+from orchestrator.can.statistics import MOST, FrameStatistics
 from orchestrator.trace import FloatArray, Trace
 
 
@@ -24,10 +24,10 @@ def stamped(time: FloatArray) -> Frames:
     return Frames(time, np.zeros(count, np.uint32), flags, flags, flags, np.zeros((count, 8), np.uint8))
 
 
-def straightened(time: FloatArray, batch: int) -> tuple[FloatArray, Census]:
-    clock = Clock(Census())
+def straightened(time: FloatArray, batch: int) -> tuple[FloatArray, FrameStatistics]:
+    clock = StampRepair(FrameStatistics())
     parts = [clock.straightened(stamped(time[begin : begin + batch])).time for begin in range(0, len(time), batch)]
-    return np.concatenate(parts), clock.census
+    return np.concatenate(parts), clock.statistics
 
 
 REGULAR = 1.7e9 + 0.01 * np.arange(100)
@@ -35,36 +35,40 @@ REGULAR = 1.7e9 + 0.01 * np.arange(100)
 
 @pytest.mark.parametrize("batch", [100, 7, 1])
 def test_stamps_in_order_stay_as_they_are(batch: int) -> None:
-    time, census = straightened(REGULAR, batch)
+    time, statistics = straightened(REGULAR, batch)
     assert time.tolist() == REGULAR.tolist()
-    assert census.clean
+    assert statistics.clean
 
 
 @pytest.mark.parametrize("batch", [100, 7, 1])
 def test_after_a_clock_is_set_back_the_stamps_follow_on_and_its_place_is_told(batch: int) -> None:
     time = np.concatenate((REGULAR[:50], REGULAR[50:] - 3600.0))
-    fixed, census = straightened(time, batch)
+    fixed, statistics = straightened(time, batch)
     assert fixed[50] == pytest.approx(REGULAR[49] + CONTINUED, abs=1e-6)
     np.testing.assert_allclose(np.diff(fixed[50:]), 0.01, atol=1e-6)
-    assert census.setback_count == 1
-    assert (census.setbacks[0].frame, census.setbacks[0].before, census.setbacks[0].after) == (50, time[49], time[50])
-    assert "clock jumped backwards at frame 50 from 1700000000.490000 s" in census.lines()[0]
+    assert statistics.setback_count == 1
+    assert (statistics.setbacks[0].frame, statistics.setbacks[0].before, statistics.setbacks[0].after) == (
+        50,
+        time[49],
+        time[50],
+    )
+    assert "clock jumped backwards at frame 50 from 1700000000.490000 s" in statistics.lines()[0]
 
 
 @pytest.mark.parametrize("wrong", [0.0, -5.0, 9e9, 1e300, math.nan, -math.inf])
 def test_a_single_stray_stamp_takes_the_one_before_and_moves_no_other(wrong: float) -> None:
     time = REGULAR.copy()
     time[30] = wrong
-    fixed, census = straightened(time, 100)
+    fixed, statistics = straightened(time, 100)
     assert fixed[30] == time[29]
     assert np.delete(fixed, 30).tolist() == np.delete(REGULAR, 30).tolist()
-    assert census.lines() == ["frames with a stray stamp, given the one before: 1"]
+    assert statistics.lines() == ["frames with a stray stamp, given the one before: 1"]
 
 
 def test_stamps_that_are_never_times_begin_at_zero() -> None:
-    fixed, census = straightened(np.full(5, math.nan), 2)
+    fixed, statistics = straightened(np.full(5, math.nan), 2)
     assert fixed.tolist() == [0.0] * 5
-    assert census.strays == 5
+    assert statistics.strays == 5
 
 
 def test_a_gap_forward_is_no_fault() -> None:
@@ -76,9 +80,9 @@ def test_a_gap_forward_is_no_fault() -> None:
 def test_slight_disorder_is_counted_across_batches() -> None:
     time = REGULAR.copy()
     time[[9, 10, 70, 71]] = time[[10, 9, 71, 70]]
-    fixed, census = straightened(time, 10)
+    fixed, statistics = straightened(time, 10)
     assert fixed.tolist() == time.tolist()
-    assert census.disordered == 2
+    assert statistics.disordered == 2
 
 
 streams = st.lists(st.tuples(st.integers(0, 30), st.sampled_from("AB"), st.sampled_from([1.0, 2.0, -3.5, math.nan])))
@@ -112,7 +116,7 @@ def rows_of(traces: list[Trace]) -> list[tuple[float, float, float]]:
 def test_rows_are_those_of_a_walk_through_the_whole_stream(stream: list[tuple[int, str, float]]) -> None:
     merger = Merger(["A", "B"])
     assert rows_of([merger.feed(series(stream)), merger.finish()]) == by_hand(stream)
-    assert merger.census.late == 0
+    assert merger.statistics.late == 0
 
 
 @settings(max_examples=150, deadline=None)
@@ -135,7 +139,7 @@ def test_rows_of_batches_always_ascend_and_what_came_too_late_is_counted(
     rows = rows_of([*traces, merger.finish()])
     assert all(one[0] < other[0] for one, other in pairwise(rows))
     ordered = all(one[0] <= other[0] for one, other in pairwise(stream))
-    assert merger.census.late <= len(stream) and not (ordered and merger.census.late)
+    assert merger.statistics.late <= len(stream) and not (ordered and merger.statistics.late)
     assert not ordered or rows == by_hand(stream)
 
 
@@ -149,23 +153,23 @@ def test_rows_that_are_kept_back_do_not_pile_up() -> None:
 
 
 def test_a_flood_of_unknown_identifiers_is_counted_in_bounded_memory() -> None:
-    census = Census()
+    statistics = FrameStatistics()
     for identifier in range(3 * MOST):
-        census.add_unknown(identifier, True)
-    assert len(census.unknown) == MOST + 1
-    assert census.unknown.total() == 3 * MOST
-    assert census.unknown["others"] == 2 * MOST
+        statistics.add_unknown(identifier, True)
+    assert len(statistics.unknown) == MOST + 1
+    assert statistics.unknown.total() == 3 * MOST
+    assert statistics.unknown["others"] == 2 * MOST
 
 
 def test_the_census_is_a_line_for_each_kind_of_trouble_and_a_document_of_it_all() -> None:
-    census = Census(frames=10, errors=2)
-    assert census.lines() == ["error frames: 2"]
-    census.messages["State"] += 8
-    census.missing.update(State=3, Command=1)
-    census.add_setback(7, 5.0, 1.0)
-    assert census.lines()[0] == "frames missing (estimated): 4 (State 3, Command 1)"
-    assert not census.clean
-    assert json.loads(json.dumps(census.document())) == {
+    statistics = FrameStatistics(frames=10, errors=2)
+    assert statistics.lines() == ["error frames: 2"]
+    statistics.messages["State"] += 8
+    statistics.missing.update(State=3, Command=1)
+    statistics.add_setback(7, 5.0, 1.0)
+    assert statistics.lines()[0] == "frames missing (estimated): 4 (State 3, Command 1)"
+    assert not statistics.clean
+    assert json.loads(json.dumps(statistics.document())) == {
         "frames": 10,
         "messages": {"State": 8},
         "errors": 2,

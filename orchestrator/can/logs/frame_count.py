@@ -30,7 +30,7 @@ class Identifier:
 
 
 @dataclass
-class Tally:
+class FrameCount:
     """Counts over a stream of frames.
 
     Attributes:

@@ -12,7 +12,7 @@ from can.io import ASCReader, CanutilsLogReader, CSVReader, TRCReader
 from fmus.errors import TraceError
 from orchestrator.can.frames import CLASSIC
 from orchestrator.can.logs.suffixes import CSV_HEADER
-from orchestrator.can.logs.text import Dialect, Verdict
+from orchestrator.can.logs.text import LineKind, TextFormat
 
 ERROR_FLAG, IDENTIFIER = 0x20000000, 0x1FFFFFFF
 NUMBER = re.compile(r"\d+$")
@@ -55,10 +55,10 @@ def _asc_header(line: str) -> str:
     return " ".join(found[1].lower().split()).removeprefix("no ")
 
 
-def _asc_verdict(line: str) -> Verdict:
+def _asc_verdict(line: str) -> LineKind:
     if ASC_NOTHING.match(line):
-        return Verdict.NOTHING
-    return Verdict.EVENT if ASC_EVENT.match(line) and not ASC_FRAME.match(line) else Verdict.BROKEN
+        return LineKind.NOTHING
+    return LineKind.EVENT if ASC_EVENT.match(line) and not ASC_FRAME.match(line) else LineKind.BROKEN
 
 
 def _asc(message: can.Message, line: str) -> None:
@@ -76,14 +76,14 @@ def _trc_header(line: str) -> str:
     return name if name in (";$FILEVERSION", ";$STARTTIME", ";$COLUMNS") else ""
 
 
-def _trc_verdict(line: str) -> Verdict:
+def _trc_verdict(line: str) -> LineKind:
     if line.startswith(";"):
-        return Verdict.NOTHING
-    return Verdict.EVENT if TRC_EVENT.match(line) else Verdict.BROKEN
+        return LineKind.NOTHING
+    return LineKind.EVENT if TRC_EVENT.match(line) else LineKind.BROKEN
 
 
-def _broken(line: str) -> Verdict:
-    return Verdict.BROKEN
+def _broken(line: str) -> LineKind:
+    return LineKind.BROKEN
 
 
 def _long(message: can.Message, line: str) -> None:
@@ -118,7 +118,7 @@ def _csv_header(line: str) -> str:
     return CSV_HEADER if line == CSV_HEADER else ""
 
 
-ASC = Dialect(_asc_reader, _asc_header, _asc_verdict, _asc, ASC_PREAMBLE, "internal events logged")
-CANDUMP = Dialect(_candump_reader, _never, _broken, _candump)
-CSV = Dialect(_csv_reader, _csv_header, _broken, _long)
-TRC = Dialect(_trc_reader, _trc_header, _trc_verdict, _channel_from_1)
+ASC = TextFormat(_asc_reader, _asc_header, _asc_verdict, _asc, ASC_PREAMBLE, "internal events logged")
+CANDUMP = TextFormat(_candump_reader, _never, _broken, _candump)
+CSV = TextFormat(_csv_reader, _csv_header, _broken, _long)
+TRC = TextFormat(_trc_reader, _trc_header, _trc_verdict, _channel_from_1)

@@ -28,7 +28,7 @@ class Setback:
 
 
 @dataclass
-class Census:
+class FrameStatistics:
     """Counts over a stream of frames; all but the first two are of things that are not as they should be.
 
     Attributes:

@@ -1,0 +1,97 @@
+"""What passed over a bus while a scenario was coupled to it, as its manifest has it."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from fmus.files import sha256
+from orchestrator.bridge.watchdog import WatchdogReport
+from orchestrator.can.live.bus import BusSettings
+from orchestrator.can.statistics import FrameStatistics
+from orchestrator.realtime.deadlines import Deadlines
+
+
+@dataclass(frozen=True)
+class BusAccount:
+    """Which bus it was, what passed over it, and how peers and deadlines were kept.
+
+    Attributes:
+        mode: "bridge" or "bench".
+        database: file of the bus' messages.
+        dropped: received frames that came faster than they could be taken.
+        frames: that the adapter took; no_room: those that it did not.
+        malformed, refused: lines from the adapter that were no frames, and commands that it refused.
+        trouble: what was wrong with the bus, "" where nothing was.
+        notes: what is sent without having been asked for, a line each.
+        started: when it began; seconds: for how long it went on [s].
+    """
+
+    mode: str
+    bus: BusSettings
+    database: Path
+    received: FrameStatistics
+    dropped: int
+    sent: FrameStatistics
+    frames: int
+    no_room: int
+    malformed: int
+    refused: int
+    trouble: str
+    notes: list[str]
+    started: datetime
+    seconds: float
+    deadlines: Deadlines
+    watchdog: WatchdogReport
+
+    def document(self) -> dict[str, Any]:
+        """For the manifest."""
+        bus = self.bus
+        return {
+            "mode": self.mode,
+            "interface": bus.interface,
+            "channel": bus.channel,
+            "bitrate": bus.bitrate,
+            "fd": bus.fd,
+            "data_bitrate": bus.data_bitrate,
+            "database": {"file": self.database.name, "sha256": sha256(self.database)},
+            "received": self.received.document() | {"dropped": self.dropped},
+            "sent": self.sent.document() | {"frames": self.frames, "no_room": self.no_room},
+            "malformed_lines": self.malformed,
+            "refused_lines": self.refused,
+            "trouble": self.trouble,
+            "notes": self.notes,
+            "started": self.started.isoformat(),
+            "seconds": self.seconds,
+            "deadlines": self.deadlines.document(),
+            "watchdog": asdict(self.watchdog),
+        }
+
+    def remarks(self) -> list[str]:
+        """What somebody should know about it, a line each; the deadlines first."""
+        said = {
+            f"{self.dropped:,} frames were dropped: they came faster than they could be taken": self.dropped,
+            f"{self.no_room:,} frames were not sent: the adapter had no room": self.no_room,
+            f"{self.malformed:,} lines from the adapter were no frames": self.malformed,
+            f"the adapter refused {self.refused:,} commands": self.refused,
+            f"the bus was lost: {self.trouble}": self.trouble,
+        }
+        return [
+            self.deadlines.sentence(),
+            *self.notes,
+            *self.received.lines(),
+            *self.sent.lines(),
+            *(peer.remark(name) for name, peer in self.watchdog.messages.items() if peer.silences),
+            *(text for text, holds in said.items() if holds),
+        ]
+
+    def traffic(self) -> list[tuple[str, str, int, float]]:
+        """(direction, message, frames, frames a second) of every message on the bus."""
+        seconds = max(self.seconds, 1e-9)
+        return [
+            (direction, name, count, count / seconds)
+            for direction, statistics in (("received", self.received), ("sent", self.sent))
+            for name, count in sorted(statistics.messages.items())
+        ]
