@@ -19,7 +19,17 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 ComplexArray = NDArray[np.complex128]
 
+
 LATEST = 1e15  # [s]; stamps beyond it are no times, whatever the file says
+
+
+def read_only(values: ArrayLike) -> FloatArray:
+    """The values as an array of floats that cannot be written to: themselves if they are one, else a copy."""
+    if isinstance(values, np.ndarray) and values.dtype == float and not values.flags.writeable:
+        return values
+    array = np.array(values, dtype=float)
+    array.flags.writeable = False
+    return array
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from identification.experiments.schema import ExampleBlock, ExperimentsBlock
 from identification.linear.mode_tracking import stabilisation
 from identification.linear.model import LinearModel
 from identification.linear.preparation import Preparation, PreparedData, prepared, without_compensation
-from identification.linear.records import InputOutputData, record
+from identification.linear.records import InputOutputData
 from identification.linear.set_point import Feedback, followed
 from identification.subspace.range_space import SubspaceSettings, range_space
 from identification.subspace.subspace import realise
@@ -160,7 +160,7 @@ def distances(models: Sequence[LinearModel], physical: Sequence[PhysicalMode]) -
 def _cut(job: Job) -> InputOutputData:
     """The samples that count, the compensation taken off where it shall be."""
     known = job.study.sets[job.code]
-    whole = record(job.trace, [job.study.input], job.study.outputs)
+    whole = InputOutputData.of(job.trace, [job.study.input], job.study.outputs)
     if abs(whole.step * known.rate - 1) > 1e-3 or len(whole) < known.samples:
         raise IdentificationError(
             f"sets.{job.code}",
@@ -178,8 +178,7 @@ def _stop(job: Job) -> float:
 
 def _preparation(study: ExperimentsBlock) -> Preparation:
     how = study.preparation
-    centred = tuple(study.outputs.index(name) for name in how.zero_mean)
-    return Preparation(centred, how.cutoff, how.causal, how.filter_input)
+    return Preparation(tuple(how.zero_mean), how.cutoff, how.causal, how.filter_input)
 
 
 def _attempts(study: ExperimentsBlock, fitted: InputOutputData, judge: Judge) -> tuple[Attempt, ...]:
@@ -222,7 +221,7 @@ def _followed(job: Job, step: float) -> tuple[FloatArray, FloatArray]:
     trace = trace.between(float(trace.time[0]), float(trace.time[study.sets[code].samples - 1]))
     grid = trace.time[0] + step * np.arange(int(trace.duration / step + 0.5))
     trace = trace.resampled(grid, hold=[study.feedback.reference])
-    measured = record(trace, [study.input], study.outputs)
+    measured = InputOutputData.of(trace, [study.input], study.outputs)
     plain = replace(_preparation(study), scaled=False)
     return trace[study.feedback.reference], prepared([measured], plain).records[0].y
 

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import get_args
 
-from identification.experiments.schema import ExampleBlock, Method
+from identification.experiments.schema import ExampleBlock
 from identification.linear.model import LinearModel
-from identification.linear.modes import Mode, combined, labels, modes, ranked, strongest
+from identification.linear.modes import Mode, ReductionMethod, kept, labels, modes, ranked
 from identification.linear.poles import stabilised
 from identification.linear.records import InputOutputData
-from identification.linear.updating import reduced, updated_input, updated_output
+from identification.linear.updating import reduced, updated
 from orchestrator.trace import FloatArray
-
-METHODS: tuple[Method, ...] = ("mrm", "msv", "mrmc")
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,22 +84,18 @@ def reduce_and_update(
         model = stabilised(model)
         stages.append(Stage("stabilised", (), model, judge(model)))
     ranking = _ranking(model, fitted.u)
-    kept = {by: _kept(by, ranking.modes, fitted.u, example.order, flexible) for by in METHODS}
-    for by in METHODS:
-        short = reduced(model, kept[by])
-        stages.append(Stage(by, _labels(ranking, kept[by]), short, judge(short)))
-    updated = _updated(reduced(model, kept[example.by]), example, fitted)
-    stages.append(Stage("updated", _labels(ranking, kept[example.by]), updated, judge(updated)))
-    if example.further is not None and example.further < updated.order:
-        less = _kept("mrm", modes(updated), fitted.u, example.further, ())
-        shorter = _updated(reduced(updated, less), example, fitted)
-        which = _labels(ranking, [kept[example.by][i] for i in less])
+    chosen = {by: kept(by, ranking.modes, fitted.u, example.order, flexible) for by in get_args(ReductionMethod)}
+    for by, numbers in chosen.items():
+        short = reduced(model, numbers)
+        stages.append(Stage(by, _labels(ranking, numbers), short, judge(short)))
+    short = updated(reduced(model, chosen[example.by]), [fitted], example.update)
+    stages.append(Stage("updated", _labels(ranking, chosen[example.by]), short, judge(short)))
+    if example.further is not None and example.further < short.order:
+        less = kept("mrm", modes(short), fitted.u, example.further)
+        shorter = updated(reduced(short, less), [fitted], example.update)
+        which = _labels(ranking, [chosen[example.by][i] for i in less])
         stages.append(Stage("further", which, shorter, judge(shorter)))
     return Reduction(example, ranking, tuple(stages))
-
-
-def _updated(model: LinearModel, example: ExampleBlock, fitted: InputOutputData) -> LinearModel:
-    return (updated_input if example.update == "input" else updated_output)(model, [fitted])
 
 
 def _ranking(model: LinearModel, u: FloatArray) -> Ranking:
@@ -108,13 +103,6 @@ def _ranking(model: LinearModel, u: FloatArray) -> Ranking:
     magnitudes = ranked([mode.response_magnitude(u) for mode in found])
     values = ranked([mode.mode_singular_value(len(u)) for mode in found])
     return Ranking(found, tuple(labels(found)), tuple(magnitudes), tuple(values))
-
-
-def _kept(by: Method, found: Sequence[Mode], u: FloatArray, order: int, flexible: Sequence[float]) -> list[int]:
-    if by == "msv":
-        return strongest(found, [mode.mode_singular_value(len(u)) for mode in found], order)
-    magnitudes = [mode.response_magnitude(u) for mode in found]
-    return combined(found, magnitudes, order, flexible) if by == "mrmc" else strongest(found, magnitudes, order)
 
 
 def _labels(ranking: Ranking, kept: Sequence[int]) -> tuple[str, ...]:

@@ -10,9 +10,9 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
+from identification.linear.modes import ReductionMethod
 from orchestrator.yaml_file import Block
 
-Method = Literal["mrm", "msv", "mrmc"]
 Experiment = Literal["open loop", "bounded", "closed loop"]
 Errors = tuple[float, float, float, float, float]
 
@@ -127,7 +127,7 @@ class ExampleBlock(Block):
     unstable: bool = False
     order: int = Field(10, ge=1)
     further: int | None = Field(None, ge=1)
-    by: Method = "mrmc"
+    by: ReductionMethod = "mrmc"
     update: Literal["input", "output"] = "output"
     listed: bool = True
     published: PublishedExample | None = None

@@ -30,13 +30,11 @@ class Factor:
         lower: (r, r), in the rows' order and units.
         condition: of L with rows scaled to their signals' rms; inf when it is singular.
         compression: "gram" or "qr".
-        columns: of H, all records together.
     """
 
     lower: FloatArray
     condition: float
     compression: Compression
-    columns: int
 
 
 @dataclass(frozen=True)
@@ -62,13 +60,12 @@ def factor(signals: Sequence[FloatArray], rows: Sequence[HankelRows], compressio
     depth = int(lags.max()) + 1
     scale = _rms(signals)
     scaled = [np.ascontiguousarray(record / scale) for record in signals]
-    columns = sum(len(record) - depth + 1 for record in signals)
     lower = None if compression == "qr" else _by_gram(scaled, depth, lags * len(scale) + channels)
     if lower is not None:
-        found = _factor(lower, scale[channels], "gram", columns)
+        found = _factor(lower, scale[channels], "gram")
         if compression == "gram" or found.condition <= GRAM_LIMIT:
             return found
-    return _factor(_by_qr(scaled, depth, lags, channels), scale[channels], "qr", columns)
+    return _factor(_by_qr(scaled, depth, lags, channels), scale[channels], "qr")
 
 
 def absorbed(triangle: FloatArray, rows: FloatArray) -> FloatArray:
@@ -82,10 +79,10 @@ def absorbed(triangle: FloatArray, rows: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.qr(np.concatenate([triangle, rows]), mode="r"))
 
 
-def _factor(lower: FloatArray, scale: FloatArray, compression: Compression, columns: int) -> Factor:
+def _factor(lower: FloatArray, scale: FloatArray, compression: Compression) -> Factor:
     values = np.linalg.svd(lower, compute_uv=False)
     condition = float(values[0] / values[-1]) if values[-1] > 0 else np.inf
-    return Factor(lower * scale[:, None], condition, compression, columns)
+    return Factor(lower * scale[:, None], condition, compression)
 
 
 def _rms(signals: Sequence[FloatArray]) -> FloatArray:

@@ -48,7 +48,7 @@ def fit_inputs(
 
     Args:
         a, c: (n, n) and (p, n).
-        records: (u, y) of each, (K, m) and (K, p).
+        records: (u, y), (K, m) and (K, p).
         feedthrough: (p, m), where D may differ from 0.
         starts: estimate the initial states, instead of starting each record at 0.
 

@@ -12,21 +12,10 @@ import numpy as np
 
 from identification.linear.model import LinearModel
 from identification.linear.modes import Mode, modes
-from orchestrator.trace import FloatArray
+from orchestrator.trace import ComplexArray, FloatArray
 
-
-@dataclass(frozen=True)
-class Tolerance:
-    """How little a mode may change from one order to the next to count as the same.
-
-    Attributes:
-        frequency, damping: relative changes.
-        shape: least modal assurance criterion (MAC) of the output shapes.
-    """
-
-    frequency: float = 0.01
-    damping: float = 0.05
-    shape: float = 0.98
+_FREQUENCY, _DAMPING = 0.01, 0.05  # relative changes from one order to the next up to which a mode is the same
+_SHAPE = 0.98  # least agreement of its output shapes
 
 
 @dataclass(frozen=True)
@@ -56,25 +45,24 @@ def shape_agreement(first: Mode, second: Mode) -> float:
     return float(product / size) if size > 0 else 0.0
 
 
-def stabilisation(models: Sequence[LinearModel], tolerance: Tolerance | None = None) -> list[Sighting]:
+def stabilisation(models: Sequence[LinearModel]) -> list[Sighting]:
     """The points of a stabilisation diagram: the pairs of every model, judged against the model before."""
-    limits = tolerance or Tolerance()
     sightings: list[Sighting] = []
     before: list[Mode] = []
-    for model in sorted(models, key=lambda each: each.order):
+    for model in sorted(models, key=lambda model: model.order):
         pairs = [mode for mode in modes(model) if mode.paired]
-        sightings += [_sighted(model.order, mode, before, limits) for mode in pairs]
+        sightings += [_sighted(model.order, mode, before) for mode in pairs]
         before = pairs
     return sightings
 
 
-def _sighted(order: int, mode: Mode, before: Sequence[Mode], limits: Tolerance) -> Sighting:
-    near = [each for each in before if abs(each.frequency - mode.frequency) <= limits.frequency * mode.frequency]
+def _sighted(order: int, mode: Mode, before: Sequence[Mode]) -> Sighting:
+    near = [other for other in before if abs(other.frequency - mode.frequency) <= _FREQUENCY * mode.frequency]
     if not near:
         return Sighting(order, mode, False, False, False)
-    closest = max(near, key=lambda each: shape_agreement(each, mode))
-    in_damping = abs(closest.damping - mode.damping) <= limits.damping * abs(mode.damping)
-    return Sighting(order, mode, True, in_damping, shape_agreement(closest, mode) >= limits.shape)
+    closest = max(near, key=lambda other: shape_agreement(other, mode))
+    in_damping = abs(closest.damping - mode.damping) <= _DAMPING * abs(mode.damping)
+    return Sighting(order, mode, True, in_damping, shape_agreement(closest, mode) >= _SHAPE)
 
 
 @dataclass(frozen=True)
@@ -105,7 +93,7 @@ def spreads(model: LinearModel, sensitivity: FloatArray, covariance: FloatArray)
     return found
 
 
-def _spread(mode: Mode, slope: np.ndarray, covariance: FloatArray) -> Spread:
+def _spread(mode: Mode, slope: ComplexArray, covariance: FloatArray) -> Spread:
     """From the slope (P,) of the eigenvalue."""
     if not mode.frequency > 0:
         return Spread(float("nan"), float("nan"))

@@ -12,17 +12,17 @@ import numpy as np
 
 from fmus.errors import IdentificationError
 from identification.linear.recursion import recursion
-from orchestrator.trace import ComplexArray, FloatArray
+from orchestrator.trace import ComplexArray, FloatArray, read_only
 
 UNIT_CIRCLE = 1 + 1e-9  # modulus up to which a pole counts as on the circle: an integrator's is 1 but for rounding
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class LinearModel:
-    """Matrices of a linear, discrete-time model.
+    """Matrices of a linear, discrete-time model; two are equal when all of their numbers and names are.
 
     Attributes:
-        a, b, c, d: (n, n), (n, m), (p, n), (p, m).
+        a, b, c, d: (n, n), (n, m), (p, n), (p, m), read-only.
         step: sampling time [s].
         inputs, outputs: names of the m inputs and p outputs.
     """
@@ -37,14 +37,27 @@ class LinearModel:
 
     def __post_init__(self) -> None:
         n, m, p = self.order, len(self.inputs), len(self.outputs)
-        for name, matrix, shape in (
-            ("A", self.a, (n, n)),
-            ("B", self.b, (n, m)),
-            ("C", self.c, (p, n)),
-            ("D", self.d, (p, m)),
-        ):
+        for name, shape in {"a": (n, n), "b": (n, m), "c": (p, n), "d": (p, m)}.items():
+            matrix = read_only(getattr(self, name))
+            object.__setattr__(self, name, matrix)
             if matrix.shape != shape:
-                raise IdentificationError("linear model", f"{name} is {matrix.shape}, not {shape}", "fit its size")
+                place, problem = "linear model", f"{name.upper()} is {matrix.shape}, not {shape}"
+                raise IdentificationError(place, problem, "fit its size")
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, LinearModel):
+            return NotImplemented
+        same = (self.step, self.inputs, self.outputs) == (other.step, other.inputs, other.outputs)
+        return same and all(np.array_equal(getattr(self, name), getattr(other, name)) for name in "abcd")
+
+    def __hash__(self) -> int:
+        return hash((self.step, self.inputs, self.outputs, self.a.tobytes()))
+
+    def __repr__(self) -> str:
+        return (
+            f"<LinearModel of order {self.order}, {', '.join(self.inputs)} to {', '.join(self.outputs)}, "
+            f"every {self.step:g} s>"
+        )
 
     @property
     def order(self) -> int:
@@ -83,8 +96,8 @@ class LinearModel:
 
     def transformed(self, basis: FloatArray) -> LinearModel:
         """The same model in states z, where x = basis z; basis is (n, n) and invertible."""
-        a, b = np.asarray(np.linalg.solve(basis, self.a @ basis)), np.asarray(np.linalg.solve(basis, self.b))
-        return replace(self, a=a.astype(float), b=b.astype(float), c=self.c @ basis)
+        a, b = (np.linalg.solve(basis, matrix).astype(float) for matrix in (self.a @ basis, self.b))
+        return replace(self, a=a, b=b, c=self.c @ basis)
 
     def control(self) -> Any:
         """As python-control's state space."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from scipy.signal import lfilter
@@ -17,8 +18,11 @@ from fmus.errors import IdentificationError
 from identification.linear.model import LinearModel
 from orchestrator.trace import ComplexArray, FloatArray
 
+NEAR = 0.15  # relative distance within which a pair counts as a known frequency's
+ReductionMethod = Literal["mrm", "msv", "mrmc"]
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class Mode:
     """A real eigenvalue, or a conjugate pair by the one above the real axis.
 
@@ -159,14 +163,11 @@ def strongest(found: Sequence[Mode], values: Sequence[float], order: int) -> lis
     return sorted(kept)
 
 
-def combined(
-    found: Sequence[Mode], values: Sequence[float], order: int, flexible: Sequence[float], within: float = 0.15
-) -> list[int]:
-    """MRMC: of each known flexible frequency [Hz] the strongest pair near it, the rest by strength.
+def combined(found: Sequence[Mode], values: Sequence[float], order: int, flexible: Sequence[float]) -> list[int]:
+    """MRMC: of each known flexible frequency [Hz] the strongest pair within `NEAR`, the rest by strength.
 
     Args:
         values: MRM of each mode.
-        within: how far from the known frequency, relative to it.
 
     Pairs above half the lowest known frequency that match none count as computational and are left out, so the rigid
     ones are what remains below it.
@@ -176,7 +177,7 @@ def combined(
         near = [
             i
             for i, mode in enumerate(found)
-            if mode.paired and i not in kept and abs(mode.frequency - frequency) <= within * frequency
+            if mode.paired and i not in kept and abs(mode.frequency - frequency) <= NEAR * frequency
         ]
         kept += sorted(near, key=lambda i: -values[i])[:1]
     limit = 0.5 * min(flexible, default=math.inf)
@@ -184,6 +185,21 @@ def combined(
     room = order - sum(found[i].size for i in kept)
     chosen = strongest([found[i] for i in rigid], [values[i] for i in rigid], room)
     return sorted([*kept, *(rigid[i] for i in chosen)])
+
+
+def kept(
+    by: ReductionMethod, found: Sequence[Mode], u: FloatArray, order: int, flexible: Sequence[float] = ()
+) -> list[int]:
+    """Numbers of the modes that a reduction to this order keeps.
+
+    Args:
+        u: (K, m) inputs under which the modes are weighed.
+        flexible: known frequencies [Hz], for "mrmc".
+    """
+    if by == "msv":
+        return strongest(found, [mode.mode_singular_value(len(u)) for mode in found], order)
+    magnitudes = [mode.response_magnitude(u) for mode in found]
+    return combined(found, magnitudes, order, flexible) if by == "mrmc" else strongest(found, magnitudes, order)
 
 
 def dropping_bound(found: Sequence[Mode], kept: Sequence[int], u: FloatArray) -> float:

@@ -23,21 +23,21 @@ class Preparation:
     """Steps that are taken, in this order.
 
     Attributes:
-        zero_mean: numbers of the outputs that are centred, such as strains; the others start at zero.
+        zero_mean: names of the outputs that are centred, such as strains; the others start at zero.
         cutoff: corner of a second-order Butterworth low-pass [Hz]; None filters nothing.
         causal: filter forwards only, as an instrument would; else forwards and backwards, without a lag.
         filter_input: filter inputs as outputs are.
         scaled: bring each output's greatest magnitude in all records to that of the first input.
     """
 
-    zero_mean: tuple[int, ...] = ()
-    cutoff: float | None = 50.0
+    zero_mean: tuple[str, ...] = ()
+    cutoff: float | None = None
     causal: bool = False
     filter_input: bool = True
     scaled: bool = True
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PreparedData:
     """Records fit for identification.
 
@@ -74,10 +74,8 @@ def without_compensation(u: FloatArray, magnitude: float) -> FloatArray:
 
 
 def _centred(record: InputOutputData, how: Preparation) -> InputOutputData:
-    y = record.y - record.y[0]
-    for number in how.zero_mean:
-        y[:, number] -= y[:, number].mean()
-    return replace(record, y=y)
+    centred = np.isin(record.outputs, how.zero_mean)
+    return replace(record, y=record.y - np.where(centred, record.y.mean(axis=0), record.y[0]))
 
 
 def _filtered(record: InputOutputData, how: Preparation) -> InputOutputData:

@@ -11,16 +11,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fmus.errors import IdentificationError, TraceError
-from orchestrator.trace import FloatArray, Trace
+from orchestrator.trace import FloatArray, Trace, read_only
 
 _JITTER = 0.01  # of a step; stamps further off their place are no longer evenly sampled
 _SAME_STEP = 1e-6
 _LARGEST = 1e100
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class InputOutputData:
-    """What went in and what came out, sample by sample.
+    """What went in and what came out, sample by sample; read-only, and equal only to itself.
 
     Attributes:
         u: (K, m) inputs, one column an input; (K,) is taken as one column.
@@ -42,7 +42,7 @@ class InputOutputData:
 
     def __post_init__(self) -> None:
         for field, names, letter in (("u", "inputs", "u"), ("y", "outputs", "y")):
-            columns = np.asarray(getattr(self, field), dtype=float)
+            columns = read_only(getattr(self, field))
             columns = columns[:, None] if columns.ndim == 1 else columns
             given = tuple(getattr(self, names)) or tuple(f"{letter}{i + 1}" for i in range(columns.shape[-1]))
             object.__setattr__(self, field, columns)
@@ -58,6 +58,26 @@ class InputOutputData:
 
     def __len__(self) -> int:
         return len(self.u)
+
+    @classmethod
+    def of(cls, trace: Trace, inputs: Sequence[str], outputs: Sequence[str]) -> InputOutputData:
+        """These signals of a trace.
+
+        Raises:
+            TraceError: a signal is missing, or the stamps are not even.
+        """
+        if len(trace) < 2:
+            raise TraceError(trace.name, f"holds {len(trace)} samples", "give a recording")
+        step = trace.duration / (len(trace) - 1)
+        worst = float(np.max(np.abs(trace.time - trace.time[0] - step * np.arange(len(trace)))))
+        if worst > _JITTER * step:
+            raise TraceError(trace.name, f"stamps are up to {worst / step:.2g} steps off an even grid", "resample it")
+        u, y = (np.column_stack([trace[name] for name in names]) for names in (inputs, outputs))
+        return cls(u, y, step, tuple(inputs), tuple(outputs), trace.name)
+
+    def __repr__(self) -> str:
+        columns = f"{', '.join(self.inputs)} to {', '.join(self.outputs)}"
+        return f"<InputOutputData {self.name}: {columns}, {len(self)} samples every {self.step:g} s>"
 
     def rows(self, start: int, stop: int) -> InputOutputData:
         """The samples start <= k < stop."""
@@ -87,22 +107,6 @@ class Pieces:
         return sum(map(len, self.records))
 
 
-def record(trace: Trace, inputs: Sequence[str], outputs: Sequence[str]) -> InputOutputData:
-    """A record of these signals of a trace.
-
-    Raises:
-        TraceError: a signal is missing, or the stamps are not even.
-    """
-    if len(trace) < 2:
-        raise TraceError(trace.name, f"holds {len(trace)} samples", "give a recording")
-    step = trace.duration / (len(trace) - 1)
-    worst = float(np.max(np.abs(trace.time - trace.time[0] - step * np.arange(len(trace)))))
-    if worst > _JITTER * step:
-        raise TraceError(trace.name, f"stamps are up to {worst / step:.2g} steps off an even grid", "resample it")
-    u, y = (np.column_stack([trace[name] for name in names]) for names in (inputs, outputs))
-    return InputOutputData(u, y, step, tuple(inputs), tuple(outputs), trace.name)
-
-
 def without_gaps(records: Records, shortest: int) -> Pieces:
     """The records cut where a sample is not finite; pieces below `shortest` samples are dropped and counted.
 
@@ -113,9 +117,9 @@ def without_gaps(records: Records, shortest: int) -> Pieces:
     given = (records,) if isinstance(records, InputOutputData) else tuple(records)
     if not given:
         raise IdentificationError("records", "there are none", "give at least one")
-    for each in given[1:]:
-        _check_alike(given[0], each)
-    pieces = [piece for each in given for piece in _split(each)]
+    for other in given[1:]:
+        _check_alike(given[0], other)
+    pieces = [piece for whole in given for piece in _split(whole)]
     kept = tuple(piece for piece in pieces if len(piece) >= shortest)
     if not kept:
         longest = max(map(len, pieces), default=0)

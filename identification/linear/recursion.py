@@ -39,7 +39,7 @@ def recursion(a: FloatArray, force: FloatArray, start: FloatArray) -> tuple[Floa
         for i in range(block):
             f[i], x = x, x @ a.T + f[i]
         states = f.reshape(block, blocks, systems, order).swapaxes(0, 1).reshape(blocks * block, systems, order)
-        return states[:count], states[count - 1] @ a.T + force[-1]
+        return states[:count], np.asarray(states[count - 1] @ a.T + force[-1])
 
 
 def _block_starts(a: FloatArray, f: FloatArray, start: FloatArray) -> FloatArray:

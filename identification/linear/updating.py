@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from identification.linear.modes import from_modes, modes
 from identification.linear.records import InputOutputData
 from orchestrator.trace import FloatArray
 
+UpdatedMatrix = Literal["input", "output", "none"]
+
 
 def reduced(model: LinearModel, kept: Sequence[int]) -> LinearModel:
     """The model with only these of its modes (numbers as in `modes`), in real form (3-9, 3-10)."""
@@ -25,6 +28,13 @@ def reduced(model: LinearModel, kept: Sequence[int]) -> LinearModel:
     if not kept:
         raise IdentificationError("reduction", "no mode is kept", "keep at least one")
     return from_modes([found[i] for i in kept], model)
+
+
+def updated(model: LinearModel, records: Sequence[InputOutputData], matrix: UpdatedMatrix) -> LinearModel:
+    """The model with B ("input") or C ("output") computed anew from these records, or as it is ("none")."""
+    if matrix == "none":
+        return model
+    return updated_input(model, records) if matrix == "input" else updated_output(model, records)
 
 
 def updated_output(model: LinearModel, records: Sequence[InputOutputData]) -> LinearModel:

@@ -10,10 +10,10 @@ import numpy as np
 
 from identification.estimation.validation import fit
 from identification.linear.model import LinearModel
-from identification.linear.modes import combined, modes, strongest
+from identification.linear.modes import kept, modes
 from identification.linear.preparation import Preparation, PreparedData, prepared, without_compensation
-from identification.linear.records import InputOutputData, record
-from identification.linear.updating import reduced, updated_input, updated_output
+from identification.linear.records import InputOutputData
+from identification.linear.updating import reduced, updated
 from identification.recordings.campaign import Recorded, load_campaign, split
 from identification.study import OrderBlock, ReductionBlock, SubspaceBlock
 from identification.subspace.orders import Best, Gap, OrderRule, Threshold
@@ -83,7 +83,7 @@ def calibrate(study: SubspaceBlock, base: Path, data: Path | None, progress: Lis
     fitted, kept = split(recorded, study.traces.hold_out)
     given = {each.trace.name: _record(study, each) for each in recorded}
     ready = prepared([given[each.trace.name] for each in fitted], _preparation(study))
-    plain = Preparation(_zero_mean(study), cutoff=None, scaled=False)
+    plain = Preparation(tuple(study.preparation.zero_mean), scaled=False)
     judged = {name: prepared([each], plain).records[0] for name, each in given.items()}
     sides = ([judged[each.trace.name] for each in fitted], [judged[each.trace.name] for each in kept])
     found: dict[str, SubspaceResult] = {}
@@ -111,17 +111,13 @@ def _record(study: SubspaceBlock, recorded: Recorded) -> InputOutputData:
     if study.sample is not None:
         count = int(trace.duration / study.sample * (1 + 1e-12)) + 1
         trace = trace.resampled(trace.time[0] + study.sample * np.arange(count), hold=study.inputs)
-    given = record(trace, study.inputs, study.outputs)
+    given = InputOutputData.of(trace, study.inputs, study.outputs)
     return replace(given, u=without_compensation(given.u, study.preparation.compensation))
-
-
-def _zero_mean(study: SubspaceBlock) -> tuple[int, ...]:
-    return tuple(study.outputs.index(name) for name in study.preparation.zero_mean)
 
 
 def _preparation(study: SubspaceBlock) -> Preparation:
     how = study.preparation
-    return Preparation(_zero_mean(study), how.cutoff, how.causal, how.filter_input, how.scaled)
+    return Preparation(tuple(how.zero_mean), how.cutoff, how.causal, how.filter_input, how.scaled)
 
 
 def settings_of(study: SubspaceBlock, weighting: Weighting) -> SubspaceSettings:
@@ -158,14 +154,9 @@ def _rule(order: int | OrderBlock) -> OrderRule:
 
 
 def _reduced(model: LinearModel, how: ReductionBlock, records: Sequence[InputOutputData]) -> LinearModel:
-    found = modes(model)
-    u = np.concatenate([each.u for each in records])
-    values = [mode.mode_singular_value(len(u)) if how.by == "msv" else mode.response_magnitude(u) for mode in found]
-    kept = combined(found, values, how.order, how.flexible) if how.flexible else strongest(found, values, how.order)
-    short = reduced(model, kept)
-    if how.update == "none":
-        return short
-    return updated_input(short, records) if how.update == "input" else updated_output(short, records)
+    u = np.concatenate([record.u for record in records])
+    numbers = kept(how.by, modes(model), u, how.order, how.flexible)
+    return updated(reduced(model, numbers), records, how.update)
 
 
 def _judged(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -15,16 +17,15 @@ def test_a_mode_that_stays_is_stable_and_one_that_wanders_is_not() -> None:
     steady = eigenvalue(9.0, 0.03)
     models = [_with(steady, eigenvalue(20.0 + order, 0.01), order) for order in (4, 6, 8)]
     found = stabilisation(models)
-    assert all(each.stable for each in found if each.order > 4 and abs(each.mode.frequency - 9.0) < 1e-6)
-    assert not any(each.in_frequency for each in found if each.order > 4 and abs(each.mode.frequency - 9.0) > 5)
-    assert not any(each.in_frequency for each in found if each.order == 4)
+    assert all(seen.stable for seen in found if seen.order > 4 and abs(seen.mode.frequency - 9.0) < 1e-6)
+    assert not any(seen.in_frequency for seen in found if seen.order > 4 and abs(seen.mode.frequency - 9.0) > 5)
+    assert not any(seen.in_frequency for seen in found if seen.order == 4)
 
 
 def _with(steady: complex, wandering: complex, order: int) -> LinearModel:
     model = model_of([steady, wandering], mixed=False)
     padded = model_of([steady, wandering, *[0.1 * i for i in range(1, order - 3)]], mixed=False)
-    padded.c[:, :2] = model.c[:, :2]
-    return padded
+    return replace(padded, c=np.hstack([model.c[:, :2], padded.c[:, 2:]]))
 
 
 def test_shapes_agree_with_their_multiples_and_not_with_orthogonal_ones() -> None:
@@ -41,8 +42,8 @@ def test_spreads_are_those_of_random_draws() -> None:
     drawn = np.array([_figures(model, sensitivity, root @ rng.normal(size=3)) for _ in range(4000)])
     expected = drawn.std(axis=0)
     found = spreads(model, sensitivity, root @ root.T)
-    assert [each.frequency for each in found] == pytest.approx(expected[:, 0].tolist(), rel=0.06)
-    assert [each.damping for each in found[:2]] == pytest.approx(expected[:2, 1].tolist(), rel=0.06)
+    assert [spread.frequency for spread in found] == pytest.approx(expected[:, 0].tolist(), rel=0.06)
+    assert [spread.damping for spread in found[:2]] == pytest.approx(expected[:2, 1].tolist(), rel=0.06)
 
 
 def _figures(model: LinearModel, sensitivity: np.ndarray, move: np.ndarray) -> list[list[float]]:

@@ -99,3 +99,14 @@ def test_a_change_of_states_leaves_poles_and_response_alone(seed: int) -> None:
 def test_matrices_that_do_not_fit_are_refused_by_name(name: str) -> None:
     with pytest.raises(IdentificationError, match=f"linear model: {name.upper()} is"):
         replace(random_system(0), **{name: np.zeros((7, 7))})
+
+
+def test_models_are_equal_when_all_their_numbers_are_and_cannot_be_written_to() -> None:
+    model = random_system(0)
+    again = random_system(0)
+    assert (again, hash(again)) == (model, hash(model))
+    assert replace(model, c=model.c * (1 + 1e-15)) != model
+    assert replace(model, inputs=("torque",)) != model
+    with pytest.raises(ValueError, match="read-only"):
+        model.a[0, 0] = 1.0
+    assert repr(model) == "<LinearModel of order 5, u1 to y1, y2, every 0.01 s>"
