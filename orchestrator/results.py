@@ -78,11 +78,12 @@ def _exchange(fresh: Path, target: Path, earlier: Path) -> None:
 
 def versions() -> dict[str, str]:
     """Version of Python and of the packages that results depend on."""
-    return {"python": platform.python_version()} | {name: _version(name) for name in PACKAGES}
+    return {"python": platform.python_version()} | {name: version_of(name) for name in PACKAGES}
 
 
 @cache
-def _version(package: str) -> str:
+def version_of(package: str) -> str:
+    """Its version, or that it is not installed."""
     try:
         return version(package)
     except PackageNotFoundError:

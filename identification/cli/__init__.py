@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from identification.cli import studies
-from orchestrator.cli import bridge, can, scenarios, tables, traces
+from orchestrator.cli import bridge, can, root, scenarios, tables, traces
 
 if TYPE_CHECKING:
     from orchestrator.formats import Layout
@@ -20,10 +20,13 @@ if TYPE_CHECKING:
 __all__ = ["app", "main"]
 
 app = typer.Typer(
+    cls=root.Commands,
+    callback=root.root,
+    invoke_without_command=True,
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
-    help="Calibrated digital twins of servo-driven mechanisms as FMUs.",
+    rich_markup_mode=None,  # to draw boxes around options takes longer than all else of --help
 )
 app.add_typer(scenarios.app)
 app.add_typer(studies.app)

@@ -6,10 +6,8 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
 
-from orchestrator.cli.terminal import Answer, Out, Terminal, command
+from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 
 app = typer.Typer()
 
@@ -34,7 +32,7 @@ def calibrate(
         document = calibrate_study(study, data, folder, move)
     shows = next((show for key, show in _RESULTS.items() if key in document), _parameters)
     fmus = f"FMUs in {folder / 'fmus'}, " if (folder / "fmus").is_dir() else ""
-    shown: list[Table | str] = [shows(document), *_fits(document), *_warnings(document)]
+    shown: list[Listing | str] = [shows(document), *_fits(document), *_warnings(document)]
     shown.append(f"{fmus}report in {folder / 'report.html'}")
     return Answer(document, shown, document.get("as_stated", True))
 
@@ -56,17 +54,11 @@ def validate(
     return Answer(document, shown, document["held"])
 
 
-def _parameters(document: dict[str, Any]) -> Table:
+def _parameters(document: dict[str, Any]) -> Listing:
     from identification.output_error.report import parameter_rows
 
     headers, rows = parameter_rows(document)
-    table = Table(title=document["title"], box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for number, header in enumerate(headers):
-        text = number in (0, len(headers) - 1)
-        table.add_column(header, justify="left" if text else "right", overflow="fold", no_wrap=number == 0)
-    for row in rows:
-        table.add_row(*map(_cell, headers, row))
-    return table
+    return Listing(headers, [list(map(_cell, headers, row)) for row in rows], document["title"], figures=True)
 
 
 def _cell(header: str, value: object) -> str:
@@ -75,24 +67,25 @@ def _cell(header: str, value: object) -> str:
     return "-" if value is None else str(value)
 
 
-def _models(document: dict[str, Any]) -> Table:
+def _models(document: dict[str, Any]) -> Listing:
     """Order and median FIT of each output, on fitted and on unseen traces, of every model of a subspace study."""
     outputs = list(document["fit"]["train"]["outputs"])
     sides = {"fitted": "train", "unseen": "validation"}
-    table = Table("model", "order", *(f"{output}, {side}" for side in sides for output in outputs), title="median FIT")
+    rows = []
     for name, model in document["models"].items():
         fits = [model["fit"][group] for group in sides.values()]
         values = [_figure(fit["outputs"][output] if fit else None) for fit in fits for output in outputs]
-        table.add_row(name, str(model["order"]), *values)
-    return table
+        rows.append([name, str(model["order"]), *values])
+    headers = ("model", "order", *(f"{output}, {side}" for side in sides for output in outputs))
+    return Listing(headers, rows, "median FIT")
 
 
-def _claims(document: dict[str, Any]) -> Table:
-    table = Table("claim", "outcome", "comparisons", title=document["title"])
+def _claims(document: dict[str, Any]) -> Listing:
+    rows = []
     for claim in document["claims"]:
         held = sum(comparison["held"] for comparison in claim["comparisons"])
-        table.add_row(claim["statement"], claim["outcome"], f"{held} of {len(claim['comparisons'])}")
-    return table
+        rows.append((claim["statement"], claim["outcome"], f"{held} of {len(claim['comparisons'])}"))
+    return Listing(("claim", "outcome", "comparisons"), rows, document["title"])
 
 
 _RESULTS = {"models": _models, "claims": _claims}  # what tells a summary's kind, and its table

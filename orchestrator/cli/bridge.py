@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.table import Table
 
 from fmus.errors import InputError
 from orchestrator.cli.can import Adapter, Channel, Interface
 from orchestrator.cli.scenarios import Overrides, beside, overrides
-from orchestrator.cli.terminal import Answer, Out, Terminal, command
+from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 from orchestrator.interrupts import whole
 
 if TYPE_CHECKING:
@@ -129,10 +128,7 @@ def _answer(coupled: BridgeResult, folder: Path, interrupted: bool) -> Answer:
     if interrupted:
         line = f"interrupted after {coupled.ending.elapsed:.3f} s; the result up to there is in {folder}"
         return Answer(document, held=False, interrupted=line)
-    checks = Table("case", "expectation", "held", "found", title=result.block.title)
-    for row in rows_of(result):
-        checks.add_row(*row)
-    passed = Table("direction", "message", "frames", "frames/s")
-    for direction, name, count, rate in coupled.account.traffic():
-        passed.add_row(direction, name, f"{count:,}", f"{rate:,.1f}")
+    checks = Listing(("case", "expectation", "held", "found"), rows_of(result), result.block.title)
+    counts = [(way, name, f"{count:,}", f"{rate:,.1f}") for way, name, count, rate in coupled.account.traffic()]
+    passed = Listing(("direction", "message", "frames", "frames/s"), counts)
     return Answer(document, [checks, passed, *coupled.account.remarks(), f"results in {folder}"], result.passed)

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.table import Table
 
 from fmus.errors import InputError
-from orchestrator.cli.terminal import Answer, Terminal, command
+from orchestrator.cli.terminal import Answer, Listing, Terminal, command
 
 if TYPE_CHECKING:
     from orchestrator.can.live.bus import BusSettings
@@ -118,17 +117,21 @@ def database(
     signals = declared(scenario, every)
     out.parent.mkdir(parents=True, exist_ok=True)
     generate(signals, out, fd)
-    table, messages = Table("message", "identifier", "bytes", "period [s]", "signals"), {}
-    for message in load(out).messages:
-        names = [signal.name for signal in message.signals]
-        table.add_row(message.name, f"{message.id:03X}", str(message.length), f"{message.cycle:g}", ", ".join(names))
-        messages[message.name] = {
+    document: dict[str, dict[str, Any]] = {
+        message.name: {
             "identifier": message.id,
             "length": message.length,
             "period": message.cycle,
-            "signals": names,
+            "signals": [signal.name for signal in message.signals],
         }
-    return Answer({"database": str(out), "messages": messages}, [table, f"written to {out}"])
+        for message in load(out).messages
+    }
+    rows = [
+        (name, f"{of['identifier']:03X}", f"{of['length']}", f"{of['period']:g}", ", ".join(of["signals"]))
+        for name, of in document.items()
+    ]
+    table = Listing(("message", "identifier", "bytes", "period [s]", "signals"), rows)
+    return Answer({"database": str(out), "messages": document}, [table, f"written to {out}"])
 
 
 def _line(status: Any) -> str:
@@ -153,11 +156,9 @@ def _replayed(document: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _counts(document: dict[str, Any]) -> Table:
+def _counts(document: dict[str, Any]) -> Listing:
     """Frames by message, or by identifier without a database."""
-    found = document["found"]
-    table = Table("message", "frames", title=f"{document['frames']:,} frames")
-    for kind in ("messages", "identifiers"):
-        for name, count in sorted(found.get(kind, {}).items()):
-            table.add_row(name, f"{count:,}")
-    return table
+    counts = sorted(document["found"].get("messages", {}).items())
+    counts += sorted(document["found"].get("identifiers", {}).items())
+    rows = [(name, f"{count:,}") for name, count in counts]
+    return Listing(("message", "frames"), rows, f"{document['frames']:,} frames")

@@ -10,13 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.table import Table
 
 from fmus.errors import InputError
 from orchestrator.cli.tables import JUDGES
-from orchestrator.cli.terminal import Answer, Out, Terminal, command, facts
+from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command, facts
 from orchestrator.interrupts import whole
-from orchestrator.results import check_target
 
 if TYPE_CHECKING:
     from orchestrator.fmi.interface import Value
@@ -75,13 +73,13 @@ def build(
     chosen = [library.find(name) for name in models or library.names()]
     packaging = target or targets.preferred()
     files = {model.name: (out or Path("out/fmus")) / f"{model.name}.fmu" for model in chosen}
-    table = Table("model", "FMU", "description")
     with terminal.bar("building") as move:
         for number, model in enumerate(chosen):
             move(number / len(chosen), model.name)
             targets.build(packaging, model, files[model.name], fmi=fmi, platforms=platform or ("host",))
-            table.add_row(model.name, str(files[model.name]), model.description)
-    return Answer({"fmus": {name: str(file) for name, file in files.items()}, "target": packaging, "fmi": fmi}, [table])
+    rows = [(model.name, str(files[model.name]), model.description) for model in chosen]
+    document = {"fmus": {name: str(file) for name, file in files.items()}, "target": packaging, "fmi": fmi}
+    return Answer(document, [Listing(("model", "FMU", "description"), rows)])
 
 
 @command(app)
@@ -115,14 +113,14 @@ def run(
     if result.interrupted:
         line = f"{interruption(result)}; the result up to there is in {folder}"
         return Answer(document, held=False, interrupted=line)
-    checks = Table("case", "expectation", "held", "found", title=result.block.title)
-    for row in rows_of(result):
-        checks.add_row(*row)
-    shown: list[Table | str] = [checks, f"results in {folder}"]
+    checks = Listing(("case", "expectation", "held", "found"), rows_of(result), result.block.title)
+    shown: list[Listing | str] = [checks, f"results in {folder}"]
     if terminal.verbose:
-        statistics = Table(*accounts.HEADERS, title="Step statistics, all cases")
-        for name, calls, seconds, microseconds, share in accounts.rows_of(result):
-            statistics.add_row(name, f"{calls:,}", f"{seconds:.3g}", f"{microseconds:.3g}", f"{share:.1f}")
+        rows = [
+            (name, f"{calls:,}", f"{seconds:.3g}", f"{microseconds:.3g}", f"{share:.1f}")
+            for name, calls, seconds, microseconds, share in accounts.rows_of(result)
+        ]
+        statistics = Listing(accounts.HEADERS, rows, "Step statistics, all cases")
         shown[1:1] = [statistics, accounts.sentence_of(result)]
     return Answer(document, shown, result.passed)
 
@@ -158,13 +156,13 @@ def test(
         verdicts = run_suite(files, out or Path("out/test"), jobs, JUDGES["claims"], done, isolation)
     if junit is not None:
         write_junit(verdicts, junit)
-    table = Table("scenario", "verdict", "time [s]", "why")
-    for verdict in verdicts:
-        outcome = "passed" if verdict.passed else "FAILED"
-        table.add_row(str(verdict.file), outcome, f"{verdict.seconds:.1f}", verdict.error)
+    rows = [
+        (str(verdict.file), "passed" if verdict.passed else "FAILED", f"{verdict.seconds:.1f}", verdict.error)
+        for verdict in verdicts
+    ]
     said = [text for verdict in verdicts if (text := outputs_of(verdict.document))] if terminal.verbose else []
     held = all(verdict.passed for verdict in verdicts)
-    rows = [
+    scenarios = [
         {
             "file": str(verdict.file),
             "passed": verdict.passed,
@@ -174,7 +172,8 @@ def test(
         }
         for verdict in verdicts
     ]
-    return Answer({"passed": held, "scenarios": rows}, [*said, table], held)
+    table = Listing(("scenario", "verdict", "time [s]", "why"), rows)
+    return Answer({"passed": held, "scenarios": scenarios}, [*said, table], held)
 
 
 @command(app)
@@ -202,6 +201,8 @@ def beside(folder: Path) -> Iterator[Path]:
     Raises:
         InputError: a result must not be written there.
     """
+    from orchestrator.results import check_target
+
     check_target(folder)
     near = next(parent for parent in folder.resolve().parents if parent.is_dir())
     with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=near) as aside:

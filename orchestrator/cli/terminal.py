@@ -5,41 +5,53 @@ from __future__ import annotations
 import json
 import logging
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, is_dataclass
-from functools import partial
+from functools import cache, partial
 from inspect import Parameter, Signature, signature
 from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any, NoReturn, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TypeVar, get_type_hints
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
 from fmus.errors import InputError, ServotwinError
 from orchestrator.cli.stdout import stdout_kept
 from orchestrator.interrupts import Interrupts
 from orchestrator.progress import Progress, silent
 
-WIDE = 120  # columns of output that goes to no terminal
-OUT = Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else WIDE)
-ERR = Console(stderr=True, highlight=False, markup=False)
+if TYPE_CHECKING:
+    from rich.console import Console
 
+WIDE = 120  # columns of output that goes to no terminal
 Out = Annotated[Path | None, typer.Option("--out", help="Folder for the results.")]
 
 
-@dataclass
+@dataclass(frozen=True)
+class Listing:
+    """Rows for people.
+
+    Attributes:
+        figures: whether the columns between the first and the last hold figures.
+    """
+
+    headers: Sequence[str]
+    rows: Iterable[Sequence[str]]
+    title: str | None = None
+    figures: bool = False
+
+
+@dataclass(frozen=True)
 class Answer:
-    """What a command has to say: a document for machines, tables and lines for people, and whether all held.
+    """What a command has to say: a document for machines, listings and lines for people, and whether all held.
 
     Attributes:
         interrupted: where an interrupt left something that is worth to be kept, a line about it.
     """
 
     document: dict[str, Any]
-    shown: Sequence[Table | str] = ()
+    shown: Sequence[Listing | str] = ()
     held: bool = True
     interrupted: str = ""
 
@@ -55,12 +67,12 @@ class Terminal:
     def say(self, line: str) -> None:
         """Tell people something while the work goes on."""
         if not self.quiet:
-            ERR.print(line, soft_wrap=True)
+            _err().print(line, soft_wrap=True)
 
     @contextmanager
     def bar(self, label: str) -> Iterator[Progress]:
         """A progress bar on a terminal, moved by the function that is given."""
-        if self.quiet or self.json or not ERR.is_terminal:
+        if self.quiet or self.json or not _err().is_terminal:
             yield silent
             return
         from rich import progress
@@ -71,7 +83,7 @@ class Terminal:
             progress.TextColumn("{task.fields[doing]}", markup=False),
             progress.TimeElapsedColumn(),
         )
-        with progress.Progress(*columns, console=ERR, transient=True) as shown:
+        with progress.Progress(*columns, console=_err(), transient=True) as shown:
             task = shown.add_task(label, total=1.0, doing="")
             yield lambda fraction, doing: shown.update(task, completed=fraction, doing=doing)
 
@@ -133,7 +145,7 @@ def _answered(work: Callable[[], Answer], terminal: Terminal) -> NoReturn:
         sys.stdout.write(json.dumps(answer.document, indent=2, allow_nan=False) + "\n")
     elif not terminal.quiet:
         for shown in answer.shown:
-            OUT.print(shown, soft_wrap=isinstance(shown, str))
+            show(shown)
     if answer.interrupted:
         _interrupted(answer.interrupted)
     raise typer.Exit(0 if answer.held else 1)
@@ -147,30 +159,58 @@ def _log(terminal: Terminal) -> None:
         level=logging.ERROR if terminal.quiet else levels[min(terminal.verbose, 2)],
         format="%(message)s",
         force=True,
-        handlers=[RichHandler(console=ERR, show_time=False, show_path=False)],
+        handlers=[RichHandler(console=_err(), show_time=False, show_path=False)],
     )
 
 
 def _interrupted(line: str = "interrupted") -> NoReturn:
-    ERR.print(line, soft_wrap=True)
+    _err().print(line, soft_wrap=True)
     raise typer.Exit(130) from None
 
 
 def _fail(error: ServotwinError, terminal: Terminal) -> NoReturn:
     if terminal.verbose >= 2:
-        ERR.print_exception()
-    ERR.print(f"servotwin: {error}", style="red", soft_wrap=True, markup=False)
+        _err().print_exception()
+    _err().print(f"servotwin: {error}", style="red", soft_wrap=True, markup=False)
     raise typer.Exit(error.exit_code) from None
 
 
-def facts(document: dict[str, Any]) -> Table:
-    """A document of one level of lists as a two-column table."""
-    table = Table(show_header=False, title=str(document.get("name", "")))
+def show(shown: Listing | str) -> None:
+    """A line, or rows as a table, on standard output."""
+    from rich import box, table
+    from rich.console import Console
+
+    console = Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else WIDE)
+    if isinstance(shown, str):
+        console.print(shown, soft_wrap=True)
+        return
+    drawn = table.Table(title=shown.title, show_header=bool(shown.headers))
+    if shown.figures:
+        drawn.box, drawn.padding = box.SIMPLE_HEAD, (0, 1, 0, 0)
+    for number, header in enumerate(shown.headers):
+        right = shown.figures and 0 < number < len(shown.headers) - 1
+        whole = shown.figures and number == 0
+        drawn.add_column(header, justify="right" if right else "left", overflow="fold", no_wrap=whole)
+    for row in shown.rows:
+        drawn.add_row(*row)
+    console.print(drawn)
+
+
+@cache
+def _err() -> Console:
+    from rich.console import Console
+
+    return Console(stderr=True, highlight=False, markup=False)
+
+
+def facts(document: dict[str, Any]) -> Listing:
+    """A document of one level of lists in two columns."""
+    rows = []
     for key, value in document.items():
         if isinstance(value, list):
             for number, entry in enumerate(value):
                 cells = entry.values() if isinstance(entry, dict) else [entry]
-                table.add_row("" if number else key, "  ".join(str(cell) for cell in cells if cell not in (None, "")))
+                rows.append(("" if number else key, "  ".join(str(cell) for cell in cells if cell not in (None, ""))))
         elif key != "name":
-            table.add_row(key, str(value))
-    return table
+            rows.append((key, str(value)))
+    return Listing((), rows, str(document.get("name", "")))

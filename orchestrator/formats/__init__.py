@@ -17,6 +17,7 @@ from orchestrator.can.logs.suffixes import SUFFIXES, is_log
 from orchestrator.formats import csv, mat, parquet, text
 from orchestrator.formats.layout import Layout
 from orchestrator.formats.recording import Recording, Table
+from orchestrator.plugins import plugins
 from orchestrator.trace import Trace, check_file, ordered
 
 __all__ = ["FORMATS", "Layout", "Recording", "read", "write"]
@@ -31,6 +32,7 @@ class Format(Protocol):
 
 
 FORMATS: dict[str, Format] = {".csv": csv, ".mat": mat, ".parquet": parquet, ".txt": text}
+"""Those that come along; other packages add theirs as entry points `SUFFIX = module` of `servotwin.formats`."""
 
 
 def read(path: str | Path, layout: Layout | None = None, progress: Callable[[float], None] | None = None) -> Recording:
@@ -69,8 +71,15 @@ def write(trace: Trace, path: str | Path) -> None:
 
 
 def _format(path: Path) -> Format:
-    try:
-        return FORMATS[path.suffix.lower()]
-    except KeyError:
-        known = ", ".join(dict.fromkeys((*FORMATS, *SUFFIXES)))
-        raise TraceError(path, f"format '{path.suffix}' is not known", f"use {known}") from None
+    suffix = path.suffix.lower()
+    if suffix in FORMATS:
+        return FORMATS[suffix]
+    added = {f".{name}": form for name, form in plugins("servotwin.formats", _is_format).items()}
+    if suffix not in added:
+        known = ", ".join(dict.fromkeys((*FORMATS, *SUFFIXES, *added)))
+        raise TraceError(path, f"format '{path.suffix}' is not known", f"use {known}")
+    return added[suffix]
+
+
+def _is_format(loaded: object) -> bool:
+    return callable(getattr(loaded, "read", None)) and callable(getattr(loaded, "write", None))

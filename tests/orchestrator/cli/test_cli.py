@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import os
+import platform
 import signal
 import subprocess
 import sys
 import time
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,7 @@ from typer.testing import CliRunner, Result
 from identification.cli import app
 from identification.output_error import calibration
 from orchestrator import formats
+from orchestrator.engine import compiled
 from orchestrator.trace import Trace
 from tests.support.small_study import record, write_study
 
@@ -134,6 +137,22 @@ def test_the_commands_that_scripts_depend_on_are_there() -> None:
 def test_a_command_line_that_is_none_has_exit_code_2(arguments: list[str]) -> None:
     answer = servotwin(*arguments)
     assert answer.exit_code == 2 and answer.stdout == "" and "Traceback" not in answer.stderr
+
+
+def test_the_version_is_one_line_and_with_v_what_a_report_of_a_fault_needs() -> None:
+    assert servotwin("--version").stdout == f"servotwin {version('servotwin')}\n"
+    answer = servotwin("--version", "-v")
+    told = dict(line.split(": ", 1) for line in answer.stdout.splitlines())
+    assert answer.exit_code == 0 and answer.stderr == ""
+    assert set(told) >= {"servotwin", "Python", "platform", "compiler", "stepping loop", "numpy", "fmpy", "typer"}
+    assert told["numpy"] == np.__version__ and told["Python"].startswith(platform.python_version())
+    assert told["stepping loop"].startswith("compiled") == compiled.available()
+
+
+def test_the_only_option_before_a_command_is_version() -> None:
+    for arguments in (["-v"], ["-v", "info", "x"]):
+        answer = servotwin(*arguments)
+        assert answer.exit_code == 2 and "-v goes after it" in answer.stderr
 
 
 def test_build_makes_valid_fmus_and_names_them(tmp_path: Path) -> None:

@@ -1,0 +1,47 @@
+"""The root of the command line: the version, and the commands that other packages add."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+from typer.main import get_command
+
+from orchestrator.cli.terminal import show
+from orchestrator.plugins import plugins
+
+
+class Commands(TyperGroup):
+    """Our commands, and those that other packages add: each a `typer.Typer`, none in place of one of ours."""
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        return super().get_command(ctx, cmd_name) or _added().get(cmd_name)
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        return list(dict.fromkeys((*super().list_commands(ctx), *_added())))
+
+
+def root(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="The version; with -v what a fault report needs.")] = False,
+    verbose: Annotated[bool, typer.Option("-v", hidden=True)] = False,
+) -> None:
+    """Calibrated digital twins of servo-driven mechanisms as FMUs."""
+    if version:
+        from orchestrator.cli.installation import details
+        from orchestrator.results import version_of
+
+        for line in details() if verbose else [f"servotwin {version_of('servotwin')}"]:
+            show(line)
+        raise typer.Exit
+    if verbose or context.invoked_subcommand is None:
+        context.fail("Give a command; -v goes after it, or with --version.")
+
+
+def _added() -> dict[str, Any]:
+    return {name: get_command(app) for name, app in plugins("servotwin.commands", _is_app).items()}
+
+
+def _is_app(loaded: object) -> bool:
+    return isinstance(loaded, typer.Typer)
