@@ -3,17 +3,34 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import threading
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+settings.register_profile("any load", deadline=None)
+settings.load_profile("any load")
+
+# What a test may need beyond the extra `dev` -> the module or program that shows that it is there.
+NEEDS = {"mf4": "asammdf", "cross": "ziglang", "tools": "fmuloader", "java": "javac"}
 
 
 def pytest_configure() -> None:
     """Let Ctrl-C interrupt in the processes of pytest-xdist too: they begin with it ignored, and so would theirs."""
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip what needs an extra or a program that is not there, and say which."""
+    for marker in item.iter_markers("needs"):
+        for need in marker.args:
+            if find_spec(NEEDS[need]) is None and shutil.which(NEEDS[need]) is None:
+                pytest.skip(f"{NEEDS[need]} is not there (.ci/run installs what `{need}` names)")
 
 
 def _recordings(folder: str) -> Path:

@@ -1,6 +1,6 @@
 """Runs FMUs in importers that none of us wrote; started as a process of its own, since some of them end one.
 
-    python tools.py TOOL < jobs.json > rows.json
+    python -m tests.support.tools TOOL < jobs.json > rows.json
 
 A job has `path`, `outputs`, `step` [s], `count` of steps, and the `fmi` version; for model exchange `substeps` of each
 step, and for CasADi the states' `start`. Nothing is set in the FMU. The answer holds, for each job, a row of outputs

@@ -34,7 +34,7 @@ pytestmark = [
 ]
 
 STEP, COUNT = 0.01, 40
-SCRIPT = Path(tools.__file__)
+ROOT = Path(__file__).parents[3]
 NAMES = library.names()
 CONTINUOUS = [name for name in NAMES if interface.exchangeable(library.find(name))]
 MODULES = {
@@ -44,7 +44,15 @@ MODULES = {
     "libcosim": "libcosimpy",
     "casadi": "casadi",
 }
-FMI4J, FMI4J_EXCHANGE = (pytest.param(tool, 2, marks=pytest.mark.slow) for tool in ("fmi4j", "fmi4j_exchange"))
+
+
+def cases(*tools: str) -> list[Any]:
+    """A test's (tool, FMI version), each with what it needs."""
+    return [
+        pytest.param(tool, fmi, marks=pytest.mark.needs("java" if tool.startswith("fmi4j") else "tools"))
+        for tool in tools
+        for fmi in ((2,) if tool.startswith(("fmi4j", "libcosim")) else (2, 3))
+    ]
 
 
 @functools.cache
@@ -65,7 +73,8 @@ def run(tool: str, jobs: list[dict[str, Any]]) -> list[list[list[float]]]:
     if missing(tool):
         pytest.skip(missing(tool))
     done = subprocess.run(
-        [sys.executable, str(SCRIPT), tool],
+        [sys.executable, "-m", tools.__name__, tool],
+        cwd=ROOT,
         input=json.dumps(jobs),
         capture_output=True,
         text=True,
@@ -104,9 +113,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Any:
     return build
 
 
-@pytest.mark.parametrize(
-    ("tool", "fmi"), [("fmuloader", 2), ("fmuloader", 3), ("ecos", 2), ("ecos", 3), ("libcosim", 2), FMI4J]
-)
+@pytest.mark.parametrize(("tool", "fmi"), cases("fmuloader", "ecos", "libcosim", "fmi4j"))
 def test_co_simulation_gives_the_trajectories_of_the_instances(built: Any, tool: str, fmi: int) -> None:
     answers = run(tool, [job(built(name, fmi), name, fmi) for name in NAMES])
     for name, rows in zip(NAMES, answers, strict=True):
@@ -114,10 +121,7 @@ def test_co_simulation_gives_the_trajectories_of_the_instances(built: Any, tool:
         assert found[-COUNT:] == pytest.approx(wanted[1:], rel=1e-9, abs=1e-12), name
 
 
-@pytest.mark.parametrize(
-    ("tool", "fmi"),
-    [("fmuloader_exchange", 2), ("fmuloader_exchange", 3), ("casadi", 2), ("casadi", 3), FMI4J_EXCHANGE],
-)
+@pytest.mark.parametrize(("tool", "fmi"), cases("fmuloader_exchange", "casadi", "fmi4j_exchange"))
 def test_model_exchange_gives_the_trajectories_of_the_instances(built: Any, tool: str, fmi: int) -> None:
     """The tool integrates with the inner steps of the co-simulation, so that only rounding is left."""
     jobs = []
@@ -137,6 +141,7 @@ def inner_steps(name: str) -> int:
     return max(1, int(np.ceil(STEP / step(instance.p) - 1e-9)))
 
 
+@pytest.mark.needs("tools")
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_casadi_gets_the_jacobians_of_the_pendulum(tmp_path: Path, fmi: int) -> None:
     angle, speed = 0.7, 3.0
@@ -152,19 +157,7 @@ def test_casadi_gets_the_jacobians_of_the_pendulum(tmp_path: Path, fmi: int) -> 
 
 @pytest.mark.parametrize(
     ("tool", "fmi"),
-    [
-        ("fmuloader", 2),
-        ("fmuloader", 3),
-        ("fmuloader_exchange", 2),
-        ("fmuloader_exchange", 3),
-        ("ecos", 2),
-        ("ecos", 3),
-        ("libcosim", 2),
-        ("casadi", 2),
-        ("casadi", 3),
-        FMI4J,
-        FMI4J_EXCHANGE,
-    ],
+    cases("fmuloader", "fmuloader_exchange", "ecos", "libcosim", "casadi", "fmi4j", "fmi4j_exchange"),
 )
 def test_a_calibrated_fmu_behaves_calibrated_with_nothing_set(tmp_path: Path, tool: str, fmi: int) -> None:
     plain = native.build(library.find("pendulum"), tmp_path / "plain.fmu", {"angle_start": 0.7}, fmi=fmi)

@@ -24,6 +24,7 @@ def unpacked(folder: Path) -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.needs("java")
 def test_vdmcheck_finds_no_errors(native_fmu: Callable[[str, int], Path], tmp_path: Path) -> None:
     if maven.problem(maven.VDMCHECK):
         pytest.skip(maven.problem(maven.VDMCHECK))

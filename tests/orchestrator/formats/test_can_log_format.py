@@ -162,6 +162,7 @@ def test_converting_takes_no_more_memory_for_a_longer_log(rig: Path, suffix: str
     assert peak(12) < 1.3 * peak(4)
 
 
+@pytest.mark.needs("mf4")
 def test_frames_stay_what_they_are_from_log_to_log(rig: Path) -> None:
     frames = any_frames(300)
     logs.write(rig / "all.mf4", [frames])
@@ -180,7 +181,9 @@ def test_a_csv_of_frames_is_made_without_and_one_of_signals_with_a_database(rig:
     assert formats.read(rig / "signals.csv").trace.names == ("speed",)
 
 
-@pytest.mark.parametrize("suffix", [".blf", ".asc", ".log", ".trc", ".db", ".mf4"])
+@pytest.mark.parametrize(
+    "suffix", [".blf", ".asc", ".log", ".trc", ".db", pytest.param(".mf4", marks=pytest.mark.needs("mf4"))]
+)
 def test_a_trace_becomes_a_log_that_decodes_to_it(tmp_path: Path, suffix: str) -> None:
     time = np.linspace(0.0, 1.99, 200)
     trace = Trace(time, {"angle": np.sin(time), "speed": np.cos(time), "voltage": np.sin(3 * time)})

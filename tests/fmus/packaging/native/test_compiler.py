@@ -102,7 +102,7 @@ def test_the_same_sources_give_the_same_bytes_and_are_compiled_once(
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="ziglang is not installed")
+@pytest.mark.needs("cross")
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_one_fmu_holds_the_binaries_of_all_platforms(tmp_path: Path, fmi: int) -> None:
     path = native.build(library.find("pendulum"), tmp_path / "p.fmu", fmi=fmi, platforms=("all",))

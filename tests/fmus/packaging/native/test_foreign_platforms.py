@@ -5,7 +5,6 @@ They need `pip install 'servotwin[cross]'`, and of Debian's packages wine and wi
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import shutil
 import subprocess
@@ -124,7 +123,7 @@ def unpacked(fmu: Path) -> Path:
 
 @pytest.mark.slow
 @pytest.mark.skipif(not compiler.available(), reason="no C compiler here")
-@pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="ziglang is not installed")
+@pytest.mark.needs("cross")
 @pytest.mark.parametrize("fmi", VERSIONS)
 @pytest.mark.parametrize("emulator", [wine, qemu])
 def test_binaries_of_other_platforms_give_the_numbers_of_this_one(
