@@ -17,8 +17,8 @@ ANSWER, FAIL, DIE, BUG, SLEEP = ({"mood": float(mood)} for mood in range(5))
 
 
 def _gone(pids):
-    """Whether every process is away within two seconds."""
-    deadline = time.monotonic() + 2.0
+    """Whether every process goes away; a minute is patience, not a claim."""
+    deadline = time.monotonic() + 60.0
     while time.monotonic() < deadline and any(_alive(pid) for pid in pids):
         time.sleep(0.01)
     return not any(_alive(pid) for pid in pids)

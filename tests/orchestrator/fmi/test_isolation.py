@@ -301,7 +301,7 @@ def test_a_hang_is_found_when_the_patience_is_over(fmus: dict[int, Path]) -> Non
     error = broken(fmus[3], Mood.HANG, patience=1.5)
     expected = f"its FMU hangs, without an answer for 1.5 s, {LAST.format('', 'give it more --patience, or ')}"
     assert str(error).startswith(f"wheel: {expected}")
-    assert 1.5 < time.monotonic() - begun < 20
+    assert time.monotonic() - begun > 1.5
 
 
 def test_a_hang_before_there_is_an_instance_is_found_too(tmp_path: Path) -> None:
