@@ -25,11 +25,19 @@ from identification.resonance import calibration as resonance_calibration
 from identification.study import OutputErrorBlock, ResonanceBlock, SubspaceBlock, load_study
 from identification.subspace import calibration as subspace_calibration
 from identification.subspace import results as subspace_results
-from orchestrator.assembly.assembly import Assembled
+from orchestrator.assembly.assembly import SystemSpec, assemble
 from orchestrator.fmi.interface import Value
 from orchestrator.formats import Layout
 from orchestrator.report import Report, figures
-from orchestrator.results import check_target, result_folder, versions, write_json
+from orchestrator.results import (
+    CaseDocument,
+    CheckDocument,
+    FileDocument,
+    check_target,
+    result_folder,
+    versions,
+    write_json,
+)
 from orchestrator.yaml_file import naming
 
 Move = Callable[[float, str], None]
@@ -47,7 +55,7 @@ def calibrate_study(study_file: Path, data: Path | None, target: Path, move: Mov
     with naming(study_file):
         if isinstance(study, ResonanceBlock):
             result = resonance_calibration.calibrate(
-                study, study_file.parent, data, lambda fraction: move(fraction, "simulating the campaign")
+                study, study_file.parent, data, lambda fraction, doing: move(fraction, "simulating the campaign")
             )
             return resonance_calibration.write_calibration(result, study_file, target)
         if isinstance(study, SubspaceBlock):
@@ -61,7 +69,7 @@ def calibrate_study(study_file: Path, data: Path | None, target: Path, move: Mov
         return results.write_calibration(done, study_file, target)
 
 
-def judge_claims(study_file: Path, target: Path) -> dict[str, Any]:
+def judge_claims(study_file: Path, target: Path) -> FileDocument:
     """How the claims of a study of experiments come out, a case each, for the regression suite.
 
     Raises:
@@ -74,8 +82,11 @@ def judge_claims(study_file: Path, target: Path) -> dict[str, Any]:
     return {"title": found["title"], "passed": found["as_stated"], "out": str(target), "cases": cases}
 
 
-def _case(claim: dict[str, Any]) -> dict[str, Any]:
-    checks = [{key: each[key] for key in ("text", "held")} | {"found": each["text"]} for each in claim["comparisons"]]
+def _case(claim: dict[str, Any]) -> CaseDocument:
+    checks: list[CheckDocument] = [
+        {"text": comparison["text"], "held": comparison["held"], "found": comparison["text"]}
+        for comparison in claim["comparisons"]
+    ]
     stated = claim["outcome"] == claim["stated"]
     problem = None if stated else f"{claim['outcome']}, where the study states '{claim['stated']}'"
     return {"name": claim["statement"], "passed": stated, "error": problem, "checks": checks}
@@ -158,14 +169,10 @@ def _found_delays(study: OutputErrorBlock, folder: Path) -> dict[str, float]:
 
 def _judge(study: OutputErrorBlock, folder: Path, traces: list[Recorded], delays: Mapping[str, float]) -> Judged:
     files = {name: folder / "fmus" / f"{name}.fmu" for name in study.components}
-    components = {
-        name: block.model_copy(update={"parameters": _beside(files[name])}) for name, block in study.components.items()
-    }
-    calibrated = study.model_copy(update={"components": components})
-    stimulated = tuple(sorted(study.inputs))
-    assembled = Assembled(files, dict.fromkeys(files, False), calibrated, stimulated)
+    components = {name: block.made_of(files[name], _beside(files[name])) for name, block in study.components.items()}
+    assembled = assemble(SystemSpec(components, study.links()), folder, sorted(study.inputs))
     windows = study.validation or study.windows
-    return calibration.judge(calibrated, assembled, traces, windows, delays)
+    return calibration.judge(study, assembled, traces, windows, delays)
 
 
 def _beside(file: Path) -> dict[str, Value]:

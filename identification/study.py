@@ -15,7 +15,7 @@ from identification.experiments.schema import ExperimentsBlock
 from identification.linear.poles import Poles
 from identification.recordings.source import Signals, TracesBlock
 from identification.subspace.range_space import Weighting
-from orchestrator.assembly.assembly import SystemBlock, exact_seconds
+from orchestrator.assembly.schema import SystemBlock, exact_seconds
 from orchestrator.yaml_file import Block, load
 
 Delay = float | str  # [s], or the name of a parameter

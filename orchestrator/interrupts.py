@@ -71,7 +71,7 @@ class Interrupts:
 
 def requested() -> bool:
     """Whether an interrupt has come to a command that runs, also one that an FMU answered with an error."""
-    return any(each.requested for each in _active)
+    return any(interrupts.requested for interrupts in _active)
 
 
 @contextmanager

@@ -6,17 +6,49 @@ import json
 import platform
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, NotRequired, TypedDict
 
 from fmus.errors import InputError
 
 PACKAGES = ("servotwin", "fmpy", "pythonfmu", "numpy", "scipy", "sympy", "control")
 MARKS = ("manifest.json", "summary.json")
+
+
+class CheckDocument(TypedDict):
+    """How an expectation or a claim turned out."""
+
+    text: str
+    held: bool
+    found: str
+
+
+class CaseDocument(TypedDict):
+    """How a case of a file turned out.
+
+    Attributes:
+        output: what a command said.
+    """
+
+    name: str
+    passed: bool
+    error: str | None
+    checks: list[CheckDocument]
+    seconds: NotRequired[float]
+    output: NotRequired[str]
+
+
+class FileDocument(TypedDict):
+    """How a file of the regression suite turned out, and the folder with its results."""
+
+    title: str
+    passed: bool
+    out: str
+    cases: Sequence[CaseDocument]
 
 
 @contextmanager

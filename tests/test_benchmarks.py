@@ -8,7 +8,7 @@ from importlib import import_module
 import numpy as np
 import pytest
 
-from orchestrator.scenario.run import ScenarioBlock
+from orchestrator.scenario.schema import ScenarioBlock
 from orchestrator.yaml_file import load
 from tests.benchmarks import __main__ as command
 from tests.benchmarks import many_runs

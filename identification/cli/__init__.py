@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import gc
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -16,6 +16,7 @@ from orchestrator.cli import bridge, can, root, scenarios, tables, traces
 
 if TYPE_CHECKING:
     from orchestrator.formats import Layout
+    from orchestrator.results import FileDocument
 
 __all__ = ["app", "main"]
 
@@ -35,7 +36,7 @@ app.add_typer(can.app, name="can")
 can.app.add_typer(bridge.app)
 
 
-def _judge_claims(study: Path, out: Path) -> dict[str, Any]:
+def _judge_claims(study: Path, out: Path) -> FileDocument:
     from identification.calibrate import judge_claims
 
     return judge_claims(study, out)

@@ -121,7 +121,7 @@ def calibrate(study: OutputErrorBlock, base: Path, data: Path | None, progress: 
     recorded = load_campaign(study.traces, base, data, signals=study.signals)
     fitted, kept = split(recorded, study.traces.hold_out)
     with tempfile.TemporaryDirectory(prefix="servotwin-") as folder:
-        assembled = assemble(study, base, Path(folder), tuple(sorted(study.inputs)))
+        assembled = assemble(study.system(base), Path(folder), sorted(study.inputs))
         units = _checked_units(study, assembled)
         train = cut_windows(study, fitted, study.windows)
         unseen = cut_windows(study, kept, study.validation or study.windows)
@@ -151,13 +151,13 @@ def _fit(
 ) -> Estimate:
     parameters = _parameters(study, units)
     problem = _problem(study, cuts, parameters, _weights(study, cuts), Loss(study.loss.kind, study.loss.scale))
-    factory = SystemFactory(assembled, cuts, tuple(study.outputs), study.values())
+    factory = SystemFactory(assembled, cuts, tuple(study.outputs), assembled.system.values())
     return estimate(problem, factory, Options(**study.options.model_dump(), processes=processes()), progress)
 
 
 def _judge(study: OutputErrorBlock, assembled: Assembled, cuts: list[Cut], values: Mapping[str, float]) -> Judged:
     fixed = ParameterSet(tuple(Parameter(name, value, fixed=True) for name, value in values.items()))
-    factory = SystemFactory(assembled, cuts, tuple(study.outputs), study.values())
+    factory = SystemFactory(assembled, cuts, tuple(study.outputs), assembled.system.values())
     found = predict(_problem(study, cuts, fixed, _even_weights(cuts), Loss()), factory, Options(processes=processes()))
     return Judged(tuple(study.outputs), tuple(cuts), found.simulated, found.fit)
 

@@ -110,12 +110,12 @@ def write_system(
     provenance = {key: document[key] for key in ("title", "method", "parameters", "data", "versions")}
     keep_study(study.traces.layout, study_file, folder)
     with tempfile.TemporaryDirectory(prefix="servotwin-") as built:
-        assembled = assemble(study, study_file.parent, Path(built))
+        assembled = assemble(study.system(study_file.parent), Path(built))
         for name, source in assembled.files.items():
             target = folder / "fmus" / f"{name}.fmu"
             own = component_values(name, {**study.values(), **values})
             write_back(source, own, target, provenance)
-            if not assembled.built[name] and not target.exists():
+            if name not in assembled.built and not target.exists():
                 shutil.copyfile(source, target)
 
 

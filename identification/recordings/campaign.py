@@ -13,7 +13,8 @@ from identification.recordings.source import Signals, TracesBlock
 from orchestrator import formats
 from orchestrator.can.logs.suffixes import is_log
 from orchestrator.formats import Layout
-from orchestrator.scenario.run import Progress, run_scenario
+from orchestrator.progress import Progress, silent
+from orchestrator.scenario.run import run_scenario
 from orchestrator.trace import Trace
 
 NONE = Signals()
@@ -46,7 +47,7 @@ def load_campaign(
     traces: TracesBlock,
     base: Path,
     data: Path | None,
-    progress: Progress | None = None,
+    progress: Progress = silent,
     signals: Signals = NONE,
 ) -> list[Recorded]:
     """All traces of a study, by name.
@@ -160,15 +161,14 @@ def _fields(file: Path, traces: TracesBlock) -> dict[str, float]:
     return fields
 
 
-def _simulated(path: Path, progress: Progress | None) -> list[Recorded]:
+def _simulated(path: Path, progress: Progress) -> list[Recorded]:
     result = run_scenario(path, progress=progress)
     digest = sha256(path)
     recorded = []
-    for case, block in zip(result.cases, result.block.cases, strict=True):
+    for case, asked in zip(result.cases, result.scenario.cases, strict=True):
         if case.result is None:
             raise ScenarioError(f"{path}: case {case.name}", f"gave no trace ({case.error})", "correct the scenario")
-        values = result.block.values_of(block)
-        fields = {name: float(value) for name, value in values.items() if not isinstance(value, str)}
+        fields = {name: float(value) for name, value in asked.values.items() if not isinstance(value, str)}
         trace = replace(result.recorded(case), name=case.name)
         recorded.append(Recorded(trace, fields, path, digest, "simulated"))
     return recorded

@@ -28,9 +28,9 @@ from identification.resonance.steps import (
 )
 from identification.study import ResonanceBlock, SineBlock
 from orchestrator.assembly.assembly import OpenSystem, assemble
+from orchestrator.progress import Progress, silent
 from orchestrator.report import Report, Section, figures
 from orchestrator.results import result_folder, versions, write_json
-from orchestrator.scenario.run import Progress
 from orchestrator.system import check_values, must_be
 from orchestrator.trace import FloatArray
 
@@ -53,7 +53,7 @@ class ResonanceCalibration:
 
 
 def calibrate(
-    block: ResonanceBlock, base: Path, data: Path | None, progress: Progress | None = None
+    block: ResonanceBlock, base: Path, data: Path | None, progress: Progress = silent
 ) -> ResonanceCalibration:
     """Steps 1-4 on the study's traces.
 
@@ -79,7 +79,7 @@ def _check_targets(block: ResonanceBlock, base: Path) -> None:
     """See that the parameters that the study writes, and their truths, are in its system."""
     with (
         tempfile.TemporaryDirectory(prefix="servotwin-") as folder,
-        OpenSystem(assemble(block, base, Path(folder))) as opened,
+        OpenSystem(assemble(block.system(base), Path(folder))) as opened,
     ):
         check_values(opened.system, block.values())
         for key, names in (("write", list(block.write.values())), ("truth", list(block.truth))):

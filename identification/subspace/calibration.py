@@ -78,7 +78,7 @@ def calibrate(study: SubspaceBlock, base: Path, data: Path | None, progress: Lis
         InputError: the study and the traces do not fit together, or the data do not bear the model.
     """
     recorded = load_campaign(
-        study.traces, base, data, lambda fraction: progress(0.5 * fraction, "simulating"), study.signals
+        study.traces, base, data, lambda fraction, doing: progress(0.5 * fraction, "simulating"), study.signals
     )
     fitted, kept = split(recorded, study.traces.hold_out)
     given = {each.trace.name: _record(study, each) for each in recorded}

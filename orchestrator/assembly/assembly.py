@@ -1,24 +1,22 @@
-"""From the `components` and `connections` of a file to FMUs on disk, and from those to a running system."""
+"""From components and connections, as plain values, to FMUs on disk, and from those to a running system."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import tempfile
+from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Any
-
-from pydantic import Field, field_validator, model_validator
 
 from fmus import library
-from fmus.errors import ScenarioError, WiringError
-from fmus.modelling.model import Table
+from fmus.errors import WiringError
+from fmus.modelling.model import Model, Table
 from fmus.packaging import targets
-from orchestrator import formats
-from orchestrator.engine import CycleSettings, Order, Simulation, Timing
+from orchestrator.assembly.stimulus import Stimulus
+from orchestrator.engine import Result, Simulation, Timing
 from orchestrator.fmi.component import Component
 from orchestrator.fmi.exchange_slave import ExchangeSlave
 from orchestrator.fmi.file import FmuFile, Kind
@@ -26,127 +24,62 @@ from orchestrator.fmi.interface import Value
 from orchestrator.fmi.isolation import IsolatedSlave, Isolation, Make
 from orchestrator.fmi.slave import Slave
 from orchestrator.rational import seconds
-from orchestrator.solvers.base import SolverMethod, SolverSettings
+from orchestrator.solvers.base import SolverSettings
 from orchestrator.system import FeedThrough, Part, System, wire
-from orchestrator.yaml_file import Block
+from orchestrator.trace import Trace
 
 
-class TableBlock(Block):
-    """Samples that a model plays back: a signal of a trace file."""
+@dataclass(frozen=True)
+class ComponentSpec:
+    """What a component is made of and how it is run.
 
-    file: Path
-    signal: str
+    Attributes:
+        source: an FMU file; or a model, the name of one of the library, or a model file (.py).
+        parameters: variable -> parameter or start value [unit of the variable]; the others have the FMU's defaults.
+        tables: what a model plays back; only of models.
+        step: its communication step [s]; None takes the run's.
+        feed_through: whether its outputs react to inputs within a step, see `Part`.
+        solver: how its derivatives are integrated, which makes it run by model exchange; None runs co-simulation.
+    """
 
-
-class SolverBlock(Block):
-    """How a component's derivatives are integrated; that makes it run by model exchange."""
-
-    method: SolverMethod = SolverMethod.CVODE
-    relative_tolerance: float = Field(1e-6, ge=1e-12, le=0.1)
-    most_steps: int = Field(10_000, ge=1)
-
-
-class ComponentBlock(Block):
-    """One component: a model of the library (or a model file), or an FMU file; and its values."""
-
-    model: str | None = None
-    fmu: Path | None = None
-    parameters: dict[str, Value] = {}
-    tables: dict[str, TableBlock] = {}
+    source: str | Path | Model
+    parameters: Mapping[str, Value] = field(default_factory=dict)
+    tables: tuple[Table, ...] = ()
     step: Fraction | None = None
     feed_through: FeedThrough = "declared"
-    solver: SolverBlock | None = None
+    solver: SolverSettings | None = None
 
-    @field_validator("step", mode="before")
-    @classmethod
-    def _exact(cls, value: Any) -> Any:
-        return exact_seconds(value)
+    @property
+    def fmu(self) -> Path | None:
+        """The FMU file, None where it is a model."""
+        if isinstance(self.source, Model):
+            return None
+        path = Path(self.source)
+        given = isinstance(self.source, Path) and path.suffix != ".py"
+        return path if given or path.suffix.lower() == ".fmu" else None
 
-    @model_validator(mode="after")
-    def _one_source(self) -> ComponentBlock:
-        if (self.model is None) == (self.fmu is None):
-            raise ValueError("give either `model` or `fmu`")
-        if self.tables and self.model is None:
-            raise ValueError("`tables` need a `model`")
-        return self
-
-    def opened(self, path: Path) -> FmuFile:
+    def open(self, file: Path) -> FmuFile:
         """Its FMU, with the interface that it is run by."""
-        return FmuFile(path, Kind.MODEL_EXCHANGE if self.solver else None)
+        return FmuFile(file, Kind.MODEL_EXCHANGE if self.solver else None)
 
     def maker(self, file: FmuFile) -> Make:
-        """What makes an instance of its FMU, here or in a process that knows nothing of this block."""
-        if file.kind is Kind.CO_SIMULATION:
-            return Slave
-        settings = SolverSettings(**self.solver.model_dump()) if self.solver else None
-        return partial(ExchangeSlave, settings=settings)
+        """What makes an instance of its FMU, here or in another process."""
+        return Slave if file.kind is Kind.CO_SIMULATION else partial(ExchangeSlave, settings=self.solver)
 
 
-class CyclesBlock(Block):
-    """How cycles of direct feed-through are iterated."""
+@dataclass(frozen=True)
+class SystemSpec:
+    """Components by name, and what is connected: (source, target), each component.variable."""
 
-    iterate: bool = True
-    tolerance: float = Field(1e-10, gt=0)
-    limit: int = Field(50, ge=1)
-
-
-class RunBlock(Block):
-    """When a run stops and how it steps."""
-
-    stop: Fraction
-    step: Fraction
-    start: Fraction = Fraction(0)
-    order: Order = Order.GAUSS_SEIDEL
-    cycles: CyclesBlock | None = None
-
-    @field_validator("stop", "step", "start", mode="before")
-    @classmethod
-    def _exact(cls, value: Any) -> Any:
-        return exact_seconds(value)
-
-    @model_validator(mode="after")
-    def _positive(self) -> RunBlock:
-        if self.step <= 0 or self.stop <= self.start:
-            raise ValueError("`step` must be positive and `stop` after `start`")
-        return self
-
-    def timing(self) -> Timing:
-        cycles = CycleSettings(**self.cycles.model_dump()) if self.cycles else CycleSettings()
-        return Timing(self.stop, self.step, self.start, self.order, cycles)
-
-
-class SystemBlock(Block):
-    """Components and how they are wired: `source -> target`, one a line."""
-
-    components: dict[str, ComponentBlock] = Field(min_length=1)
-    connections: list[str] = []
-
-    @field_validator("components")
-    @classmethod
-    def _names(cls, value: dict[str, ComponentBlock]) -> dict[str, ComponentBlock]:
-        for name in value:
-            if not name.isidentifier():
-                raise ValueError(f"component '{name}': use letters, digits and underscores")
-        return value
-
-    @field_validator("connections")
-    @classmethod
-    def _arrows(cls, value: list[str]) -> list[str]:
-        for line in value:
-            if line.count("->") != 1:
-                raise ValueError(f"'{line}': write source -> target")
-        return value
-
-    def links(self) -> list[tuple[str, str]]:
-        """(source, target) of each connection."""
-        return [(line.split("->")[0].strip(), line.split("->")[1].strip()) for line in self.connections]
+    components: Mapping[str, ComponentSpec]
+    connections: tuple[tuple[str, str], ...] = ()
 
     def values(self) -> dict[str, Value]:
         """component.variable -> value, of all components."""
         return {
             f"{name}.{variable}": value
-            for name, block in self.components.items()
-            for variable, value in block.parameters.items()
+            for name, component in self.components.items()
+            for variable, value in component.parameters.items()
         }
 
 
@@ -156,38 +89,40 @@ class Assembled:
 
     Attributes:
         files: component -> FMU file.
-        built: component -> whether the file was made from one of our models.
+        built: components whose file was made from a model.
+        system: how the files are run and wired.
+        stimulated: component.input that are driven from outside.
     """
 
     files: Mapping[str, Path]
-    built: Mapping[str, bool]
-    block: SystemBlock
+    built: frozenset[str]
+    system: SystemSpec
     stimulated: tuple[str, ...] = ()
 
 
-def assemble(
-    block: SystemBlock,
-    base: Path,
-    folder: Path,
-    stimulated: tuple[str, ...] = (),
-    target: str | None = None,
-) -> Assembled:
-    """Build the FMUs of the components that are given as models, into `folder`; paths are relative to `base`.
+def assemble(system: SystemSpec, folder: Path, stimulated: Iterable[str] = (), target: str | None = None) -> Assembled:
+    """Build the FMUs of the components that are given as models, into `folder`.
 
     Args:
         target: how models are packaged, "native" or "python"; None takes the preferred one.
+
+    Raises:
+        ModelError: a model is not there, or cannot be built.
     """
-    files = {}
-    for name, component in block.components.items():
-        if component.fmu is not None:
-            files[name] = base / component.fmu
-            continue
-        assert component.model is not None
-        model = library.find(str(base / component.model) if component.model.endswith(".py") else component.model)
-        tables = {key: _table(key, each, base) for key, each in component.tables.items()}
-        files[name] = targets.build(target or targets.preferred(), model, folder / f"{name}.fmu", tables=tables)
-    built = {name: component.fmu is None for name, component in block.components.items()}
-    return Assembled(files, built, block, stimulated)
+    files, components = {}, {}
+    for name, component in system.components.items():
+        file = component.fmu or _built(name, component, folder, target or targets.preferred())
+        files[name], components[name] = file, replace(component, source=file, tables=())
+    built = frozenset(name for name, component in system.components.items() if component.fmu is None)
+    return Assembled(files, built, replace(system, components=components), tuple(stimulated))
+
+
+def _built(name: str, component: ComponentSpec, folder: Path, target: str) -> Path:
+    source = component.source
+    model = source if isinstance(source, Model) else library.find(str(source))
+    return targets.build(
+        target, model, folder / f"{name}.fmu", tables={table.name: table for table in component.tables}
+    )
 
 
 class OpenSystem:
@@ -198,8 +133,8 @@ class OpenSystem:
         self.assembled = assembled
         try:
             self._files = {
-                name: self._stack.enter_context(assembled.block.components[name].opened(path))
-                for name, path in assembled.files.items()
+                name: self._stack.enter_context(component.open(assembled.files[name]))
+                for name, component in assembled.system.components.items()
             }
             self.system: System = self._wire()
         except BaseException:
@@ -214,21 +149,48 @@ class OpenSystem:
         """
         components: dict[str, Component] = {}
         for name, file in self._files.items():
-            make = self.assembled.block.components[name].maker(file)
-            if isolation is None or self.assembled.built[name]:
+            make = self.assembled.system.components[name].maker(file)
+            if isolation is None or name in self.assembled.built:
                 components[name] = make(file, name)
             else:
                 components[name] = IsolatedSlave(make, file, name, isolation)
             self._stack.callback(components[name].close)
         return Simulation(self.system, components, timing)
 
+    def run(
+        self,
+        stop: float | str | Fraction,
+        step: float | str | Fraction,
+        values: Mapping[str, Value] | None = None,
+        stimuli: Mapping[str, float | Trace | Stimulus] | None = None,
+        record: Iterable[str] | None = None,
+    ) -> Result:
+        """What fresh instances give from 0 to `stop`, with a communication step of `step` [s].
+
+        Args:
+            values: component.variable -> parameter or start value, over those of the components.
+            stimuli: component.input -> a constant or a trace with one signal, for each input that is driven.
+            record: component.variable of outputs and connected inputs; None takes all outputs.
+
+        Raises:
+            WiringError: a name, value or time does not fit the system.
+            TraceError: a stimulus does not cover the run.
+            FmuError: an FMU failed.
+        """
+        driven = {
+            name: given if isinstance(given, Stimulus) else Stimulus(given) for name, given in (stimuli or {}).items()
+        }
+        with self.simulation(Timing(seconds(stop, "stop"), seconds(step, "step"))) as simulation:
+            samples = {name: stimulus.values(simulation.instants()) for name, stimulus in driven.items()}
+            return simulation.run({**self.assembled.system.values(), **(values or {})}, samples, record)
+
     def _wire(self) -> System:
-        blocks = self.assembled.block.components
+        components = self.assembled.system.components
         parts = {
-            name: Part(file.interface, blocks[name].step, blocks[name].feed_through)
+            name: Part(file.interface, components[name].step, components[name].feed_through)
             for name, file in self._files.items()
         }
-        return wire(parts, self.assembled.block.links(), self.assembled.stimulated)
+        return wire(parts, self.assembled.system.connections, self.assembled.stimulated)
 
     def close(self) -> None:
         """Free the instances and remove the unpacked FMUs."""
@@ -241,16 +203,37 @@ class OpenSystem:
         self.close()
 
 
-def _table(name: str, block: TableBlock, base: Path) -> Table:
-    trace = formats.read(base / block.file).trace
-    return Table(name, tuple(trace.time.tolist()), tuple(trace[block.signal].tolist()))
+def open_system(
+    components: Mapping[str, ComponentSpec | Model | str | Path],
+    connections: Iterable[str] = (),
+    stimulated: Iterable[str] = (),
+) -> OpenSystem:
+    """Components wired to a system that can be run; a context manager.
+
+    Args:
+        components: name -> an FMU file, a model of the library by its name, a model file, or a `ComponentSpec`.
+        connections: `component.output -> component.input` each.
+        stimulated: component.input that every run drives from outside.
+
+    Raises:
+        ModelError, FmuFileError: a component cannot be built or opened.
+        WiringError: names, units or types do not fit, or an input has no source or two.
+    """
+    specs = {
+        name: given if isinstance(given, ComponentSpec) else ComponentSpec(given) for name, given in components.items()
+    }
+    system = SystemSpec(specs, tuple(map(link, connections)))
+    with tempfile.TemporaryDirectory(prefix="servotwin-") as folder:
+        return OpenSystem(assemble(system, Path(folder), stimulated))
 
 
-def exact_seconds(value: Any) -> Any:
-    """A field's value as an exact time, for validators of schemas."""
-    if value is None:
-        return None
-    try:
-        return seconds(value)
-    except (WiringError, ScenarioError) as error:
-        raise ValueError(error.problem) from error
+def link(line: str) -> tuple[str, str]:
+    """Source and target of a connection.
+
+    Raises:
+        WiringError: it is not written as one.
+    """
+    source, arrow, target = line.partition("->")
+    if not arrow or "->" in target:
+        raise WiringError(f"'{line}'", "is no connection", "write source -> target")
+    return source.strip(), target.strip()

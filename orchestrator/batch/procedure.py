@@ -16,13 +16,12 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import Any
 
 from pydantic import Field, field_validator
 
 from fmus.errors import ScenarioError
 from fmus.files import sha256
-from orchestrator.results import check_target, versions, write_json
+from orchestrator.results import CaseDocument, FileDocument, check_target, versions, write_json
 from orchestrator.yaml_file import Block, load, naming
 
 START_TIME, END_TIME, RUN_TIME = 120.0, 30.0, 1800.0  # for a first line, to end when asked to, to run [s]
@@ -67,7 +66,7 @@ class Done:
     seconds: float
     output: str
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> CaseDocument:
         """As a case of the suite."""
         last = self.output.splitlines()[-1:] or ["nothing said"]
         problem = None if self.code == 0 else f"exit code {self.code}: {last[0]}"
@@ -81,8 +80,15 @@ class Done:
         }
 
 
-def run_procedure(path: Path, out: Path) -> dict[str, Any]:
-    """Run the steps until a command fails; what each gave, with `passed` and `cases`.
+class ProcedureDocument(FileDocument):
+    """What came of a procedure, a case a command."""
+
+    procedure: dict[str, str]
+    versions: dict[str, str]
+
+
+def run_procedure(path: Path, out: Path) -> ProcedureDocument:
+    """Run the steps until a command fails; what each gave.
 
     Raises:
         ScenarioError: the file does not fit, or a command is never ready or never ends.
@@ -91,13 +97,13 @@ def run_procedure(path: Path, out: Path) -> dict[str, Any]:
     check_target(out)
     out.mkdir(parents=True, exist_ok=True)
     names = {"here": str(path.parent), "out": str(out)}
-    cases: list[dict[str, Any]] = []
+    cases: list[CaseDocument] = []
     with naming(path):
         for step in block.procedure:
             cases += [done.document() for done in _step(step, names)]
             if not all(case["passed"] for case in cases):
                 break
-    document = {
+    document: ProcedureDocument = {
         "title": block.title,
         "procedure": {"file": path.name, "sha256": sha256(path)},
         "passed": all(case["passed"] for case in cases),
@@ -116,8 +122,8 @@ def _step(block: StepBlock, names: Mapping[str, str]) -> list[Done]:
             beside.append(stack.enter_context(_running(command, names)))
             beside[-1].await_first_line()
         front = [stack.enter_context(_running(command, names)) for command in block.run]
-        done = [each.ended(RUN_TIME) for each in front]
-        return done + [each.stopped() for each in reversed(beside)]
+        done = [process.ended(RUN_TIME) for process in front]
+        return done + [process.stopped() for process in reversed(beside)]
 
 
 class _Process:
@@ -199,7 +205,7 @@ def _filled(word: str, names: Mapping[str, str]) -> str:
     return word
 
 
-def outputs_of(document: Mapping[str, Any] | None) -> str:
+def outputs_of(document: FileDocument | None) -> str:
     """What the commands of a procedure said, for people; nothing of another scenario, or of none."""
     cases = document["cases"] if document else []
     return "\n".join(f"$ servotwin {case['name']}\n{case['output'].rstrip()}" for case in cases if "output" in case)

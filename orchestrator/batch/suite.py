@@ -6,7 +6,7 @@ import shutil
 import signal
 import tempfile
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -15,18 +15,18 @@ from multiprocessing import active_children, get_context, parent_process
 from multiprocessing.util import Finalize
 from pathlib import Path
 from time import perf_counter
-from typing import Any
-from xml.etree import ElementTree as ET
 
 from fmus.errors import FmuError, ScenarioError, ServotwinError
-from fmus.files import atomic_write
 from orchestrator.batch.procedure import run_procedure
 from orchestrator.fmi.isolation import Isolation
+from orchestrator.results import FileDocument
 from orchestrator.scenario.results import document_of, write_run
-from orchestrator.scenario.run import ScenarioBlock, run_scenario
+from orchestrator.scenario.run import run_scenario
+from orchestrator.scenario.schema import ScenarioBlock
 from orchestrator.yaml_file import keys, load
 
-Study = Callable[[Path, Path], dict[str, Any]]  # runs a study into a folder: whether all came out as stated, and cases
+Judge = Callable[[Path, Path], FileDocument]
+"""Runs a file into a folder and says whether all came out as the file states; another process can import it."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Verdict:
 
     file: Path
     seconds: float
-    document: dict[str, Any] | None
+    document: FileDocument | None
     error: str = ""
 
     @property
@@ -43,9 +43,9 @@ class Verdict:
         return self.document is not None and bool(self.document["passed"])
 
 
-def find_scenarios(paths: Sequence[Path]) -> list[Path]:
-    """The files to be judged among and under these paths: YAML files with `run`, `claims` or `procedure`, but those
-    with a `can` block only where they are named.
+def find_scenarios(paths: Sequence[Path], judged: Collection[str]) -> list[Path]:
+    """The files to be judged among and under these paths: YAML files with `run`, `procedure` or a key of `judged`, but
+    those with a `can` block only where they are named.
 
     Raises:
         ScenarioError: a path is not there, a file given by name is no such file, or there is none at all.
@@ -53,11 +53,11 @@ def find_scenarios(paths: Sequence[Path]) -> list[Path]:
     found: list[Path] = []
     for path in paths:
         if path.is_file():
-            if not _kind(path):
+            if not _kind(path, judged):
                 load(path, ScenarioBlock)  # says what is missing
             found.append(path)
         elif path.is_dir():
-            found += [file for file in sorted(path.rglob("*.yaml")) if _kind(file)]
+            found += [file for file in sorted(path.rglob("*.yaml")) if _kind(file, judged)]
         else:
             raise ScenarioError(path, "no such file or folder", "check the path")
     if not found:
@@ -65,17 +65,17 @@ def find_scenarios(paths: Sequence[Path]) -> list[Path]:
     return list(dict.fromkeys(found))
 
 
-def _kind(file: Path) -> str:
+def _kind(file: Path, judged: Collection[str]) -> str:
     """The key that tells what the file is, nothing where it is not for the suite: one side of a bus needs the other."""
     found = keys(file)
-    return "" if "can" in found else next((key for key in found if key in ("run", "claims", "procedure")), "")
+    return "" if "can" in found else next((key for key in found if key in ("run", "procedure", *judged)), "")
 
 
 def run_suite(
     files: Sequence[Path],
     out: Path,
     processes: int,
-    study: Study,
+    judges: Mapping[str, Judge],
     done: Callable[[Verdict], None] | None = None,
     isolation: Isolation | None = None,
 ) -> list[Verdict]:
@@ -84,44 +84,17 @@ def run_suite(
     An FMU that crashes its process fails that file alone. An interrupt ends those that run, too.
 
     Args:
-        study: runs the files that are studies; a function that another process can import.
+        judges: key at the top of a file that is neither a scenario nor a procedure -> who runs it.
     """
     verdicts: dict[Path, Verdict] = {}
     with ThreadPoolExecutor(processes) as pool, _ending(pool):
-        tasks = [pool.submit(_apart, file, out / file.parent.name / file.stem, study, isolation) for file in files]
+        tasks = [pool.submit(_apart, file, out / file.parent.name / file.stem, judges, isolation) for file in files]
         for task in as_completed(tasks):
             verdict = task.result()
             verdicts[verdict.file] = verdict
             if done is not None:
                 done(verdict)
     return [verdicts[file] for file in files]
-
-
-def write_junit(verdicts: Iterable[Verdict], path: Path) -> None:
-    """The verdicts as JUnit XML: a suite a scenario, a test case a case."""
-    root = ET.Element("testsuites", name="servotwin")
-    for verdict in verdicts:
-        cases: list[dict[str, Any]] = (
-            verdict.document["cases"] if verdict.document else [{"name": "run", "passed": False}]
-        )
-        failed = sum(not case["passed"] for case in cases)
-        suite = ET.SubElement(
-            root,
-            "testsuite",
-            name=str(verdict.file),
-            tests=str(len(cases)),
-            failures=str(failed),
-            errors="0" if verdict.document else "1",
-            time=f"{verdict.seconds:.3f}",
-        )
-        for case in cases:
-            entry = ET.SubElement(suite, "testcase", name=case["name"], classname=verdict.file.stem)
-            if verdict.document is None:
-                ET.SubElement(entry, "error", message=verdict.error)
-            elif not case["passed"]:
-                ET.SubElement(entry, "failure", message=_why(case))
-    ET.indent(root)
-    atomic_write(path, ET.tostring(root, encoding="UTF-8", xml_declaration=True))
 
 
 @contextmanager
@@ -156,7 +129,7 @@ def _await_end() -> None:
     signal.pthread_kill(main_thread, signal.SIGTERM)
 
 
-def _apart(file: Path, out: Path, study: Study, isolation: Isolation | None) -> Verdict:
+def _apart(file: Path, out: Path, judges: Mapping[str, Judge], isolation: Isolation | None) -> Verdict:
     """The verdict of a file that is run in a process of its own."""
     begun = perf_counter()
     try:
@@ -164,33 +137,28 @@ def _apart(file: Path, out: Path, study: Study, isolation: Isolation | None) -> 
             tempfile.TemporaryDirectory(prefix="servotwin-") as scratch,  # gone with all in it also after a crash
             ProcessPoolExecutor(1, get_context("spawn"), _obey, (scratch,), max_tasks_per_child=1) as process,
         ):
-            return process.submit(_run, file, out, study, isolation).result()
+            return process.submit(_run, file, out, judges, isolation).result()
     except BrokenProcessPool:
         crash = FmuError(file, "an FMU crashed the process that ran it", "give --isolate to learn which one and where")
         return Verdict(file, perf_counter() - begun, None, str(crash))
 
 
-def _run(file: Path, out: Path, study: Study, isolation: Isolation | None) -> Verdict:
+def _run(file: Path, out: Path, judges: Mapping[str, Judge], isolation: Isolation | None) -> Verdict:
     begun = perf_counter()
     try:
-        return Verdict(file, perf_counter() - begun, _document(file, out, study, isolation))
+        return Verdict(file, perf_counter() - begun, _document(file, out, judges, isolation))
     except ServotwinError as error:
         return Verdict(file, perf_counter() - begun, None, str(error))
 
 
-def _document(file: Path, out: Path, study: Study, isolation: Isolation | None) -> dict[str, Any]:
-    kind = _kind(file)
+def _document(file: Path, out: Path, judges: Mapping[str, Judge], isolation: Isolation | None) -> FileDocument:
+    kind = _kind(file, judges)
     if kind == "procedure":
         return run_procedure(file, out)
-    return study(file, out) if kind == "claims" else _run_scenario(file, out, isolation)
+    return judges[kind](file, out) if kind in judges else _run_scenario(file, out, isolation)
 
 
-def _run_scenario(file: Path, out: Path, isolation: Isolation | None) -> dict[str, Any]:
+def _run_scenario(file: Path, out: Path, isolation: Isolation | None) -> FileDocument:
     result = run_scenario(file, isolation=isolation)
     write_run(result, {}, out)
     return document_of(result, {}, out)
-
-
-def _why(case: dict[str, Any]) -> str:
-    missed = [f"{check['text']}: {check['found']}" for check in case["checks"] if not check["held"]]
-    return str(case["error"]) if case["error"] else "; ".join(missed)

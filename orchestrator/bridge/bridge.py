@@ -29,7 +29,7 @@ from orchestrator.progress import Progress, silent
 from orchestrator.realtime.background import Background
 from orchestrator.realtime.pacing import quiet
 from orchestrator.realtime.stopping import Stop, stop_requests
-from orchestrator.scenario.expectations import Check, Expectation, check
+from orchestrator.scenario.expectations import Check, Expectation, Refusal
 from orchestrator.scenario.run import CaseResult, Keeping, ScenarioResult, State
 from orchestrator.trace import Trace
 
@@ -89,7 +89,7 @@ def couple(
             messages = coupling.reception.messages
             watchdog = Watchdog(messages, lambda line: background.do(partial(LOG.warning, "%s", line)))
             traffic = BusTraffic(bus, receiver, coupling, watchdog)
-            session = Session(live, traffic, system.block.run.step, system.course, job.bus.place)
+            session = Session(live, traffic, system.scenario.timing.step, system.course, job.bus.place)
             ready(stop)
             ending = session.run(stop, progress)
             result = live.result()
@@ -117,23 +117,23 @@ def couple(
 
 def _judged(job: BridgeJob, system: PreparedBridge, result: Result, ending: Ending, file: Path) -> ScenarioResult:
     """The scenario's result with this case alone; judged where it came to its end and is no stand-in."""
-    block, case = system.block, system.case
-    expected = [] if job.stand_in else [*block.expect, *case.expect]
+    case = system.case
+    expected = () if job.stand_in else case.expected
     early = ending.failure is not None or (ending.stopped and not job.stand_in)
     names = system.run.record or ()
-    looked_at = {expectation.signal for expectation in expected if expectation.signal is not None}
+    looked_at = {} if job.stand_in else case.looked_at
     result = replace(result, trace=_read(file, job.every, tuple(names), looked_at, result))
-    checks = () if early else tuple(_check(expectation, result.trace, job.scenario.parent) for expectation in expected)
+    checks = () if early else tuple(_check(expectation, result.trace) for expectation in expected)
     state = State.INTERRUPTED if early else State.DONE
     judged = CaseResult(case.name, result, ending.failure, checks, file if file.exists() else None, state)
     keeping = Keeping(job.every, file.parent)
-    return ScenarioResult(job.scenario, block, system.assembled, (judged,), keeping, interrupted=early)
+    return ScenarioResult(system.scenario, system.assembled, (judged,), keeping, interrupted=early)
 
 
-def _check(expectation: Expectation, trace: Trace, base: Path) -> Check:
+def _check(expectation: Expectation | Refusal, trace: Trace) -> Check:
     """How it turned out; one that looks beyond the record has not held, and what there is is kept."""
     try:
-        return check(expectation, trace, None, base)
+        return expectation.check(trace, None)
     except ServotwinError as error:
         return Check(error.place, False, error.problem)
 

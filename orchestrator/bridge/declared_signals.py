@@ -10,9 +10,9 @@ from fmus.errors import ScenarioError
 from orchestrator.assembly.assembly import OpenSystem, assemble
 from orchestrator.can.database.writing import Declared
 from orchestrator.fmi.isolation import scratch
-from orchestrator.scenario.run import ScenarioBlock, recorded_names
+from orchestrator.scenario.schema import load_scenario
 from orchestrator.system import Endpoint, System
-from orchestrator.yaml_file import load, naming
+from orchestrator.yaml_file import naming
 
 RIG, PEER = "Rig", "Controller"  # who sends outputs, and who sends what the inputs take
 
@@ -26,15 +26,14 @@ def declared(path: Path, every: float | None = None) -> list[Declared]:
     Raises:
         InputError: the scenario does not fit, or has no number to be sent.
     """
-    block = load(path, ScenarioBlock)
-    inputs = tuple(sorted(block.driven()))
+    scenario = load_scenario(path)
     with (
         naming(path),
         scratch(None) as folder,
-        OpenSystem(assemble(block, path.parent, folder, inputs)) as opened,
+        OpenSystem(assemble(scenario.system, folder, scenario.driven)) as opened,
     ):
-        names = [*recorded_names(block, _outputs(opened.system)), *inputs]
-        found = list(_signals(opened.system, dict.fromkeys(names), block.run.step, every))
+        names = [*scenario.recorded(_outputs(opened.system)), *scenario.driven]
+        found = list(_signals(opened.system, dict.fromkeys(names), scenario.timing.step, every))
     if not found:
         raise ScenarioError(path, "records no output and drives no input that is a number", "name some in `record`")
     return found

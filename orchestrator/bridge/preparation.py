@@ -23,9 +23,10 @@ from orchestrator.fmi.interface import Value
 from orchestrator.fmi.isolation import scratch
 from orchestrator.rational import multiples
 from orchestrator.scenario.can_block import CanBlock
-from orchestrator.scenario.run import CaseBlock, ScenarioBlock, recorded_names
+from orchestrator.scenario.scenario import Case, Scenario
+from orchestrator.scenario.schema import load_scenario
 from orchestrator.trace import FloatArray
-from orchestrator.yaml_file import load, naming
+from orchestrator.yaml_file import naming
 
 
 @dataclass(frozen=True)
@@ -58,8 +59,8 @@ class PreparedBridge:
         run: values, what is recorded, and what the inputs have at first.
     """
 
-    block: ScenarioBlock
-    case: CaseBlock
+    scenario: Scenario
+    case: Case
     database: Path
     assembled: Assembled
     simulation: Simulation
@@ -75,39 +76,38 @@ def prepared(job: BridgeJob) -> Iterator[PreparedBridge]:
     Raises:
         InputError: something does not fit: the file, a name, a unit, a period, a value.
     """
-    block = load(job.scenario, ScenarioBlock)
-    base, can = job.scenario.parent, _can_block(job.scenario, block)
-    database = load_database(base / can.database)
+    scenario = load_scenario(job.scenario)
+    can = _can_block(scenario)
+    file = scenario.path.parent / can.database
+    database, step = load_database(file), scenario.timing.step
     with scratch(None) as folder, naming(job.scenario):
-        case = _case(block, job.case)
-        driven = tuple(sorted(block.driven()))
-        with OpenSystem(assemble(block, base, folder, driven)) as system:
-            coupling = coupled(can, system.system, database, block.run.step, job.bus.data_bitrate is not None)
-            _check_bus(job.bus, coupling.sent, block.run.step)
-            with system.simulation(block.run.timing()) as simulation:
-                course, first = _course(job, block, simulation, driven)
-                values = block.values_of(case) | dict(job.overrides)
-                run = Run(values, first, recorded_names(block, simulation.outputs), record_every=job.every)
-                yield PreparedBridge(
-                    block, case, base / can.database, system.assembled, simulation, coupling, run, course
-                )
+        case = _case(scenario, job.case)
+        with OpenSystem(assemble(scenario.system, folder, scenario.driven)) as system:
+            coupling = coupled(can, system.system, database, step, job.bus.data_bitrate is not None)
+            _check_bus(job.bus, coupling.sent, step)
+            with system.simulation(scenario.timing) as simulation:
+                course, first = _course(job, scenario, simulation)
+                values = {**case.values, **job.overrides}
+                run = Run(values, first, scenario.recorded(simulation.outputs), record_every=job.every)
+                yield PreparedBridge(scenario, case, file, system.assembled, simulation, coupling, run, course)
 
 
-def _can_block(path: Path, block: ScenarioBlock) -> CanBlock:
-    if block.can is None:
-        raise ScenarioError(path, "has no `can` block", "say what is received and sent")
-    if block.recorder is not None:
-        raise ScenarioError(path, "has a recorder, which samples a whole record", "remove it, and record the bus")
-    return block.can
+def _can_block(scenario: Scenario) -> CanBlock:
+    if scenario.can is None:
+        raise ScenarioError(scenario.path, "has no `can` block", "say what is received and sent")
+    if scenario.logger is not None:
+        raise ScenarioError(
+            scenario.path, "has a recorder, which samples a whole record", "remove it, and record the bus"
+        )
+    return scenario.can
 
 
-def _case(block: ScenarioBlock, name: str | None) -> CaseBlock:
-    for each in block.cases:
-        if name in (None, each.name):
-            return each
-    raise InputError(
-        f"--case {name}", "there is no such case", f"choose {', '.join(each.name for each in block.cases)}"
-    )
+def _case(scenario: Scenario, name: str | None) -> Case:
+    for case in scenario.cases:
+        if name in (None, case.name):
+            return case
+    known = ", ".join(case.name for case in scenario.cases)
+    raise InputError(f"--case {name}", "there is no such case", f"choose {known}")
 
 
 def _check_bus(bus: BusSettings, sent: Sequence[SentMessage], step: Fraction) -> None:
@@ -132,17 +132,14 @@ def _check_bus(bus: BusSettings, sent: Sequence[SentMessage], step: Fraction) ->
         )
 
 
-def _course(
-    job: BridgeJob, block: ScenarioBlock, simulation: Simulation, driven: Sequence[str]
-) -> tuple[Course, dict[str, FloatArray]]:
+def _course(job: BridgeJob, scenario: Scenario, simulation: Simulation) -> tuple[Course, dict[str, FloatArray]]:
     """How long to go on with which stimuli, and the first value of each input."""
-    instants, base = simulation.instants(), job.scenario.parent
-    signals = block.driven()
-    varying = [name for name in driven if signals[name].file is not None]
-    columns = [signals[name].values(instants, base) for name in varying]
-    first = {name: signals[name].values(instants[:1], base) for name in driven}
+    instants, driven = simulation.instants(), scenario.driven
+    varying = [name for name in driven if scenario.stimuli[name].varies]
+    columns = [scenario.stimuli[name].values(instants) for name in varying]
+    first = {name: scenario.stimuli[name].values(instants[:1]) for name in driven}
     if job.duration is not None:
-        steps: int | None = multiples(job.duration, block.run.step, "--duration")
+        steps: int | None = multiples(job.duration, scenario.timing.step, "--duration")
     else:
         steps = None if job.stand_in else len(instants) - 1
     stimuli = np.column_stack(columns) if columns else np.zeros((1, 0))

@@ -102,9 +102,7 @@ def run(
     with terminal.bar(scenario.stem) as move, beside(folder) as aside:
         keeping = Keeping(stride, aside if stream else None)
         try:
-            result = run_scenario(
-                scenario, values, lambda fraction: move(fraction, ""), keeping=keeping, isolation=isolation
-            )
+            result = run_scenario(scenario, values, move, keeping=keeping, isolation=isolation)
         except ScenarioInterrupted as stop:
             result = stop.result
         with whole():
@@ -113,7 +111,7 @@ def run(
     if result.interrupted:
         line = f"{interruption(result)}; the result up to there is in {folder}"
         return Answer(document, held=False, interrupted=line)
-    checks = Listing(("case", "expectation", "held", "found"), rows_of(result), result.block.title)
+    checks = Listing(("case", "expectation", "held", "found"), rows_of(result), result.scenario.title)
     shown: list[Listing | str] = [checks, f"results in {folder}"]
     if terminal.verbose:
         rows = [
@@ -141,11 +139,12 @@ def test(
 
     Exit code 1 when an expectation fails, or a claim does not come out as its study states.
     """
+    from orchestrator.batch.junit import write_junit
     from orchestrator.batch.procedure import outputs_of
-    from orchestrator.batch.suite import Verdict, find_scenarios, run_suite, write_junit
+    from orchestrator.batch.suite import Verdict, find_scenarios, run_suite
 
     isolation = isolate.isolation()
-    files = find_scenarios(paths or [Path("scenarios")])
+    files = find_scenarios(paths or [Path("scenarios")], JUDGES)
     finished: list[Path] = []
     with terminal.bar("scenarios") as move:
 
@@ -153,7 +152,7 @@ def test(
             finished.append(verdict.file)
             move(len(finished) / len(files), verdict.file.stem)
 
-        verdicts = run_suite(files, out or Path("out/test"), jobs, JUDGES["claims"], done, isolation)
+        verdicts = run_suite(files, out or Path("out/test"), jobs, JUDGES, done, isolation)
     if junit is not None:
         write_junit(verdicts, junit)
     rows = [

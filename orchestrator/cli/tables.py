@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from orchestrator.batch.suite import Judge
     from orchestrator.formats import Layout
 
-JUDGES: dict[str, Callable[[Path, Path], dict[str, Any]]] = {}
+JUDGES: dict[str, Judge] = {}
 """Who judges such a file as a case of the suite: given the file and a folder for results, whether all came out as
 stated, and the cases. Other processes import the function by its name."""
 

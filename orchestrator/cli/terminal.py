@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache, partial
@@ -50,7 +50,7 @@ class Answer:
         interrupted: where an interrupt left something that is worth to be kept, a line about it.
     """
 
-    document: dict[str, Any]
+    document: Mapping[str, Any]
     shown: Sequence[Listing | str] = ()
     held: bool = True
     interrupted: str = ""

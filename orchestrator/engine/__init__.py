@@ -3,11 +3,12 @@
 from orchestrator.engine.account import Account, Share, shares
 from orchestrator.engine.compiled import Engine
 from orchestrator.engine.live import LiveRun
-from orchestrator.engine.plan import CycleSettings, Order, Plan, make_plan
+from orchestrator.engine.plan import REFUSED, CycleSettings, Order, Plan, make_plan
 from orchestrator.engine.recording import Sink
 from orchestrator.engine.simulation import Interrupted, Result, Run, Simulation, Timing
 
 __all__ = [
+    "REFUSED",
     "Account",
     "CycleSettings",
     "Engine",

@@ -39,9 +39,12 @@ class CycleSettings:
         limit: iterations before the run fails.
     """
 
-    iterate: bool = False
+    iterate: bool = True
     tolerance: float = 1e-10
     limit: int = 50
+
+
+REFUSED = CycleSettings(iterate=False)
 
 
 @dataclass(frozen=True)

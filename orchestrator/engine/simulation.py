@@ -15,7 +15,7 @@ from orchestrator.engine.account import Account
 from orchestrator.engine.compiled import Engine, stepper
 from orchestrator.engine.live import FARTHEST, HELD, LiveRun
 from orchestrator.engine.loop import Loop, Node, Statistics, Stepper
-from orchestrator.engine.plan import CycleSettings, Order, Plan, make_plan
+from orchestrator.engine.plan import REFUSED, CycleSettings, Order, Plan, make_plan
 from orchestrator.engine.recording import ROWS, Recorder, Sink
 from orchestrator.fmi.component import Component
 from orchestrator.fmi.interface import Value
@@ -33,7 +33,7 @@ class Timing:
     step: Fraction
     start: Fraction = Fraction(0)
     order: Order = Order.GAUSS_SEIDEL
-    cycles: CycleSettings = field(default_factory=CycleSettings)
+    cycles: CycleSettings = REFUSED
     engine: Engine = Engine.AUTO
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TypedDict
 
 from orchestrator.engine import Account, Engine, Result, shares
 from orchestrator.scenario.run import ScenarioResult
@@ -11,7 +11,23 @@ HEADERS = ("component", "steps", "time [s]", "µs a step", "share [%]")
 LOOP = "(the loop itself)"
 
 
-def document_of(result: Result) -> dict[str, Any]:
+class ShareDocument(TypedDict):
+    """A component's calls and its share of the time."""
+
+    calls: int
+    seconds: float
+    share: float
+
+
+class SteppingDocument(TypedDict):
+    """How a case was stepped, and whose time it was."""
+
+    stepping: dict[str, str | int | float]
+    statistics: dict[str, ShareDocument]
+    loop: dict[str, float]
+
+
+def document_of(result: Result) -> SteppingDocument:
     """One run as plain values: how it was stepped, and each component's and the loop's own share of the time."""
     account = result.account
     *components, loop = shares([(account, result.statistics)])
@@ -27,8 +43,8 @@ def document_of(result: Result) -> dict[str, Any]:
             "real_time_factor": float(f"{account.real_time_factor:.4g}"),
         },
         "statistics": {
-            each.name: {"calls": each.calls, "seconds": round(each.seconds, 6), "share": round(each.percent, 2)}
-            for each in components
+            str(part.name): {"calls": part.calls, "seconds": round(part.seconds, 6), "share": round(part.percent, 2)}
+            for part in components
         },
         "loop": {"seconds": round(loop.seconds, 6), "share": round(loop.percent, 2)},
     }
@@ -36,17 +52,17 @@ def document_of(result: Result) -> dict[str, Any]:
 
 def rows_of(result: ScenarioResult) -> list[tuple[str, int, float, float, float]]:
     """A row under `HEADERS` of each component over all cases, the last of the loop itself."""
-    parts = shares((each.account, each.statistics) for each in _results(result))
-    return [(each.name or LOOP, each.calls, each.seconds, each.microseconds, each.percent) for each in parts]
+    parts = shares((made.account, made.statistics) for made in _results(result))
+    return [(part.name or LOOP, part.calls, part.seconds, part.microseconds, part.percent) for part in parts]
 
 
 def sentence_of(result: ScenarioResult) -> str:
     """How all cases were stepped and their record was made."""
-    accounts = [each.account for each in _results(result)]
+    accounts = [made.account for made in _results(result)]
     if not accounts:
         return "Nothing was stepped."
-    steps, spent = sum(each.steps for each in accounts), sum(each.seconds for each in accounts)
-    factor = sum(each.reached - each.start for each in accounts) / max(spent, 1e-9)
+    steps, spent = sum(account.steps for account in accounts), sum(account.seconds for account in accounts)
+    factor = sum(account.reached - account.start for account in accounts) / max(spent, 1e-9)
     every = result.keeping.every
     record = "every step" if every == 1 else f"every {every} steps"
     return (

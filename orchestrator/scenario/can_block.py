@@ -12,7 +12,7 @@ from typing import Any
 
 from pydantic import Field, field_validator, model_validator
 
-from orchestrator.assembly.assembly import exact_seconds
+from orchestrator.assembly.schema import exact_seconds
 from orchestrator.yaml_file import Block
 
 

@@ -3,51 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Protocol
 
 import numpy as np
-from pydantic import model_validator
 
 from fmus.errors import ScenarioError, ServotwinError
-from orchestrator import formats
 from orchestrator.trace import FloatArray, Trace
-from orchestrator.yaml_file import Block
-
-
-class ReferenceBlock(Block):
-    """A signal of a trace file that a recorded one must follow."""
-
-    file: Path
-    signal: str
-
-
-class Expectation(Block):
-    """A condition on one recorded variable between two times, or on the failure of the run.
-
-    Exactly one of `near` (with `within`), `below`, `above`, `reference` (with `within`) and `refused` is given;
-    `within` is in the signal's unit.
-    """
-
-    signal: str | None = None
-    after: float | None = None
-    before: float | None = None
-    near: float | None = None
-    reference: ReferenceBlock | None = None
-    within: float | None = None
-    below: float | None = None
-    above: float | None = None
-    refused: str | None = None
-
-    @model_validator(mode="after")
-    def _one_kind(self) -> Expectation:
-        kinds = [kind for kind in ("near", "reference", "below", "above", "refused") if getattr(self, kind) is not None]
-        if len(kinds) != 1:
-            raise ValueError("give one of near, reference, below, above, refused")
-        if (self.within is None) != (kinds[0] not in ("near", "reference")):
-            raise ValueError("`within` goes with `near` and `reference`")
-        if (self.signal is None) != (kinds[0] == "refused"):
-            raise ValueError("`signal` goes with everything but `refused`")
-        return self
 
 
 @dataclass(frozen=True)
@@ -59,69 +20,119 @@ class Check:
     found: str
 
 
-def check(expectation: Expectation, trace: Trace | None, error: ServotwinError | None, base: Path) -> Check:
-    """Judge one expectation on the trace of a run, or on the error that ended it.
+class Condition(Protocol):
+    """What is asked of the samples of a signal; its text says it in words."""
 
-    Raises:
-        ScenarioError: the signal was not recorded, or there is no sample between the times.
+    def judged(self, time: FloatArray, values: FloatArray) -> tuple[bool, str]:
+        """Whether values (K,) at times (K,) [s] fulfil it, and the figure that decided.
+
+        Raises:
+            TraceError: a reference does not cover the times.
+        """
+
+
+@dataclass(frozen=True)
+class Below:
+    """Every sample lies below the limit [unit of the signal]."""
+
+    limit: float
+
+    def __str__(self) -> str:
+        return f"stays below {self.limit:g}"
+
+    def judged(self, time: FloatArray, values: FloatArray) -> tuple[bool, str]:
+        return bool(values.max() < self.limit), f"largest {values.max():.6g}"
+
+
+@dataclass(frozen=True)
+class Above:
+    """Every sample lies above the limit [unit of the signal]."""
+
+    limit: float
+
+    def __str__(self) -> str:
+        return f"stays above {self.limit:g}"
+
+    def judged(self, time: FloatArray, values: FloatArray) -> tuple[bool, str]:
+        return bool(values.min() > self.limit), f"smallest {values.min():.6g}"
+
+
+@dataclass(frozen=True)
+class Near:
+    """No sample is farther than `within` from a value, or from a trace with one signal [unit of the signal].
+
+    Attributes:
+        name: what the value or the trace is called in words.
     """
-    if expectation.refused is not None:
+
+    target: float | Trace
+    within: float
+    name: str = ""
+
+    def __str__(self) -> str:
+        if isinstance(self.target, Trace):
+            return f"follows {self.name or self.target.name} within {self.within:g}"
+        return f"is {self.target:g} within {self.within:g}"
+
+    def judged(self, time: FloatArray, values: FloatArray) -> tuple[bool, str]:
+        target: float | FloatArray = (
+            next(iter(self.target.resampled(time).signals.values())) if isinstance(self.target, Trace) else self.target
+        )
+        deviation = float(np.max(np.abs(values - target)))
+        return deviation <= self.within, f"largest deviation {deviation:.3g}"
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """A condition on one recorded variable between two times [s]; None is the run's begin or end."""
+
+    signal: str
+    condition: Condition
+    after: float | None = None
+    before: float | None = None
+
+    def __str__(self) -> str:
+        times = {"after": self.after, "before": self.before}
+        between = [f"{word} {time:g} s" for word, time in times.items() if time is not None]
+        return " ".join([self.signal, str(self.condition), *between])
+
+    def check(self, trace: Trace | None, error: ServotwinError | None) -> Check:
+        """Judge the trace of a run, or the error that ended it.
+
+        Raises:
+            ScenarioError: there is no sample between the times.
+            TraceError: the signal was not recorded, or a reference does not cover the times.
+        """
+        if trace is None:
+            return Check(str(self), False, str(error))
+        window = self._window(trace)
+        held, found = self.condition.judged(window.time, window[self.signal])
+        unit = trace.unit(self.signal) or "1"
+        return Check(str(self), held, found if unit == "1" else f"{found} {unit}")
+
+    def _window(self, trace: Trace) -> Trace:
+        start = trace.time[0] if self.after is None else self.after
+        stop = trace.time[-1] if self.before is None else self.before
+        window = trace.select([self.signal]).between(start, stop)
+        if not len(window):
+            raise ScenarioError(
+                f"expect {self.signal}",
+                f"there is no sample from {start:g} to {stop:g} s",
+                "correct `after` and `before`",
+            )
+        return window
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """The run ends in an error whose message holds `reason`."""
+
+    reason: str
+
+    def __str__(self) -> str:
+        return f"refused because of '{self.reason}'"
+
+    def check(self, trace: Trace | None, error: ServotwinError | None) -> Check:
+        """Judge the error that ended a run, None where it went through."""
         found = str(error) if error is not None else "the run went through"
-        held = error is not None and expectation.refused in str(error)
-        return Check(f"refused because of '{expectation.refused}'", held, found)
-    text = _describe(expectation)
-    if trace is None:
-        return Check(text, False, str(error))
-    return _judge(expectation, text, trace, base)
-
-
-def _judge(expectation: Expectation, text: str, trace: Trace, base: Path) -> Check:
-    assert expectation.signal is not None
-    time, values = _window(expectation, trace)
-    unit = trace.unit(expectation.signal) or "1"
-    unit = "" if unit == "1" else f" {unit}"
-    if expectation.below is not None:
-        return Check(text, bool(values.max() < expectation.below), f"largest {values.max():.6g}{unit}")
-    if expectation.above is not None:
-        return Check(text, bool(values.min() > expectation.above), f"smallest {values.min():.6g}{unit}")
-    assert expectation.within is not None
-    deviation = float(np.max(np.abs(values - _target(expectation, time, base))))
-    return Check(text, deviation <= expectation.within, f"largest deviation {deviation:.3g}{unit}")
-
-
-def _target(expectation: Expectation, time: FloatArray, base: Path) -> FloatArray:
-    if expectation.reference is None:
-        return np.full(len(time), expectation.near)
-    reference = formats.read(base / expectation.reference.file).trace
-    return reference.resampled(time)[expectation.reference.signal]
-
-
-def _window(expectation: Expectation, trace: Trace) -> tuple[FloatArray, FloatArray]:
-    assert expectation.signal is not None
-    start = trace.time[0] if expectation.after is None else expectation.after
-    stop = trace.time[-1] if expectation.before is None else expectation.before
-    window = trace.select([expectation.signal]).between(start, stop)
-    if not len(window):
-        raise ScenarioError(
-            f"expect {expectation.signal}",
-            f"there is no sample from {start:g} to {stop:g} s",
-            "correct `after` and `before`",
-        )
-    return window.time, window[expectation.signal]
-
-
-def _describe(expectation: Expectation) -> str:
-    parts = [str(expectation.signal)]
-    if expectation.near is not None:
-        parts.append(f"is {expectation.near:g} within {expectation.within:g}")
-    if expectation.reference is not None:
-        parts.append(
-            f"follows {expectation.reference.signal} of {expectation.reference.file.name} within {expectation.within:g}"
-        )
-    for kind in ("below", "above"):
-        if getattr(expectation, kind) is not None:
-            parts.append(f"stays {kind} {getattr(expectation, kind):g}")
-    for kind in ("after", "before"):
-        if getattr(expectation, kind) is not None:
-            parts.append(f"{kind} {getattr(expectation, kind):g} s")
-    return " ".join(parts)
+        return Check(str(self), error is not None and self.reason in found, found)

@@ -7,19 +7,41 @@ import re
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import NotRequired
 
 from fmus.files import sha256
 from orchestrator import formats
 from orchestrator.fmi.interface import Value
 from orchestrator.report import Report, Section, figures
-from orchestrator.results import result_folder, versions, write_json
+from orchestrator.results import CaseDocument, FileDocument, result_folder, versions, write_json
 from orchestrator.scenario import accounts
 from orchestrator.scenario.run import CaseResult, ScenarioResult, State
 from orchestrator.trace import Trace
 
 PLOTTED_CASES = 12
 PLOTTED_SIGNALS = 8
+
+
+class RunCaseDocument(CaseDocument):
+    """A case of a run; what follows its state is there where it gave a trace."""
+
+    state: str
+    trace: NotRequired[str]
+    warnings: NotRequired[dict[str, int]]
+    stepping: NotRequired[dict[str, str | int | float]]
+    statistics: NotRequired[dict[str, accounts.ShareDocument]]
+    loop: NotRequired[dict[str, float]]
+
+
+class RunDocument(FileDocument):
+    """What ran and how it went, as manifest.json holds it."""
+
+    scenario: dict[str, str]
+    interrupted: bool
+    overrides: dict[str, Value]
+    fmus: dict[str, str]
+    record: dict[str, int | bool]
+    versions: dict[str, str]
 
 
 def write_run(result: ScenarioResult, overrides: Mapping[str, Value], target: Path) -> None:
@@ -36,20 +58,20 @@ def write_run(result: ScenarioResult, overrides: Mapping[str, Value], target: Pa
 
 def trace_file(result: ScenarioResult, case: CaseResult) -> str:
     """Name of the file that a case's trace is written to."""
-    suffix = "csv" if result.block.recorder else "parquet"
+    suffix = "csv" if result.scenario.logger else "parquet"
     return f"{_stems(result.cases)[result.cases.index(case)]}.{suffix}"
 
 
-def document_of(result: ScenarioResult, overrides: Mapping[str, Value], folder: Path) -> dict[str, Any]:
+def document_of(result: ScenarioResult, overrides: Mapping[str, Value], folder: Path) -> RunDocument:
     """What ran and how it went, as plain values."""
     return {
-        "title": result.block.title,
-        "scenario": {"file": result.path.name, "sha256": sha256(result.path)},
+        "title": result.scenario.title,
+        "scenario": {"file": result.scenario.path.name, "sha256": sha256(result.scenario.path)},
         "passed": result.passed,
         "interrupted": result.interrupted,
         "overrides": dict(overrides),
         "out": str(folder),
-        "fmus": {name: ("model" if built else "file") for name, built in result.assembled.built.items()},
+        "fmus": {name: "model" if name in result.assembled.built else "file" for name in result.assembled.files},
         "record": {"stride": result.keeping.every, "stream": result.keeping.stream is not None},
         "cases": [_case(result, case) for case in result.cases],
         "versions": versions(),
@@ -60,7 +82,7 @@ def rows_of(result: ScenarioResult) -> list[tuple[str, str, str, str]]:
     """(case, expectation, held, found) of every check; a case without expectations has a row too."""
     rows = []
     for case in result.cases:
-        rows += [(case.name, each.text, "yes" if each.held else "NO", each.found) for each in case.checks]
+        rows += [(case.name, check.text, "yes" if check.held else "NO", check.found) for check in case.checks]
         if not case.checks:
             rows.append((case.name, "-", "-", _how_far(case)))
     return rows
@@ -75,7 +97,7 @@ def interruption(result: ScenarioResult) -> str:
 
 def report(result: ScenarioResult) -> Report:
     """Checks, traces and step statistics of a run; no traces of an interrupted one, which is to end at once."""
-    page = Report(result.block.title, result.block.description)
+    page = Report(result.scenario.title, result.scenario.description)
     section = page.section("Expectations")
     if result.interrupted:
         section.callout("warning", f"The run was {interruption(result)}.")
@@ -91,7 +113,7 @@ def report(result: ScenarioResult) -> Report:
 
 
 def _draw(result: ScenarioResult, section: Section) -> None:
-    shown = [each for each in result.cases if each.result is not None]
+    shown = [case for case in result.cases if case.result is not None]
     if len(shown) > PLOTTED_CASES:
         section.paragraph(f"The first {PLOTTED_CASES} of {len(shown)} cases.")
     for case in shown[:PLOTTED_CASES]:
@@ -113,24 +135,24 @@ def _stems(cases: Sequence[CaseResult]) -> list[str]:
     for case in cases:
         plain = re.sub(r"[^\w.-]+", "_", case.name) or "_"
         numbered = (f"{plain}-{number}" for number in itertools.count(2))
-        stem = next(each for each in itertools.chain([plain], numbered) if each.casefold() not in taken)
+        stem = next(name for name in itertools.chain([plain], numbered) if name.casefold() not in taken)
         taken.add(stem.casefold())
         stems.append(stem)
     return stems
 
 
-def _case(result: ScenarioResult, case: CaseResult) -> dict[str, Any]:
-    document: dict[str, Any] = {
+def _case(result: ScenarioResult, case: CaseResult) -> RunCaseDocument:
+    document: RunCaseDocument = {
         "name": case.name,
         "state": str(case.state),
         "passed": case.passed,
         "error": str(case.error) if case.error else None,
-        "checks": [{"text": each.text, "held": each.held, "found": each.found} for each in case.checks],
+        "checks": [{"text": check.text, "held": check.held, "found": check.found} for check in case.checks],
     }
     if case.result is not None:
         document["trace"] = trace_file(result, case)
         document["warnings"] = dict(case.result.warnings)
-        document |= accounts.document_of(case.result)
+        document.update(accounts.document_of(case.result))
     return document
 
 

@@ -19,7 +19,7 @@ from pathlib import Path
 import fmpy
 import numpy as np
 
-from orchestrator.assembly.assembly import Assembled, ComponentBlock, OpenSystem, SystemBlock, assemble
+from orchestrator.assembly.assembly import Assembled, ComponentSpec, OpenSystem, SystemSpec, assemble
 from orchestrator.engine import Timing
 
 from .figure import Figure, report
@@ -101,9 +101,9 @@ def _resident(pid: int) -> int:
 
 def step_cost() -> list[Figure]:
     """Nanoseconds a step of the pendulum's Python FMU takes in our loop and in FMPy's."""
-    system = SystemBlock(components={"hand": ComponentBlock(model="pendulum")})
+    system = SystemSpec({"hand": ComponentSpec("pendulum")})
     with tempfile.TemporaryDirectory() as folder:
-        assembled = assemble(system, Path(folder), Path(folder), ("hand.torque",))
+        assembled = assemble(system, Path(folder), ("hand.torque",))
         ours, theirs = _marginal(_our_runs(assembled)), _marginal(_fmpy_runs(assembled.files["hand"]))
     return [
         Figure("Python FMU, our loop: per FMU and step", "-", f"{ours:.0f} ns"),

@@ -31,7 +31,7 @@ from identification.output_error.estimator import (
 )
 from identification.output_error.simulator import SystemFactory, SystemSimulator
 from identification.output_error.windows import Cut
-from orchestrator.assembly.assembly import Assembled, ComponentBlock, SystemBlock, assemble
+from orchestrator.assembly.assembly import Assembled, ComponentSpec, SystemSpec, assemble
 from orchestrator.trace import FloatArray
 
 from .figure import Figure, Interval, coverage, report
@@ -51,12 +51,12 @@ TRUTH = {
     "motor.torque_gain": 10.0,
     COULOMB: 0.003,
 }
-SYSTEM = SystemBlock(
-    components={
-        "motor": ComponentBlock(model="dc_motor"),
-        "hand": ComponentBlock(model="pendulum", parameters={"added_length": 0.1, "friction_speed": 0.1}),
+SYSTEM = SystemSpec(
+    {
+        "motor": ComponentSpec("dc_motor"),
+        "hand": ComponentSpec("pendulum", {"added_length": 0.1, "friction_speed": 0.1}),
     },
-    connections=["hand.speed -> motor.speed", "motor.torque -> hand.torque"],
+    (("hand.speed", "motor.speed"), ("motor.torque", "hand.torque")),
 )
 
 
@@ -142,7 +142,7 @@ def _draw_in_worker(draw: int) -> dict[str, Interval]:
 def intervals(draws: int, processes: int) -> Sequence[Mapping[str, Interval]]:
     """parameter -> 95 % interval, for each draw of the noise."""
     with tempfile.TemporaryDirectory() as folder:
-        assembled = assemble(SYSTEM, Path(folder), Path(folder), ("motor.voltage",))
+        assembled = assemble(SYSTEM, Path(folder), ("motor.voltage",))
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(processes, context, _open_in_worker, (assembled,)) as pool:
             return list(pool.map(_draw_in_worker, range(draws)))

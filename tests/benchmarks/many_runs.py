@@ -20,8 +20,8 @@ import numpy as np
 from orchestrator.assembly.assembly import Assembled, OpenSystem, assemble
 from orchestrator.engine import Result, Run
 from orchestrator.fmi.interface import Value
-from orchestrator.scenario.run import ScenarioBlock
-from orchestrator.yaml_file import load
+from orchestrator.scenario.scenario import Scenario
+from orchestrator.scenario.schema import load_scenario
 
 from .figure import Figure, report
 
@@ -34,14 +34,15 @@ ALONE = range(0, RUNS, RUNS // 20)  # the runs that are repeated alone
 
 def figures() -> list[Figure]:
     """Time of all runs and of one, and whether runs alone give the same."""
-    block = load(SCENARIO, ScenarioBlock)
+    scenario = load_scenario(SCENARIO)
     with tempfile.TemporaryDirectory() as folder:
         begun = perf_counter()
-        assembled = assemble(block, SCENARIO.parent, Path(folder))
+        assembled = assemble(scenario.system, Path(folder))
         built = perf_counter() - begun
-        runs = [Run(block.values() | values, record=block.record, stop=STOP) for values in parameter_sets()]
-        times, results = timed(block, assembled, runs)
-        same = sum(equal(results[number], alone(block, assembled, runs[number])) for number in ALONE)
+        own = scenario.system.values()
+        runs = [Run(own | values, record=scenario.record, stop=STOP) for values in parameter_sets()]
+        times, results = timed(scenario, assembled, runs)
+        same = sum(equal(results[number], alone(scenario, assembled, runs[number])) for number in ALONE)
     whole = median(times)
     return [
         Figure(
@@ -85,19 +86,19 @@ def parameter_set(rng: np.random.Generator) -> dict[str, Value]:
     }
 
 
-def timed(block: ScenarioBlock, assembled: Assembled, runs: Sequence[Run]) -> tuple[list[float], list[Result]]:
+def timed(scenario: Scenario, assembled: Assembled, runs: Sequence[Run]) -> tuple[list[float], list[Result]]:
     """Times of all runs, opening the FMUs included [s], and the results of the last time."""
     times, results = [], []
     for _ in range(REPEATS):
         begun = perf_counter()
-        with OpenSystem(assembled) as opened, opened.simulation(block.run.timing()) as simulation:
+        with OpenSystem(assembled) as opened, opened.simulation(scenario.timing) as simulation:
             results = simulation.run_many(runs)
         times.append(perf_counter() - begun)
     return times, results
 
 
-def alone(block: ScenarioBlock, assembled: Assembled, run: Run) -> Result:
-    with OpenSystem(assembled) as opened, opened.simulation(block.run.timing()) as simulation:
+def alone(scenario: Scenario, assembled: Assembled, run: Run) -> Result:
+    with OpenSystem(assembled) as opened, opened.simulation(scenario.timing) as simulation:
         return simulation.execute(run)
 
 

@@ -12,7 +12,7 @@ from pydantic import Field
 from ruamel.yaml import YAML
 
 from fmus.errors import ScenarioError
-from orchestrator.scenario.run import ScenarioBlock
+from orchestrator.scenario.schema import ScenarioBlock
 from orchestrator.yaml_file import LARGEST, Block, load
 
 SCENARIO = Path(__file__).parents[2] / "scenarios" / "butterfly" / "sine.yaml"

@@ -15,7 +15,7 @@ from fmus import library
 from fmus.modelling.model import Model, State, input_, output, parameter
 from fmus.packaging import archive, native
 from fmus.packaging.native import compiler
-from orchestrator.engine import CycleSettings, Simulation, Timing
+from orchestrator.engine import REFUSED, CycleSettings, Simulation, Timing
 from orchestrator.fmi.exchange_slave import ExchangeSlave
 from orchestrator.fmi.file import FmuFile, Kind
 from orchestrator.fmi.interface import Value
@@ -98,7 +98,7 @@ def simulation(
     stop: Fraction = Fraction(2),
     solver: SolverSettings = TIGHT,
     stimulated: Sequence[str] = (),
-    cycles: CycleSettings = CycleSettings(),  # noqa: B008 - frozen
+    cycles: CycleSettings = REFUSED,
     feed_through: FeedThrough = "declared",
 ) -> Iterator[Simulation]:
     with ExitStack() as stack:

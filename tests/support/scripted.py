@@ -10,7 +10,7 @@ import numpy as np
 import scipy.linalg
 
 from fmus.errors import FmuError
-from orchestrator.engine import CycleSettings, Order, Simulation, Timing
+from orchestrator.engine import REFUSED, CycleSettings, Order, Simulation, Timing
 from orchestrator.fmi.interface import Interface, Port, Value
 from orchestrator.system import FeedThrough, Part, System, wire
 from orchestrator.trace import FloatArray
@@ -274,6 +274,6 @@ def simulation(
     feed_through: Mapping[str, FeedThrough] | None = None,
 ) -> Simulation:
     """A simulation of these components."""
-    timing = Timing(stop, step, start, order, cycles or CycleSettings())
+    timing = Timing(stop, step, start, order, cycles or REFUSED)
     wired = system(components, connections, stimulated, steps, feed_through)
     return Simulation(wired, {each.name: each for each in components}, timing)

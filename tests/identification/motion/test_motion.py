@@ -24,9 +24,8 @@ from identification.motion.motion import (
     recorded_motion,
 )
 from orchestrator.assembly.assembly import OpenSystem, assemble
-from orchestrator.scenario.run import ScenarioBlock
+from orchestrator.scenario.schema import load_scenario
 from orchestrator.trace import Trace
-from orchestrator.yaml_file import load
 
 TRUE = {"p1": 0.00325, "p2": 0.001, "p3": 0.04905, "p4": 10.0}
 GAIN = 0.02
@@ -99,10 +98,10 @@ def test_a_shifted_equilibrium_is_taken_into_account() -> None:
 
 @pytest.mark.parametrize("case", [0, 1])  # below and above the orbit's energy
 def test_sampled_control_of_fmus_gives_the_parameters_back(case: int, tmp_path: Path) -> None:
-    block = load(SCENARIO, ScenarioBlock)
-    given = block.values() | block.cases[case].set
-    assembled = assemble(block, SCENARIO.parent, tmp_path)
-    with OpenSystem(assembled) as opened, opened.simulation(block.run.timing()) as simulation:
+    scenario = load_scenario(SCENARIO)
+    given = scenario.cases[case].values
+    assembled = assemble(scenario.system, tmp_path)
+    with OpenSystem(assembled) as opened, opened.simulation(scenario.timing) as simulation:
         trace = simulation.run(given, record=["hand.angle", "hand.speed"]).trace
     motion = recorded_motion(trace, "hand.angle", "hand.speed")
     found = recalibrate(motion, float(given["controller.gain"]), TARGET)

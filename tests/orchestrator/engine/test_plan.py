@@ -12,12 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fmus.errors import WiringError
-from orchestrator.engine import CycleSettings, Order, Plan, make_plan
+from orchestrator.engine import REFUSED, CycleSettings, Order, Plan, make_plan
 from orchestrator.system import Part, System
 from tests.support.scripted import Gain, Plant, Scripted, interface, system
 
 STEP = Fraction(1, 100)
-ITERATE = CycleSettings(iterate=True)
+ITERATE = CycleSettings()
 
 
 def plan(wired: System, order: Order = Order.GAUSS_SEIDEL, cycles: CycleSettings = ITERATE) -> Plan:
@@ -81,10 +81,10 @@ def test_a_circle_is_refused_exactly_where_there_is_one_and_the_path_is_real(
 ) -> None:
     edges, count = graph
     if not reachable(edges, count).diagonal().any():
-        assert all(len(group) == 1 for group in plan(gains(edges, count), cycles=CycleSettings()).groups)
+        assert all(len(group) == 1 for group in plan(gains(edges, count), cycles=REFUSED).groups)
         return
     with pytest.raises(WiringError, match="direct feed-through runs in a circle: ") as refused:
-        plan(gains(edges, count), cycles=CycleSettings())
+        plan(gains(edges, count), cycles=REFUSED)
     path = [int(name[1:]) for name in refused.value.problem.split(": ")[1].split(" -> ")]
     assert path[0] == path[-1]
     assert all(step in edges for step in pairwise(path))
@@ -92,7 +92,7 @@ def test_a_circle_is_refused_exactly_where_there_is_one_and_the_path_is_real(
 
 def test_the_path_of_a_circle_is_printed_in_the_direction_of_the_values_with_the_fix() -> None:
     with pytest.raises(WiringError) as refused:
-        plan(gains([(0, 2), (2, 1), (1, 0)], 3), cycles=CycleSettings())
+        plan(gains([(0, 2), (2, 1), (1, 0)], 3), cycles=REFUSED)
     assert refused.value.problem in {
         f"direct feed-through runs in a circle: {path}"
         for path in ("c0 -> c2 -> c1 -> c0", "c2 -> c1 -> c0 -> c2", "c1 -> c0 -> c2 -> c1")
@@ -102,7 +102,7 @@ def test_the_path_of_a_circle_is_printed_in_the_direction_of_the_values_with_the
 
 def test_a_component_that_drives_itself_is_a_circle() -> None:
     with pytest.raises(WiringError, match="circle: c0 -> c0"):
-        plan(gains([(0, 0)], 1), cycles=CycleSettings())
+        plan(gains([(0, 0)], 1), cycles=REFUSED)
 
 
 def test_a_circle_with_a_component_that_cannot_go_back_is_refused_even_when_iterating() -> None:
@@ -123,13 +123,13 @@ def closed_loop(**more: object) -> System:
 
 
 def test_a_state_breaks_the_circle_and_the_controller_runs_first() -> None:
-    made = plan(closed_loop(), cycles=CycleSettings())
+    made = plan(closed_loop(), cycles=REFUSED)
     assert made.groups == (("controller",), ("plant",))
     assert made.instant == {"plant": frozenset(), "controller": {"y0"}}
 
 
 def test_jacobi_has_no_instant_outputs_and_thus_no_circles() -> None:
-    made = plan(gains([(0, 1), (1, 0)], 2), Order.JACOBI, CycleSettings())
+    made = plan(gains([(0, 1), (1, 0)], 2), Order.JACOBI, REFUSED)
     assert made.instant == {"c0": frozenset(), "c1": frozenset()}
     assert made.groups == (("c0",), ("c1",))
 
@@ -137,7 +137,7 @@ def test_jacobi_has_no_instant_outputs_and_thus_no_circles() -> None:
 def test_feed_through_can_be_declared_away_or_added() -> None:
     wired = gains([(0, 1), (1, 0)], 2)
     tamed = System({**wired.parts, "c0": replace(wired.parts["c0"], feed_through="none")}, wired.connections)
-    assert plan(tamed, cycles=CycleSettings()).groups == (("c1",), ("c0",))
+    assert plan(tamed, cycles=REFUSED).groups == (("c1",), ("c0",))
     assert plan(closed_loop(feed_through={"plant": "all"})).groups == (("plant", "controller"),)
 
 

@@ -28,13 +28,14 @@ from fmus.errors import FmuError, FmuFileError, InputError, ServotwinError
 from fmus.packaging import python
 from identification.calibrate import judge_claims
 from identification.cli import app
-from orchestrator.assembly.assembly import ComponentBlock, OpenSystem, SystemBlock, assemble
+from orchestrator.assembly.assembly import ComponentSpec, OpenSystem, SystemSpec, assemble
 from orchestrator.batch import suite
 from orchestrator.engine import CycleSettings, Simulation, Timing
 from orchestrator.fmi.component import Component
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.isolation import IsolatedSlave, Isolation
 from orchestrator.fmi.slave import Slave
+from orchestrator.solvers.base import SolverSettings
 from orchestrator.system import Part, wire
 from orchestrator.trace import Trace
 from tests.support import brute, moody, third_party
@@ -161,13 +162,11 @@ def test_isolated_fmus_give_the_same_bits(version: int) -> None:
 
 
 def test_model_exchange_is_isolated_alike() -> None:
-    block = ComponentBlock.model_validate(
-        {"fmu": third_party.reference(3, "VanDerPol"), "solver": {"method": "cvode", "relative_tolerance": 1e-4}}
-    )
-    assert block.fmu is not None
-    with block.opened(block.fmu) as fmu:
+    file = third_party.reference(3, "VanDerPol")
+    spec = ComponentSpec(file, solver=SolverSettings(relative_tolerance=1e-4))
+    with spec.open(file) as fmu:
         ways = []
-        for make in (block.maker(fmu), partial(isolated, make=block.maker(fmu))):
+        for make in (spec.maker(fmu), partial(isolated, make=spec.maker(fmu))):
             component = make(fmu, "fmu")
             component.bind([], ["x0", "x1"])
             component.begin(0.0, None)
@@ -358,8 +357,8 @@ def write_scenario(folder: Path, fmu: Path, name: str = "lag", stop: float = 1, 
 
 
 def test_only_fmus_given_as_files_are_isolated(fmus: dict[int, Path], tmp_path: Path) -> None:
-    block = SystemBlock.model_validate({"components": {"wheel": {"fmu": fmus[2]}, "hand": {"model": "pendulum"}}})
-    assembled = assemble(block, tmp_path, tmp_path)
+    system = SystemSpec({"wheel": ComponentSpec(fmus[2]), "hand": ComponentSpec("pendulum")})
+    assembled = assemble(system, tmp_path)
     with OpenSystem(assembled) as opened:
         timing = Timing(Fraction(1), Fraction(1, 100))
         plain = opened.simulation(timing).components

@@ -22,7 +22,7 @@ from scipy.integrate import solve_ivp
 from fmus import library
 from fmus.errors import FmuError, FmuFileError, InputError, WiringError
 from fmus.packaging import python
-from orchestrator.assembly.assembly import ComponentBlock
+from orchestrator.assembly.schema import ComponentBlock
 from orchestrator.engine import Simulation, Timing
 from orchestrator.fmi.exchange_slave import ExchangeSlave
 from orchestrator.fmi.file import FmuFile, Kind
@@ -297,9 +297,10 @@ def test_an_fmu_without_co_simulation_is_exchanged_and_one_with_both_only_where_
         ("Dahlquist3", Kind.CO_SIMULATION if solver is None else Kind.MODEL_EXCHANGE),
         ("eventful", Kind.MODEL_EXCHANGE),
     ):
-        block = pickle.loads(pickle.dumps(ComponentBlock(fmu=shelf(name).path, solver=solver)))
-        with block.opened(shelf(name).path) as file, ExitStack() as stack:
-            component = block.maker(file)(file, "fmu")
+        block = ComponentBlock.model_validate({"fmu": shelf(name).path, "solver": solver})
+        spec = pickle.loads(pickle.dumps(block.spec(Path())))
+        with spec.open(shelf(name).path) as file, ExitStack() as stack:
+            component = spec.maker(file)(file, "fmu")
             stack.callback(component.close)
             assert file.kind is kind
             assert isinstance(component, ExchangeSlave if kind is Kind.MODEL_EXCHANGE else Slave)

@@ -14,10 +14,13 @@ from pydantic import ValidationError
 
 from fmus.errors import FmuError, ScenarioError, TraceError
 from orchestrator import formats
-from orchestrator.scenario.expectations import Check, Expectation, ReferenceBlock, check
+from orchestrator.scenario.expectations import Check
+from orchestrator.scenario.schema import ExpectationBlock
 from orchestrator.trace import Trace
 
-HERE = Path()
+
+def check(fields: dict[str, Any], trace: Trace | None, error: FmuError | None = None, base: Path = Path()) -> Check:
+    return ExpectationBlock(**fields).expectation(base).check(trace, error)
 
 
 def ramp(**signals: Any) -> Trace:
@@ -27,7 +30,7 @@ def ramp(**signals: Any) -> Trace:
 
 
 def judged(trace: Trace | None = None, **fields: Any) -> Check:
-    return check(Expectation(signal="y", **fields), trace or ramp(), None, HERE)
+    return check({"signal": "y", **fields}, trace or ramp())
 
 
 @pytest.mark.parametrize(
@@ -85,8 +88,8 @@ def test_a_sample_that_is_not_finite_never_lets_near_hold_and_nan_lets_nothing_h
 
 def follow(trace: Trace, reference: Trace, folder: Path, within: float, **times: float) -> Check:
     formats.write(reference, folder / "reference.csv")
-    block = ReferenceBlock(file=Path("reference.csv"), signal="angle")
-    return check(Expectation(signal="y", reference=block, within=within, **times), trace, None, folder)
+    block = {"file": "reference.csv", "signal": "angle"}
+    return check({"signal": "y", "reference": block, "within": within, **times}, trace, base=folder)
 
 
 def test_a_reference_is_followed_at_the_samples_of_the_run_between_those_of_the_reference(tmp_path: Path) -> None:
@@ -106,9 +109,9 @@ def test_a_reference_that_does_not_cover_the_window_is_an_error_not_extrapolated
 
 
 def test_a_reference_that_is_missing_is_an_error(tmp_path: Path) -> None:
-    block = ReferenceBlock(file=Path("missing.csv"), signal="angle")
+    block = {"file": "missing.csv", "signal": "angle"}
     with pytest.raises(TraceError, match=r"missing\.csv: there is no such file"):
-        check(Expectation(signal="y", reference=block, within=1.0), ramp(), None, tmp_path)
+        check({"signal": "y", "reference": block, "within": 1.0}, ramp(), base=tmp_path)
 
 
 def test_a_window_without_samples_is_an_error() -> None:
@@ -118,7 +121,7 @@ def test_a_window_without_samples_is_an_error() -> None:
 
 def test_a_signal_that_was_not_recorded_is_an_error() -> None:
     with pytest.raises(TraceError, match="no signal 'z'"):
-        check(Expectation(signal="z", below=1.0), ramp(), None, HERE)
+        check({"signal": "z", "below": 1.0}, ramp())
 
 
 @pytest.mark.parametrize(
@@ -130,12 +133,12 @@ def test_a_signal_that_was_not_recorded_is_an_error() -> None:
     ],
 )
 def test_refusal_holds_only_for_the_expected_reason(error: FmuError | None, held: bool, found: str) -> None:
-    result = check(Expectation(refused="rest at the equilibrium"), None if error else ramp(), error, HERE)
+    result = check({"refused": "rest at the equilibrium"}, None if error else ramp(), error)
     assert result == Check("refused because of 'rest at the equilibrium'", held, found)
 
 
 def test_a_run_that_failed_fulfils_nothing_else() -> None:
-    result = check(Expectation(signal="y", below=9.0), None, FmuError("hand", "step"), HERE)
+    result = check({"signal": "y", "below": 9.0}, None, FmuError("hand", "step"))
     assert result == Check("y stays below 9", False, "hand: step")
 
 
@@ -157,4 +160,4 @@ REFERENCE = {"file": "a.csv", "signal": "b"}
 )
 def test_an_expectation_of_no_kind_or_two_is_refused(fields: dict[str, Any], problem: str) -> None:
     with pytest.raises(ValidationError, match=problem):
-        Expectation(**fields)
+        ExpectationBlock(**fields)

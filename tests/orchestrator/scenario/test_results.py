@@ -195,7 +195,7 @@ def test_the_report_shows_checks_and_a_limited_number_of_cases(tmp_path: Path) -
 
 
 def test_an_interrupted_run_leaves_what_it_has_and_says_how_far_it_came(tmp_path: Path) -> None:
-    def stop(fraction: float) -> None:
+    def stop(fraction: float, doing: str) -> None:
         if fraction > 0.6:
             raise KeyboardInterrupt
 

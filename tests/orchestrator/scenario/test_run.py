@@ -294,22 +294,22 @@ def test_what_is_wrong_is_one_line_that_names_the_place(tmp_path: Path, old: str
 
 
 def test_a_wrong_expectation_of_the_last_case_is_found_before_the_first_runs(tmp_path: Path) -> None:
-    seen: list[float] = []
+    told: list[str] = []
     path = tmp_path / "scenario.yaml"
     path.write_text(FALLING + "cases: [{name: a}, {name: b, expect: [{signal: hand.x, below: 1}]}]")
     with pytest.raises(WiringError, match=r"hand\.x: no variable"):
-        run_scenario(path, progress=seen.append)
-    assert seen == []
+        run_scenario(path, progress=lambda fraction, doing: told.append(doing))
+    assert told == []
 
 
 def test_progress_runs_through_all_cases(tmp_path: Path) -> None:
-    seen: list[float] = []
+    told: list[tuple[float, str]] = []
     path = tmp_path / "scenario.yaml"
     path.write_text(FALLING + "cases: [{name: a}, {name: b}]")
-    run_scenario(path, progress=seen.append)
-    assert seen == sorted(seen)
-    assert 0.5 in seen
-    assert seen[-1] == 1.0
+    run_scenario(path, progress=lambda fraction, doing: told.append((fraction, doing)))
+    assert told == sorted(told)
+    assert (0.5, "a") in told
+    assert told[-1] == (1.0, "b")
 
 
 def test_the_built_fmus_can_be_kept(tmp_path: Path) -> None:
@@ -372,7 +372,7 @@ def test_a_file_that_is_no_scenario_is_refused(tmp_path: Path) -> None:
 def stopped_at(folder: Path, text: str, fraction: float, keeping: Keeping | None = None) -> ScenarioResult:
     """What a scenario leaves that is interrupted when so much of it is done."""
 
-    def interrupt(done: float) -> None:
+    def interrupt(done: float, doing: str) -> None:
         if done >= fraction:
             raise KeyboardInterrupt
 

@@ -1,0 +1,170 @@
+"""How a file describes a system and the times of its run; read once and turned into plain values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field, field_validator, model_validator
+
+from fmus.errors import ScenarioError, WiringError
+from fmus.modelling.model import Table
+from orchestrator import formats
+from orchestrator.assembly.assembly import ComponentSpec, SystemSpec, link
+from orchestrator.engine import CycleSettings, Order, Timing
+from orchestrator.fmi.interface import Value
+from orchestrator.rational import seconds
+from orchestrator.solvers.base import SolverMethod, SolverSettings
+from orchestrator.system import FeedThrough
+from orchestrator.trace import Trace
+from orchestrator.yaml_file import Block
+
+
+class SignalFileBlock(Block):
+    """A signal of a trace file."""
+
+    file: Path
+    signal: str
+
+    def trace(self, base: Path) -> Trace:
+        """The signal alone; the file is relative to `base`."""
+        return formats.read(base / self.file).trace.select([self.signal])
+
+    def table(self, name: str, base: Path) -> Table:
+        """The signal as a table that a model plays back."""
+        trace = self.trace(base)
+        return Table(name, tuple(trace.time.tolist()), tuple(trace[self.signal].tolist()))
+
+
+class SolverBlock(Block):
+    """How a component's derivatives are integrated; that makes it run by model exchange."""
+
+    method: SolverMethod = SolverSettings.method
+    relative_tolerance: float = Field(SolverSettings.relative_tolerance, ge=1e-12, le=0.1)
+    most_steps: int = Field(SolverSettings.most_steps, ge=1)
+
+
+class ComponentBlock(Block):
+    """One component: a model of the library (or a model file), or an FMU file; and its values."""
+
+    model: str | None = None
+    fmu: Path | None = None
+    parameters: dict[str, Value] = {}
+    tables: dict[str, SignalFileBlock] = {}
+    step: Fraction | None = None
+    feed_through: FeedThrough = ComponentSpec.feed_through
+    solver: SolverBlock | None = None
+
+    @field_validator("step", mode="before")
+    @classmethod
+    def _exact(cls, value: Any) -> Any:
+        return exact_seconds(value)
+
+    @model_validator(mode="after")
+    def _one_source(self) -> ComponentBlock:
+        if (self.model is None) == (self.fmu is None):
+            raise ValueError("give either `model` or `fmu`")
+        if self.tables and self.model is None:
+            raise ValueError("`tables` need a `model`")
+        return self
+
+    def spec(self, base: Path) -> ComponentSpec:
+        """The component; its files are relative to `base`."""
+        source: str | Path = base / self.fmu if self.fmu is not None else str(self.model)
+        if self.model is not None and self.model.endswith(".py"):
+            source = str(base / self.model)
+        tables = tuple(block.table(name, base) for name, block in self.tables.items())
+        return replace(self.made_of(source, self.parameters), tables=tables)
+
+    def made_of(self, source: str | Path, parameters: Mapping[str, Value]) -> ComponentSpec:
+        """The component with a model or FMU in its place, such as a calibrated one, and these values."""
+        solver = SolverSettings(**dict(self.solver)) if self.solver else None
+        return ComponentSpec(source, parameters, (), self.step, self.feed_through, solver)
+
+
+class CyclesBlock(Block):
+    """How cycles of direct feed-through are iterated."""
+
+    iterate: bool = CycleSettings.iterate
+    tolerance: float = Field(CycleSettings.tolerance, gt=0)
+    limit: int = Field(CycleSettings.limit, ge=1)
+
+
+class RunBlock(Block):
+    """When a run stops and how it steps."""
+
+    stop: Fraction
+    step: Fraction
+    start: Fraction = Timing.start
+    order: Order = Timing.order
+    cycles: CyclesBlock | None = None
+
+    @field_validator("stop", "step", "start", mode="before")
+    @classmethod
+    def _exact(cls, value: Any) -> Any:
+        return exact_seconds(value)
+
+    @model_validator(mode="after")
+    def _positive(self) -> RunBlock:
+        if self.step <= 0 or self.stop <= self.start:
+            raise ValueError("`step` must be positive and `stop` after `start`")
+        return self
+
+    def timing(self) -> Timing:
+        """The times and how cycles are iterated; without `cycles` they are refused."""
+        cycles = CycleSettings(**dict(self.cycles)) if self.cycles else Timing.cycles
+        return Timing(self.stop, self.step, self.start, self.order, cycles)
+
+
+class SystemBlock(Block):
+    """Components and how they are wired: `source -> target`, one a line."""
+
+    components: dict[str, ComponentBlock] = Field(min_length=1)
+    connections: list[str] = []
+
+    @field_validator("components")
+    @classmethod
+    def _names(cls, value: dict[str, ComponentBlock]) -> dict[str, ComponentBlock]:
+        for name in value:
+            if not name.isidentifier():
+                raise ValueError(f"component '{name}': use letters, digits and underscores")
+        return value
+
+    @field_validator("connections")
+    @classmethod
+    def _arrows(cls, value: list[str]) -> list[str]:
+        for line in value:
+            try:
+                link(line)
+            except WiringError as error:
+                raise ValueError(f"{error.place}: {error.fix}") from error
+        return value
+
+    def system(self, base: Path) -> SystemSpec:
+        """Components and connections; files are relative to `base`."""
+        return SystemSpec({name: block.spec(base) for name, block in self.components.items()}, self.links())
+
+    def links(self) -> tuple[tuple[str, str], ...]:
+        """(source, target) of each connection."""
+        return tuple(map(link, self.connections))
+
+    def values(self) -> dict[str, Value]:
+        """component.variable -> value, of all components."""
+        return {
+            f"{name}.{variable}": value
+            for name, block in self.components.items()
+            for variable, value in block.parameters.items()
+        }
+
+
+def exact_seconds(value: Any) -> Any:
+    """A field's value as an exact time, for validators of schemas."""
+    if value is None:
+        return None
+    try:
+        return seconds(value)
+    except (WiringError, ScenarioError) as error:
+        raise ValueError(error.problem) from error

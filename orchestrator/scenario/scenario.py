@@ -1,0 +1,100 @@
+"""A scenario as plain values: a system, its stimuli, what is recorded, and what must hold, for one case or several."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from orchestrator.assembly.assembly import SystemSpec
+from orchestrator.assembly.stimulus import Stimulus
+from orchestrator.engine import Timing
+from orchestrator.fmi.interface import Value
+from orchestrator.scenario.can_block import CanBlock
+from orchestrator.scenario.expectations import Expectation, Refusal
+from orchestrator.trace import Trace
+
+
+@dataclass(frozen=True)
+class DataLogger:
+    """Samples a run at irregular instants, as hardware does.
+
+    Attributes:
+        signals: name in the recording -> component.variable.
+        every: mean time between samples [s].
+        jitter: standard deviation of that time, as a fraction of it; 0 samples evenly.
+        first: time from the start of the run to the first sample [s], `every` by default. Half of it reads what
+            sampled components hold in the middle of their period.
+    """
+
+    signals: Mapping[str, str]
+    every: float
+    jitter: float = 0.2
+    first: float | None = None
+    seed: int = 0
+
+    def sample(self, trace: Trace, number: int) -> Trace:
+        """What the logger holds of the run with this number: the last value before each of its instants."""
+        rng = np.random.default_rng([self.seed, number])
+        count = int(1.5 * trace.duration / self.every) + 1
+        gaps = self.every * np.maximum(1 + self.jitter * rng.standard_normal(count), 0.01)
+        later = self.every * np.arange(1, count + 1) if self.jitter == 0 else np.cumsum(gaps)
+        instants = trace.time[0] + later + (0.0 if self.first is None else self.first - later[0])
+        names = {source: name for name, source in self.signals.items()}
+        chosen = trace.select(names)
+        return chosen.resampled(instants[instants <= trace.time[-1]], hold=chosen.names).renamed(names)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A variant of a scenario.
+
+    Attributes:
+        values: component.variable -> value, all that are set.
+        expected: all that must hold.
+    """
+
+    name: str
+    values: Mapping[str, Value] = field(default_factory=dict)
+    expected: tuple[Expectation | Refusal, ...] = ()
+
+    @property
+    def looked_at(self) -> dict[str, None]:
+        """The signals that expectations look at."""
+        return {each.signal: None for each in self.expected if isinstance(each, Expectation)}
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A system and what is done with it.
+
+    Attributes:
+        path: the file it is from.
+        stimuli: component.input -> what drives it; without a bus, the safe value of a signal of the bus.
+        record: component.variable to be recorded, None for all outputs.
+        can: how it is coupled to a CAN bus.
+    """
+
+    path: Path
+    title: str
+    description: str
+    system: SystemSpec
+    timing: Timing
+    stimuli: Mapping[str, Stimulus]
+    record: tuple[str, ...] | None
+    logger: DataLogger | None
+    cases: tuple[Case, ...]
+    can: CanBlock | None = None
+
+    @property
+    def driven(self) -> tuple[str, ...]:
+        """The inputs that stimuli drive, in order of their names."""
+        return tuple(sorted(self.stimuli))
+
+    def recorded(self, outputs: tuple[str, ...]) -> list[str]:
+        """What is recorded of a system with these outputs: what the file says, and what is looked at in any case."""
+        logged = () if self.logger is None else self.logger.signals.values()
+        looked_at = [signal for case in self.cases for signal in case.looked_at]
+        return list(dict.fromkeys([*(outputs if self.record is None else self.record), *looked_at, *logged]))

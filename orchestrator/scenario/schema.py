@@ -1,0 +1,190 @@
+"""What a scenario file may say; read once and turned into a `Scenario`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import Field, model_validator
+
+from orchestrator.assembly.schema import RunBlock, SignalFileBlock, SystemBlock
+from orchestrator.assembly.stimulus import Stimulus
+from orchestrator.fmi.interface import Value
+from orchestrator.scenario.can_block import CanBlock
+from orchestrator.scenario.expectations import Above, Below, Expectation, Near, Refusal
+from orchestrator.scenario.scenario import Case, DataLogger, Scenario
+from orchestrator.yaml_file import Block, load, naming
+
+
+class StimulusBlock(Block):
+    """What drives an input: a constant, or a signal of a trace file."""
+
+    constant: float | None = None
+    file: Path | None = None
+    signal: str | None = None
+    interpolation: Literal["linear", "hold"] = "linear"
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> StimulusBlock:
+        if (self.constant is None) == (self.file is None) or (self.file is None) != (self.signal is None):
+            raise ValueError("give `constant`, or `file` and `signal`")
+        return self
+
+    def stimulus(self, base: Path) -> Stimulus:
+        """The stimulus; its file is relative to `base`."""
+        if self.constant is not None:
+            return Stimulus(self.constant)
+        assert self.file is not None and self.signal is not None
+        recording = SignalFileBlock(file=self.file, signal=self.signal)
+        return Stimulus(recording.trace(base), self.interpolation == "hold")
+
+
+class ExpectationBlock(Block):
+    """A condition on one recorded variable between two times, or on the failure of the run.
+
+    Exactly one of `near` (with `within`), `below`, `above`, `reference` (with `within`) and `refused` is given;
+    `within` is in the signal's unit.
+    """
+
+    signal: str | None = None
+    after: float | None = None
+    before: float | None = None
+    near: float | None = None
+    reference: SignalFileBlock | None = None
+    within: float | None = None
+    below: float | None = None
+    above: float | None = None
+    refused: str | None = None
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> ExpectationBlock:
+        kinds = [kind for kind in ("near", "reference", "below", "above", "refused") if getattr(self, kind) is not None]
+        if len(kinds) != 1:
+            raise ValueError("give one of near, reference, below, above, refused")
+        if (self.within is None) != (kinds[0] not in ("near", "reference")):
+            raise ValueError("`within` goes with `near` and `reference`")
+        if (self.signal is None) != (kinds[0] == "refused"):
+            raise ValueError("`signal` goes with everything but `refused`")
+        return self
+
+    def expectation(self, base: Path) -> Expectation | Refusal:
+        """What must hold; the reference's file is relative to `base`."""
+        if self.refused is not None:
+            return Refusal(self.refused)
+        assert self.signal is not None
+        return Expectation(self.signal, self._condition(base), self.after, self.before)
+
+    def _condition(self, base: Path) -> Below | Above | Near:
+        if self.below is not None:
+            return Below(self.below)
+        if self.above is not None:
+            return Above(self.above)
+        assert self.within is not None
+        if self.reference is not None:
+            name = f"{self.reference.signal} of {self.reference.file.name}"
+            return Near(self.reference.trace(base), self.within, name)
+        assert self.near is not None
+        return Near(self.near, self.within)
+
+
+class DataLoggerBlock(Block):
+    """A data logger that samples the run; see `DataLogger`."""
+
+    signals: dict[str, str] = Field(min_length=1)
+    every: float = Field(gt=0)
+    jitter: float = Field(DataLogger.jitter, ge=0, lt=1)
+    first: float | None = Field(DataLogger.first, ge=0)
+    seed: int = DataLogger.seed
+
+
+class CaseBlock(Block):
+    """A variant of the scenario: values that differ, and what must hold besides."""
+
+    name: str
+    set: dict[str, Value] = {}
+    expect: list[ExpectationBlock] = []
+
+
+class ScenarioBlock(SystemBlock):
+    """A scenario file.
+
+    Attributes:
+        own_noise: whether every case draws noise of its own: each `seed` that a component is given, and the case does
+            not set, grows by 1000 from case to case.
+        can: how it is coupled to a CAN bus; a plain run takes the safe values, as if nobody else were there.
+    """
+
+    title: str
+    description: str = ""
+    stimuli: dict[str, StimulusBlock] = {}
+    run: RunBlock
+    record: list[str] | None = None
+    recorder: DataLoggerBlock | None = None
+    own_noise: bool = False
+    can: CanBlock | None = None
+    cases: list[CaseBlock] = Field(default_factory=lambda: [CaseBlock(name="run")], min_length=1)
+    expect: list[ExpectationBlock] = []
+
+    @model_validator(mode="after")
+    def _distinct_cases(self) -> ScenarioBlock:
+        names = [case.name for case in self.cases]
+        if len(set(names)) != len(names):
+            raise ValueError("two cases have one name")
+        return self
+
+    @model_validator(mode="after")
+    def _one_source_each(self) -> ScenarioBlock:
+        twice = sorted(set(self.stimuli) & set(self.can.receive if self.can else ()))
+        if twice:
+            raise ValueError(f"{twice[0]} has two sources, a stimulus and a signal of the bus")
+        return self
+
+    def scenario(self, path: Path) -> Scenario:
+        """The scenario of the file at `path`, to which the paths in it are relative, with all that it reads.
+
+        Raises:
+            TraceError: a stimulus, a table or a reference cannot be read.
+        """
+        base = path.parent
+        safe = {name: Stimulus(block.safe) for name, block in (self.can.receive if self.can else {}).items()}
+        common = tuple(block.expectation(base) for block in self.expect)
+        return Scenario(
+            path,
+            self.title,
+            self.description,
+            self.system(base),
+            self.run.timing(),
+            {name: block.stimulus(base) for name, block in self.stimuli.items()} | safe,
+            None if self.record is None else tuple(self.record),
+            DataLogger(**dict(self.recorder)) if self.recorder else None,
+            tuple(
+                Case(
+                    case.name,
+                    self._values(number) | case.set,
+                    (*common, *(block.expectation(base) for block in case.expect)),
+                )
+                for number, case in enumerate(self.cases)
+            ),
+            self.can,
+        )
+
+    def _values(self, number: int) -> dict[str, Any]:
+        """component.variable -> value in the case with this number, before what the case sets."""
+        values = self.values()
+        if not self.own_noise:
+            return values
+        seeds = {name: seed for name, seed in values.items() if name.endswith(".seed") and isinstance(seed, int)}
+        return values | {name: seed + 1000 * number for name, seed in seeds.items()}
+
+
+def load_scenario(path: str | Path) -> Scenario:
+    """The scenario in a file, with the recordings that it names.
+
+    Raises:
+        ScenarioError: no such file, or it does not fit.
+        TraceError: a recording cannot be read.
+    """
+    file = Path(path)
+    block = load(file, ScenarioBlock)
+    with naming(file):
+        return block.scenario(file)
