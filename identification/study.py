@@ -14,7 +14,7 @@ from identification.estimation.parameters import Scale
 from identification.experiments.schema import ExperimentsBlock
 from identification.linear.poles import Poles
 from identification.recordings.source import Signals, TracesBlock
-from identification.subspace.range_space import Weighting
+from identification.subspace.weightings import Weighting
 from orchestrator.assembly.schema import SystemBlock, exact_seconds
 from orchestrator.yaml_file import Block, load
 

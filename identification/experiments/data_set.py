@@ -24,7 +24,7 @@ from identification.linear.preparation import Preparation, PreparedData, prepare
 from identification.linear.records import InputOutputData
 from identification.linear.set_point import Feedback, followed
 from identification.subspace.range_space import SubspaceSettings, range_space
-from identification.subspace.subspace import realise
+from identification.subspace.realisation import realise
 from orchestrator.trace import FloatArray, Trace
 
 NEAR = 0.15  # how far from a physical frequency its mode is looked for, relative

@@ -18,8 +18,10 @@ from identification.recordings.campaign import Recorded, load_campaign, split
 from identification.study import OrderBlock, ReductionBlock, SubspaceBlock
 from identification.subspace.orders import Best, Gap, OrderRule, Threshold
 from identification.subspace.prediction_error import Refined, Refinement, refine
-from identification.subspace.range_space import Weighting
-from identification.subspace.subspace import SubspaceResult, SubspaceSettings, simulated, subspace
+from identification.subspace.range_space import SubspaceSettings
+from identification.subspace.realisation import SubspaceResult, simulated
+from identification.subspace.subspace import subspace
+from identification.subspace.weightings import Weighting
 from orchestrator.trace import FloatArray
 
 Listener = Callable[[float, str], None]

@@ -39,7 +39,7 @@ class Refinement:
     Attributes:
         error: "output-error" for the best free run, when noise is independent of the input; "innovations" for data
             from a closed loop.
-        feedthrough: estimate D; False fixes it to 0.
+        feedthrough: estimate D, instead of fixing it to 0.
         poles: "stable" keeps all poles inside the unit circle, "integrating" also one on 1.
         initial_states: estimate each record's state at its start; False starts all at 0.
         weights: (p,) one over each output's unit of error; one over its rms when empty.
@@ -48,7 +48,7 @@ class Refinement:
     """
 
     error: Error = "output-error"
-    feedthrough: bool = True
+    feedthrough: bool = False
     poles: Poles = "free"
     initial_states: bool = True
     weights: tuple[float, ...] = ()
@@ -234,7 +234,7 @@ class _Quadratic:
 def _weights(settings: Refinement, records: Sequence[InputOutputData]) -> FloatArray:
     outputs = records[0].outputs
     if not settings.weights:
-        size = np.sqrt(sum(np.sum(each.y**2, axis=0) for each in records) / sum(map(len, records)))
+        size = np.sqrt(sum(np.sum(record.y**2, axis=0) for record in records) / sum(map(len, records)))
         return 1 / np.where(size > 0, size, 1.0)
     weights = np.array(settings.weights, dtype=float)
     if weights.shape != (len(outputs),) or not np.all((weights > 0) & np.isfinite(weights)):
@@ -255,7 +255,7 @@ def _posed(
     a, _ = constrained(model.a, settings.poles)
     c, d = model.c * weights[:, None], model.d * weights[:, None] * settings.feedthrough
     mask = np.full(d.shape, settings.feedthrough)
-    data = [(each.u, each.y * weights) for each in records]
+    data = [(record.u, record.y * weights) for record in records]
     if settings.error == "output-error":
         return (
             PredictionProblem(tuple(data), mask, 0, settings.poles, settings.initial_states),

@@ -1,7 +1,7 @@
-"""The observability range space, extracted from records: what every subspace method shares, and where they differ.
+"""The observability range space, extracted from records: what every subspace method shares.
 
-All methods take the singular vectors of a projection of future outputs. They differ in what is projected and with which
-weights, and all of it follows from one triangular factor of the data.
+All methods take the singular vectors of a projection of future outputs, which follows from one triangular factor of the
+data; `weightings` says what each projects.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ import numpy as np
 
 from fmus.errors import IdentificationError
 from identification.estimation.threads import single_threaded
-from identification.linear.hankel import Compression, Factor, HankelRows, factor
+from identification.linear.hankel import Compression, Factor, factor
 from identification.linear.poles import Poles
 from identification.linear.records import InputOutputData, Pieces, Records, without_gaps
+from identification.subspace.weightings import WEIGHTINGS, Blocks, Weighting, blocks, predicted
 from orchestrator.trace import FloatArray
 
-Weighting = Literal["orse", "n4sid", "moesp", "cva"]
 Instruments = Literal["inputs and outputs", "inputs"]
 _RANK = 1e-10
 
@@ -33,8 +33,8 @@ class SubspaceSettings:
         past: block rows of the past, or of the autoregression in closed loop; `block` when None. ORSE has none.
         instruments: what of the past is projected on; "inputs" alone stays consistent under any output noise.
         closed_loop: whiten with a long autoregression first. Without, feedback from noise to input biases A, B, C, D.
-        feedthrough: estimate D; False fixes it to 0. In closed loop only right when the controller answers a sample
-            later.
+        feedthrough: estimate D, instead of fixing it to 0. In closed loop only right when the controller answers a
+            sample later.
         initial_states: estimate each record's state at its start; False starts all at 0.
         poles: "stable" moves unstable poles inside, "integrating" also puts a real one on 1; B, D are fitted after.
         weights: (p,) one over each output's unit of error, in all least squares; equal ones when empty.
@@ -46,7 +46,7 @@ class SubspaceSettings:
     past: int | None = None
     instruments: Instruments = "inputs and outputs"
     closed_loop: bool = False
-    feedthrough: bool = True
+    feedthrough: bool = False
     initial_states: bool = True
     poles: Poles = "free"
     weights: tuple[float, ...] = ()
@@ -124,58 +124,32 @@ def range_space(records: Records, settings: SubspaceSettings) -> RangeSpace:
     first = pieces.records[0]
     _check_outputs(pieces)
     weights = _weights(settings, first)
-    signals = [np.hstack([each.u, each.y * weights]) for each in pieces.records]
-    rows = _Groups.of(settings, len(first.inputs), len(first.outputs))
+    signals = [np.hstack([record.u, record.y * weights]) for record in pieces.records]
+    rows = _blocks(settings, len(first.inputs), len(first.outputs))
     _check_length(pieces, depth, rows.count)
     compressed = factor(signals, rows.groups, settings.compression)
     excitation = _excitation(compressed, rows, first)
     basis, values = (
-        _closed_loop(compressed.lower, rows, settings)
+        predicted(compressed.lower, rows, settings.block, settings.weighting)
         if settings.closed_loop
-        else _projected(compressed.lower, rows, settings.weighting)
+        else WEIGHTINGS[settings.weighting](compressed.lower, rows)
     )
     return RangeSpace(
         basis, values, pieces, weights, settings, compressed.condition, compressed.compression, excitation
     )
 
 
-@dataclass(frozen=True)
-class _Groups:
-    """Which rows the factor has: all inputs first, then past outputs, then the outputs in question.
-
-    `given` rows of future inputs, `inputs` rows of all inputs, `known` rows of these and past outputs.
-    """
-
-    groups: tuple[HankelRows, ...]
-    given: int
-    inputs: int
-    known: int
-    outputs: int
-
-    @property
-    def count(self) -> int:
-        return self.known + self.outputs
-
-    @classmethod
-    def of(cls, settings: SubspaceSettings, m: int, p: int) -> _Groups:
-        u, y, past = tuple(range(m)), tuple(range(m, m + p)), settings.history
-        future = (1 if settings.feedthrough else 0) if settings.closed_loop else settings.block
-        asked = 1 if settings.closed_loop else settings.block
-        seen = past if settings.closed_loop or settings.instruments == "inputs and outputs" else 0
-        groups = (
-            HankelRows(u, past, future),
-            HankelRows(u, 0, past),
-            HankelRows(y, 0, seen),
-            HankelRows(y, past, asked),
-        )
-        given, inputs = m * future, m * (future + past)
-        kept = tuple(group for group in groups if group.lags)
-        return cls(kept, given, inputs, inputs + p * seen, p * asked)
+def _blocks(settings: SubspaceSettings, inputs: int, outputs: int) -> Blocks:
+    past, block = settings.history, settings.block
+    if settings.closed_loop:
+        return blocks(inputs, outputs, past, seen=past, given=int(settings.feedthrough), asked=1)
+    seen = past if settings.instruments == "inputs and outputs" else 0
+    return blocks(inputs, outputs, past, seen=seen, given=block, asked=block)
 
 
 def _check_outputs(pieces: Pieces) -> None:
     for i, name in enumerate(pieces.records[0].outputs):
-        if all(np.ptp(each.y[:, i]) == 0 for each in pieces.records):
+        if all(np.ptp(record.y[:, i]) == 0 for record in pieces.records):
             raise IdentificationError(f"{pieces.records[0].name}.{name}", "is constant", "leave this output out")
 
 
@@ -200,7 +174,7 @@ def _check_length(pieces: Pieces, depth: int, rows: int) -> None:
         )
 
 
-def _excitation(compressed: Factor, rows: _Groups, first: InputOutputData) -> float:
+def _excitation(compressed: Factor, rows: Blocks, first: InputOutputData) -> float:
     """Condition of the inputs' block Hankel matrix, each row scaled to length 1."""
     lead = compressed.lower[: rows.inputs, : rows.inputs]
     lengths = np.linalg.norm(lead, axis=1, keepdims=True)
@@ -213,59 +187,3 @@ def _excitation(compressed: Factor, rows: _Groups, first: InputOutputData) -> fl
             "use a smaller block, or an input with more frequencies",
         )
     return float(values[0] / values[-1])
-
-
-def _projected(lower: FloatArray, rows: _Groups, weighting: Weighting) -> tuple[FloatArray, FloatArray]:
-    """Basis and singular values from the factor of [future inputs; past; future outputs]."""
-    given, known = rows.given, rows.known
-    past, rest = lower[known:, given:known], lower[known:, given:]
-    if weighting == "orse":
-        return _left(rest)
-    if weighting == "moesp":
-        return _left(past)
-    if weighting == "n4sid":
-        return _left(past @ _inverse(lower[given:known, given:known]) @ lower[given:known, :known])
-    root, sizes = _left(rest)
-    seen = sizes > _RANK * sizes[0]
-    basis, values = _left(root[:, seen].T / sizes[seen, None] @ past)
-    return (root[:, seen] * sizes[seen]) @ basis, values
-
-
-def _closed_loop(lower: FloatArray, rows: _Groups, settings: SubspaceSettings) -> tuple[FloatArray, FloatArray]:
-    """Basis and singular values of what the past predicts, from the autoregression's coefficients.
-
-    The observability matrix found is the predictor's, of A - K C and C.
-    """
-    given, known, p = rows.given, rows.known, rows.outputs
-    history, block = settings.history, settings.block
-    coefficients = lower[known:, :known] @ _inverse(lower[:known, :known])
-    m = (rows.inputs - given) // history
-    by_lag = np.concatenate(
-        [
-            coefficients[:, given : rows.inputs].reshape(p, history, m),
-            coefficients[:, rows.inputs :].reshape(p, history, p),
-        ],
-        axis=2,
-    )
-    ahead = np.zeros((block, p, history, m + p))
-    for i in range(block):
-        ahead[i, :, i:] = by_lag[:, : history - i]
-    map_ = np.concatenate([ahead[..., :m].reshape(block * p, -1), ahead[..., m:].reshape(block * p, -1)], axis=1)
-    predicted = map_ @ lower[given:known, :known]
-    if settings.weighting != "cva":
-        return _left(predicted)
-    root, sizes = _left(lower[known:, known:])
-    sizes = np.maximum(sizes, _RANK * sizes[0])
-    whiten, colour = root.T / sizes[:, None], root * sizes
-    basis, values = _left(np.kron(np.eye(block), whiten) @ predicted)
-    return np.kron(np.eye(block), colour) @ basis, values
-
-
-def _left(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
-    left, values, _ = np.linalg.svd(matrix, full_matrices=False)
-    return np.asarray(left), np.asarray(values)
-
-
-def _inverse(matrix: FloatArray) -> FloatArray:
-    """The pseudo-inverse, directions at rounding level left out."""
-    return np.asarray(np.linalg.pinv(matrix, rcond=_RANK))

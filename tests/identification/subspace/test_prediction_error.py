@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,13 +19,24 @@ from identification.linear.records import InputOutputData
 from identification.subspace.prediction_error import Error, Refined, Refinement, refine, uncertainty
 from identification.subspace.range_space import SubspaceSettings
 from identification.subspace.subspace import subspace
+from identification.subspace.weightings import Weighting
 from tests.support.linear_systems import STEP, distance, random_system, record_of, system
 
 FREE = np.ones((2, 1), dtype=bool)
 
 
+def all_free(block: int, weighting: Weighting = "orse") -> SubspaceSettings:
+    """Settings under which D is estimated, too."""
+    return SubspaceSettings(block, weighting, feedthrough=True)
+
+
+def refinement(error: Error = "output-error", **others: Any) -> Refinement:
+    """One of D, too."""
+    return Refinement(error, feedthrough=True, **others)
+
+
 def start(records: list[InputOutputData], order: int, **changes: object) -> LinearModel:
-    return subspace(records, order, replace(SubspaceSettings(8, "moesp"), **changes)).model  # type: ignore[arg-type]
+    return subspace(records, order, replace(all_free(8, "moesp"), **changes)).model  # type: ignore[arg-type]
 
 
 @given(st.integers(0, 1000))
@@ -58,7 +70,7 @@ def test_balanced_states_are_as_large_as_what_they_do() -> None:
 def test_derivatives_are_those_of_the_error(error: Error, poles: Poles) -> None:
     true = system([1.0, 0.9 * np.exp(0.7j)], outputs=2)
     records = [record_of(true, 150, 1, noise=0.05), record_of(true, 70, 2, noise=0.05)]
-    found = refine(start(records, 3, poles=poles), records, Refinement(error, poles=poles, iterations=1))
+    found = refine(start(records, 3, poles=poles), records, refinement(error, poles=poles, iterations=1))
     problem, candidate = found.problem, found.candidate
     directions, step = problem.directions(candidate), 1e-6
     for record in range(2):
@@ -80,7 +92,7 @@ def test_derivatives_are_those_of_the_error(error: Error, poles: Poles) -> None:
 def test_the_minimum_is_that_of_a_general_purpose_optimiser() -> None:
     true = random_system(2, pairs=1, real=0)
     record = record_of(true, 300, noise=0.3)
-    found = refine(start([record], 2), record, Refinement(tolerance=1e-12))
+    found = refine(start([record], 2), record, refinement(tolerance=1e-12))
 
     def residuals(theta: np.ndarray) -> np.ndarray:
         (a, b, c, d, x) = np.split(theta, np.cumsum([4, 2, 4, 2]))
@@ -99,7 +111,7 @@ def test_the_error_never_grows_and_noise_free_data_give_the_system(seed: int) ->
     true = random_system(seed)
     records = [record_of(true, 300, seed), record_of(true, 200, seed + 1)]
     near = replace(true, a=true.a * 0.998, b=true.b * 1.05)
-    found = refine(near, records, Refinement(tolerance=1e-14))
+    found = refine(near, records, refinement(tolerance=1e-14))
     assert found.cost <= found.first_cost
     assert distance(found.model, true) < 1e-6
 
@@ -108,8 +120,8 @@ def test_refinement_beats_the_subspace_estimate_it_started_from_on_average() -> 
     true, gains = random_system(4), []
     for seed in range(8):
         record = record_of(true, 500, seed, noise=0.3)
-        model = subspace(record, 5, SubspaceSettings(8)).model
-        gains.append(distance(refine(model, record, Refinement()).model, true) / distance(model, true))
+        model = subspace(record, 5, all_free(8)).model
+        gains.append(distance(refine(model, record, refinement()).model, true) / distance(model, true))
     assert np.exp(np.mean(np.log(gains))) < 0.9
 
 
@@ -120,7 +132,7 @@ def test_weights_say_which_output_matters() -> None:
     sizes = np.sqrt(np.mean(record.y**2, axis=0))
     model, errors = start([record], 5), []
     for first in (10.0, 0.1):
-        found = refine(model, record, Refinement(weights=(first / sizes[0], 1 / sizes[1])))
+        found = refine(model, record, refinement(weights=(first / sizes[0], 1 / sizes[1])))
         errors.append(np.mean((record.y - found.model.simulate(record.u, found.initial_states[0])) ** 2, axis=0))
     assert errors[0][0] < errors[1][0]
     assert errors[0][1] > errors[1][1]
@@ -129,9 +141,9 @@ def test_weights_say_which_output_matters() -> None:
 def test_a_stable_model_stays_stable_and_an_integrator_stays_on_one() -> None:
     true = system([1.0, 0.995 * np.exp(0.7j)], outputs=2)
     record = record_of(true, 500, 3, noise=0.3)
-    stable = refine(start([record], 3, poles="stable"), record, Refinement(poles="stable"))
+    stable = refine(start([record], 3, poles="stable"), record, refinement(poles="stable"))
     assert np.abs(stable.model.eigenvalues).max() < 1
-    integrating = refine(start([record], 3, poles="integrating"), record, Refinement(poles="integrating"))
+    integrating = refine(start([record], 3, poles="integrating"), record, refinement(poles="integrating"))
     assert np.abs(integrating.model.eigenvalues - 1).min() < 1e-10
     assert integrating.converged
     assert len(integrating.directions) == 3 * 3 + 2 - 1
@@ -208,7 +220,7 @@ def test_deviations_of_a_pole_are_those_over_repeated_experiments(error: Error) 
     true, poles, deviations = system([0.9 * np.exp(0.6j)]), [], []
     for seed in range(40):
         record = record_of(true, 400, seed, noise=0.3)
-        found = refine(start([record], 2), record, Refinement(error))
+        found = refine(start([record], 2), record, refinement(error))
         pole, deviation = pole_deviation(found)
         poles.append(pole.real)
         deviations.append(deviation)
@@ -223,15 +235,15 @@ class TestBadInput:
     def test_a_start_that_overflows(self) -> None:
         runaway = system([30.0], outputs=2)
         with pytest.raises(IdentificationError, match="the free run of the start overflows"):
-            refine(runaway, self.RECORD, Refinement(initial_states=False))
+            refine(runaway, self.RECORD, refinement(initial_states=False))
         with pytest.raises(IdentificationError, match="overflows; give the gain of a predictor"):
-            refine(runaway, self.RECORD, Refinement("innovations"))
+            refine(runaway, self.RECORD, refinement("innovations"))
 
     def test_records_of_other_columns(self) -> None:
         other = replace(self.RECORD, inputs=("torque",))
         with pytest.raises(IdentificationError, match="torque"):
-            refine(random_system(3), other, Refinement())
+            refine(random_system(3), other, refinement())
 
     def test_weights_that_do_not_fit(self) -> None:
         with pytest.raises(IdentificationError, match="weights"):
-            refine(random_system(3), self.RECORD, Refinement(weights=(1.0,)))
+            refine(random_system(3), self.RECORD, refinement(weights=(1.0,)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import get_args
+from typing import Any, get_args
 
 import control
 import numpy as np
@@ -16,11 +16,18 @@ from identification.estimation.validation import delta
 from identification.linear.model import LinearModel
 from identification.linear.records import InputOutputData
 from identification.subspace.orders import Best, Gap, Threshold
-from identification.subspace.range_space import SubspaceSettings, Weighting, range_space
-from identification.subspace.subspace import realise, scan, simulated, subspace
+from identification.subspace.range_space import SubspaceSettings, range_space
+from identification.subspace.realisation import realise, simulated
+from identification.subspace.subspace import scan, subspace
+from identification.subspace.weightings import Weighting
 from tests.support.linear_systems import STEP, distance, random_system, record_of, sorted_poles, system
 
 WEIGHTINGS = get_args(Weighting)
+
+
+def all_free(block: int, weighting: Weighting = "orse", **others: Any) -> SubspaceSettings:
+    """Settings under which D is estimated, too."""
+    return SubspaceSettings(block, weighting, feedthrough=True, **others)
 
 
 def as_published(record: InputOutputData, block: int, order: int) -> LinearModel:
@@ -39,7 +46,7 @@ def as_published(record: InputOutputData, block: int, order: int) -> LinearModel
 
 def test_orse_is_the_published_algorithm() -> None:
     record = record_of(random_system(4, pairs=3), 900, noise=0.2, settled=True)
-    found = subspace(record, 7, SubspaceSettings(10, initial_states=False))
+    found = subspace(record, 7, all_free(10, initial_states=False))
     assert distance(found.model, as_published(record, 10, 7)) < 1e-8
 
 
@@ -47,7 +54,7 @@ def test_published_singular_values_are_the_squares() -> None:
     record = record_of(random_system(4), 300, noise=0.2)
     y, u = (np.array([np.ravel(z[k : k + 6]) for k in range(len(z) - 5)]).T for z in (record.y, record.u))
     published = np.linalg.svd(y @ y.T - y @ u.T @ np.linalg.pinv(u @ u.T) @ u @ y.T, compute_uv=False)
-    assert subspace(record, 3, SubspaceSettings(6)).singular_values ** 2 == pytest.approx(published, rel=1e-9)
+    assert subspace(record, 3, all_free(6)).singular_values ** 2 == pytest.approx(published, rel=1e-9)
 
 
 @pytest.mark.parametrize("closed_loop", [False, True])
@@ -58,7 +65,7 @@ def test_noise_free_data_give_the_system_exactly(
 ) -> None:
     true = random_system(8, pairs=2, real=1, inputs=inputs, outputs=outputs)
     records = [record_of(true, 500, 1), record_of(true, 300, 2)]
-    found = subspace(records, 5, SubspaceSettings(9, weighting, closed_loop=closed_loop))
+    found = subspace(records, 5, all_free(9, weighting, closed_loop=closed_loop))
     assert sorted_poles(found.model) == pytest.approx(sorted_poles(true), abs=1e-8)
     assert distance(found.model, true) < 1e-8
     assert np.max(found.delta) < 1e-8
@@ -71,7 +78,7 @@ def test_any_stable_system_is_recovered_and_a_record_may_be_split(seed: int, wei
     true = random_system(seed)
     whole = record_of(true, 600, seed)
     for records in ([whole], [whole.rows(0, 250), whole.rows(250, 600)]):
-        found = subspace(records, true.order, SubspaceSettings(8, weighting))
+        found = subspace(records, true.order, all_free(8, weighting))
         assert distance(found.model, true) < 1e-7
         assert np.max(found.delta) < 1e-7
 
@@ -80,22 +87,21 @@ def test_any_stable_system_is_recovered_and_a_record_may_be_split(seed: int, wei
 @settings(max_examples=15, deadline=None)
 def test_units_of_the_signals_do_not_change_what_is_found(seed: int) -> None:
     record = record_of(random_system(seed, outputs=1), 600, seed, noise=0.05)
-    plain = subspace(record, 5, SubspaceSettings(8)).model
-    scaled = subspace(replace(record, u=record.u * 1e3, y=record.y * 1e-4), 5, SubspaceSettings(8)).model
+    plain = subspace(record, 5, all_free(8)).model
+    scaled = subspace(replace(record, u=record.u * 1e3, y=record.y * 1e-4), 5, all_free(8)).model
     assert distance(replace(scaled, b=scaled.b * 1e7, d=scaled.d * 1e7), plain) < 1e-6
 
 
 def test_weights_stand_for_units_of_the_outputs() -> None:
     record = record_of(random_system(5, outputs=3), 800, noise=0.2)
     factors = np.array([100.0, 1.0, 0.01])
-    weighted = subspace(record, 5, SubspaceSettings(8, weights=tuple(factors)))
-    rescaled = subspace(replace(record, y=record.y * factors), 5, SubspaceSettings(8)).model
+    weighted = subspace(record, 5, all_free(8, weights=tuple(factors)))
+    rescaled = subspace(replace(record, y=record.y * factors), 5, all_free(8)).model
     back = replace(rescaled, c=rescaled.c / factors[:, None], d=rescaled.d / factors[:, None])
     assert distance(weighted.model, back) < 1e-8
     assert (
         np.abs(
-            subspace(record, 5, SubspaceSettings(8)).model.frequency_response(np.ones(1))
-            - back.frequency_response(np.ones(1))
+            subspace(record, 5, all_free(8)).model.frequency_response(np.ones(1)) - back.frequency_response(np.ones(1))
         ).max()
         > 1e-4
     )
@@ -104,14 +110,14 @@ def test_weights_stand_for_units_of_the_outputs() -> None:
 def test_compression_does_not_change_what_is_found() -> None:
     record = record_of(random_system(6), 3000, noise=0.1)
     for weighting in WEIGHTINGS:
-        one, other = (subspace(record, 5, SubspaceSettings(10, weighting, compression=each)) for each in ("gram", "qr"))
+        one, other = (subspace(record, 5, all_free(10, weighting, compression=each)) for each in ("gram", "qr"))
         assert (one.compression, other.compression) == ("gram", "qr")
         assert distance(one.model, other.model) < 1e-8
 
 
 def test_a_hundred_thousand_samples_are_as_good_as_the_written_out_matrices() -> None:
     record = record_of(random_system(2, pairs=2, real=0, outputs=1), 100_000, noise=0.1, settled=True)
-    found = subspace(record, 4, SubspaceSettings(5, initial_states=False))
+    found = subspace(record, 4, all_free(5, initial_states=False))
     assert distance(found.model, as_published(record, 5, 4)) < 1e-8
 
 
@@ -119,7 +125,7 @@ def test_a_hundred_thousand_samples_are_as_good_as_the_written_out_matrices() ->
 def test_predictions_of_unseen_data_are_as_good_as_the_true_system_s_to_two_per_cent(weighting: Weighting) -> None:
     true = random_system(9, outputs=4)
     seen, unseen = record_of(true, 4000, 1, noise=0.1), record_of(true, 2000, 2, settled=True)
-    model = subspace(seen, 5, SubspaceSettings(12, weighting)).model
+    model = subspace(seen, 5, all_free(12, weighting)).model
     theirs = control.forced_response(model.control(), inputs=unseen.u.T).outputs.T
     assert np.all(delta(unseen.y, theirs) < 0.02)
 
@@ -128,8 +134,8 @@ def test_past_inputs_alone_are_instruments_against_noise_that_resonates_itself()
     true = system([0.9 * np.exp(0.5j)])
     record, noise = record_of(true, 40_000), record_of(system([0.97 * np.exp(0.8j)], seed=1), 40_000, 5).y
     noisy = replace(record, y=record.y + noise / noise.std() * record.y.std())
-    published = subspace(noisy, 2, SubspaceSettings(8)).model
-    instrumental = subspace(noisy, 2, SubspaceSettings(8, "moesp", past=20, instruments="inputs")).model
+    published = subspace(noisy, 2, all_free(8)).model
+    instrumental = subspace(noisy, 2, all_free(8, "moesp", past=20, instruments="inputs")).model
     pole = 0.9 * np.exp(0.5j)
     assert np.abs(instrumental.eigenvalues - pole).min() < 0.005
     assert np.abs(published.eigenvalues - pole).min() > 0.1
@@ -149,15 +155,15 @@ def test_no_feedthrough_is_none() -> None:
 def test_initial_states_are_those_of_the_records() -> None:
     true = random_system(7)
     records = [record_of(true, 400, 1), record_of(true, 300, 2)]
-    found = subspace(records, 5, SubspaceSettings(8))
+    found = subspace(records, 5, all_free(8))
     for record, start in zip(records, found.initial_states, strict=True):
         assert found.model.simulate(record.u[:40], start) == pytest.approx(record.y[:40], abs=1e-7)
-    assert not subspace(records, 5, SubspaceSettings(8, initial_states=False)).initial_states.any()
+    assert not subspace(records, 5, all_free(8, initial_states=False)).initial_states.any()
 
 
 def test_the_errors_are_those_of_the_free_run() -> None:
     record = record_of(random_system(7), 400, noise=0.3)
-    found = subspace(record, 5, SubspaceSettings(8))
+    found = subspace(record, 5, all_free(8))
     run = found.model.simulate(record.u, found.initial_states[0])
     assert found.delta[0] == pytest.approx(delta(record.y, run))
     assert found.rms[0] == pytest.approx(np.sqrt(np.mean((record.y - run) ** 2, axis=0)))
@@ -169,7 +175,7 @@ def test_gaps_split_a_record_and_are_counted() -> None:
     y = record.y.copy()
     y[300, 0] = y[305, 1] = np.nan
     record = replace(record, y=y)
-    found = subspace(record, 5, SubspaceSettings(8))
+    found = subspace(record, 5, all_free(8))
     assert distance(found.model, true) < 1e-8
     assert [len(piece) for piece in found.records] == [300, 594]
     assert (found.dropped, found.lost) == (1, 4)
@@ -178,7 +184,7 @@ def test_gaps_split_a_record_and_are_counted() -> None:
 def test_an_order_is_read_from_noise_free_singular_values_by_threshold_and_gap() -> None:
     record = record_of(random_system(1), 500)
     for rule in (Threshold(1e-6), Gap(1, 12)):
-        found = subspace(record, rule, SubspaceSettings(8))
+        found = subspace(record, rule, all_free(8))
         assert found.order == 5
         assert "5" in found.why
 
@@ -187,16 +193,16 @@ def test_the_best_order_is_the_smallest_that_predicts_about_as_well_as_any() -> 
     true = random_system(1)
     record, other = record_of(true, 3000, 1, noise=0.05), record_of(true, 1000, 2, noise=0.05)
     for rule in (Best(range(2, 9)), Best(range(2, 9), validation=[other])):
-        found = subspace(record, rule, SubspaceSettings(8, "cva"))
+        found = subspace(record, rule, all_free(8, "cva"))
         assert found.order == 5
         assert "order 5" in found.why
 
 
 def test_a_scan_is_the_single_estimates() -> None:
     record = record_of(random_system(1), 800, noise=0.1)
-    for found, order in zip(scan(record, range(2, 7), SubspaceSettings(8)), range(2, 7), strict=True):
+    for found, order in zip(scan(record, range(2, 7), all_free(8)), range(2, 7), strict=True):
         assert found.order == order
-        assert distance(found.model, subspace(record, order, SubspaceSettings(8)).model) < 1e-10
+        assert distance(found.model, subspace(record, order, all_free(8)).model) < 1e-10
 
 
 def test_free_runs_start_from_the_state_that_fits_them_best() -> None:
@@ -219,7 +225,7 @@ class TestUnstable:
             u[k] -= self._feedback(x)
             rows.append(self.TRUE.c @ x + self.TRUE.d @ u[k])
             x = self.TRUE.a @ x + self.TRUE.b @ u[k]
-        found = subspace(InputOutputData(u, np.array(rows), STEP), 3, SubspaceSettings(8))
+        found = subspace(InputOutputData(u, np.array(rows), STEP), 3, all_free(8))
         assert sorted_poles(found.model) == pytest.approx(sorted_poles(self.TRUE), abs=1e-8)
         assert distance(found.model, self.TRUE) < 1e-6
 
@@ -231,7 +237,7 @@ class TestUnstable:
 
     def test_stable_poles_are_kept_and_the_unstable_one_is_reflected(self) -> None:
         record = record_of(self.TRUE, 300)
-        found = subspace(record, 3, SubspaceSettings(8, poles="stable"))
+        found = subspace(record, 3, all_free(8, poles="stable"))
         assert [move.before for move in found.moves] == pytest.approx([1.03])
         assert [move.after for move in found.moves] == pytest.approx([1 / 1.03])
         assert np.abs(found.model.eigenvalues).max() < 1
@@ -242,9 +248,7 @@ class TestUnstable:
         u = np.random.default_rng(0).standard_normal((3000, 1))
         y = np.concatenate([runaway.simulate(u[:50]), np.random.default_rng(1).standard_normal((2950, 1))])
         with pytest.raises(IdentificationError, match="overflows within a record; estimate initial states"):
-            realise(
-                _with_pole(range_space(InputOutputData(u, y, STEP), SubspaceSettings(4, initial_states=False)), 3.0), 1
-            )
+            realise(_with_pole(range_space(InputOutputData(u, y, STEP), all_free(4, initial_states=False)), 3.0), 1)
 
 
 def _with_pole(space, pole):  # type: ignore[no-untyped-def]
@@ -254,7 +258,7 @@ def _with_pole(space, pole):  # type: ignore[no-untyped-def]
 
 def test_an_integrating_model_has_a_pole_on_one() -> None:
     true = system([1.0, 0.9 * np.exp(0.8j)], outputs=2)
-    found = subspace(record_of(true, 2000, noise=0.02), 3, SubspaceSettings(8, "cva", poles="integrating"))
+    found = subspace(record_of(true, 2000, noise=0.02), 3, all_free(8, "cva", poles="integrating"))
     nearest = found.model.eigenvalues[np.argmin(np.abs(found.model.eigenvalues - 1))]
     assert nearest == pytest.approx(1, abs=1e-12)
     assert len(found.moves) == 1
@@ -264,7 +268,7 @@ def test_an_integrating_model_has_a_pole_on_one() -> None:
 def test_an_integrating_model_without_a_real_pole_is_refused() -> None:
     true = system([0.9 * np.exp(0.8j)])
     with pytest.raises(IdentificationError, match="has no real pole to put on 1; choose another order"):
-        subspace(record_of(true, 500), 2, SubspaceSettings(6, poles="integrating"))
+        subspace(record_of(true, 500), 2, all_free(6, poles="integrating"))
 
 
 class TestClosedLoop:
@@ -341,7 +345,7 @@ class TestClosedLoop:
 
     def test_a_past_shorter_than_the_block_is_refused(self) -> None:
         with pytest.raises(IdentificationError, match="past 5 is below block 15"):
-            SubspaceSettings(15, past=5, closed_loop=True)
+            all_free(15, past=5, closed_loop=True)
 
 
 class TestBadInput:
@@ -353,52 +357,52 @@ class TestBadInput:
         with pytest.raises(
             IdentificationError, match="record 0: the longest piece without a gap has 30 samples, 40 ar"
         ):
-            subspace(self.RECORD.rows(0, 30), 3, SubspaceSettings(40))
+            subspace(self.RECORD.rows(0, 30), 3, all_free(40))
 
     def test_fewer_columns_than_rows(self) -> None:
         with pytest.raises(IdentificationError, match="60 samples give 41 columns for the 60 rows"):
-            subspace(self.RECORD.rows(0, 60), 3, SubspaceSettings(20))
+            subspace(self.RECORD.rows(0, 60), 3, all_free(20))
 
     @pytest.mark.parametrize(("u", "rank"), [(np.ones(400), 1), (np.zeros(400), 0), (np.sin(0.3 * np.arange(400)), 2)])
     @pytest.mark.parametrize("weighting", ["orse", "moesp"])
     def test_an_input_that_does_not_excite_with_its_rank(self, u: np.ndarray, rank: int, weighting: Weighting) -> None:
         needed = 8 if weighting == "orse" else 16
         with pytest.raises(IdentificationError, match=f"record 0.u1: .* has rank {rank}, {needed} is needed"):
-            subspace(replace(self.RECORD, u=u), 3, SubspaceSettings(8, weighting))
+            subspace(replace(self.RECORD, u=u), 3, all_free(8, weighting))
 
     def test_an_output_that_never_changes(self) -> None:
         record = replace(self.RECORD, y=np.column_stack([self.RECORD.y[:, 0], np.full(400, 2.0)]))
         with pytest.raises(IdentificationError, match=r"record 0.y2: is constant"):
-            subspace(record, 3, SubspaceSettings(8))
+            subspace(record, 3, all_free(8))
 
     def test_unequal_sampling(self) -> None:
         with pytest.raises(IdentificationError, match="resample them to one step"):
-            subspace([self.RECORD, replace(self.RECORD, step=0.02, name="slow")], 3, SubspaceSettings(8))
+            subspace([self.RECORD, replace(self.RECORD, step=0.02, name="slow")], 3, all_free(8))
 
     def test_an_order_that_the_block_cannot_determine(self) -> None:
         with pytest.raises(IdentificationError, match="15 is more than the 14 states that this block size determines"):
-            subspace(self.RECORD, 15, SubspaceSettings(8))
+            subspace(self.RECORD, 15, all_free(8))
 
     def test_an_order_that_the_data_do_not_bear(self) -> None:
         with pytest.raises(IdentificationError, match="the data bear no more than 5 states, not 6"):
-            subspace(record_of(random_system(3), 400), 6, SubspaceSettings(8))
+            subspace(record_of(random_system(3), 400), 6, all_free(8))
 
     @pytest.mark.parametrize("order", [0, -2])
     def test_an_order_that_is_not_positive(self, order: int) -> None:
         with pytest.raises(IdentificationError, match="not positive"):
-            subspace(self.RECORD, order, SubspaceSettings(8))
+            subspace(self.RECORD, order, all_free(8))
 
     @pytest.mark.parametrize("rule", [Best(()), Best((40, 50)), Gap(30, 40)])
     def test_a_range_of_orders_without_one_that_can_be_had(self, rule: Best | Gap) -> None:
         with pytest.raises(IdentificationError, match="order"):
-            subspace(self.RECORD, rule, SubspaceSettings(8))
+            subspace(self.RECORD, rule, all_free(8))
 
     @pytest.mark.parametrize("weights", [(1.0,), (1.0, 0.0), (1.0, np.nan)])
     def test_weights_that_do_not_fit(self, weights: tuple[float, ...]) -> None:
         with pytest.raises(IdentificationError, match="for 2 outputs; give each output a positive one"):
-            subspace(self.RECORD, 3, SubspaceSettings(8, weights=weights))
+            subspace(self.RECORD, 3, all_free(8, weights=weights))
 
     @pytest.mark.parametrize("change", [{"block": 1}, {"block": 8, "weighting": "moesp", "past": 0}])
     def test_block_sizes_that_make_no_sense(self, change: dict[str, int]) -> None:
         with pytest.raises(IdentificationError, match="use at least"):
-            SubspaceSettings(**change)  # type: ignore[arg-type]
+            all_free(**change)  # type: ignore[arg-type]
