@@ -1,421 +1,77 @@
-"""Study files: which traces, which system, what is free. One schema a method, told apart by `method`."""
+"""Studies: the table of methods, and a study file read by the schema of its method."""
 
 from __future__ import annotations
 
-from fractions import Fraction
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Any, Literal
-
-from pydantic import Field, field_validator, model_validator
+from typing import Any
 
 from fmus.errors import ScenarioError
-from identification.estimation.arrow_least_squares import LossKind
-from identification.estimation.parameters import Scale
-from identification.experiments.schema import ExperimentsBlock
-from identification.linear.poles import Poles
-from identification.recordings.source import Signals, TracesBlock
-from identification.subspace.weightings import Weighting
-from orchestrator.assembly.schema import SystemBlock, exact_seconds
-from orchestrator.yaml_file import Block, load
-
-Delay = float | str  # [s], or the name of a parameter
-
-
-class SignalBlock(Block):
-    """A signal of the traces, and how much later than the system it is (an output) or reaches it (an input).
-
-    Attributes:
-        factor: from the signal's unit to the variable's.
-        delay: [s] or the name of a parameter of the study; a command with a delay counts by its mean over each
-            communication step, one without by its value at the beginning.
-    """
-
-    signal: str
-    factor: float = 1.0
-    delay: Delay | None = None
-
-    @field_validator("delay", mode="before")
-    @classmethod
-    def _exact(cls, value: Any) -> Any:
-        number = isinstance(value, str) and value[:1] in "+-.0123456789"
-        return float(exact_seconds(value)) if number else value
-
-
-class InitialBlock(Block):
-    """A start value read off a signal around the beginning of each window.
-
-    A polynomial of `degree` is fitted to the samples within `half_width` [s]; its value or derivative there counts,
-    times `factor`, which makes a start value of a reading in a converter's units.
-    """
-
-    signal: str
-    factor: float = 1.0
-    derivative: int = Field(0, ge=0, le=2)
-    half_width: float = Field(0.018, gt=0)
-    degree: int = Field(2, ge=0, le=6)
-    estimated: bool = False
-
-    @model_validator(mode="after")
-    def _differentiable(self) -> InitialBlock:
-        if self.derivative > self.degree:
-            raise ValueError(f"a polynomial of degree {self.degree} has no derivative {self.derivative} but 0")
-        return self
-
-
-class WindowsBlock(Block):
-    """Free runs of `length` [s], `every` so often [s] (back to back by default), after `skip` [s], at most `most`."""
-
-    length: Fraction
-    every: Fraction | None = None
-    skip: Fraction = Fraction(0)
-    most: int | None = Field(None, ge=1)
-
-    @field_validator("length", "every", "skip", mode="before")
-    @classmethod
-    def _exact(cls, value: Any) -> Any:
-        return exact_seconds(value)
-
-    @model_validator(mode="after")
-    def _positive(self) -> WindowsBlock:
-        if self.length <= 0 or (self.every is not None and self.every <= 0) or self.skip < 0:
-            raise ValueError("`length` and `every` must be positive, `skip` not negative")
-        return self
-
-
-class ValidationBlock(WindowsBlock):
-    """Windows of the traces kept out of the fit, and the median FIT they have to reach."""
-
-    at_least: float | None = None
-
-
-class ParameterBlock(Block):
-    """A parameter to estimate (start, bounds, scale), or one tied to another by a factor."""
-
-    start: float | None = None
-    min: float | None = None
-    max: float | None = None
-    scale: Scale = "linear"
-    fixed: bool = False
-    tied: str | None = None
-    factor: float = 1.0
-
-    @model_validator(mode="after")
-    def _free_or_tied(self) -> ParameterBlock:
-        if self.tied is not None and (self.start, self.min, self.max) != (None, None, None):
-            raise ValueError("a tied parameter has no start and no bounds")
-        return self
-
-    @property
-    def spans(self) -> bool:
-        """Whether it is told where it may lie."""
-        known = self.start is not None and (self.fixed or (self.min is not None and self.max is not None))
-        return known or self.tied is not None
-
-
-class LossBlock(Block):
-    """How much a sample counts that lies far off; `scale` is in standard deviations of the weighted output."""
-
-    kind: LossKind = "linear"
-    scale: float = Field(1.0, gt=0)
-
-
-class OptionsBlock(Block):
-    """How the estimation searches; see `output_error.Options`."""
-
-    starts: int = Field(1, ge=1)
-    seed: int = 0
-    max_evaluations: int = Field(60, ge=1)
-    cost_tolerance: float = Field(1e-5, gt=0)
-    step_tolerance: float = Field(1e-5, gt=0)
-    difference_step: float = Field(1e-4, gt=0)
-
-
-class OutputErrorBlock(SystemBlock):
-    """A study that fits parameters of a system to traces by the error of free runs.
-
-    Attributes:
-        step: communication step of the free runs [s].
-        weight: whether outputs are scaled by their spread in each window, over all windows, or not at all.
-        compare: name -> parameters that are judged beside the estimate on the same windows.
-        truth: values behind synthetic traces, shown beside the estimates.
-    """
-
-    title: str
-    description: str = ""
-    method: Literal["output-error"]
-    step: Fraction
-    traces: TracesBlock
-    inputs: dict[str, SignalBlock] = {}
-    outputs: dict[str, SignalBlock] = Field(min_length=1)
-    initial: dict[str, InitialBlock] = {}
-    windows: WindowsBlock
-    validation: ValidationBlock | None = None
-    parameters: dict[str, ParameterBlock] = Field(min_length=1)
-    weight: Literal["window", "output", "none"] = "output"
-    loss: LossBlock = LossBlock()
-    options: OptionsBlock = OptionsBlock()
-    compare: dict[str, dict[str, float]] = {}
-    truth: dict[str, float] = {}
-
-    @field_validator("step", mode="before")
-    @classmethod
-    def _exact(cls, value: Any) -> Any:
-        return exact_seconds(value)
-
-    @model_validator(mode="after")
-    def _consistent(self) -> OutputErrorBlock:
-        if self.step <= 0:
-            raise ValueError("`step` must be positive")
-        for name in self.traces.values:
-            if name in self.parameters or name in self.initial:
-                raise ValueError(f"{name} is given by `traces.values` and by another key; remove one")
-        return self
-
-    @model_validator(mode="after")
-    def _known_delays(self) -> OutputErrorBlock:
-        for name, signal in {**self.inputs, **self.outputs}.items():
-            if isinstance(signal.delay, str) and signal.delay not in self.delays:
-                raise ValueError(
-                    f"{name}: delay '{signal.delay}' is no parameter of the study; declare it, without a dot"
-                )
-        for name in self.delays:
-            block = self.parameters[name]
-            if not block.spans:
-                raise ValueError(f"{name}: a delay needs `start`, `min` and `max`, or `start` and `fixed: true`")
-            if block.tied is not None and (block.tied not in self.delays or self.parameters[block.tied].tied):
-                raise ValueError(f"{name}: a delay can only be tied to another delay, itself not tied")
-        return self
-
-    @model_validator(mode="after")
-    def _one_delay_a_signal(self) -> OutputErrorBlock:
-        read: dict[str, Delay | None] = {}
-        for block in self.outputs.values():
-            if read.setdefault(block.signal, block.delay) != block.delay:
-                raise ValueError(f"signal {block.signal} has two delays")
-        return self
-
-    @model_validator(mode="after")
-    def _compared_within_bounds(self) -> OutputErrorBlock:
-        for name, values in self.compare.items():
-            for delay in set(values) & set(self.delays):
-                block, value = self.parameters[delay], values[delay]
-                if (block.min is not None and value < block.min) or (block.max is not None and value > block.max):
-                    raise ValueError(f"compare.{name}: {delay} is not within its bounds")
-        return self
-
-    @property
-    def signals(self) -> Signals:
-        """What it uses of the traces."""
-        measured = {block.signal for blocks in (self.outputs, self.initial) for block in blocks.values()}
-        return Signals(frozenset(block.signal for block in self.inputs.values()), frozenset(measured))
-
-    @property
-    def delays(self) -> list[str]:
-        """The parameters that are delays and not of a component: named by a signal, or what such a one is tied to."""
-        named = {block.delay for block in (*self.inputs.values(), *self.outputs.values())}
-        tied = {block.tied for name, block in self.parameters.items() if name in named}
-        return [name for name in self.parameters if "." not in name and name in named | tied]
-
-
-class SineBlock(Block):
-    """What each trace of a sine campaign was made with: constants, or fields of the file's name.
-
-    Attributes:
-        signal: the measured angle.
-        added_length: [m].
-    """
-
-    signal: str
-    added_mass: str | float
-    added_length: str | float
-    amplitude: str | float
-    frequency: str | float
-    frequency_in: Literal["rad/s", "Hz"] = "rad/s"
-
-
-class BoundsBlock(Block):
-    """Start (the middle by default) and bounds of p1, p2 and p3, in this order, for the regression of Eq. 102."""
-
-    start: tuple[float, float, float] | None = None
-    lower: tuple[float, float, float]
-    upper: tuple[float, float, float]
-
-
-class ResonanceBlock(SystemBlock):
-    """A study of sine recordings by Steps 1-4 of the pendulum thesis.
-
-    Attributes:
-        script: which script's treatment of the recordings the published method repeats.
-        write: p1, p2, p3 and p4 -> the FMU's parameter that takes it.
-        take: whose estimates are written back.
-    """
-
-    title: str
-    description: str = ""
-    method: Literal["resonance"]
-    traces: TracesBlock
-    campaign: SineBlock
-    script: Literal["synthetic", "recordings"]
-    bounds: BoundsBlock
-    write: dict[Literal["p1", "p2", "p3", "p4"], str]
-    take: Literal["published", "corrected"] = "corrected"
-    truth: dict[str, float] = {}
-
-    @property
-    def signals(self) -> Signals:
-        """What it uses of the traces."""
-        return Signals(measured=frozenset({self.campaign.signal}))
-
-    @model_validator(mode="after")
-    def _nothing_unused(self) -> ResonanceBlock:
-        if self.traces.hold_out or self.traces.values:
-            raise ValueError("`traces.hold_out` and `traces.values` mean nothing here; remove them")
-        return self
-
-
-class PreparationBlock(Block):
-    """What is done to records before a linear model is fitted; see `preparation.Preparation`.
-
-    Attributes:
-        zero_mean: signals that are centred; the other outputs start at zero.
-        compensation: magnitude of a friction compensation that is taken off the input.
-    """
-
-    zero_mean: list[str] = []
-    cutoff: float | None = Field(None, gt=0)
-    causal: bool = False
-    filter_input: bool = True
-    scaled: bool = True
-    compensation: float = Field(0.0, ge=0)
-
-
-class OrderBlock(Block):
-    """How many states: by a threshold on the singular values, by their largest gap, or the best of a range."""
-
-    threshold: float | None = Field(None, gt=0, lt=1)
-    gap: tuple[int, int] | None = None
-    best: tuple[int, int] | None = None
-
-    @model_validator(mode="after")
-    def _one_rule(self) -> OrderBlock:
-        if sum(rule is not None for rule in (self.threshold, self.gap, self.best)) != 1:
-            raise ValueError("give one of `threshold`, `gap` and `best`")
-        for name, limits in (("gap", self.gap), ("best", self.best)):
-            if limits is not None and not 1 <= limits[0] <= limits[1]:
-                raise ValueError(f"`{name}` is [least, most], from 1 up")
-        return self
-
-
-class ReductionBlock(Block):
-    """Which modes a model keeps, and what is computed anew afterwards.
-
-    Attributes:
-        order: states that are kept.
-        flexible: known frequencies [Hz] for `by: mrmc`.
-    """
-
-    order: int = Field(ge=1)
-    by: Literal["mrm", "msv", "mrmc"] = "mrm"
-    flexible: list[float] = []
-    update: Literal["input", "output", "none"] = "output"
-
-    @model_validator(mode="after")
-    def _known(self) -> ReductionBlock:
-        if (self.by == "mrmc") != bool(self.flexible):
-            raise ValueError("`flexible` frequencies belong to `by: mrmc`")
-        return self
-
-
-class SubspaceBlock(Block):
-    """A study that identifies a linear model of any order from records, without a system to start from.
-
-    Attributes:
-        inputs, outputs: signals of the traces.
-        sample: even distance of samples that the traces are brought to [s], inputs held and outputs interpolated; None
-            takes them as they are.
-        block: block rows of the data matrices (q of the flexible-manipulator thesis).
-        weightings: methods that are compared; the first is the one that is refined and reduced.
-        refine: whether the free-run error is minimised from there.
-        take: which model is written: a weighting, "refined" or "reduced"; by default the last of these that there is.
-        start: seconds at the beginning of a trace kept aside that its initial state is estimated from.
-        name: of the FMU.
-    """
-
-    title: str
-    description: str = ""
-    method: Literal["subspace"]
-    traces: TracesBlock
-    inputs: list[str] = Field(min_length=1)
-    outputs: list[str] = Field(min_length=1)
-    sample: float | None = Field(None, gt=0)
-    preparation: PreparationBlock = PreparationBlock()
-    block: int = Field(ge=2)
-    past: int | None = Field(None, ge=1)
-    weightings: list[Weighting] = Field(["orse"], min_length=1)
-    order: int | OrderBlock
-    feedthrough: bool = False
-    closed_loop: bool = False
-    poles: Poles = "free"
-    initial_states: bool = True
-    refine: bool = False
-    reduce: ReductionBlock | None = None
-    take: str | None = None
-    start: float = Field(0.0, ge=0)
-    at_least: float | None = None
-    name: str = "plant"
-
-    @model_validator(mode="after")
-    def _consistent(self) -> SubspaceBlock:
-        if self.take is not None and self.take not in self.models:
-            raise ValueError(f"`take` is one of {', '.join(self.models)}")
-        stray = [name for name in self.preparation.zero_mean if name not in self.outputs]
-        if stray:
-            raise ValueError(f"`preparation.zero_mean`: {stray[0]} is no output")
-        if self.traces.values:
-            raise ValueError("`traces.values` mean nothing here; remove them")
-        if not self.name.isidentifier():
-            raise ValueError("`name`: use letters, digits and underscores")
-        return self
-
-    @property
-    def signals(self) -> Signals:
-        """What it uses of the traces."""
-        return Signals(frozenset(self.inputs), frozenset(self.outputs))
-
-    @property
-    def models(self) -> list[str]:
-        """Names of the models that the study makes, the most worked on last."""
-        return [*self.weightings, *(["refined"] if self.refine else []), *(["reduced"] if self.reduce else [])]
-
-    @property
-    def taken(self) -> str:
-        """Name of the one that is written."""
-        return self.take or self.models[-1]
-
-
-Study = OutputErrorBlock | ResonanceBlock | SubspaceBlock | ExperimentsBlock
-METHODS: dict[str, type[Study]] = {
-    "output-error": OutputErrorBlock,
-    "resonance": ResonanceBlock,
-    "subspace": SubspaceBlock,
-    "experiments": ExperimentsBlock,
+from identification.method import Method
+from identification.recordings.schema import StudyBlock
+from orchestrator.yaml_file import Block, load_as
+
+GROUP = "servotwin.methods"
+METHODS = {
+    "output-error": "identification.output_error.method:METHOD",
+    "resonance": "identification.resonance.method:METHOD",
+    "subspace": "identification.subspace.method:METHOD",
+    "experiments": "identification.experiments.method:METHOD",
 }
+"""name -> where the method is; it is imported when a study asks for it."""
 
 
-class _Method(Block):
+@dataclass(frozen=True)
+class Study:
+    """A study file that has been read.
+
+    Attributes:
+        block: its contents, an instance of `method.schema`.
+    """
+
+    file: Path
+    method: Method[Any, Any]
+    block: Any
+
+    @property
+    def base(self) -> Path:
+        """The folder to which its paths are relative."""
+        return self.file.parent
+
+
+class _Kind(Block):
     """The key that tells which schema a study file has."""
 
     model_config = Block.model_config | {"extra": "ignore"}
     method: str
 
 
-def load_study(path: Path) -> Study:
+def methods() -> dict[str, EntryPoint]:
+    """name -> where each method is, those of other packages (entry points `servotwin.methods`) too."""
+    others = {point.name: point for point in entry_points(group=GROUP)}
+    return others | {name: EntryPoint(name, place, GROUP) for name, place in METHODS.items()}
+
+
+def method(name: str, place: str = "method") -> Method[Any, Any]:
+    """The method of this name.
+
+    Raises:
+        ScenarioError: there is none; `place` is where it was asked for.
+    """
+    known = methods()
+    if name not in known:
+        raise ScenarioError(place, f"'{name}' is unknown", f"use {' or '.join(known)}")
+    found: Method[Any, Any] = known[name].load()
+    return found
+
+
+def load_study(path: str | Path) -> Study:
     """The study in a file.
 
     Raises:
         ScenarioError: it does not fit the schema of its method.
     """
-    method = load(path, _Method).method
-    if method not in METHODS:
-        raise ScenarioError(f"{path}: method", f"'{method}' is unknown", f"use {' or '.join(METHODS)}")
-    return load(path, METHODS[method])
+    file = Path(path)
+    block: StudyBlock = load_as(file, _Kind, lambda kind: method(kind.method, f"{file}: method").schema)
+    return Study(file, method(block.method), block)

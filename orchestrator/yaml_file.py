@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
@@ -30,6 +30,7 @@ class Block(BaseModel):
 
 
 B = TypeVar("B", bound=Block)
+M = TypeVar("M", bound=Block)
 
 
 def load(path: Path, schema: type[B]) -> B:
@@ -38,7 +39,23 @@ def load(path: Path, schema: type[B]) -> B:
     Raises:
         ScenarioError: no such file, no YAML, or contents that do not fit.
     """
+    return _checked(path, _parse(path), schema)
+
+
+def load_as(path: Path, mark: type[M], choose: Callable[[M], type[B]]) -> B:
+    """The file's contents as the schema that a part of them chooses.
+
+    Args:
+        mark: schema of that part.
+
+    Raises:
+        ScenarioError: as `load`, or what `choose` raises.
+    """
     document = _parse(path)
+    return _checked(path, document, choose(_checked(path, document, mark)))
+
+
+def _checked(path: Path, document: Any, schema: type[B]) -> B:
     try:
         return schema.model_validate(document)
     except ValidationError as error:

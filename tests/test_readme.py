@@ -85,7 +85,7 @@ def test_the_suppliers_fmu_takes_the_models_place(written: Path) -> None:
 
 def test_the_study_fits_its_schema(written: Path) -> None:
     study = load_study(written / "my_study.yaml")
-    assert "154g_square" in study.traces.hold_out
+    assert "154g_square" in study.block.traces.hold_out
 
 
 def test_every_command_is_in_the_table() -> None:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
 from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
+
+if TYPE_CHECKING:
+    from identification.results import ClaimsSummary, FitsSummary, FitSummary, Summary
+    from identification.subspace.results import SubspaceSummary
 
 app = typer.Typer()
 
@@ -30,11 +35,10 @@ def calibrate(
     folder = out or Path("out") / study.stem
     with terminal.bar(study.stem) as move:
         document = calibrate_study(study, data, folder, move)
-    shows = next((show for key, show in _RESULTS.items() if key in document), _parameters)
     fmus = f"FMUs in {folder / 'fmus'}, " if (folder / "fmus").is_dir() else ""
-    shown: list[Listing | str] = [shows(document), *_fits(document), *_warnings(document)]
+    shown: list[Listing | str] = [_table(document), *_fits(document["fit"]), *_warnings(document["warnings"])]
     shown.append(f"{fmus}report in {folder / 'report.html'}")
-    return Answer(document, shown, document.get("as_stated", True))
+    return Answer(document, shown, bool(document.get("as_stated", True)))
 
 
 @command(app)
@@ -50,14 +54,21 @@ def validate(
     target = out or folder / "validation"
     with terminal.bar("validating") as move:
         document = validate_result(folder, data, target, move)
-    shown = [*_fits(document), *_warnings(document), f"report in {target / 'report.html'}"]
+    shown = [*_fits(document["fit"]), *_warnings(document["warnings"]), f"report in {target / 'report.html'}"]
     return Answer(document, shown, document["held"])
 
 
-def _parameters(document: dict[str, Any]) -> Listing:
-    from identification.output_error.report import parameter_rows
+def _table(document: Summary) -> Listing:
+    """What there is to tell first: models, claims or parameters."""
+    if "models" in document:
+        return _models(cast("SubspaceSummary", document))
+    return _claims(cast("ClaimsSummary", document)) if "claims" in document else _parameters(document)
 
-    headers, rows = parameter_rows(document)
+
+def _parameters(document: Summary) -> Listing:
+    from identification.results import parameter_rows
+
+    headers, rows = parameter_rows(document["parameters"])
     return Listing(headers, [list(map(_cell, headers, row)) for row in rows], document["title"], figures=True)
 
 
@@ -67,20 +78,19 @@ def _cell(header: str, value: object) -> str:
     return "-" if value is None else str(value)
 
 
-def _models(document: dict[str, Any]) -> Listing:
+def _models(document: SubspaceSummary) -> Listing:
     """Order and median FIT of each output, on fitted and on unseen traces, of every model of a subspace study."""
     outputs = list(document["fit"]["train"]["outputs"])
-    sides = {"fitted": "train", "unseen": "validation"}
     rows = []
     for name, model in document["models"].items():
-        fits = [model["fit"][group] for group in sides.values()]
+        fits = (model["fit"]["train"], model["fit"]["validation"])
         values = [_figure(fit["outputs"][output] if fit else None) for fit in fits for output in outputs]
         rows.append([name, str(model["order"]), *values])
-    headers = ("model", "order", *(f"{output}, {side}" for side in sides for output in outputs))
+    headers = ("model", "order", *(f"{output}, {side}" for side in ("fitted", "unseen") for output in outputs))
     return Listing(headers, rows, "median FIT")
 
 
-def _claims(document: dict[str, Any]) -> Listing:
+def _claims(document: ClaimsSummary) -> Listing:
     rows = []
     for claim in document["claims"]:
         held = sum(comparison["held"] for comparison in claim["comparisons"])
@@ -88,14 +98,11 @@ def _claims(document: dict[str, Any]) -> Listing:
     return Listing(("claim", "outcome", "comparisons"), rows, document["title"])
 
 
-_RESULTS = {"models": _models, "claims": _claims}  # what tells a summary's kind, and its table
-
-
-def _fits(document: dict[str, Any]) -> list[str]:
+def _fits(groups: FitsSummary | Mapping[str, FitSummary]) -> list[str]:
     lines = []
-    for group, judged in document["fit"].items():
+    for group, judged in cast("Mapping[str, Any]", groups).items():
         if group == "compared":
-            lines += [f"median FIT of {name}: {_figure(other['median'])}" for name, other in judged.items()]
+            lines += [f"median FIT of {name}: {_figure(fit['median'])}" for name, fit in judged.items()]
         elif judged is not None:
             lines.append(f"median FIT, {group}: {_figure(judged['median'])} ({len(judged['traces'])} traces)")
             outputs = judged.get("outputs", {})
@@ -107,5 +114,5 @@ def _figure(value: float | None) -> str:
     return "none" if value is None else f"{value:.4f}"
 
 
-def _warnings(document: dict[str, Any]) -> list[str]:
-    return [f"warning: {warning}" for warning in document["warnings"]]
+def _warnings(warnings: list[str]) -> list[str]:
+    return [f"warning: {warning}" for warning in warnings]

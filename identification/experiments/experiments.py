@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -23,9 +23,9 @@ from identification.experiments.reduction import Reduction
 from identification.experiments.schema import ExperimentsBlock
 from identification.output_error.calibration import processes
 from identification.recordings.campaign import Recorded, load_campaign
-from identification.recordings.source import TracesBlock
+from identification.recordings.schema import TracesBlock
+from orchestrator.progress import Progress
 
-Move = Callable[[float, str], None]
 Value = TypeVar("Value")
 SIMULATED, IDENTIFIED = 0.35, 0.97  # of the whole when the one and the other are done, roughly
 
@@ -53,7 +53,7 @@ class Experiments:
         return {example.name: found[example.name] for example in self.study.examples}
 
 
-def run(study: ExperimentsBlock, base: Path, data: Path | None, move: Move) -> Experiments:
+def run(study: ExperimentsBlock, base: Path, data: Path | None, move: Progress) -> Experiments:
     """All data sets of a study.
 
     Args:
@@ -79,7 +79,7 @@ def run(study: ExperimentsBlock, base: Path, data: Path | None, move: Move) -> E
     return replace(made[0], compared=made[1] if study.compare else None)
 
 
-def _worked_on(pool: ProcessPoolExecutor, jobs: list[Job], move: Move) -> dict[Job, SetResult]:
+def _worked_on(pool: ProcessPoolExecutor, jobs: list[Job], move: Progress) -> dict[Job, SetResult]:
     tasks = {pool.submit(work, job): job for job in jobs}
     results = {}
     for number, task in enumerate(as_completed(tasks), start=1):
@@ -111,7 +111,7 @@ def _read(study: ExperimentsBlock, base: Path, data: Path) -> list[Recorded]:
     return _wanted(study, load_campaign(TracesBlock(files="**/*.csv"), base, data))
 
 
-def _simulated(pool: ProcessPoolExecutor, study: ExperimentsBlock, base: Path, move: Move) -> list[Recorded]:
+def _simulated(pool: ProcessPoolExecutor, study: ExperimentsBlock, base: Path, move: Progress) -> list[Recorded]:
     found: list[Recorded] = []
     tasks: dict[Future[list[Recorded]], Path] = {pool.submit(_simulate, base / path): path for path in study.scenarios}
     for number, task in enumerate(as_completed(tasks), start=1):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -12,31 +11,24 @@ from identification.experiments.claims import Judgement, figures, judge
 from identification.experiments.data_set import SetResult, mean
 from identification.experiments.experiments import Experiments
 from identification.experiments.reduction import Errors, Reduction
-from identification.experiments.tables import ThesisTable, model_name, reduced_name, tables
+from identification.experiments.tables import model_name, reduced_name, tables
 from identification.linear.model import LinearModel
 from identification.linear.modes import labels, modes
-from identification.output_error.results import STUDY, SUMMARY, data_summary, finite
-from identification.subspace.results import write_model
+from identification.method import Calibrated
+from identification.results import ClaimsSummary, ClaimSummary, data_summary, finite, provenance
+from identification.subspace.results import linear_fmu
 from orchestrator.report import Report, Section
 from orchestrator.report import figures as plots
 from orchestrator.report.blocks import Cell, Kind
-from orchestrator.results import result_folder, versions, write_json
+from orchestrator.results import versions
 
 MARKS: dict[str, Kind] = {"held": "ok", "held in part": "warning", "not borne out": "error"}
 
 
-def write_calibration(experiments: Experiments, study_file: Path, target: Path) -> dict[str, Any]:
-    """Write the result folder, with every chosen and updated model as an FMU; the summary comes back."""
-    claims, found = _judged(experiments), tables(experiments)
-    document = summary(experiments, claims, found)
-    provenance = {key: document[key] for key in ("title", "method", "data", "versions")}
-    with result_folder(target) as folder:
-        for name, model in final_models(experiments).items():
-            write_model(model, folder / "fmus" / f"{name}.fmu", provenance)
-        shutil.copyfile(study_file, folder / STUDY)
-        report(experiments, claims, found, document).write(folder / "report.html")
-        write_json(folder / SUMMARY, document)
-    return document
+def calibrated(experiments: Experiments, folder: Path) -> Calibrated:
+    """Every chosen and updated model as an FMU."""
+    models = final_models(experiments)
+    return Calibrated({name: linear_fmu(model, folder / f"{name}.fmu") for name, model in models.items()})
 
 
 Verdicts = list[tuple[Judgement, Judgement | None]]  # under the study's preparation, and under the other one
@@ -48,16 +40,28 @@ def _judged(experiments: Experiments) -> Verdicts:
     return list(zip(own, others, strict=True))
 
 
-def summary(experiments: Experiments, claims: Verdicts, found: list[ThesisTable]) -> dict[str, Any]:
-    """The study as plain values, as `summary.json` holds them."""
-    study = experiments.study
+class ExperimentsSummary(ClaimsSummary):
+    """The summary of a campaign of experiments."""
+
+    sets: dict[str, dict[str, Any]]
+    examples: dict[str, dict[str, Any]]
+    linear_models: dict[str, dict[str, Any]]
+    figures: dict[str, float | None]
+    compared: dict[str, float | None] | None
+    physical_modes: list[dict[str, float]]
+    tables: dict[str, dict[str, Any]]
+
+
+def summary(experiments: Experiments) -> ExperimentsSummary:
+    """The study as `summary.json` holds it."""
+    study, claims, found = experiments.study, _judged(experiments), tables(experiments)
     return {
         "title": study.title,
         "method": study.method,
         "parameters": {},
         "fit": {},
         "as_stated": all(each.as_stated for each, _ in claims),
-        "claims": [_claim(each) | {"compared": _claim(other) if other else None} for each, other in claims],
+        "claims": [{**_claim(each), "compared": _claim(other) if other else None} for each, other in claims],
         "sets": {label: _set(experiments, result) for label, result in experiments.results.items()},
         "examples": {name: _example(experiments, each) for name, each in experiments.reductions.items()},
         "linear_models": {name: _model(each) for name, each in final_models(experiments).items()},
@@ -73,17 +77,19 @@ def summary(experiments: Experiments, claims: Verdicts, found: list[ThesisTable]
         "tables": {
             each.number: {"caption": each.caption, "headers": each.headers, "rows": each.rows} for each in found
         },
-        "data": data_summary(experiments.recorded, []),
+        "data": data_summary(experiments.recorded),
         "versions": versions(),
         "warnings": [*_warnings(experiments), *_unexpected(claims)],
     }
 
 
-def report(experiments: Experiments, claims: Verdicts, found: list[ThesisTable], document: dict[str, Any]) -> Report:
+def report(experiments: Experiments) -> Report:
     """Claims, the tables of both chapters, errors at a glance, physical modes, provenance."""
+    claims, found = _judged(experiments), tables(experiments)
     page = Report(experiments.study.title, experiments.study.description)
     other = experiments.study.compare
-    _claims(page.section("Claims"), claims, document["warnings"], other.name if other else "")
+    warnings = [*_warnings(experiments), *_unexpected(claims)]
+    _claims(page.section("Claims"), claims, warnings, other.name if other else "")
     _overview(page.section("Errors at a glance"), experiments)
     for number, heading in (("2", "Chapter 2: identification"), ("3", "Chapter 3: reduction and updating")):
         section = page.section(heading)
@@ -91,10 +97,7 @@ def report(experiments: Experiments, claims: Verdicts, found: list[ThesisTable],
             if table.number.startswith(number):
                 section.table(table.headers, table.rows, caption=f"Table {table.number}. {table.caption}")
     _frequencies(page.section("Flexible modes"), experiments)
-    provenance = page.section("Provenance")
-    provenance.provenance(document["versions"])
-    rows = [[each["trace"], each["file"], each["sha256"]] for each in document["data"]]
-    provenance.table(["data", "from", "SHA-256"], rows)
+    provenance(page.section("Provenance"), data_summary(experiments.recorded))
     return page
 
 
@@ -174,7 +177,7 @@ def _frequencies(section: Section, experiments: Experiments) -> None:
     section.table(headers, away, caption="Distances")
 
 
-def _claim(judgement: Judgement) -> dict[str, Any]:
+def _claim(judgement: Judgement) -> ClaimSummary:
     return {
         "statement": judgement.claim.statement,
         "outcome": judgement.outcome,

@@ -11,6 +11,7 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from identification.linear.modes import ReductionMethod
+from identification.recordings.schema import StudyBlock
 from orchestrator.yaml_file import Block
 
 Experiment = Literal["open loop", "bounded", "closed loop"]
@@ -158,7 +159,7 @@ class ClaimBlock(Block):
     reason: str = ""
 
 
-class ExperimentsBlock(Block):
+class ExperimentsBlock(StudyBlock):
     """A study of many data sets of one rig: identified, validated, reduced, updated, and held against claims.
 
     Attributes:
@@ -171,8 +172,6 @@ class ExperimentsBlock(Block):
         typical: data sets whose models are listed as typical.
     """
 
-    title: str
-    description: str = ""
     method: Literal["experiments"]
     scenarios: list[Path] = Field(min_length=1)
     input: str

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 import os
-import tempfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from fmus.errors import IdentificationError, TraceError
+from identification.built_system import BuiltSystem
 from identification.output_error.estimator import (
     Estimate,
     InitialState,
@@ -20,22 +20,22 @@ from identification.output_error.estimator import (
     Parameter,
     ParameterSet,
     Problem,
-    Progress,
+    SearchState,
     Tie,
+    Watch,
     Window,
     estimate,
     predict,
     spread_weights,
 )
+from identification.output_error.schema import OutputErrorBlock, ParameterBlock, WindowsBlock
 from identification.output_error.simulator import SystemFactory
 from identification.output_error.windows import Cut, cut_windows
-from identification.recordings.campaign import Recorded, load_campaign, split
-from identification.study import OutputErrorBlock, ParameterBlock, WindowsBlock
-from orchestrator.assembly.assembly import Assembled, OpenSystem, assemble
+from identification.recordings.campaign import Recorded, load_campaign, recording_warnings, split
+from orchestrator.assembly.assembly import Assembled, OpenSystem
+from orchestrator.progress import Progress, silent
 from orchestrator.system import Endpoint, check_values, must_be
 from orchestrator.trace import FloatArray
-
-Listener = Callable[[Progress], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,9 +91,11 @@ class Calibration:
         train, validation: free runs with the estimates; validation is None where no trace was kept aside.
         compared: name -> free runs with the parameters of the study's `compare`, on the validation windows (on the
             fitted ones where there are none).
+        system: the FMUs as they were before.
     """
 
     study: OutputErrorBlock
+    system: BuiltSystem
     recorded: tuple[Recorded, ...]
     estimate: Estimate
     train: Judged
@@ -101,13 +103,20 @@ class Calibration:
     compared: Mapping[str, Judged]
     units: Mapping[str, str]
 
+    @property
+    def warnings(self) -> list[str]:
+        """What a reader of the figures must know."""
+        return [*self.estimate.warnings, *recording_warnings(self.recorded)]
+
 
 def processes() -> int:
     """Worker processes to use: one a processor."""
     return os.cpu_count() or 1
 
 
-def calibrate(study: OutputErrorBlock, base: Path, data: Path | None, progress: Listener | None = None) -> Calibration:
+def calibrate(
+    study: OutputErrorBlock, base: Path, data: Path | None = None, progress: Progress = silent
+) -> Calibration:
     """Fit the study's parameters to its traces and judge them on the traces kept aside.
 
     Args:
@@ -120,19 +129,28 @@ def calibrate(study: OutputErrorBlock, base: Path, data: Path | None, progress: 
     """
     recorded = load_campaign(study.traces, base, data, signals=study.signals)
     fitted, kept = split(recorded, study.traces.hold_out)
-    with tempfile.TemporaryDirectory(prefix="servotwin-") as folder:
-        assembled = assemble(study.system(base), Path(folder), sorted(study.inputs))
-        units = _checked_units(study, assembled)
-        train = cut_windows(study, fitted, study.windows)
-        unseen = cut_windows(study, kept, study.validation or study.windows)
-        found = _fit(study, assembled, train, units, progress)
-        validation = _judge(study, assembled, unseen, found.values) if unseen else None
-        compared = {
-            name: _judge(study, assembled, unseen or train, {**found.values, **other})
-            for name, other in study.compare.items()
-        }
+    system = BuiltSystem(study.system(base), sorted(study.inputs))
+    units = _checked_units(study, system.assembled)
+    train = cut_windows(study, fitted, study.windows)
+    unseen = cut_windows(study, kept, study.validation or study.windows)
+    found = _fit(study, system.assembled, train, units, _watch(study, progress))
+    validation = _judge(study, system.assembled, unseen, found.values) if unseen else None
+    compared = {
+        name: _judge(study, system.assembled, unseen or train, {**found.values, **other})
+        for name, other in study.compare.items()
+    }
     judged = Judged(tuple(study.outputs), tuple(train), found.simulated, found.fit)
-    return Calibration(study, tuple(recorded), found, judged, validation, compared, units)
+    return Calibration(study, system, tuple(recorded), found, judged, validation, compared, units)
+
+
+def _watch(study: OutputErrorBlock, progress: Progress) -> Watch:
+    limit = study.options.max_evaluations
+
+    def watch(at: SearchState) -> None:
+        fraction = {"fit": 0.1 + 0.7 * min(at.iteration / limit, 1), "uncertainty": 0.8}.get(at.stage, 0.05)
+        progress(fraction, f"{at.stage} {at.iteration}, cost {at.cost:.4g}, {at.simulations} simulations")
+
+    return watch
 
 
 def judge(
@@ -147,12 +165,12 @@ def judge(
 
 
 def _fit(
-    study: OutputErrorBlock, assembled: Assembled, cuts: list[Cut], units: Mapping[str, str], progress: Listener | None
+    study: OutputErrorBlock, assembled: Assembled, cuts: list[Cut], units: Mapping[str, str], watch: Watch
 ) -> Estimate:
     parameters = _parameters(study, units)
     problem = _problem(study, cuts, parameters, _weights(study, cuts), Loss(study.loss.kind, study.loss.scale))
     factory = SystemFactory(assembled, cuts, tuple(study.outputs), assembled.system.values())
-    return estimate(problem, factory, Options(**study.options.model_dump(), processes=processes()), progress)
+    return estimate(problem, factory, Options(**study.options.model_dump(), processes=processes()), watch)
 
 
 def _judge(study: OutputErrorBlock, assembled: Assembled, cuts: list[Cut], values: Mapping[str, float]) -> Judged:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from scipy.interpolate import CubicHermiteSpline
 
-from identification.study import Delay, OutputErrorBlock
+from identification.output_error.schema import Delay, OutputErrorBlock
 from orchestrator.trace import FloatArray
 
 _ROUNDING = 1e-9  # of a step

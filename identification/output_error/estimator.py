@@ -31,7 +31,7 @@ __all__ = [
     "ParameterSet",
     "Prediction",
     "Problem",
-    "Progress",
+    "SearchState",
     "Simulator",
     "StartReport",
     "Tie",
@@ -78,7 +78,7 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Progress:
+class SearchState:
     """Where an estimation stands: stage, iteration within it, cost there, simulations so far."""
 
     stage: str
@@ -87,7 +87,8 @@ class Progress:
     simulations: int
 
 
-Listener = Callable[[Progress], None]
+Watch = Callable[[SearchState], None]
+"""Told where an estimation stands."""
 
 
 @dataclass(frozen=True)
@@ -171,7 +172,7 @@ class _Work:
     options: Options
     pool: Pool
     tally: Tally
-    listener: Listener | None
+    watch: Watch | None
 
     def over(self, windows: tuple[int, ...]) -> FreeRun:
         return FreeRun(self.problem, self.pool, self.tally, windows, self.options.difference_step)
@@ -182,8 +183,8 @@ class _Work:
 
     def tell(self, stage: str) -> Callable[[int, float], None]:
         def report(iteration: int, cost: float) -> None:
-            if self.listener:
-                self.listener(Progress(stage, iteration, cost, self.tally.simulations))
+            if self.watch:
+                self.watch(SearchState(stage, iteration, cost, self.tally.simulations))
 
         return report
 
@@ -193,7 +194,7 @@ class _Work:
 
 
 def estimate(
-    problem: Problem, factory: Factory, options: Options | None = None, progress: Listener | None = None
+    problem: Problem, factory: Factory, options: Options | None = None, watch: Watch | None = None
 ) -> Estimate:
     """The parameters and initial states whose free runs match the windows best.
 
@@ -208,7 +209,7 @@ def estimate(
     if not problem.unknowns:
         raise IdentificationError("parameters", "nothing is free", "free a parameter, or use predict")
     with open_pool(factory, options.processes) as pool:
-        work = _Work(problem, options, pool, Tally(), progress)
+        work = _Work(problem, options, pool, Tally(), watch)
         begin, starts = _begin(work)
         found = _search(work, work.all_windows, begin, "fit", options.max_evaluations)
         work.tell("uncertainty")(found.iterations, found.at.cost)

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
 from fmus.errors import IdentificationError
 from identification.estimation.validation import whiteness
 from identification.output_error.calibration import Calibration, Judged
+from identification.output_error.results import summary
+from identification.output_error.schema import OutputErrorBlock
 from identification.output_error.windows import Cut
+from identification.results import data_summary, parameter_rows, provenance
 from identification.signals.frequency_response import fit_sine, frequency_point
 from identification.signals.processing import dominant_frequency
-from identification.study import OutputErrorBlock
 from orchestrator.report import Report, Section, figures
 from orchestrator.trace import FloatArray, Trace
 
@@ -25,37 +26,24 @@ HOW = {
 }
 
 
-def report(calibration: Calibration, document: Mapping[str, Any]) -> Report:
-    """The whole report; `document` is the summary."""
+def report(calibration: Calibration) -> Report:
+    """The whole report."""
     result = Report(calibration.study.title, calibration.study.description)
-    _overview(result.section("Result"), calibration, document)
+    _overview(result.section("Result"), calibration)
     shown = calibration.validation or calibration.train
     overlays(result.section("Free runs"), calibration.study, calibration.units, shown, calibration.compared)
     if calibration.study.inputs:
         _frequency_response(result.section("Frequency response"), calibration, shown)
     _residuals(result.section("Residuals"), calibration, shown)
     _uncertainty(result.section("Uncertainty"), calibration)
-    _provenance(result.section("Provenance"), document)
+    provenance(result.section("Provenance"), data_summary(calibration.recorded, calibration.study.traces.hold_out))
     return result
 
 
-def parameter_rows(document: Mapping[str, Any]) -> tuple[list[str], list[list[Any]]]:
-    """Headers and rows of the parameter table: truth (where known), start, estimate, half of its 95 % interval."""
-    entries = document["parameters"]
-    known = any("truth" in entry for entry in entries.values())
-    rows = []
-    for name, entry in entries.items():
-        interval = entry["ci95"]
-        half = None if interval is None or None in interval else (interval[1] - interval[0]) / 2
-        row = [name, *([entry.get("truth")] if known else []), entry["start"], entry["value"], half, entry["unit"]]
-        rows.append(row)
-    return ["parameter", *(["true"] if known else []), "start", "estimate", "± 95 %", "unit"], rows
-
-
-def _overview(section: Section, calibration: Calibration, document: Mapping[str, Any]) -> None:
+def _overview(section: Section, calibration: Calibration) -> None:
     target = calibration.study.validation.at_least if calibration.study.validation else None
     validation = calibration.validation
-    highlights: list[tuple[str, Any, str]] = []
+    highlights: list[tuple[str, str, str]] = []
     if validation is not None:
         remark = f"{len(validation.cuts)} windows of traces not used in the fit"
         highlights.append(("median FIT, unseen", f"{validation.median:.3f}", remark))
@@ -65,9 +53,9 @@ def _overview(section: Section, calibration: Calibration, document: Mapping[str,
     for name, judged in calibration.compared.items():
         highlights.append((f"median FIT, {name}", f"{judged.median:.3f}", "the same windows as the first figure"))
     section.highlights(highlights)
-    for warning in document["warnings"]:
+    for warning in calibration.warnings:
         section.callout("warning", warning)
-    headers, rows = parameter_rows(document)
+    headers, rows = parameter_rows(summary(calibration)["parameters"])
     section.table(headers, rows, caption="Estimates with half of their 95 % intervals")
     groups = {"fitted": calibration.train} | ({} if validation is None else {"unseen": validation})
     fits(section, groups, target)
@@ -183,12 +171,3 @@ def _uncertainty(section: Section, calibration: Calibration) -> None:
         f"{found.message}: {found.iterations} iterations, {tally.simulations} simulations, "
         f"{tally.failures} of them failed."
     )
-
-
-def _provenance(section: Section, document: Mapping[str, Any]) -> None:
-    section.provenance(document["versions"])
-    rows = [
-        [each["trace"], each["role"], "; ".join([each["stamps"], *each.get("notes", [])]), each["sha256"]]
-        for each in document["data"]
-    ]
-    section.table(["trace", "role", "time stamps and notes", "SHA-256"], rows)

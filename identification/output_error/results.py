@@ -1,31 +1,50 @@
-"""The folder a calibration leaves: calibrated FMUs, parameters.ssv, summary.json, report.html, and its study."""
+"""A calibration by output error as `summary.json` holds it, and what of it is written."""
 
 from __future__ import annotations
 
-import math
-import shutil
-import tempfile
-from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
 
-from fmus.parameters import ssv
-from fmus.parameters.write_back import write_back
-from identification.output_error import report
+from typing_extensions import TypedDict
+
+from identification.method import Calibrated
 from identification.output_error.calibration import Calibration, Judged
-from identification.recordings.campaign import Recorded, recording_warnings
-from identification.recordings.source import LayoutBlock
-from identification.study import OutputErrorBlock, ResonanceBlock
-from orchestrator.assembly.assembly import assemble
+from identification.output_error.schema import OutputErrorBlock
+from identification.results import FitSummary, ParameterSummary, Summary, data_summary, finite
 from orchestrator.fmi.interface import Value
-from orchestrator.results import result_folder, versions, write_json
-
-STUDY = "study.yaml"
-SUMMARY = "summary.json"
+from orchestrator.results import versions
 
 
-def summary(calibration: Calibration) -> dict[str, Any]:
-    """The calibration as plain values, as `summary.json` holds them; what is not determined is null."""
+class UncertaintySummary(TypedDict):
+    """How the intervals came about, and which parameters the data cannot tell apart, or hardly."""
+
+    method: str
+    white_residuals: bool
+    singular_values: list[float]
+    unseen: list[str]
+    weak: list[str]
+
+
+class SearchSummary(TypedDict):
+    """What the search took, and the first few reasons of simulations that failed."""
+
+    converged: bool
+    message: str
+    iterations: int
+    evaluations: int
+    simulations: int
+    failures: int
+    reasons: list[str]
+
+
+class OutputErrorSummary(Summary):
+    """The summary of an output-error calibration."""
+
+    uncertainty: UncertaintySummary
+    search: SearchSummary
+
+
+def summary(calibration: Calibration) -> OutputErrorSummary:
+    """The calibration as `summary.json` holds it; what is not determined is null."""
     study, found = calibration.study, calibration.estimate
     return {
         "title": study.title,
@@ -34,7 +53,7 @@ def summary(calibration: Calibration) -> dict[str, Any]:
         "fit": {
             "train": judged_summary(calibration.train),
             "validation": judged_summary(calibration.validation) if calibration.validation else None,
-            "compared": {name: judged_summary(each) for name, each in calibration.compared.items()},
+            "compared": {name: judged_summary(judged) for name, judged in calibration.compared.items()},
         },
         "uncertainty": {
             "method": found.uncertainty.method,
@@ -54,93 +73,27 @@ def summary(calibration: Calibration) -> dict[str, Any]:
         },
         "data": data_summary(calibration.recorded, study.traces.hold_out),
         "versions": versions(),
-        "warnings": [*found.warnings, *recording_warnings(calibration.recorded)],
+        "warnings": calibration.warnings,
     }
 
 
-def judged_summary(judged: Judged) -> dict[str, Any]:
+def judged_summary(judged: Judged) -> FitSummary:
     """FIT of some windows: the median of all, of each trace and of each output; null where none moves."""
     by_trace = {name: finite(value) for name, value in judged.by_trace().items()}
     by_output = {name: finite(value) for name, value in judged.by_output().items()}
     return {"median": finite(judged.median), "windows": len(judged.cuts), "traces": by_trace, "outputs": by_output}
 
 
-def data_summary(recorded: Iterable[Recorded], held_out: Iterable[str]) -> list[dict[str, Any]]:
-    """File, hash and role of each trace, and the notes on its file where there are some."""
-    kept = set(held_out)
-    return [
-        {
-            "trace": each.trace.name,
-            "file": each.source.name,
-            "sha256": each.sha256,
-            "stamps": each.stamps,
-            "role": "held out" if each.trace.name in kept else "fit",
-            **({"notes": list(each.notes)} if each.notes else {}),
-        }
-        for each in recorded
-    ]
+def calibrated(calibration: Calibration, folder: Path) -> Calibrated:
+    """The system's FMUs with the study's values and the estimates, and the estimates but for delays."""
+    values = {name: value for name, value in calibration.estimate.values.items() if "." in name}
+    units = {name: unit for name, unit in calibration.units.items() if name in values and unit != "1"}
+    return Calibrated(calibration.system.calibrated(values), values, units)
 
 
-def write_calibration(calibration: Calibration, study_file: Path, target: Path) -> dict[str, Any]:
-    """Write the result folder; the summary comes back.
-
-    Raises:
-        InputError: the target holds something else, or an FMU does not take a value.
-    """
-    document = summary(calibration)
-    values = calibration.estimate.values
-    with result_folder(target) as folder:
-        write_system(calibration.study, study_file, folder, values, document)
-        of_components = {name: value for name, value in values.items() if name not in calibration.study.delays}
-        units = {name: unit for name, unit in calibration.units.items() if name in of_components and unit != "1"}
-        (folder / "parameters.ssv").write_bytes(ssv.parameter_set("calibrated", of_components, units))
-        report.report(calibration, document).write(folder / "report.html")
-        write_json(folder / SUMMARY, document)
-    return document
-
-
-def write_system(
-    study: OutputErrorBlock | ResonanceBlock,
-    study_file: Path,
-    folder: Path,
-    values: Mapping[str, float],
-    document: Mapping[str, Any],
-) -> None:
-    """The study's FMUs with its own and these values as defaults in `fmus/`, and the study beside them."""
-    provenance = {key: document[key] for key in ("title", "method", "parameters", "data", "versions")}
-    keep_study(study.traces.layout, study_file, folder)
-    with tempfile.TemporaryDirectory(prefix="servotwin-") as built:
-        assembled = assemble(study.system(study_file.parent), Path(built))
-        for name, source in assembled.files.items():
-            target = folder / "fmus" / f"{name}.fmu"
-            own = component_values(name, {**study.values(), **values})
-            write_back(source, own, target, provenance)
-            if name not in assembled.built and not target.exists():
-                shutil.copyfile(source, target)
-
-
-def keep_study(layout: LayoutBlock, study_file: Path, folder: Path) -> None:
-    """Copy the study into a result folder, and the database of its CAN logs beside it."""
-    shutil.copyfile(study_file, folder / STUDY)
-    database = layout.database_file(study_file.parent)
-    if database is not None and database.is_file():
-        shutil.copyfile(database, folder / database.name)
-
-
-def component_values(component: str, values: Mapping[str, Value]) -> dict[str, Value]:
-    """variable -> value of one component."""
-    prefix = f"{component}."
-    return {name.removeprefix(prefix): value for name, value in values.items() if name.startswith(prefix)}
-
-
-def finite(value: float) -> float | None:
-    """The value, None when it is infinite or NaN, as JSON has neither."""
-    return value if math.isfinite(value) else None
-
-
-def _parameter(calibration: Calibration, name: str) -> dict[str, Any]:
+def _parameter(calibration: Calibration, name: str) -> ParameterSummary:
     found, study = calibration.estimate, calibration.study
-    entry: dict[str, Any] = {
+    entry: ParameterSummary = {
         "value": found.values[name],
         "std": finite(found.std[name]) if name in found.std else None,
         "ci95": [finite(end) for end in found.ci95[name]] if name in found.ci95 else None,

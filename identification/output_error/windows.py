@@ -11,9 +11,8 @@ from numpy.polynomial import Polynomial
 
 from fmus.errors import ScenarioError, TraceError
 from identification.output_error.delays import Command, Held, Reading, compared_rows, known, late_outputs, seconds, span
-from identification.recordings.campaign import Recorded
-from identification.recordings.source import trace_values
-from identification.study import Delay, InitialBlock, OutputErrorBlock, SignalBlock, WindowsBlock
+from identification.output_error.schema import Delay, InitialBlock, OutputErrorBlock, SignalBlock, WindowsBlock
+from identification.recordings.campaign import Recorded, trace_values
 from orchestrator.fmi.interface import Value
 from orchestrator.rational import multiples
 from orchestrator.trace import FloatArray, Trace, usable

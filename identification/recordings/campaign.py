@@ -9,9 +9,10 @@ from pathlib import Path
 
 from fmus.errors import ScenarioError, TraceError
 from fmus.files import sha256
-from identification.recordings.source import Signals, TracesBlock
+from identification.recordings.schema import Signals, TracesBlock
 from orchestrator import formats
 from orchestrator.can.logs.suffixes import is_log
+from orchestrator.fmi.interface import Value
 from orchestrator.formats import Layout
 from orchestrator.progress import Progress, silent
 from orchestrator.scenario.run import run_scenario
@@ -100,6 +101,22 @@ def recording_warnings(recorded: Sequence[Recorded]) -> list[str]:
             f"the first: {noted[0].trace.name}, {'; '.join(noted[0].notes)}"
         )
     return warnings
+
+
+def trace_values(traces: TracesBlock, trace: str, fields: Mapping[str, float]) -> dict[str, Value]:
+    """component.variable -> value that is known of a trace, by its fields.
+
+    Raises:
+        ScenarioError: a field is not known of it.
+    """
+    for name, field in traces.values.items():
+        if field not in fields:
+            raise ScenarioError(
+                f"traces.values.{name}",
+                f"trace {trace} has no field '{field}'",
+                f"there are {', '.join(fields) or 'none'}",
+            )
+    return {name: fields[field] for name, field in traces.values.items()}
 
 
 def _files(traces: TracesBlock, folder: Path) -> list[Path]:

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import math
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from fmus.errors import ScenarioError
-from fmus.parameters import ssv
+from identification.built_system import BuiltSystem
 from identification.estimation.estimated_value import EstimatedValue
-from identification.output_error.results import SUMMARY, data_summary, finite, write_system
+from identification.method import Calibrated
 from identification.recordings.campaign import Recorded, load_campaign, recording_warnings
 from identification.resonance.added_mass import Bounds
+from identification.resonance.schema import ResonanceBlock, SineBlock
 from identification.resonance.steps import (
     RECORDINGS_SCRIPT,
     SYNTHETIC_SCRIPT,
@@ -26,11 +25,11 @@ from identification.resonance.steps import (
     study,
     study_as_published,
 )
-from identification.study import ResonanceBlock, SineBlock
-from orchestrator.assembly.assembly import OpenSystem, assemble
+from identification.results import ParameterSummary, Summary, data_summary, finite, provenance
+from orchestrator.assembly.assembly import OpenSystem
 from orchestrator.progress import Progress, silent
 from orchestrator.report import Report, Section, figures
-from orchestrator.results import result_folder, versions, write_json
+from orchestrator.results import versions
 from orchestrator.system import check_values, must_be
 from orchestrator.trace import FloatArray
 
@@ -45,6 +44,7 @@ class ResonanceCalibration:
     recorded: tuple[Recorded, ...]
     published: ResonanceStudy
     corrected: ResonanceStudy
+    system: BuiltSystem
 
     @property
     def taken(self) -> ResonanceStudy:
@@ -53,14 +53,15 @@ class ResonanceCalibration:
 
 
 def calibrate(
-    block: ResonanceBlock, base: Path, data: Path | None, progress: Progress = silent
+    block: ResonanceBlock, base: Path, data: Path | None = None, progress: Progress = silent
 ) -> ResonanceCalibration:
     """Steps 1-4 on the study's traces.
 
     Raises:
         InputError: traces are missing, too short or too few, or a field is not known.
     """
-    _check_targets(block, base)
+    system = BuiltSystem(block.system(base))
+    _check_targets(block, system)
     recorded = load_campaign(block.traces, base, data, progress, block.signals)
     experiments = [experiment(block.campaign, each) for each in recorded]
     processing = SCRIPTS[block.script]
@@ -72,15 +73,13 @@ def calibrate(
         tuple(recorded),
         study_as_published(experiments, processing, bounds, block.campaign.signal),
         study(experiments, processing.window, block.campaign.signal),
+        system,
     )
 
 
-def _check_targets(block: ResonanceBlock, base: Path) -> None:
+def _check_targets(block: ResonanceBlock, system: BuiltSystem) -> None:
     """See that the parameters that the study writes, and their truths, are in its system."""
-    with (
-        tempfile.TemporaryDirectory(prefix="servotwin-") as folder,
-        OpenSystem(assemble(block.system(base), Path(folder))) as opened,
-    ):
+    with OpenSystem(system.assembled) as opened:
         check_values(opened.system, block.values())
         for key, names in (("write", list(block.write.values())), ("truth", list(block.truth))):
             for name in names:
@@ -99,45 +98,64 @@ def experiment(campaign: SineBlock, recorded: Recorded) -> Experiment:
     )
 
 
-def summary(result: ResonanceCalibration) -> dict[str, Any]:
-    """The study as plain values, as `summary.json` holds them."""
-    parameters = result.taken.parameters
+class LoadSummary(ParameterSummary):
+    """The resonance with one added mass [kg] at a length [m]."""
+
+    added_mass: float
+    added_length: float
+
+
+class ResonanceSummary(Summary):
+    """The summary of a study by Steps 1-4.
+
+    Attributes:
+        resonance: method -> one entry an added mass.
+        lumped: method -> p1 to p4.
+    """
+
+    resonance: dict[str, list[LoadSummary]]
+    lumped: dict[str, dict[str, ParameterSummary]]
+
+
+def summary(result: ResonanceCalibration) -> ResonanceSummary:
+    """The study as `summary.json` holds it."""
     fits = _agreement(result)
+    both = (result.published, result.corrected)
     return {
         "title": result.block.title,
         "method": f"resonance ({result.taken.method})",
-        "parameters": {
-            variable: _estimate(parameters[name], result.block.truth.get(variable))
-            for name, variable in result.block.write.items()
-            if name in parameters
-        },
-        "resonance": {
-            study.method: [_load(load) for load in study.loads] for study in (result.published, result.corrected)
-        },
+        "parameters": _parameters(result),
+        "resonance": {study.method: [_load(load) for load in study.loads] for study in both},
         "lumped": {
-            study.method: {name: _estimate(value) for name, value in study.parameters.items()}
-            for study in (result.published, result.corrected)
+            study.method: {name: _estimate(value) for name, value in study.parameters.items()} for study in both
         },
-        "fit": {"train": {"median": float(np.median(list(fits.values()))), "traces": fits}, "validation": None},
-        "data": data_summary(result.recorded, ()),
+        "fit": {
+            "train": {"median": float(np.median(list(fits.values()))), "traces": {**fits}},
+            "validation": None,
+        },
+        "data": data_summary(result.recorded),
         "versions": versions(),
         "warnings": [*result.taken.warnings, *recording_warnings(result.recorded)],
     }
 
 
-def write_calibration(result: ResonanceCalibration, study_file: Path, target: Path) -> dict[str, Any]:
-    """Write the result folder; the summary comes back."""
-    document = summary(result)
-    values = {name: entry["value"] for name, entry in document["parameters"].items()}
-    with result_folder(target) as folder:
-        write_system(result.block, study_file, folder, values, document)
-        (folder / "parameters.ssv").write_bytes(ssv.parameter_set("calibrated", values))
-        report(result, document).write(folder / "report.html")
-        write_json(folder / SUMMARY, document)
-    return document
+def _parameters(result: ResonanceCalibration) -> dict[str, ParameterSummary]:
+    """component.variable -> estimate of each parameter that the study writes."""
+    found = result.taken.parameters
+    return {
+        variable: _estimate(found[name], result.block.truth.get(variable))
+        for name, variable in result.block.write.items()
+        if name in found
+    }
 
 
-def report(result: ResonanceCalibration, document: dict[str, Any]) -> Report:
+def calibrated(result: ResonanceCalibration, folder: Path) -> Calibrated:
+    """The system's FMUs with the study's values and the estimates."""
+    values = {name: entry["value"] for name, entry in _parameters(result).items()}
+    return Calibrated(result.system.calibrated(values), values)
+
+
+def report(result: ResonanceCalibration) -> Report:
     """Frequency responses, resonances and parameters by both methods."""
     page = Report(result.block.title, result.block.description)
     section = page.section("Result")
@@ -152,10 +170,7 @@ def report(result: ResonanceCalibration, document: dict[str, Any]) -> Report:
     response.figure(
         figures.frequency_response(points, curves), "Gain by added mass: sine fits, and log|G| least squares"
     )
-    provenance = page.section("Provenance")
-    provenance.provenance(document["versions"])
-    rows = [[each["trace"], each["stamps"], each["sha256"]] for each in document["data"]]
-    provenance.table(["trace", "time stamps", "SHA-256"], rows)
+    provenance(page.section("Provenance"), data_summary(result.recorded))
     return page
 
 
@@ -171,18 +186,20 @@ def _value(given: str | float, recorded: Recorded) -> float:
     return recorded.fields[given]
 
 
-def _estimate(value: EstimatedValue, truth: float | None = None) -> dict[str, Any]:
-    entry: dict[str, Any] = {
+def _estimate(value: EstimatedValue, truth: float | None = None) -> ParameterSummary:
+    entry: ParameterSummary = {
         "value": value.value,
         "std": finite(value.std),
         "ci95": [finite(end) for end in value.ci95] if value.known else None,
         "unit": value.unit,
         "start": None,
     }
-    return entry if truth is None else entry | {"truth": truth}
+    if truth is not None:
+        entry["truth"] = truth
+    return entry
 
 
-def _load(load: LoadResult) -> dict[str, Any]:
+def _load(load: LoadResult) -> LoadSummary:
     return {"added_mass": load.added_mass, "added_length": load.added_length, **_estimate(load.resonance)}
 
 

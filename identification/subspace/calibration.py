@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,16 +15,15 @@ from identification.linear.preparation import Preparation, PreparedData, prepare
 from identification.linear.records import InputOutputData
 from identification.linear.updating import reduced, updated
 from identification.recordings.campaign import Recorded, load_campaign, split
-from identification.study import OrderBlock, ReductionBlock, SubspaceBlock
 from identification.subspace.orders import Best, Gap, OrderRule, Threshold
 from identification.subspace.prediction_error import Refined, Refinement, refine
 from identification.subspace.range_space import SubspaceSettings
 from identification.subspace.realisation import SubspaceResult, simulated
+from identification.subspace.schema import OrderBlock, ReductionBlock, SubspaceBlock
 from identification.subspace.subspace import subspace
 from identification.subspace.weightings import Weighting
+from orchestrator.progress import Progress
 from orchestrator.trace import FloatArray
-
-Listener = Callable[[float, str], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +68,7 @@ class SubspaceCalibration:
         return self.candidates[self.study.taken]
 
 
-def calibrate(study: SubspaceBlock, base: Path, data: Path | None, progress: Listener) -> SubspaceCalibration:
+def calibrate(study: SubspaceBlock, base: Path, data: Path | None, progress: Progress) -> SubspaceCalibration:
     """Identify, refine, reduce, and judge on the traces kept aside.
 
     Args:
@@ -80,7 +79,7 @@ def calibrate(study: SubspaceBlock, base: Path, data: Path | None, progress: Lis
         InputError: the study and the traces do not fit together, or the data do not bear the model.
     """
     recorded = load_campaign(
-        study.traces, base, data, lambda fraction, doing: progress(0.5 * fraction, "simulating"), study.signals
+        study.traces, base, data, lambda fraction, doing: progress(0.5 * fraction, doing), study.signals
     )
     fitted, kept = split(recorded, study.traces.hold_out)
     given = {each.trace.name: _record(study, each) for each in recorded}

@@ -1,56 +1,46 @@
-"""The folder a subspace study leaves: the model as an FMU, summary.json, report.html, and the study."""
+"""What a subspace study leaves: the model as an FMU, its summary and its report."""
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from typing_extensions import TypedDict
 
 from fmus.models.state_space import matrices
 from fmus.packaging import linear
-from fmus.parameters.write_back import write_back
 from identification.linear.mode_tracking import Spread, spreads, stabilisation
 from identification.linear.model import LinearModel
 from identification.linear.modes import labels, modes, ranked
-from identification.output_error.results import SUMMARY, data_summary, finite, keep_study
+from identification.method import Calibrated, CalibratedFmu
 from identification.recordings.campaign import recording_warnings
+from identification.results import FitsSummary, FitSummary, Summary, data_summary, finite, provenance
 from identification.subspace.calibration import Candidate, SubspaceCalibration, settings_of
 from identification.subspace.orders import borne
 from identification.subspace.prediction_error import uncertainty
 from identification.subspace.subspace import scan
 from orchestrator.report import Report, Section, figures
 from orchestrator.report.blocks import Cell
-from orchestrator.results import result_folder, versions, write_json
+from orchestrator.results import versions
 from orchestrator.trace import FloatArray, Trace
 
 SHOWN = 4  # traces with their free runs
 SCANNED = 30  # highest order of the stabilisation diagram
 
 
-def write_calibration(result: SubspaceCalibration, study_file: Path, target: Path) -> dict[str, Any]:
-    """Write the result folder; the summary comes back."""
-    document = summary(result)
-    with result_folder(target) as folder:
-        provenance = {key: document[key] for key in ("title", "method", "models", "data", "versions")}
-        write_model(result.taken.model, folder / "fmus" / f"{result.study.name}.fmu", provenance, units_of(result))
-        keep_study(result.study.traces.layout, study_file, folder)
-        report(result, document).write(folder / "report.html")
-        write_json(folder / SUMMARY, document)
-    return document
+def calibrated(result: SubspaceCalibration, folder: Path) -> Calibrated:
+    """The model as a `state_space` FMU."""
+    name = result.study.name
+    return Calibrated({name: linear_fmu(result.taken.model, folder / f"{name}.fmu", units_of(result))})
 
 
-def write_model(
-    model: LinearModel, path: Path, provenance: Mapping[str, Any], units: Mapping[str, str] | None = None
-) -> None:
-    """A linear model as a calibrated `state_space` FMU, with where it comes from inside."""
-    with tempfile.TemporaryDirectory(prefix="servotwin-") as built:
-        plain = linear.build(model, Path(built) / path.name, units)
-        direct = model.d if np.any(model.d) else None
-        write_back(plain, matrices(model.a, model.b, model.c, direct), path, provenance)
+def linear_fmu(model: LinearModel, path: Path, units: Mapping[str, str] | None = None) -> CalibratedFmu:
+    """A `state_space` FMU of a model's size, built at this path, and the matrices that go into it."""
+    direct = model.d if np.any(model.d) else None
+    return CalibratedFmu(linear.build(model, path, units), matrices(model.a, model.b, model.c, direct))
 
 
 def units_of(result: SubspaceCalibration) -> dict[str, str]:
@@ -59,8 +49,37 @@ def units_of(result: SubspaceCalibration) -> dict[str, str]:
     return {name: first.units.get(name, "1") for name in (*result.study.inputs, *result.study.outputs)}
 
 
-def summary(result: SubspaceCalibration) -> dict[str, Any]:
-    """The study as plain values, as `summary.json` holds them."""
+class ModeSummary(TypedDict):
+    """A mode of a model: label, frequency [Hz], damping ratio, their standard deviations, eigenvalue [re, im]."""
+
+    mode: str
+    frequency: float | None
+    damping: float | None
+    frequency_std: float | None
+    damping_std: float | None
+    eigenvalue: list[float]
+
+
+class ModelSummary(TypedDict):
+    """A model of a subspace study; `matrices` holds a, b, c and d, `step` is in seconds."""
+
+    order: int
+    why: str
+    stable: bool
+    fit: FitsSummary
+    modes: list[ModeSummary]
+    matrices: dict[str, list[list[float]]]
+    step: float
+
+
+class SubspaceSummary(Summary):
+    """The summary of a subspace study; `models` by their names."""
+
+    models: dict[str, ModelSummary]
+
+
+def summary(result: SubspaceCalibration) -> SubspaceSummary:
+    """The study as `summary.json` holds it."""
     taken, study = result.taken, result.study
     return {
         "title": study.title,
@@ -73,24 +92,21 @@ def summary(result: SubspaceCalibration) -> dict[str, Any]:
         },
         "data": data_summary(result.recorded, study.traces.hold_out),
         "versions": versions(),
-        "warnings": [*_warnings(result), *recording_warnings(result.recorded)],
+        "warnings": warnings_of(result),
     }
 
 
-def report(result: SubspaceCalibration, document: dict[str, Any]) -> Report:
+def report(result: SubspaceCalibration) -> Report:
     """FIT by model, free runs, modes and where they stay, singular values, provenance."""
     page = Report(result.study.title, result.study.description)
     section = page.section("Result")
-    for warning in document["warnings"]:
+    for warning in warnings_of(result):
         section.callout("warning", warning)
     section.table(*fit_table(result), caption="Median FIT over the traces, free runs")
     _free_runs(page.section("Free runs"), result)
-    _modes(page.section("Modes"), result, document)
+    _modes(page.section("Modes"), result)
     _extraction(page.section("Singular values"), result)
-    provenance = page.section("Provenance")
-    provenance.provenance(document["versions"])
-    rows = [[each["trace"], each["role"], each["stamps"], each["sha256"]] for each in document["data"]]
-    provenance.table(["trace", "role", "time stamps", "SHA-256"], rows)
+    provenance(page.section("Provenance"), data_summary(result.recorded, result.study.traces.hold_out))
     return page
 
 
@@ -110,7 +126,7 @@ def _medians(fit: FloatArray) -> list[float | None]:
     return [finite(float(np.nanmedian(column))) for column in fit.T] if len(fit) else []
 
 
-def _fits(result: SubspaceCalibration, candidate: Candidate, fit: FloatArray, *, fitted: bool) -> dict[str, Any]:
+def _fits(result: SubspaceCalibration, candidate: Candidate, fit: FloatArray, *, fitted: bool) -> FitSummary:
     kept = set(result.study.traces.hold_out)
     names = [each.trace.name for each in result.recorded if (each.trace.name not in kept) == fitted]
     by_trace = {name: finite(float(np.nanmedian(row))) for name, row in zip(names, fit, strict=True)}
@@ -118,7 +134,7 @@ def _fits(result: SubspaceCalibration, candidate: Candidate, fit: FloatArray, *,
     return {"median": finite(float(np.nanmedian(fit))), "windows": len(fit), "traces": by_trace, "outputs": by_output}
 
 
-def _model(result: SubspaceCalibration, candidate: Candidate) -> dict[str, Any]:
+def _model(result: SubspaceCalibration, candidate: Candidate) -> ModelSummary:
     model = candidate.model
     return {
         "order": model.order,
@@ -142,7 +158,7 @@ def _spreads(result: SubspaceCalibration, candidate: Candidate) -> Sequence[Spre
     return spreads(refined.model, refined.directions.a, uncertainty(refined).matrix)
 
 
-def _mode_entries(model: LinearModel, spread: Sequence[Spread | None]) -> list[dict[str, Any]]:
+def _mode_entries(model: LinearModel, spread: Sequence[Spread | None]) -> list[ModeSummary]:
     found = modes(model)
     return [
         {
@@ -157,7 +173,8 @@ def _mode_entries(model: LinearModel, spread: Sequence[Spread | None]) -> list[d
     ]
 
 
-def _warnings(result: SubspaceCalibration) -> list[str]:
+def warnings_of(result: SubspaceCalibration) -> list[str]:
+    """What a reader of the figures must know."""
     taken, found = result.taken, result.subspaces[result.study.weightings[0]]
     warnings = []
     if not taken.model.stable:
@@ -166,7 +183,7 @@ def _warnings(result: SubspaceCalibration) -> list[str]:
         warnings.append(f"{found.dropped} pieces between gaps were too short, {found.lost} samples are left out")
     if result.refined is not None and not result.refined.converged:
         warnings.append(f"the refinement did not converge: {result.refined.why}")
-    return warnings
+    return [*warnings, *recording_warnings(result.recorded)]
 
 
 def _free_runs(section: Section, result: SubspaceCalibration) -> None:
@@ -190,13 +207,13 @@ def _drawn(result: SubspaceCalibration) -> list[Candidate]:
     return [result.taken] if result.taken is first else [first, result.taken]
 
 
-def _modes(section: Section, result: SubspaceCalibration, document: dict[str, Any]) -> None:
+def _modes(section: Section, result: SubspaceCalibration) -> None:
     model = result.taken.model
     found = modes(model)
     u = np.concatenate([record.u for record in result.records.values()])
     magnitudes = ranked([mode.response_magnitude(u) for mode in found])
     values = ranked([mode.mode_singular_value(len(u)) for mode in found])
-    entries = document["models"][result.taken.name]["modes"]
+    entries = _mode_entries(model, _spreads(result, result.taken))
     rows = [
         [
             entry["mode"],

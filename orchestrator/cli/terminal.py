@@ -50,7 +50,7 @@ class Answer:
         interrupted: where an interrupt left something that is worth to be kept, a line about it.
     """
 
-    document: Mapping[str, Any]
+    document: Mapping[str, object]
     shown: Sequence[Listing | str] = ()
     held: bool = True
     interrupted: str = ""

@@ -15,8 +15,9 @@ import numpy as np
 
 from identification.recordings.campaign import load_campaign
 from identification.resonance.calibration import SCRIPTS, experiment
+from identification.resonance.schema import ResonanceBlock
 from identification.resonance.steps import Experiment, study
-from identification.study import ResonanceBlock, load_study
+from identification.study import load_study
 
 from .figure import Figure, Interval, coverage, report
 
@@ -28,7 +29,7 @@ SIGNAL = "hand.angle"
 
 def campaign() -> tuple[ResonanceBlock, list[Experiment]]:
     """The study file and its experiments without noise, simulated."""
-    block = load_study(STUDY)
+    block = load_study(STUDY).block
     assert isinstance(block, ResonanceBlock)
     recorded = load_campaign(block.traces, STUDY.parent, None)
     return block, [experiment(block.campaign, each) for each in recorded]

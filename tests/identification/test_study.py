@@ -9,15 +9,18 @@ from typing import Any
 import pytest
 
 from fmus.errors import ScenarioError
-from identification.recordings.source import FieldBlock, trace_values
-from identification.study import OutputErrorBlock, ResonanceBlock, load_study
+from identification.output_error.schema import OutputErrorBlock
+from identification.recordings.campaign import trace_values
+from identification.recordings.schema import FieldBlock
+from identification.resonance.schema import ResonanceBlock
+from identification.study import load_study
 from tests.support.small_study import study, write_study
 
 STUDIES = Path(__file__).parents[2] / "scenarios" / "butterfly"
 
 
 def loaded(path: Path) -> OutputErrorBlock:
-    block = load_study(path)
+    block = load_study(path).block
     assert isinstance(block, OutputErrorBlock)
     return block
 
@@ -135,7 +138,7 @@ def test_the_real_study_is_read_as_it_is_written() -> None:
 def test_every_study_of_the_project_fits_its_schema() -> None:
     studies = [path for path in STUDIES.glob("*.yaml") if "\nmethod:" in path.read_text(encoding="utf-8")]
     assert {path.stem for path in studies} >= {"calibration", "thesis", "synthetic"}
-    assert all(load_study(path).title for path in studies)
+    assert all(load_study(path).block.title for path in studies)
 
 
 @pytest.mark.parametrize("changes", [{"hold_out": ["x"]}, {"values": {"hand.added_mass": "mass"}}])
@@ -160,7 +163,7 @@ def resonance(write: str = "p1", **traces: Any) -> dict[str, Any]:
 
 
 def test_only_the_four_parameters_of_the_model_can_be_written(tmp_path: Path) -> None:
-    assert isinstance(load_study(write_study(tmp_path / "study.yaml", **resonance())), ResonanceBlock)
+    assert isinstance(load_study(write_study(tmp_path / "study.yaml", **resonance())).block, ResonanceBlock)
     with pytest.raises(ScenarioError, match="'p1', 'p2', 'p3' or 'p4'"):
         load_study(write_study(tmp_path / "study.yaml", **resonance("p5")))
 

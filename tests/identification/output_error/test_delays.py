@@ -24,9 +24,9 @@ from fmus.parameters.ssv import read_values
 from identification.calibrate import calibrate_study, validate_result
 from identification.output_error import calibration
 from identification.output_error.delays import Held, late_outputs
+from identification.output_error.schema import OutputErrorBlock
 from identification.output_error.windows import Cut, cut_windows
 from identification.recordings.campaign import Recorded
-from identification.study import OutputErrorBlock
 from orchestrator import formats
 from orchestrator.trace import FloatArray, Trace
 from tests.support.small_study import LENGTH, TRUTH, study, write_study

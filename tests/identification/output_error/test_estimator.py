@@ -321,7 +321,7 @@ def test_the_result_does_not_depend_on_the_number_of_processes():
 
 def test_progress_is_told_with_a_falling_cost():
     told = []
-    result = estimate(decays(noise=0.05), Oscillator, progress=told.append)
+    result = estimate(decays(noise=0.05), Oscillator, watch=told.append)
     costs = [step.cost for step in told]
     assert costs == sorted(costs, reverse=True)
     assert [step.stage for step in told] == ["fit"] * result.iterations + ["uncertainty"]

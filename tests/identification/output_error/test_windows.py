@@ -13,9 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fmus.errors import ScenarioError, TraceError
+from identification.output_error.schema import InitialBlock, OutputErrorBlock
 from identification.output_error.windows import Cut, cut_windows, start_value
 from identification.recordings.campaign import Recorded
-from identification.study import InitialBlock, OutputErrorBlock
 from orchestrator.trace import FloatArray, Trace
 from tests.support.small_study import study
 

@@ -16,7 +16,7 @@ from fmus.files import sha256
 from identification.cli import app
 from identification.output_error import calibration
 from identification.recordings.campaign import load_campaign, recording_warnings, split
-from identification.recordings.source import TracesBlock
+from identification.recordings.schema import TracesBlock
 from tests.support.small_study import COUNT, STEP, record, simulated, study, voltage, write_study
 
 LAYOUT = {"variable": "D", "time": 0, "columns": {"voltage": 1, "angle": 2}, "units": {"voltage": "V", "angle": "rad"}}

@@ -1,19 +1,16 @@
-"""Where the traces of a study come from: which files, which column is which signal, and what the files' names tell."""
+"""What study files have in common: a title, and where their traces come from: files, or the cases of a scenario."""
 
 from __future__ import annotations
 
 import decimal
 import math
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 from pydantic import Field, model_validator
 
-from fmus.errors import ScenarioError
-from orchestrator.fmi.interface import Value
 from orchestrator.formats import Layout
 from orchestrator.yaml_file import Block
 
@@ -148,17 +145,36 @@ class TracesBlock(Block):
         return self
 
 
-def trace_values(traces: TracesBlock, trace: str, fields: Mapping[str, float]) -> dict[str, Value]:
-    """component.variable -> value that is known of a trace, by its fields.
+class StudyBlock(Block):
+    """What the study files of all methods have."""
 
-    Raises:
-        ScenarioError: a field is not known of it.
-    """
-    for name, field in traces.values.items():
-        if field not in fields:
-            raise ScenarioError(
-                f"traces.values.{name}",
-                f"trace {trace} has no field '{field}'",
-                f"there are {', '.join(fields) or 'none'}",
-            )
-    return {name: fields[field] for name, field in traces.values.items()}
+    title: str
+    description: str = ""
+    method: str
+
+    def layout(self, base: Path) -> Layout:
+        """How the study reads its recordings; `base` is the folder of its file."""
+        return Layout()
+
+    def database(self, base: Path) -> Path | None:
+        """The database of its CAN logs, where it has one."""
+        return None
+
+
+class RecordedStudyBlock(StudyBlock):
+    """What the study files of methods that work on recordings have."""
+
+    traces: TracesBlock
+
+    @property
+    def signals(self) -> Signals:
+        """What the method uses of the traces."""
+        raise NotImplementedError
+
+    def layout(self, base: Path) -> Layout:
+        """How the study reads its recordings; `base` is the folder of its file."""
+        return self.traces.layout.layout(base, self.signals)
+
+    def database(self, base: Path) -> Path | None:
+        """The database of its CAN logs, where it has one."""
+        return self.traces.layout.database_file(base)

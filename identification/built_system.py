@@ -1,0 +1,39 @@
+"""The FMUs of a study's system, built once and kept as long as a result refers to them."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import weakref
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from identification.method import CalibratedFmu
+from orchestrator.assembly.assembly import SystemSpec, assemble
+from orchestrator.fmi.interface import Value
+
+
+class BuiltSystem:
+    """A system whose FMUs lie in a folder that is removed with this object.
+
+    Raises:
+        InputError: a component names no model and no FMU.
+    """
+
+    def __init__(self, system: SystemSpec, stimulated: Iterable[str] = ()) -> None:
+        folder = tempfile.mkdtemp(prefix="servotwin-")
+        weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
+        self.assembled = assemble(system, Path(folder), stimulated)
+
+    def calibrated(self, values: Mapping[str, float]) -> dict[str, CalibratedFmu]:
+        """component -> its FMU with the study's values and these, by component.variable."""
+        merged = {**self.assembled.system.values(), **values}
+        return {
+            name: CalibratedFmu(file, component_values(name, merged)) for name, file in self.assembled.files.items()
+        }
+
+
+def component_values(component: str, values: Mapping[str, Value]) -> dict[str, Value]:
+    """variable -> value of one component."""
+    prefix = f"{component}."
+    return {name.removeprefix(prefix): value for name, value in values.items() if name.startswith(prefix)}

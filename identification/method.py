@@ -1,0 +1,70 @@
+"""The contract of a method of identification: from a study to a typed result, and what of that is written.
+
+`study.METHODS` is the table of methods; each room has its own in `method.py`. A package adds one by an entry point of
+the group `servotwin.methods`, named as its studies' `method` and leading to a `Method`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Generic, TypeVar
+
+from identification.recordings.schema import StudyBlock
+from identification.results import Summary
+from orchestrator.fmi.interface import Value
+from orchestrator.progress import Progress
+from orchestrator.report import Report
+
+
+@dataclass(frozen=True)
+class CalibratedFmu:
+    """An FMU as it was before a calibration, and the values that go into it.
+
+    Attributes:
+        source: the FMU file.
+        values: variable -> value [unit of the variable].
+    """
+
+    source: Path
+    values: Mapping[str, Value]
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """What of a result is for other tools.
+
+    Attributes:
+        fmus: file name without suffix -> FMU.
+        parameters: component.variable -> value for `parameters.ssv`; without any there is no such file.
+        units: of the parameters that have one.
+    """
+
+    fmus: Mapping[str, CalibratedFmu]
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+
+
+StudyType = TypeVar("StudyType", bound=StudyBlock)
+ResultType = TypeVar("ResultType")
+
+
+@dataclass(frozen=True)
+class Method(Generic[StudyType, ResultType]):
+    """One method.
+
+    Attributes:
+        schema: of its study files; `method` there is its name in the table.
+        run: (study, folder of its file, recordings over the study's own, progress) -> result. Raises InputError where
+            the study and the recordings do not fit together, FmuError where FMUs fail.
+        summary: the result as `summary.json` holds it.
+        report: the result as a page.
+        calibrated: what of it is written for other tools; FMUs that are built for that go into the given folder.
+    """
+
+    schema: type[StudyType]
+    run: Callable[[StudyType, Path, Path | None, Progress], ResultType]
+    summary: Callable[[ResultType], Summary]
+    report: Callable[[ResultType], Report]
+    calibrated: Callable[[ResultType, Path], Calibrated]

@@ -1,0 +1,153 @@
+"""A calibrated result judged on other recordings: free runs of its FMUs, set to nothing but what recordings tell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from typing_extensions import TypedDict
+
+from fmus.errors import InputError
+from fmus.packaging import archive
+from fmus.parameters import ssv
+from fmus.parameters.write_back import description_of, is_ours
+from identification.output_error.calibration import Judged, judge
+from identification.output_error.report import fits, overlays
+from identification.output_error.results import judged_summary
+from identification.output_error.schema import OutputErrorBlock
+from identification.recordings.campaign import Recorded, load_campaign, recording_warnings
+from identification.results import STUDY, SUMMARY, FitSummary, Summary, TraceSummary, data_summary, read_summary
+from orchestrator.assembly.assembly import Assembled, SystemSpec, assemble
+from orchestrator.fmi.interface import Value
+from orchestrator.progress import Progress, silent
+from orchestrator.report import Report, figures
+from orchestrator.results import versions
+from orchestrator.yaml_file import naming
+
+
+class ValidationSummary(TypedDict):
+    """What a validation's `summary.json` holds.
+
+    Attributes:
+        fit: "unseen" and "fitted": recordings that the fit did not use, and those that it did.
+        held: whether the study's target `at_least` is met, by the unseen ones where there are some.
+    """
+
+    title: str
+    fit: dict[str, FitSummary]
+    at_least: float | None
+    held: bool
+    data: list[TraceSummary]
+    versions: dict[str, str]
+    warnings: list[str]
+
+
+@dataclass(frozen=True, eq=False)
+class Validation:
+    """Free runs of a result's FMUs.
+
+    Attributes:
+        judged: "unseen" and "fitted" -> free runs on recordings that the fit did not use, and on those that it did.
+    """
+
+    study: OutputErrorBlock
+    recorded: tuple[Recorded, ...]
+    judged: Mapping[str, Judged]
+    unseen: tuple[str, ...]
+
+    @property
+    def target(self) -> float | None:
+        """The median FIT that the study asks for."""
+        return self.study.validation.at_least if self.study.validation else None
+
+    @property
+    def held(self) -> bool:
+        """Whether the target is met, by the unseen recordings where there are some."""
+        counted = self.judged.get("unseen") or self.judged["fitted"]
+        return self.target is None or counted.median >= self.target
+
+
+def validate(
+    study: OutputErrorBlock, folder: Path, data: Path | None = None, progress: Progress = silent
+) -> Validation:
+    """Free runs of the calibrated FMUs in a result folder; recordings that the fit used (by their hash) count apart.
+
+    Raises:
+        InputError: the folder holds no result of the study, or the recordings do not fit it.
+        FmuError: the FMUs fail.
+    """
+    earlier = read_summary(folder)
+    used = {trace["sha256"] for trace in earlier["data"] if trace["role"] == "fit"}
+    delays = _found_delays(study, earlier, folder)
+    recorded = load_campaign(study.traces, folder, data, signals=study.signals)
+    groups = {
+        "unseen": [recording for recording in recorded if recording.sha256 not in used],
+        "fitted": [recording for recording in recorded if recording.sha256 in used],
+    }
+    assembled = _calibrated(study, folder)
+    windows = study.validation or study.windows
+    judged = {}
+    for number, (name, traces) in enumerate(groups.items()):
+        progress(number / 2, f"{len(traces)} {name} traces")
+        if traces:
+            with naming(folder / STUDY):
+                judged[name] = judge(study, assembled, traces, windows, delays)
+    return Validation(study, tuple(recorded), judged, tuple(recording.trace.name for recording in groups["unseen"]))
+
+
+def _found_delays(study: OutputErrorBlock, earlier: Summary, folder: Path) -> dict[str, float]:
+    """The delays that the calibration found; they are no parameters of an FMU."""
+    for name in study.delays:
+        if name not in earlier["parameters"]:
+            raise InputError(folder / SUMMARY, f"does not tell the delays of its study ({name})", "calibrate again")
+    return {name: earlier["parameters"][name]["value"] for name in study.delays}
+
+
+def _calibrated(study: OutputErrorBlock, folder: Path) -> Assembled:
+    """The study's system of the calibrated FMUs, with nothing set but in FMUs that cannot hold values of their own."""
+    files = {name: folder / "fmus" / f"{name}.fmu" for name in study.components}
+    components = {name: block.made_of(files[name], _beside(files[name])) for name, block in study.components.items()}
+    return assemble(SystemSpec(components, study.links()), folder, sorted(study.inputs))
+
+
+def _beside(file: Path) -> dict[str, Value]:
+    """Values from the parameter set beside an FMU that is not ours; nothing is set in one of ours."""
+    contents = archive.read(file)
+    if is_ours(contents, description_of(file, contents)):
+        return {}
+    return {name: str(v) if isinstance(v, str) else v for name, v in ssv.read_values(file.with_suffix(".ssv")).items()}
+
+
+def summary(validation: Validation) -> ValidationSummary:
+    """The validation as `summary.json` holds it."""
+    nothing_new = "every recording was used in the fit; this judges nothing new"
+    return {
+        "title": validation.study.title,
+        "fit": {name: judged_summary(judged) for name, judged in validation.judged.items()},
+        "at_least": validation.target,
+        "held": validation.held,
+        "data": data_summary(validation.recorded, validation.unseen),
+        "versions": versions(),
+        "warnings": ([] if "unseen" in validation.judged else [nothing_new]) + recording_warnings(validation.recorded),
+    }
+
+
+def report(validation: Validation) -> Report:
+    """Whether the target is met, free runs, and how FIT is spread."""
+    page = Report(f"Validation: {validation.study.title}", validation.study.description)
+    section, judged, target = page.section("Result"), validation.judged, validation.target
+    section.highlights(
+        [(f"median FIT, {name}", f"{group.median:.3f}", f"{len(group.cuts)} windows") for name, group in judged.items()]
+    )
+    verdict = f"Target: {target}" if target else "The study sets no target."
+    section.callout("ok" if validation.held else "error", verdict)
+    fits(section, judged, target)
+    for name, group in judged.items():
+        overlays(page.section(f"Free runs, {name}"), validation.study, {}, group, {})
+    spread = np.concatenate([group.fit.ravel() for group in judged.values()])
+    known = spread[np.isfinite(spread)]
+    if len(known):
+        section.figure(figures.distribution(known, "FIT"), "FIT of all windows")
+    return page

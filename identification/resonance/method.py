@@ -1,0 +1,9 @@
+"""The pendulum thesis' Steps 1-4: resonances under added masses."""
+
+from __future__ import annotations
+
+from identification.method import Method
+from identification.resonance.calibration import ResonanceCalibration, calibrate, calibrated, report, summary
+from identification.resonance.schema import ResonanceBlock
+
+METHOD: Method[ResonanceBlock, ResonanceCalibration] = Method(ResonanceBlock, calibrate, summary, report, calibrated)

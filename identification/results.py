@@ -1,0 +1,186 @@
+"""The folder that a calibration leaves, whatever its method: `summary.json` as types, and what all summaries share."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import NotRequired
+
+from pydantic import TypeAdapter, ValidationError
+from typing_extensions import TypedDict
+
+from fmus.errors import InputError
+from identification.recordings.campaign import Recorded
+from orchestrator.fmi.interface import Value
+from orchestrator.report import Section
+from orchestrator.report.blocks import Cell
+from orchestrator.results import versions
+
+STUDY = "study.yaml"
+SUMMARY = "summary.json"
+
+
+class ParameterSummary(TypedDict):
+    """A parameter's estimate, all in `unit`; what is not determined is null.
+
+    Attributes:
+        start: where its estimation began; null for one that is tied to another.
+        truth: what is behind synthetic traces, where a study tells.
+    """
+
+    value: float
+    std: float | None
+    ci95: list[float | None] | None
+    unit: str
+    start: Value | None
+    truth: NotRequired[float]
+
+
+class FitSummary(TypedDict):
+    """FIT of some windows: the median of all, of each trace and of each output; null where none moves."""
+
+    median: float | None
+    traces: dict[str, float | None]
+    windows: NotRequired[int]
+    outputs: NotRequired[dict[str, float | None]]
+
+
+class FitsSummary(TypedDict, total=False):
+    """FIT on fitted traces and on those kept aside (null where there are none), and of the study's `compare`."""
+
+    train: FitSummary
+    validation: FitSummary | None
+    compared: dict[str, FitSummary]
+
+
+class TraceSummary(TypedDict):
+    """A recording: where it comes from, its hash, what was found in it, and whether it was fitted or held out."""
+
+    trace: str
+    file: str
+    sha256: str
+    stamps: str
+    role: str
+    notes: NotRequired[list[str]]
+
+
+class Summary(TypedDict):
+    """What `summary.json` holds, whatever the method; each adds keys of its own."""
+
+    title: str
+    method: str
+    parameters: dict[str, ParameterSummary]
+    fit: FitsSummary
+    data: list[TraceSummary]
+    versions: dict[str, str]
+    warnings: list[str]
+
+
+class ComparisonSummary(TypedDict):
+    """An inequality of a claim in words, its two sides, and whether it holds."""
+
+    text: str
+    less: float | None
+    than: float | None
+    held: bool
+
+
+class ClaimSummary(TypedDict):
+    """How a claim came out, and how the study states that it does."""
+
+    statement: str
+    outcome: str
+    stated: str
+    reason: str
+    comparisons: list[ComparisonSummary]
+
+
+class JudgedClaimSummary(ClaimSummary):
+    """A claim, and how it came out under the study's other preparation."""
+
+    compared: ClaimSummary | None
+
+
+class ClaimsSummary(Summary):
+    """The summary of a study that states claims."""
+
+    as_stated: bool
+    claims: list[JudgedClaimSummary]
+
+
+def read_summary(folder: Path) -> Summary:
+    """The summary in a result folder.
+
+    Raises:
+        InputError: there is none, or it is not a calibration's.
+    """
+    file = result_file(folder, SUMMARY)
+    try:
+        return TypeAdapter(Summary).validate_python(json.loads(file.read_text(encoding="utf-8")))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        place = ".".join(map(str, first["loc"]))
+        raise InputError(file, f"is not a calibration's summary ({place}: {first['msg']})", "calibrate again") from None
+    except ValueError as error:
+        raise InputError(file, f"is not a calibration's summary ({error})", "calibrate again") from error
+
+
+def result_file(folder: Path, name: str) -> Path:
+    """A file of a result folder.
+
+    Raises:
+        InputError: it is not there.
+    """
+    if not (folder / name).is_file():
+        raise InputError(folder, f"holds no {name}", "give a folder that `servotwin calibrate` wrote")
+    return folder / name
+
+
+def data_summary(recorded: Iterable[Recorded], held_out: Iterable[str] = ()) -> list[TraceSummary]:
+    """File, hash and role of each trace, and the notes on its file where there are some."""
+    kept = set(held_out)
+    entries: list[TraceSummary] = []
+    for recording in recorded:
+        entry: TraceSummary = {
+            "trace": recording.trace.name,
+            "file": recording.source.name,
+            "sha256": recording.sha256,
+            "stamps": recording.stamps,
+            "role": "held out" if recording.trace.name in kept else "fit",
+        }
+        if recording.notes:
+            entry["notes"] = list(recording.notes)
+        entries.append(entry)
+    return entries
+
+
+def parameter_rows(parameters: Mapping[str, ParameterSummary]) -> tuple[list[str], list[list[Cell]]]:
+    """Headers and rows of the parameter table: truth (where known), start, estimate, half of its 95 % interval."""
+    known = any("truth" in entry for entry in parameters.values())
+    rows: list[list[Cell]] = [
+        [name, *([entry.get("truth")] if known else []), entry["start"], entry["value"], _half(entry), entry["unit"]]
+        for name, entry in parameters.items()
+    ]
+    return ["parameter", *(["true"] if known else []), "start", "estimate", "± 95 %", "unit"], rows
+
+
+def _half(entry: ParameterSummary) -> float | None:
+    low, high = entry["ci95"] or (None, None)
+    return None if low is None or high is None else (high - low) / 2
+
+
+def provenance(section: Section, data: Iterable[TraceSummary]) -> None:
+    """The versions that made a result, and a table of its recordings."""
+    section.provenance(versions())
+    rows = [
+        [trace["trace"], trace["role"], "; ".join([trace["stamps"], *trace.get("notes", [])]), trace["sha256"]]
+        for trace in data
+    ]
+    section.table(["trace", "role", "time stamps and notes", "SHA-256"], rows)
+
+
+def finite(value: float) -> float | None:
+    """The value, None when it is infinite or NaN, as JSON has neither."""
+    return value if math.isfinite(value) else None
