@@ -7,6 +7,7 @@ import os
 import secrets
 from collections.abc import Callable
 from contextlib import suppress
+from importlib.util import find_spec
 from pathlib import Path
 from typing import BinaryIO
 
@@ -59,3 +60,10 @@ def sha256(path: str | Path) -> str:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as problem:
         raise InputError(path, f"cannot be read ({problem.strerror})", "check the path") from problem
+
+
+def package_folder(name: str) -> Path:
+    """The folder of an installed package, which is not imported for it."""
+    found = find_spec(name)
+    assert found is not None and found.origin is not None, name
+    return Path(found.origin).parent

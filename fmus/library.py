@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import ast
-import importlib.util
 import pkgutil
 import sys
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
 from fmus import models
 from fmus.errors import ModelError
@@ -49,12 +49,13 @@ def _from_file(path: Path) -> Model:
         raise ModelError(path, "no such file", "give the path of a model file")
     if not path.stem.isidentifier() or path.stem in RESERVED:
         raise ModelError(path, f"'{path.stem}' cannot be a module's name here", "rename the file")
-    spec = importlib.util.spec_from_file_location(f"fmus.models.{path.stem}", path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
+    module = ModuleType(f"fmus.models.{path.stem}")
+    module.__file__ = str(path)
+    module.__package__ = "fmus.models"
     try:
-        _refuse_foreign_imports(path, ast.parse(path.read_bytes()))
-        spec.loader.exec_module(module)
+        text = path.read_bytes()
+        _refuse_foreign_imports(path, ast.parse(text))
+        exec(compile(text, path, "exec"), module.__dict__)  # not by way of a .pyc, which may be older than it looks
     except ModelError:
         raise
     except Exception as error:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import signal
+import tempfile
 import threading
 from importlib.util import find_spec
 from pathlib import Path
@@ -19,10 +20,17 @@ settings.load_profile("any load")
 NEEDS = {"mf4": "asammdf", "cross": "ziglang", "tools": "fmuloader", "java": "javac"}
 
 
-def pytest_configure() -> None:
-    """Let Ctrl-C interrupt in the processes of pytest-xdist too: they begin with it ignored, and so would theirs."""
+def pytest_configure(config: pytest.Config) -> None:
+    """Let Ctrl-C interrupt in the processes of pytest-xdist too: they begin with it ignored, and so would theirs.
+
+    All processes of one session share a cache of built FMUs, which begins empty: what is tested is what is here now.
+    """
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    if not hasattr(config, "workerinput"):
+        folder = tempfile.mkdtemp(prefix="servotwin-tests-")
+        os.environ["SERVOTWIN_CACHE"] = folder
+        config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

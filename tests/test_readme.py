@@ -13,7 +13,7 @@ import pytest
 from typer.main import get_command
 
 from fmus import errors, library
-from fmus.packaging import python
+from fmus.packaging import targets
 from identification.cli import app
 from identification.study import load_study
 from orchestrator.scenario.run import run_scenario
@@ -78,7 +78,7 @@ def test_the_model_file_has_no_more_lines_than_a_page_needs() -> None:
 
 
 def test_the_suppliers_fmu_takes_the_models_place(written: Path) -> None:
-    python.build(library.find(str(written / "flywheel.py")), written / "out" / "fmus" / "flywheel.fmu")
+    targets.build(written / "flywheel.py", written / "out" / "fmus" / "flywheel.fmu", target="python")
     speed = run_scenario(written / "vendor.yaml").cases[0].result.trace["wheel.speed"][-1]  # type: ignore[union-attr]
     assert speed == pytest.approx(0.05 * 12 / (0.004 + 0.05**2), rel=1e-3)
 

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
 import zipfile
 import zlib
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import BinaryIO
-
-from lxml import etree
+from typing import TYPE_CHECKING, BinaryIO
 
 from fmus.errors import FmuFileError
 from fmus.files import atomic_write
+
+if TYPE_CHECKING:
+    from lxml import etree
 
 LARGEST_UNPACKED = 4 << 30
 _EPOCH = (1980, 1, 1, 0, 0, 0)
@@ -30,6 +32,14 @@ def _fill(file: BinaryIO, files: Mapping[str, bytes]) -> None:
             info.compress_type = zipfile.ZIP_DEFLATED
             info.external_attr = 0o644 << 16
             archive.writestr(info, files[entry])
+
+
+def digest(files: Mapping[str, bytes]) -> str:
+    """Hexadecimal SHA-256 of names and contents."""
+    hashing = hashlib.sha256()
+    for name in sorted(files):
+        hashing.update(f"{name}\0{len(files[name])}\0".encode() + files[name])
+    return hashing.hexdigest()
 
 
 def read(path: Path) -> dict[str, bytes]:
@@ -74,6 +84,8 @@ def parse_xml(place: object, text: bytes) -> etree._Element:
     Raises:
         FmuFileError: not XML, or it declares a document type.
     """
+    from lxml import etree  # noqa: PLC0415 (most users of archives read no XML)
+
     parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
     try:
         root = etree.fromstring(text, parser)

@@ -66,7 +66,7 @@ def build(
         raise ModelError("linear model", str(error), "name inputs and outputs by distinct identifiers") from error
     values = matrices(system.a, system.b, system.c, system.d if direct else None, start)
     values["sample_time"] = float(system.step)
-    return targets.build(target or targets.preferred(), model, path, values, fmi=fmi)
+    return targets.build(model, path, target=target, fmi=fmi, parameters=values)
 
 
 def _with_units(names: Sequence[str], units: Mapping[str, str] | None) -> dict[str, str]:

@@ -1,16 +1,28 @@
-"""The packagings by name, and which one is used where nobody chose."""
+"""From a model to its FMU: the packagings by name, and what was built before from the cache."""
 
 from __future__ import annotations
 
+import logging
+import sys
+import time
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 
-from fmus.errors import InputError
+from fmus import library
+from fmus.errors import InputError, ModelError
+from fmus.files import atomic_write
 from fmus.modelling.model import Model, Number, Table
-from fmus.packaging import native, python
-from fmus.packaging.native import compiler
+from fmus.packaging import cache, defaults, values
+from fmus.packaging.fingerprint import NoFingerprintError, fingerprint
+from fmus.packaging.native import compiler, sources
+from fmus.packaging.python import runtime
 
+LOG = logging.getLogger("servotwin.build")
 NAMES = ("native", "python")
+_ROOT = Path(__file__).parents[1]
+_BEGAN = time.time()
 
 
 def preferred() -> str:
@@ -19,24 +31,109 @@ def preferred() -> str:
 
 
 def build(
-    target: str,
-    model: Model,
-    path: Path,
+    model: Model | str | Path,
+    path: str | Path,
+    *,
+    target: str | None = None,
+    fmi: int = 2,
     parameters: Mapping[str, Number] | None = None,
     tables: Mapping[str, Table] | None = None,
-    fmi: int = 2,
     platforms: Sequence[str] = ("host",),
 ) -> Path:
-    """Write the FMU of a model in one of the packagings; the path comes back.
+    """Write the FMU of a model; the path comes back. One that was built before comes from the cache.
+
+    Args:
+        model: a model, the name of one of the library, or a `.py` file that defines MODEL.
+        path: the file to write; missing folders are made.
+        target: "native" (generated C) or "python" (run by pythonfmu); None takes native where there is a C compiler.
+        fmi: 2, or 3 for native FMUs.
+        parameters: values of parameters and inputs in place of the model's own, in the units that it declares.
+        tables: samples of the tables that the model plays back.
+        platforms: of native FMUs "host", "all", or names as x86_64-windows.
 
     Raises:
-        InputError: the packaging is not known or does not offer what is asked for.
-        ModelError: see the packagings.
+        InputError: the packaging is not known or does not offer what is asked for, or the path cannot be written.
+        ModelError: no such model, parameter or table; a value of the wrong type or out of bounds; a model that cannot
+            be traced; no compiler, or one that failed.
     """
-    if target == "native":
-        return native.build(model, path, parameters, tables, fmi, platforms)
-    if target != "python":
+    order = _Order(
+        model if isinstance(model, Model) else library.find(str(model)),
+        _offered(target or preferred(), fmi, platforms),
+        fmi,
+        parameters or {},
+        tables or {},
+        tuple(platforms),
+    )
+    kept = cache.current()
+    key = None if kept is None else order.key()
+    if kept is None or key is None:
+        return order.build(Path(path))
+    content = kept.get(key)
+    if content is not None:
+        return atomic_write(path, content)
+    order.build(Path(path))
+    if order.key() == key:  # nothing that it is made of has changed meanwhile
+        kept.put(key, Path(path).read_bytes())
+    return Path(path)
+
+
+@dataclass(frozen=True)
+class _Order:
+    """What an FMU is built from."""
+
+    model: Model
+    target: str
+    fmi: int
+    parameters: Mapping[str, Number]
+    tables: Mapping[str, Table]
+    platforms: tuple[str, ...]
+
+    def build(self, path: Path) -> Path:
+        """Trace the model, compile where the packaging is native, and write the FMU."""
+        if self.target == "native":
+            from fmus.packaging.native import build as native  # noqa: PLC0415 (it brings SymPy along)
+
+            return native.build(self.model, path, self.parameters, self.tables, self.fmi, self.platforms)
+        from fmus.packaging.python import build as python  # noqa: PLC0415 (it brings SymPy along)
+
+        return python.build(self.model, path, self.parameters, self.tables)
+
+    def key(self) -> str | None:
+        """Hash of everything that the FMU is made of, and of what makes it; None where that cannot be known.
+
+        That is so for a model whose functions hold objects, and once the files of the project have changed since this
+        process began: what it would build comes from what it has loaded.
+        """
+        starts = defaults.dump(values.checked(self.model, self.parameters, self.tables))
+        tables = {name: values.csv(table) for name, table in self.tables.items()}
+        if self.target == "native":
+            machines = [(machine.name, compiler.identity(machine)) for machine in compiler.find(self.platforms)]
+            parts: list[object] = [sources.fixed(self.fmi), machines]
+        else:
+            parts = [library.source_file(self.model).read_bytes(), runtime.files(self.model.name)]
+        own = _own_files()
+        if any(file.stat().st_mtime > _BEGAN for file in own):
+            return None
+        code = [(str(file.relative_to(_ROOT)), file.read_bytes()) for file in own]
+        try:
+            return fingerprint(self.target, sys.version, version("sympy"), code, self.model, starts, tables, parts)
+        except NoFingerprintError as problem:
+            LOG.info("model %s is not kept in the cache: it holds %s", self.model.name, problem)
+            return None
+
+
+def _own_files() -> list[Path]:
+    """The project's code that FMUs are made of, without the models: those are in memory."""
+    files = (file for file in _ROOT.rglob("*") if file.suffix in (".py", ".c", ".h"))
+    return sorted(file for file in files if file.parent.name != "models" or file.name == "__init__.py")
+
+
+def _offered(target: str, fmi: int, platforms: Sequence[str]) -> str:
+    """The packaging, once it is seen to offer what is asked for."""
+    if target not in NAMES:
         raise InputError(f"target '{target}'", "is not known", f"choose {' or '.join(NAMES)}")
-    if fmi != 2 or tuple(platforms) != ("host",):
+    if target == "python" and (fmi != 2 or tuple(platforms) != ("host",)):
         raise InputError("target 'python'", "is FMI 2 and for every platform at once", "use --target native")
-    return python.build(model, path, parameters, tables)
+    if fmi not in sources.VERSIONS:
+        raise ModelError(f"target '{target}'", f"FMI {fmi} is not offered", "choose FMI 2 or 3")
+    return target

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from identification.cli import studies
-from orchestrator.cli import bridge, can, root, scenarios, tables, traces
+from orchestrator.cli import bridge, cache, can, root, scenarios, tables, traces
 
 if TYPE_CHECKING:
     from orchestrator.formats import Layout
@@ -33,6 +33,7 @@ app.add_typer(scenarios.app)
 app.add_typer(studies.app)
 app.add_typer(traces.app, name="trace")
 app.add_typer(can.app, name="can")
+app.add_typer(cache.app, name="cache")
 can.app.add_typer(bridge.app)
 
 

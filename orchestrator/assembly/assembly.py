@@ -11,7 +11,6 @@ from functools import partial
 from pathlib import Path
 from types import TracebackType
 
-from fmus import library
 from fmus.errors import WiringError
 from fmus.modelling.model import Model, Table
 from fmus.packaging import targets
@@ -111,18 +110,15 @@ def assemble(system: SystemSpec, folder: Path, stimulated: Iterable[str] = (), t
     """
     files, components = {}, {}
     for name, component in system.components.items():
-        file = component.fmu or _built(name, component, folder, target or targets.preferred())
+        file = component.fmu or _built(name, component, folder, target)
         files[name], components[name] = file, replace(component, source=file, tables=())
     built = frozenset(name for name, component in system.components.items() if component.fmu is None)
     return Assembled(files, built, replace(system, components=components), tuple(stimulated))
 
 
-def _built(name: str, component: ComponentSpec, folder: Path, target: str) -> Path:
-    source = component.source
-    model = source if isinstance(source, Model) else library.find(str(source))
-    return targets.build(
-        target, model, folder / f"{name}.fmu", tables={table.name: table for table in component.tables}
-    )
+def _built(name: str, component: ComponentSpec, folder: Path, target: str | None) -> Path:
+    tables = {table.name: table for table in component.tables}
+    return targets.build(component.source, folder / f"{name}.fmu", target=target, tables=tables)
 
 
 class OpenSystem:

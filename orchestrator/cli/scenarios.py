@@ -76,7 +76,7 @@ def build(
     with terminal.bar("building") as move:
         for number, model in enumerate(chosen):
             move(number / len(chosen), model.name)
-            targets.build(packaging, model, files[model.name], fmi=fmi, platforms=platform or ("host",))
+            targets.build(model, files[model.name], target=packaging, fmi=fmi, platforms=platform or ("host",))
     rows = [(model.name, str(files[model.name]), model.description) for model in chosen]
     document = {"fmus": {name: str(file) for name, file in files.items()}, "target": packaging, "fmi": fmi}
     return Answer(document, [Listing(("model", "FMU", "description"), rows)])

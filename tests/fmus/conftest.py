@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from fmus import library
-from fmus.packaging import native, python
+from fmus.packaging import targets
 from fmus.packaging.native import compiler
 
 
@@ -19,7 +18,7 @@ def fmu(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
 
     def build(name: str) -> Path:
         path = folder / f"{name}.fmu"
-        return path if path.exists() else python.build(library.find(name), path)
+        return path if path.exists() else targets.build(name, path, target="python")
 
     return build
 
@@ -33,6 +32,6 @@ def native_fmu(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, int],
 
     def build(name: str, fmi: int) -> Path:
         path = folder / f"{name}{fmi}.fmu"
-        return path if path.exists() else native.build(library.find(name), path, fmi=fmi)
+        return path if path.exists() else targets.build(name, path, target="native", fmi=fmi)
 
     return build

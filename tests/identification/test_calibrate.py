@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from fmus import library
-from fmus.packaging import archive, python, targets
+from fmus.packaging import archive, targets
 from fmus.packaging.native import compiler
 from identification.calibrate import calibrate_study, layout_of, validate_result
 from identification.cli import app
@@ -161,7 +160,7 @@ def stripped(files: dict[str, bytes]) -> dict[str, bytes]:
 def test_an_fmu_that_cannot_be_used_is_refused(
     tmp_path: Path, data: Path, spoil: Callable[[Path], Any], problem: str
 ) -> None:
-    spoil(python.build(library.find("pendulum"), tmp_path / "hand.fmu"))
+    spoil(targets.build("pendulum", tmp_path / "hand.fmu", target="python"))
     components = study()["components"] | {"hand": {"fmu": "hand.fmu", "parameters": {"added_length": LENGTH}}}
     assert problem in refused(tmp_path, data, 2, components=components)
 

@@ -12,10 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.io import savemat
 
-from fmus import library
 from fmus.errors import InputError, ServotwinError
 from fmus.files import sha256
-from fmus.packaging import archive, python
+from fmus.packaging import archive, targets
 from fmus.parameters.write_back import PROVENANCE, write_back
 from orchestrator import formats
 from orchestrator.formats import Layout
@@ -33,7 +32,7 @@ def strict(document: dict[str, Any]) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def hand(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return python.build(library.find("pendulum"), tmp_path_factory.mktemp("fmu") / "hand.fmu")
+    return targets.build("pendulum", tmp_path_factory.mktemp("fmu") / "hand.fmu", target="python")
 
 
 def by_name(entries: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:

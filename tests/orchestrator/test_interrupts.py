@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fmus import library
-from fmus.packaging import python
+from fmus.packaging import targets
 from orchestrator.engine import Interrupted, Simulation, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
@@ -147,7 +146,7 @@ MODEL = Model("slow", "Slow", (output("y", "1", "Output"), parameter("rate", "1/
 
 def test_a_run_of_a_python_fmu_keeps_all_up_to_its_interrupt(tmp_path: Path) -> None:
     (tmp_path / "slow.py").write_text(SLOW)
-    path = python.build(library.find(str(tmp_path / "slow.py")), tmp_path / "slow.fmu")
+    path = targets.build(tmp_path / "slow.py", tmp_path / "slow.fmu", target="python")
     timing = Timing(Fraction(1000), Fraction(1, 10))
     with (
         FmuFile(path) as file,

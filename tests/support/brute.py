@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from fmus.modelling.model import Model, State, input_, output, parameter
-from fmus.packaging import archive, native
+from fmus.packaging import archive, targets
 from fmus.packaging.native import compiler
 
 Mood = IntEnum(
@@ -37,7 +37,7 @@ def build(path: Path, version: int = 2, flags: tuple[str, ...] = ()) -> Path:
     """The FMU at this path; the test is skipped where there is no C compiler."""
     if not compiler.available():
         pytest.skip("there is no C compiler to build the misbehaving FMU with")
-    native.build(MODEL, path, fmi=version)
+    targets.build(MODEL, path, fmi=version, target="native")
     with archive.opened(path) as zipped:
         files = {name: zipped.read(name) for name in zipped.namelist()}
     sources = {Path(name).name: text.decode() for name, text in files.items() if name.endswith((".c", ".h"))}

@@ -13,7 +13,7 @@ import pytest
 
 from fmus import library
 from fmus.modelling.model import Model, State, input_, output, parameter
-from fmus.packaging import archive, native
+from fmus.packaging import archive, targets
 from fmus.packaging.native import compiler
 from orchestrator.engine import REFUSED, CycleSettings, Simulation, Timing
 from orchestrator.fmi.exchange_slave import ExchangeSlave
@@ -77,7 +77,7 @@ def open_shelf(folder: Path) -> Iterator[Shelf]:
         if not compiler.available():
             pytest.skip("no C compiler here")
         source = two_masses() if model == "masses" else library.find(model)
-        return native.build(source, folder / f"{name}.fmu", fmi=version)
+        return targets.build(source, folder / f"{name}.fmu", fmi=version, target="native")
 
     def get(name: str) -> FmuFile:
         if name not in opened:

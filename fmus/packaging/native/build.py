@@ -6,32 +6,21 @@ defaults it was built with, so that FMUs of one model with other values are not 
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-import fmpy
-
-from fmus.errors import ModelError
 from fmus.modelling.agreement import require_agreement
 from fmus.modelling.model import Model, Number, Table
 from fmus.packaging import archive, defaults, values
 from fmus.packaging.description import documentation, interface, xml
 from fmus.packaging.description.interface import Interface
 from fmus.packaging.description.xml import Extras, Offer
-from fmus.packaging.native import c_model, compiler
+from fmus.packaging.native import c_model, compiler, sources
 from fmus.packaging.native.compiler import Platform
 
-_RUNTIME = Path(__file__).parent / "c"
-_COMMON = tuple(f"{name}{suffix}" for name in ("files", "instance", "ops", "resources") for suffix in (".c", ".h"))
-_ADAPTERS: dict[int, tuple[str, ...]] = {2: ("fmi2.c",), 3: ("fmi3.c", "fmi3_absent.c")}
-_HEADERS = {
-    2: ("fmi2FunctionTypes.h", "fmi2Functions.h", "fmi2TypesPlatform.h"),
-    3: ("fmi3FunctionTypes.h", "fmi3Functions.h", "fmi3PlatformTypes.h"),
-}
 LOG_CATEGORIES = {"logStatusError": "What went wrong", "logEvents": "What was read, and how the model is stepped"}
 
 
@@ -79,8 +68,6 @@ def build(
         ModelError: a parameter or table the model does not have, a value of the wrong type or out of bounds, a model
             that cannot be turned into C, no compiler, or one that failed.
     """
-    if fmi not in _ADAPTERS:
-        raise ModelError(f"model {model.name}", f"FMI {fmi} is not offered", "choose FMI 2 or 3")
     starts = values.checked(model, parameters or {}, tables or {})
     shown = interface.complete(model, starts)
     code = _code(model, fmi)
@@ -88,7 +75,7 @@ def build(
     resources[defaults.RESOURCE] = defaults.dump(starts).encode()
     files = resources | {f"sources/{name}": text.encode() for name, text in code.sources.items()}
     files |= _binaries(model, code, fmi, compiler.find(platforms))
-    files["modelDescription.xml"] = _description(shown, f"{code.token}-{_digest(resources)[:16]}", fmi, code)
+    files["modelDescription.xml"] = _description(shown, f"{code.token}-{archive.digest(resources)[:16]}", fmi, code)
     files["documentation/index.html"] = documentation.page(shown)
     if fmi == 3:
         files["sources/buildDescription.xml"] = _build_description(model, code)
@@ -111,13 +98,11 @@ class _Code:
 @cache
 def _code(model: Model, fmi: int) -> _Code:
     """Generated sources, runtime and FMI headers; what they are does not depend on parameters."""
-    headers = Path(str(fmpy.__file__)).parent / "c-code"
-    fixed = {name: (_RUNTIME / name).read_text() for name in (*_COMMON, "model.h", *_ADAPTERS[fmi])}
-    fixed |= {name: (headers / name).read_text() for name in _HEADERS[fmi]}
+    fixed = sources.fixed(fmi)
     require_agreement(model)
     shown = interface.complete(model, {})
     generated = c_model.generate(shown, "")
-    digest = _digest({name: text.encode() for name, text in (fixed | generated).items()})
+    digest = archive.digest({name: text.encode() for name, text in (fixed | generated).items()})
     token = f"{model.name}-{digest[:32]}"
     return _Code(fixed | generated | {"layout.h": c_model.layout(shown, token)}, token)
 
@@ -140,10 +125,10 @@ def _description(shown: Interface, token: str, fmi: int, code: _Code) -> bytes:
     flags = _CAPABILITIES[fmi]
     exchangeable = interface.exchangeable(model)
     common = {**flags.common, **dict.fromkeys(flags.derivatives, exchangeable)}
-    sources = code.units if fmi == 2 else []
+    listed = code.units if fmi == 2 else []
     stepping = {"canHandleVariableCommunicationStepSize": True}
-    offers = [Offer("ModelExchange", model.name, common | flags.exchange, sources)] if exchangeable else []
-    offers.append(Offer("CoSimulation", model.name, common | stepping, sources))
+    offers = [Offer("ModelExchange", model.name, common | flags.exchange, listed)] if exchangeable else []
+    offers.append(Offer("CoSimulation", model.name, common | stepping, listed))
     starts = {v.name: v.start for v in shown.variables if v.start is not None}
     extras = Extras(LOG_CATEGORIES, interface.default_step(model, starts))
     return (xml.fmi2 if fmi == 2 else xml.fmi3)(shown, token, offers, extras)
@@ -157,10 +142,3 @@ def _build_description(model: Model, code: _Code) -> bytes:
         ET.SubElement(files, "SourceFile", name=name)
     ET.indent(root)
     return ET.tostring(root, encoding="UTF-8", xml_declaration=True)
-
-
-def _digest(files: Mapping[str, bytes]) -> str:
-    digest = hashlib.sha256()
-    for name in sorted(files):
-        digest.update(name.encode() + b"\0" + str(len(files[name])).encode() + b"\0" + files[name])
-    return digest.hexdigest()

@@ -14,14 +14,18 @@ import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache as once
+from importlib.metadata import version
 from pathlib import Path
 
 from fmus.errors import ModelError
+from fmus.packaging import cache
+from fmus.packaging.fingerprint import fingerprint
 
 _MACH_PROCESSORS = {"x86_64-darwin": (0x01000007, 3), "aarch64-darwin": (0x0100000C, 0)}  # type and subtype
 LOG = logging.getLogger("servotwin.compiler")
 FLAGS = ("-std=c99", "-O2", "-fno-fast-math", "-ffp-contract=off", "-fvisibility=hidden", "-shared", "-s")
+_ENVIRONMENT = ("CPATH", "C_INCLUDE_PATH", "LIBRARY_PATH", "COMPILER_PATH", "GCC_EXEC_PREFIX", "SDKROOT")
 TIME_LIMIT = 600.0  # seconds; the first use of a cross target builds its C runtime
 
 
@@ -42,8 +46,8 @@ class Platform:
 
 
 PLATFORMS = {
-    each.name: each
-    for each in (
+    machine.name: machine
+    for machine in (
         Platform("x86_64-linux", "linux64", ".so", "x86_64-linux-gnu.2.17"),
         Platform("aarch64-linux", "aarch64-linux", ".so", "aarch64-linux-gnu.2.17"),
         Platform("x86_64-windows", "win64", ".dll", "x86_64-windows-gnu"),
@@ -86,7 +90,7 @@ def find(names: Sequence[str]) -> tuple[Platform, ...]:
         if name not in (*PLATFORMS, "host", "all"):
             raise ModelError(f"platform '{name}'", "is not known", f"choose host, all, {', '.join(PLATFORMS)}")
         picked = PLATFORMS.values() if name == "all" else [host() if name == "host" else PLATFORMS[name]]
-        chosen |= {each.name: each for each in picked}
+        chosen |= {machine.name: machine for machine in picked}
     return tuple(chosen.values())
 
 
@@ -119,10 +123,39 @@ def compile_library(sources: Mapping[str, str], name: str, target: Platform, fla
     Raises:
         ModelError: no compiler, or it failed; its first message is told.
     """
-    return _compiled(tuple(sorted(sources.items())), name, target, (*command_for(target), *FLAGS, *flags))
+    command = (*command_for(target), *FLAGS, *flags)
+    return _kept(tuple(sorted(sources.items())), name, target, command, fingerprint(identity(target)))
 
 
-@cache
+@once
+def _kept(
+    sources: tuple[tuple[str, str], ...], name: str, target: Platform, command: tuple[str, ...], compiler: str
+) -> bytes:
+    """The library from the cache, compiled where it is not there."""
+    kept = cache.current()
+    if kept is None:
+        return _compiled(sources, name, target, command)
+    key = fingerprint("library", sources, name, target.name, command, compiler)
+    library = kept.get(key)
+    if library is None:
+        library = _compiled(sources, name, target, command)
+        kept.put(key, library)
+    return library
+
+
+def identity(target: Platform) -> tuple[object, ...]:
+    """What tells the compiler of a platform from others: its command, its programs' files, what else it looks at.
+
+    A program's size and date stand for its version: it is not run for this.
+    """
+    command = command_for(target)
+    programs = [Path(found).resolve() for word in command if (found := shutil.which(word)) is not None]
+    files = [(str(program), program.stat().st_size, program.stat().st_mtime_ns) for program in programs]
+    package = version("ziglang") if "ziglang" in command else ""
+    c_library = os.confstr("CS_GNU_LIBC_VERSION") if "CS_GNU_LIBC_VERSION" in getattr(os, "confstr_names", ()) else ""
+    return command, FLAGS, files, package, c_library, [(name, os.environ.get(name)) for name in _ENVIRONMENT]
+
+
 def _compiled(sources: tuple[tuple[str, str], ...], name: str, target: Platform, compiler: tuple[str, ...]) -> bytes:
     library = name + target.suffix
     units = [file for file, _ in sources if file.endswith(".c")]

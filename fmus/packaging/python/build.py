@@ -6,12 +6,10 @@ lets FMUs of different versions live in one interpreter.
 
 from __future__ import annotations
 
-import hashlib
 import uuid
 from collections.abc import Mapping
 from pathlib import Path
 
-import pythonfmu
 from pythonfmu.builder import FmuBuilder
 
 from fmus import library
@@ -19,6 +17,7 @@ from fmus.errors import ModelError
 from fmus.modelling.model import Model, Number, Table
 from fmus.packaging import archive, defaults, values
 from fmus.packaging.description import interface, xml
+from fmus.packaging.python import runtime
 
 _ROOT = Path(__file__).parents[2]
 _TRAVELS = (
@@ -65,7 +64,9 @@ def build(
     """
     starts = values.checked(model, parameters or {}, tables or {})
     files = _code(model) | {f"resources/{name}.csv": values.csv(table) for name, table in (tables or {}).items()}
-    guid = str(uuid.uuid5(uuid.NAMESPACE_URL, f"servotwin:{model.name}:{_digest(files)}:{defaults.dump(starts)}"))
+    guid = str(
+        uuid.uuid5(uuid.NAMESPACE_URL, f"servotwin:{model.name}:{archive.digest(files)}:{defaults.dump(starts)}")
+    )
     files[defaults.RESOURCE] = defaults.dump(starts).encode()
     offer = xml.Offer("CoSimulation", model.name, _CAPABILITIES)
     files["modelDescription.xml"] = xml.fmi2(interface.plain(model, starts), guid, [offer])
@@ -77,25 +78,14 @@ def _code(model: Model) -> dict[str, bytes]:
     """Sources, pythonfmu's files and binaries, and the shim, by archive name."""
     source = library.source_file(model)
     modules = {name: (_ROOT / name).read_bytes() for name in _TRAVELS} | {f"models/{source.name}": source.read_bytes()}
-    package = f"{model.name}_{_digest(modules | {'': model.call.encode()})[:12]}"
+    package = f"{model.name}_{archive.digest(modules | {'': model.call.encode()})[:12]}"
     files = {f"resources/{package}/{name}": text for name, text in modules.items()}
     folders = ("", "modelling/", "packaging/", "packaging/python/")
     files |= {f"resources/{package}/{folder}__init__.py": b"" for folder in folders}
     shim = f"{package}_slave"
     files[f"resources/{shim}.py"] = _SHIM.format(package=package, module=source.stem, call=model.call).encode()
     files["resources/slavemodule.txt"] = shim.encode()
-    home = Path(str(pythonfmu.__file__)).parent
-    files |= {f"resources/pythonfmu/{file.name}": file.read_bytes() for file in home.glob("*.py")}
     if not FmuBuilder.has_binary():
         raise ModelError(f"model {model.name}", "pythonfmu has no binary for this platform", "build it natively")
-    for binary in (home / "resources" / "binaries").rglob("*.*"):
-        if binary.suffix in (".so", ".dll", ".dylib"):
-            files[f"binaries/{binary.parent.name}/{model.name}{binary.suffix}"] = binary.read_bytes()
+    files |= runtime.files(model.name)
     return files
-
-
-def _digest(files: Mapping[str, bytes]) -> str:
-    digest = hashlib.sha256()
-    for name in sorted(files):
-        digest.update(name.encode() + b"\0" + files[name])
-    return digest.hexdigest()

@@ -19,8 +19,8 @@ import pytest
 
 from fmus import library
 from fmus.modelling.model import Table
-from fmus.packaging import native
 from fmus.packaging.description import interface
+from fmus.packaging.native import build as native
 from fmus.packaging.native import compiler
 from fmus.parameters import write_back
 from orchestrator.trace import FloatArray

@@ -20,7 +20,7 @@ from lxml import etree
 from fmus import library
 from fmus.errors import FmuFileError
 from fmus.modelling.model import Model
-from fmus.packaging import archive, defaults, python
+from fmus.packaging import archive, defaults, targets
 from fmus.parameters.ssv import Item, read_values
 from fmus.parameters.write_back import PROVENANCE, REFERENCES, write_back
 from tests.support import third_party
@@ -186,7 +186,7 @@ MODEL = Model("mixed", "Types", (
 def mixed(tmp_path: Path) -> Path:
     (tmp_path / "mixed.py").write_text(MIXED)
     model: Model = library.find(str(tmp_path / "mixed.py"))
-    return python.build(model, tmp_path / "mixed.fmu")
+    return targets.build(model, tmp_path / "mixed.fmu", target="python")
 
 
 @pytest.mark.parametrize("kind", ["fast", 3])

@@ -14,8 +14,7 @@ from fmpy import simulate_fmu
 from fmpy.ssp.ssd import read_ssd, read_ssv
 from plotly.offline import get_plotlyjs
 
-from fmus import library
-from fmus.packaging import archive, defaults, python
+from fmus.packaging import archive, defaults, targets
 from fmus.parameters.ssv import read_values
 from fmus.parameters.write_back import PROVENANCE
 from identification.calibrate import calibrate_study, validate_result
@@ -344,7 +343,7 @@ def test_windows_in_which_nothing_moves_have_no_fit_and_do_not_spoil_the_summary
 
 def foreign(path: Path) -> Path:
     """The pendulum's FMU as if another tool had made it."""
-    python.build(library.find("pendulum"), path)
+    targets.build("pendulum", path, target="python")
     files = archive.read(path)
     text = files["modelDescription.xml"].replace(b'generationTool="servotwin"', b'generationTool="Somebody"')
     archive.write(path, files | {"modelDescription.xml": text})
@@ -421,6 +420,6 @@ def test_a_calibrated_fmu_in_another_tool_swings_as_the_true_rig(result: Path) -
         str(result / "fmus" / "hand.fmu"), stop_time=3, output_interval=0.01, start_values={"angle_start": 0.05}
     )
     values = {name.removeprefix("hand."): value for name, value in TRUTH.items() if "hand" in name}
-    truth = python.build(library.find("pendulum"), result.parent / "true.fmu", values)
+    truth = targets.build("pendulum", result.parent / "true.fmu", parameters=values, target="python")
     other = simulate_fmu(str(truth), stop_time=3, output_interval=0.01, start_values={"angle_start": 0.05})
     assert np.max(np.abs(run["angle"] - other["angle"])) < 5e-4

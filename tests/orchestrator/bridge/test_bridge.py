@@ -19,7 +19,6 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from fmus import library
 from fmus.errors import BusError, FmuError, InputError, ScenarioError
 from fmus.packaging import targets
 from identification.cli import app
@@ -72,7 +71,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with FMUs and a database."""
     folder = tmp_path_factory.mktemp("rig")
     for name in ("dc_motor", "pendulum"):
-        targets.build(targets.preferred(), library.find(name), folder / f"{name}.fmu")
+        targets.build(name, folder / f"{name}.fmu")
     (folder / "rig.dbc").write_text(DBC)
     return folder
 

@@ -22,9 +22,8 @@ import pytest
 from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 
-from fmus import library
 from fmus.errors import FmuError, WiringError
-from fmus.packaging import python
+from fmus.packaging import targets
 from orchestrator.engine import CycleSettings, Engine, Interrupted, Order, Result, Run, Simulation, Timing, compiled
 from orchestrator.engine.recording import Recorder
 from orchestrator.fmi.file import FmuFile
@@ -58,7 +57,7 @@ def shelf(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Shelf]:
     folder = tmp_path_factory.mktemp("fmus")
     paths = {f"{model}{version}": third_party.reference(version, model) for model in MODELS for version in (2, 3)}
     for name in ("pendulum", "daq"):
-        paths[name] = python.build(library.find(name), folder / f"{name}.fmu")
+        paths[name] = targets.build(name, folder / f"{name}.fmu", target="python")
     paths["moody"] = moody.build(folder)
     with ExitStack() as stack:
         yield {name: stack.enter_context(FmuFile(path)) for name, path in paths.items()}

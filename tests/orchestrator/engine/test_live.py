@@ -9,7 +9,6 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from fmus import library
 from fmus.errors import FmuError, WiringError
 from fmus.packaging import targets
 from orchestrator.engine import Engine, LiveRun, Result, Run, Simulation, Timing, compiled
@@ -35,9 +34,7 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
     links = [("hand.speed", "motor.speed"), ("motor.torque", "hand.torque"), ("hand.angle", "encoder.signal")]
     with ExitStack() as stack:
         files = {
-            name: stack.enter_context(
-                FmuFile(targets.build(targets.preferred(), library.find(model), folder / f"{name}.fmu"))
-            )
+            name: stack.enter_context(FmuFile(targets.build(model, folder / f"{name}.fmu")))
             for name, model in models.items()
         }
 

@@ -13,9 +13,8 @@ import scipy.signal
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from fmus import library
 from fmus.errors import FmuError, WiringError
-from fmus.packaging import python
+from fmus.packaging import targets
 from orchestrator.engine import Order, Simulation, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
@@ -286,7 +285,7 @@ def linear_fmus(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, 
     for name, text in {"plant": PLANT, "controller": CONTROLLER}.items():
         source = folder / f"{name}.py"
         source.write_text(text)
-        opened[name] = FmuFile(python.build(library.find(str(source)), folder / f"{name}.fmu"))
+        opened[name] = FmuFile(targets.build(source, folder / f"{name}.fmu", target="python"))
     yield opened
     for fmu in opened.values():
         fmu.close()

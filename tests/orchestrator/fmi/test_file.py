@@ -14,9 +14,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from fmus import library
 from fmus.errors import FmuError, FmuFileError
-from fmus.packaging import archive, python
+from fmus.packaging import archive, targets
 from orchestrator.fmi.file import FmuFile, read_description
 from orchestrator.fmi.slave import Slave
 from tests.support import third_party
@@ -26,7 +25,7 @@ XML = "modelDescription.xml"
 
 @pytest.fixture(scope="module")
 def pendulum(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return python.build(library.find("pendulum"), tmp_path_factory.mktemp("fmu") / "pendulum.fmu")
+    return targets.build("pendulum", tmp_path_factory.mktemp("fmu") / "pendulum.fmu", target="python")
 
 
 @pytest.fixture(autouse=True)
@@ -96,7 +95,7 @@ def test_the_interface_is_what_the_file_declares(pendulum: Path) -> None:
 
 
 def test_enumerations_keep_the_names_of_their_items(tmp_path: Path) -> None:
-    path = python.build(library.find("excitation"), tmp_path / "excitation.fmu")
+    path = targets.build("excitation", tmp_path / "excitation.fmu", target="python")
     with FmuFile(path) as fmu:
         shape = fmu.interface.ports["shape"]
         assert shape.type == "Enumeration"
@@ -118,7 +117,7 @@ def test_outputs_whose_dependencies_are_not_given_are_unknown(pendulum: Path, tm
 
 
 def test_without_inputs_nothing_can_react_whatever_is_declared(tmp_path: Path) -> None:
-    source = python.build(library.find("excitation"), tmp_path / "excitation.fmu")
+    source = targets.build("excitation", tmp_path / "excitation.fmu", target="python")
     with FmuFile(changed(source, tmp_path / "bare.fmu", without_dependencies)) as fmu:
         assert dict(fmu.interface.feed_through) == {"signal": frozenset()}
 

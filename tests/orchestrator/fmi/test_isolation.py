@@ -23,9 +23,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from fmus import library
 from fmus.errors import FmuError, FmuFileError, InputError, ServotwinError
-from fmus.packaging import python
+from fmus.packaging import targets
 from identification.calibrate import judge_claims
 from identification.cli import app
 from orchestrator.assembly.assembly import ComponentSpec, OpenSystem, SystemSpec, assemble
@@ -181,8 +180,8 @@ def test_model_exchange_is_isolated_alike() -> None:
 
 def test_isolated_and_other_fmus_are_wired_together_as_ever(tmp_path: Path) -> None:
     """A motor here, its pendulum elsewhere, both in Python."""
-    motor = python.build(library.find("dc_motor"), tmp_path / "motor.fmu")
-    hand = python.build(library.find("pendulum"), tmp_path / "hand.fmu")
+    motor = targets.build("dc_motor", tmp_path / "motor.fmu", target="python")
+    hand = targets.build("pendulum", tmp_path / "hand.fmu", target="python")
     links = [("motor.torque", "hand.torque"), ("hand.speed", "motor.speed")]
     timing = Timing(Fraction(1, 2), Fraction(1, 200))
     values = {"motor__voltage": 3.0, "motor__torque_gain": 0.05, "motor__back_emf": 0.05, "hand__angle_start": 0.5}

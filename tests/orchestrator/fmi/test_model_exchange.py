@@ -19,9 +19,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from fmus import library
 from fmus.errors import FmuError, FmuFileError, InputError, WiringError
-from fmus.packaging import python
+from fmus.packaging import targets
 from orchestrator.assembly.schema import ComponentBlock
 from orchestrator.engine import Simulation, Timing
 from orchestrator.fmi.exchange_slave import ExchangeSlave
@@ -346,7 +345,7 @@ def test_solver_settings_that_make_no_sense_are_refused(solver: str, problem: st
 
 
 def test_a_solver_for_an_fmu_with_co_simulation_only_is_refused(tmp_path: Path) -> None:
-    path = python.build(library.find("pendulum"), tmp_path / "pendulum.fmu")
+    path = targets.build("pendulum", tmp_path / "pendulum.fmu", target="python")
     with pytest.raises(FmuFileError) as refused:
         run_scenario(scenario(tmp_path, path, "{}"))
     assert str(refused.value).endswith(

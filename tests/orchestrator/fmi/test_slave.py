@@ -15,9 +15,8 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from fmus import library
 from fmus.errors import FmuError, FmuFileError, WiringError
-from fmus.packaging import python
+from fmus.packaging import targets
 from orchestrator.engine import CycleSettings, Order, Simulation, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.interface import Value
@@ -403,7 +402,7 @@ def test_a_saved_state_is_gone_back_to_exactly(version: int, load: Load) -> None
 
 
 def own(folder: Path) -> Path:
-    return python.build(library.find("pendulum"), folder / "pendulum.fmu")
+    return targets.build("pendulum", folder / "pendulum.fmu", target="python")
 
 
 def van_der_pol(version: int) -> Callable[[Path], Path]:

@@ -14,8 +14,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from fmus import library
-from fmus.packaging import archive, python
+from fmus.packaging import archive, targets
 from orchestrator.engine import Result, Simulation, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
@@ -83,7 +82,7 @@ def test_a_library_is_loaded_once_for_all_unless_it_can_be_used_only_once(
 
 
 def test_python_fmus_that_share_their_folder_are_the_same_as_alone(tmp_path: Path, scratch: Path) -> None:
-    path = python.build(library.find("pendulum"), tmp_path / "pendulum.fmu")
+    path = targets.build("pendulum", tmp_path / "pendulum.fmu", target="python")
     with ExitStack() as stack:
         result = five(stack, path, angle_start=0.2)
         assert len(list(scratch.iterdir())) == 1

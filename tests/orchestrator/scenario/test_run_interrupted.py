@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fmus import library
-from fmus.packaging import python, targets
+from fmus.packaging import targets
 from orchestrator import formats
 from orchestrator.scenario.run import run_scenario
 from orchestrator.trace import Trace
@@ -92,7 +91,7 @@ def interrupted(scenario: Path, *options: str, group: bool = False, after: float
 def swing(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An FMU that is the same for all."""
     folder = tmp_path_factory.mktemp("fmu")
-    return targets.build(targets.preferred(), library.find("pendulum"), folder / "hand.fmu", {"angle_start": 0.5})
+    return targets.build("pendulum", folder / "hand.fmu", parameters={"angle_start": 0.5})
 
 
 def written(folder: Path, fmu: Path, **changes: Any) -> Path:
@@ -147,7 +146,7 @@ def test_an_interrupted_run_prints_its_manifest_as_json_and_says_where_it_is_eve
 def test_an_interrupt_in_a_step_that_takes_long_keeps_those_that_are_done(tmp_path: Path) -> None:
     """An FMU in Python that does not come back is broken off; its failure is explained by the interrupt."""
     (tmp_path / "slow.py").write_text(SLOW)
-    python.build(library.find(str(tmp_path / "slow.py")), tmp_path / "slow.fmu")
+    targets.build(tmp_path / "slow.py", tmp_path / "slow.fmu", target="python")
     scenario = written(tmp_path, tmp_path / "slow.fmu", run={"stop": 10, "step": 0.1}, record=["hand.y"], expect=[])
     ended = interrupted(scenario, after=3.0)
     document, trace = left(tmp_path)

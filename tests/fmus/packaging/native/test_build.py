@@ -19,7 +19,8 @@ from fmus import library
 from fmus.errors import ModelError
 from fmus.modelling import ops
 from fmus.modelling.model import Model, State, Variable, element, element_names, input_, output, parameter, start_values
-from fmus.packaging import defaults, native
+from fmus.packaging import defaults, targets
+from fmus.packaging.native import build as native
 from fmus.packaging.native import compiler
 from tests.support.either import opened, schema
 from tests.support.natives import NAMES, PENDULUM, RICH, VERSIONS
@@ -192,7 +193,7 @@ def test_values_that_do_not_fit_are_refused_before_anything_is_built(
 
 def test_another_version_of_fmi_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ModelError, match="FMI 1 is not offered"):
-        native.build(PENDULUM, tmp_path / "a.fmu", fmi=1)
+        targets.build(PENDULUM, tmp_path / "a.fmu", target="native", fmi=1)
 
 
 def test_defaults_in_the_resources_are_the_start_values_of_the_description(native_fmu: Built) -> None:

@@ -13,7 +13,8 @@ import pytest
 
 from fmus import library
 from fmus.errors import ModelError
-from fmus.packaging import native, targets
+from fmus.packaging import targets
+from fmus.packaging.native import build as native
 from fmus.packaging.native import compiler
 
 HERE = compiler.host() if compiler.available() else next(iter(compiler.PLATFORMS.values()))
@@ -94,8 +95,9 @@ def test_a_failed_build_leaves_no_file(monkeypatch: pytest.MonkeyPatch, tmp_path
 def test_the_same_sources_give_the_same_bytes_and_are_compiled_once(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
+    monkeypatch.setenv("SERVOTWIN_CACHE", "off")
     first = compiler.compile_library(SOURCES, "one", HERE)
-    compiler._compiled.cache_clear()
+    compiler._kept.cache_clear()
     assert compiler.compile_library(SOURCES, "one", HERE) == first
     monkeypatch.setattr(compiler, "_run", lambda *_: pytest.fail("compiled again"))
     assert compiler.compile_library(SOURCES, "one", HERE) == first
@@ -129,6 +131,6 @@ def test_the_python_packaging_refuses_what_it_cannot_do(tmp_path: Path) -> None:
     model = library.find("pendulum")
     for more in ({"fmi": 3}, {"platforms": ("x86_64-windows",)}):
         with pytest.raises(ValueError, match="use --target native"):
-            targets.build("python", model, tmp_path / "p.fmu", **more)  # type: ignore[arg-type]
+            targets.build(model, tmp_path / "p.fmu", target="python", **more)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="target 'rust': is not known; choose native or python"):
-        targets.build("rust", model, tmp_path / "p.fmu")
+        targets.build(model, tmp_path / "p.fmu", target="rust")

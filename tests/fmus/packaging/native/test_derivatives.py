@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from fmus import library
-from fmus.packaging import native
+from fmus.packaging.native import build as native
 from fmus.packaging.native import compiler
 from tests.support.either import opened
 from tests.support.natives import CONTINUOUS, VERSIONS, cached, everything, value_of

@@ -22,7 +22,7 @@ import pytest
 
 from fmus import library
 from fmus.modelling.model import Table
-from fmus.packaging import native
+from fmus.packaging.native import build as native
 from fmus.packaging.native import compiler
 from orchestrator.trace import FloatArray
 from tests import support

@@ -11,7 +11,7 @@ import pytest
 
 from fmus import library
 from fmus.modelling.model import Table
-from fmus.packaging import native
+from fmus.packaging.native import build as native
 from fmus.packaging.native import compiler
 from tests.support.either import Either, opened
 from tests.support.natives import VERSIONS

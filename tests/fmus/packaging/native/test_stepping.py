@@ -19,8 +19,9 @@ from hypothesis import strategies as st
 from fmus import library
 from fmus.modelling.instance import Instance, StepError
 from fmus.modelling.model import Table
-from fmus.packaging import native, python
+from fmus.packaging.native import build as native
 from fmus.packaging.native import compiler
+from fmus.packaging.python import build as python
 from tests.support.either import opened
 from tests.support.natives import (
     CONTINUOUS,

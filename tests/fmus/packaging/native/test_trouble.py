@@ -12,7 +12,7 @@ from fmpy.fmi1 import FMICallException
 
 from fmus.modelling.instance import Instance, StepError
 from fmus.modelling.model import Model, Requirement, State, output, parameter
-from fmus.packaging import native
+from fmus.packaging.native import build as native
 from fmus.packaging.native import compiler
 from tests.support.either import opened
 from tests.support.natives import VERSIONS

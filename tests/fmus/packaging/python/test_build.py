@@ -23,7 +23,8 @@ from fmus import library, units
 from fmus.errors import ModelError
 from fmus.modelling import symbolic
 from fmus.modelling.model import Model, Table, Variable, input_, output, parameter
-from fmus.packaging import defaults, python
+from fmus.packaging import defaults
+from fmus.packaging.python import build as python
 from tests.support.loaded import loaded
 from tests.support.stepping import grid, stepped
 

@@ -1,0 +1,23 @@
+"""The C that is the same in every native FMU: the runtime, and the headers of FMI."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from fmus.files import package_folder
+
+VERSIONS = (2, 3)
+_RUNTIME = Path(__file__).parent / "c"
+_COMMON = tuple(f"{name}{suffix}" for name in ("files", "instance", "ops", "resources") for suffix in (".c", ".h"))
+_ADAPTERS: dict[int, tuple[str, ...]] = {2: ("fmi2.c",), 3: ("fmi3.c", "fmi3_absent.c")}
+_HEADERS = {
+    2: ("fmi2FunctionTypes.h", "fmi2Functions.h", "fmi2TypesPlatform.h"),
+    3: ("fmi3FunctionTypes.h", "fmi3Functions.h", "fmi3PlatformTypes.h"),
+}
+
+
+def fixed(fmi: int) -> dict[str, str]:
+    """File name -> text, for one version of FMI."""
+    runtime = {name: (_RUNTIME / name).read_text() for name in (*_COMMON, "model.h", *_ADAPTERS[fmi])}
+    headers = package_folder("fmpy") / "c-code"
+    return runtime | {name: (headers / name).read_text() for name in _HEADERS[fmi]}
