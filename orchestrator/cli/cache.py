@@ -20,7 +20,7 @@ def cache_info(terminal: Terminal) -> Answer:
         "folder": None if kept is None else str(kept.folder),
         "entries": len(entries),
         "bytes": sum(entry.size for entry in entries),
-        "at most": 0 if kept is None else kept.largest,
+        "limit": 0 if kept is None else kept.largest,
     }
     return Answer(document, [_switched_off() if kept is None else facts(document)])
 
