@@ -5,7 +5,7 @@ BIN := .venv/bin
 READY := .venv/.ready-$(EXTRAS)
 DEMO := out/demo
 
-.PHONY: setup demo test bench lint clean
+.PHONY: setup demo test bench endurance lint changelog clean
 
 setup: $(READY)
 
@@ -21,15 +21,20 @@ demo: $(READY)
 	$(BIN)/servotwin test scenarios/butterfly/bus/procedure.yaml --out $(DEMO) -v
 
 test: lint
-	$(BIN)/python -m pytest -m "not readme"
+	$(BIN)/python -m pytest -m "not readme" --durations=10
 
-bench: $(READY)
-	$(BIN)/python -m tests.benchmarks
+bench endurance:
+	@$(MAKE) --no-print-directory setup EXTRAS=dev,bench
+	$(BIN)/python -m tests.benchmarks $(if $(filter endurance,$@),--endurance)
 
 lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+# Joins the fragments in changes/ into CHANGELOG.md.
+changelog:
+	$(PYTHON) .ci/changelog.py
 
 clean:
 	rm -rf .venv out build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .cache

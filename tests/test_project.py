@@ -7,11 +7,13 @@ import re
 import sys
 import tomllib
 from collections import Counter
+from importlib import import_module
 from importlib.metadata import version
 
 import pytest
 
 from fmus import library, models
+from tests.benchmarks.__main__ import BENCH, ENDURANCE
 from tests.support.imports import PACKAGES, ROOT, SOURCES, between_rooms, circles, imported, imports_of, needs
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -92,6 +94,13 @@ def test_a_model_imports_only_the_language_and_the_standard_library(name: str) -
 
 def test_only_the_command_line_imports_its_library() -> None:
     assert [file for file in SOURCES if file.parent.name != "cli" and "typer" in tops(imports_of(file))] == []
+
+
+@pytest.mark.parametrize("name", [*BENCH, *ENDURANCE])
+def test_every_bench_can_be_run(name: str) -> None:
+    module = import_module(f"tests.benchmarks.{name}")
+    assert name not in BENCH or callable(module.figures)
+    assert name not in ENDURANCE or callable(module.endurance)
 
 
 def test_every_direct_dependency_is_pinned() -> None:

@@ -22,7 +22,7 @@ import numpy as np
 from orchestrator.assembly.assembly import Assembled, ComponentSpec, OpenSystem, SystemSpec, assemble
 from orchestrator.engine import Timing
 
-from .figure import Figure, report
+from .figure import Figure
 
 ROOT = Path(__file__).parents[2]
 STUDY = ROOT / "scenarios" / "butterfly" / "calibration.yaml"
@@ -150,7 +150,3 @@ def _marginal(run: Callable[[int], None]) -> float:
             times.append(time.perf_counter() - begun)
         least[count] = min(times)
     return 1e9 * (least[LONG] - least[SHORT]) / (LONG - SHORT)
-
-
-if __name__ == "__main__":
-    sys.exit(report(figures()))

@@ -24,7 +24,7 @@ from orchestrator.can.codec.decoding import trace
 from orchestrator.can.database.database import load
 from orchestrator.can.frames import Frames
 
-from .figure import Figure, report
+from .figure import Figure
 
 ROOT = Path(__file__).parents[2]
 MESSAGES, FRAMES, REPEATS = 4, 100_000, 3
@@ -149,5 +149,3 @@ def print_conversion(folder: Path) -> None:
 if __name__ == "__main__":
     if len(sys.argv) > 1:
         print_conversion(Path(sys.argv[1]))
-    else:
-        sys.exit(report(figures()))

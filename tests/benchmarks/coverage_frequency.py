@@ -6,7 +6,6 @@ corrected Steps 1-4.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -19,11 +18,11 @@ from identification.resonance.schema import ResonanceBlock
 from identification.resonance.steps import Experiment, study
 from identification.study import load_study
 
-from .figure import Figure, Interval, coverage, report
+from .figure import Figure, Interval, coverage
 
 STUDY = Path(__file__).parents[2] / "scenarios" / "butterfly" / "synthetic.yaml"
 NOISE = 3e-4  # rms on the angle [rad]: 1 to 30 % of the amplitudes of the campaign
-DRAWS = 200
+DRAWS, MANY = 100, 400
 SIGNAL = "hand.angle"
 
 
@@ -61,11 +60,12 @@ def truth(block: ResonanceBlock) -> dict[str, float]:
     return {name: block.truth[variable] for name, variable in block.write.items()}
 
 
-def figures() -> list[Figure]:
+def figures(draws: int = DRAWS) -> list[Figure]:
     """Coverage of p1, p2, p3 and p4."""
     block, experiments = campaign()
-    return coverage("resonance study", intervals(block, experiments, DRAWS), truth(block))
+    return coverage("resonance study", intervals(block, experiments, draws), truth(block))
 
 
-if __name__ == "__main__":
-    sys.exit(report(figures()))
+def endurance() -> list[Figure]:
+    """The same with a narrower band."""
+    return figures(MANY)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -34,10 +33,10 @@ from identification.output_error.windows import Cut
 from orchestrator.assembly.assembly import Assembled, ComponentSpec, SystemSpec, assemble
 from orchestrator.trace import FloatArray
 
-from .figure import Figure, Interval, coverage, report
+from .figure import Figure, Interval, coverage
 
 NOISE = 1e-3  # rms on the angle [rad]
-DRAWS = 200
+DRAWS, MANY = 40, 200
 STEP = Fraction(1, 100)  # [s]
 SAMPLES = 121  # a window
 LOADS = (0.0, 0.0, 0.2, 0.2)  # added mass of each window, at 0.1 m [kg]
@@ -148,10 +147,11 @@ def intervals(draws: int, processes: int) -> Sequence[Mapping[str, Interval]]:
             return list(pool.map(_draw_in_worker, range(draws)))
 
 
-def figures() -> list[Figure]:
+def figures(draws: int = DRAWS) -> list[Figure]:
     """Coverage of p1, p2 (viscous), p3, p4 (torque gain) and the Coulomb friction."""
-    return coverage("output error", intervals(DRAWS, os.cpu_count() or 1), TRUTH)
+    return coverage("output error", intervals(draws, os.cpu_count() or 1), TRUTH)
 
 
-if __name__ == "__main__":
-    sys.exit(report(figures()))
+def endurance() -> list[Figure]:
+    """The same with a narrower band."""
+    return figures(MANY)

@@ -1,6 +1,6 @@
 """One measured figure, and the table and exit code that a list of them makes.
 
-A benchmark fails only where a statistical claim does; speed and memory depend on the machine and are only shown.
+The benches fail only where a claim falls short that no machine changes; of speed and memory the table says it.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ class Figure:
 
     Attributes:
         holds: None where nothing is asked.
-        statistical: whether a claim that does not hold fails the benchmarks.
+        certain: whether no machine changes it, so that falling short fails the benches.
     """
 
     name: str
     asked: str
     measured: str
     holds: bool | None = None
-    statistical: bool = False
+    certain: bool = False
 
 
 def table(groups: Mapping[str, Sequence[Figure]]) -> str:
     """The figures as aligned columns, each group below its name where it has one."""
-    words = {True: "yes", False: "NO", None: "-"}
-    rows = [("name", "asked", "measured", "holds")]
+    words = {True: "pass", False: "FALLS SHORT", None: "-"}
+    rows = [("figure", "asked", "measured", "")]
     for name, figures in groups.items():
         rows += [("",) * 4, (f"{name}:", "", "", "")] if name else []
         rows += [(f.name, f.asked, f.measured, words[f.holds]) for f in figures]
@@ -42,15 +42,10 @@ def table(groups: Mapping[str, Sequence[Figure]]) -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
-def report(figures: Sequence[Figure]) -> int:
-    """Print the table; the exit code is 1 where a statistical claim does not hold."""
-    return report_groups({"": figures})
-
-
 def report_groups(groups: Mapping[str, Sequence[Figure]]) -> int:
-    """Print the table of groups by name; the exit code is 1 where a statistical claim does not hold."""
+    """Print the table of groups by name; the exit code is 1 where a certain claim falls short."""
     print(table(groups))
-    return int(any(each.statistical and not each.holds for figures in groups.values() for each in figures))
+    return int(any(figure.certain and not figure.holds for figures in groups.values() for figure in figures))
 
 
 def share_inside(intervals: Sequence[Interval], truth: float) -> float:

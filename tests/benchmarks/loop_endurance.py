@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import gc
 import os
-import sys
 from collections.abc import Callable
 from contextlib import ExitStack
 from fractions import Fraction
@@ -18,8 +17,9 @@ from orchestrator.engine import Simulation, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part, wire
+from tests.support import third_party
 
-from .figure import Figure, report
+from .figure import Figure
 
 ROOT = Path(__file__).parents[2]
 CYCLES, RESETS = 100_000, 1_000_000
@@ -27,19 +27,16 @@ TIMING = Timing(Fraction(20), Fraction(1, 5))  # 100 steps
 MEMORY_LIMIT = 4e6  # [B]: what an allocator may keep, 40 B a cycle
 
 
-def figures(cycles: int = CYCLES, resets: int = RESETS) -> list[Figure]:
+def endurance() -> list[Figure]:
     """Growth of memory and of loaded libraries, for an FMU of either version."""
-    sys.path.insert(0, str(ROOT / "tests"))
-    from tests.support import third_party
-
     found = []
     with ExitStack() as stack:
         for version in (2, 3):
             file = stack.enter_context(FmuFile(third_party.reference(version, "Feedthrough")))
             slave = Slave(file, "fmu")
             stack.callback(slave.close)
-            found += grown(f"FMI {version}: instantiate, 100 steps, free", lambda f=file: live(f), cycles // 2)
-            found += grown(f"FMI {version}: reset", lambda s=slave: reset(s), resets // 2)
+            found += grown(f"FMI {version}: instantiate, 100 steps, free", lambda f=file: live(f), CYCLES // 2)
+            found += grown(f"FMI {version}: reset", lambda s=slave: reset(s), RESETS // 2)
     return found
 
 
@@ -85,7 +82,3 @@ def resources() -> tuple[int, int]:
     gc.collect()
     libraries = {line.split()[-1] for line in Path("/proc/self/maps").read_text().splitlines() if ".so" in line}
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE"), len(libraries)
-
-
-if __name__ == "__main__":
-    sys.exit(report(figures()))

@@ -1,8 +1,7 @@
-"""Is the cost linear? Time over components (2 to 200) and over steps (1e3 to 1e7), and memory of the longest run."""
+"""Is the cost linear? Time over components and over steps, and memory of the longest run."""
 
 from __future__ import annotations
 
-import sys
 import tracemalloc
 from contextlib import ExitStack
 from fractions import Fraction
@@ -15,44 +14,49 @@ from orchestrator.engine import Order, Run, Simulation, Sink, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part, wire
+from tests.support import third_party
 
-from .figure import Figure, report
+from .figure import Figure
 
 ROOT = Path(__file__).parents[2]
 COMPONENTS = (2, 5, 20, 60, 200)
-STEPS = (1_000, 10_000, 100_000, 1_000_000, 10_000_000)
+STEPS = (1_000, 10_000, 100_000, 1_000_000)
+MANY = 10_000_000
 WORK = 400_000  # steps times components, when the components are counted
 STEP = Fraction(1, 1000)  # [s]
 REPEATS = 5
 RECORD = "c0.Float64_continuous_output"
 
 
-def figures() -> list[Figure]:
-    """Fitted exponents of time, and memory of a run of 1e7 steps with and without a sink."""
-    sys.path.insert(0, str(ROOT / "tests"))
-    from tests.support import third_party
-
+def figures(counts: tuple[int, ...] = STEPS) -> list[Figure]:
+    """Fitted exponents of time, and memory of the longest run with and without a sink."""
+    most = counts[-1]
     with ExitStack() as stack:
         file = stack.enter_context(FmuFile(third_party.reference(2, "Feedthrough")))
         wide = [per_step(file, count, WORK // count) for count in COMPONENTS]
         pair = stack.enter_context(ring(file, 2))
-        long = [taken(pair, count, 1 if count > 10**6 else REPEATS) for count in STEPS]
+        long = [taken(pair, count, 1 if count > 10**6 else REPEATS) for count in counts]
         kept, streamed, thinned = (
             peak(pair, run, sink)
             for run, sink in (
-                (of_length(STEPS[-1]), None),
-                (of_length(STEPS[-1]), lambda piece: None),
-                (of_length(STEPS[-1], 100), None),
+                (of_length(most), None),
+                (of_length(most), lambda piece: None),
+                (of_length(most, 100), None),
             )
         )
     return [
         exponent(f"time over {COMPONENTS[0]} to {COMPONENTS[-1]} components", COMPONENTS, wide),
-        exponent(f"time over {STEPS[1]:.0e} to {STEPS[-1]:.0e} steps", STEPS[1:], long[1:]),
+        exponent(f"time over {counts[1]:.0e} to {most:.0e} steps", counts[1:], long[1:]),
         Figure("the shortest run, 1e3 steps", "-", f"{1e3 * long[0]:.2f} ms"),
-        memory("1e7 steps, one signal kept", kept, 8 * STEPS[-1] * 4),
-        memory("the same, every 100th row", thinned, 8 * STEPS[-1] // 100 * 4 + 2**22),
+        memory(f"{most:.0e} steps, one signal kept", kept, 8 * most * 4),
+        memory("the same, every 100th row", thinned, 8 * most // 100 * 4 + 2**22),
         memory("the same, into a sink", streamed, 2**22),
     ]
+
+
+def endurance() -> list[Figure]:
+    """The same up to 1e7 steps."""
+    return figures((*STEPS, MANY))
 
 
 def ring(file: FmuFile, count: int) -> Simulation:
@@ -62,7 +66,7 @@ def ring(file: FmuFile, count: int) -> Simulation:
         (f"c{(number - 1) % count}.Float64_continuous_output", f"c{number}.Float64_continuous_input")
         for number in range(count)
     ]
-    timing = Timing(STEPS[-1] * STEP, STEP, order=Order.JACOBI)
+    timing = Timing(MANY * STEP, STEP, order=Order.JACOBI)
     return Simulation(wire(parts, links), {name: Slave(file, name) for name in parts}, timing)
 
 
@@ -103,7 +107,3 @@ def exponent(name: str, sizes: tuple[int, ...], times: list[float]) -> Figure:
 
 def memory(name: str, found: int, limit: int) -> Figure:
     return Figure(f"memory: {name}", f"under {limit / 1e6:.0f} MB", f"{found / 1e6:.1f} MB", found < limit)
-
-
-if __name__ == "__main__":
-    sys.exit(report(figures()))

@@ -36,8 +36,9 @@ from orchestrator.fmi.interface import Value
 from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part, wire
 from orchestrator.trace import FloatArray
+from tests.support import third_party
 
-from .figure import Figure, report
+from .figure import Figure
 
 ROOT = Path(__file__).parents[2]
 HERE = Path(__file__).parent
@@ -76,9 +77,6 @@ PEERS = {
 
 def figures() -> list[Figure]:
     """Nanoseconds per FMU and step of every loop, and what ours is against each."""
-    sys.path.insert(0, str(ROOT / "tests"))
-    from tests.support import third_party
-
     fmu = third_party.reference(2, "Feedthrough")
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
         file = stack.enter_context(FmuFile(fmu))
@@ -267,7 +265,3 @@ def ratio(
         return Figure(f"{name} x times {what}", f"at most {at_most:g}", f"{found:.2f}", found <= at_most)
     assert at_least is not None
     return Figure(f"{name} x times {what}", f"at least {at_least:g}", f"{found:.1f}", found >= at_least)
-
-
-if __name__ == "__main__":
-    sys.exit(report(figures()))

@@ -7,7 +7,6 @@ are repeated alone, on instances of their own, and must give the same bits.
 from __future__ import annotations
 
 import os
-import sys
 import tempfile
 from collections.abc import Sequence
 from fractions import Fraction
@@ -23,7 +22,7 @@ from orchestrator.fmi.interface import Value
 from orchestrator.scenario.scenario import Scenario
 from orchestrator.scenario.schema import load_scenario
 
-from .figure import Figure, report
+from .figure import Figure
 
 SCENARIO = Path(__file__).parents[2] / "scenarios" / "butterfly" / "energy_control.yaml"
 RUNS, REPEATS = 1_000, 5
@@ -59,7 +58,7 @@ def figures() -> list[Figure]:
             f"{len(ALONE)} of {len(ALONE)}",
             f"{same} of {len(ALONE)}",
             same == len(ALONE),
-            statistical=True,
+            certain=True,
         ),
     ]
 
@@ -108,7 +107,3 @@ def equal(one: Result, other: Result) -> bool:
     return names == other.trace.names and all(
         one.trace[name].tobytes() == other.trace[name].tobytes() for name in names
     )
-
-
-if __name__ == "__main__":
-    sys.exit(report(figures()))

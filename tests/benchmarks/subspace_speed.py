@@ -24,7 +24,7 @@ from identification.subspace.range_space import SubspaceSettings
 from identification.subspace.subspace import subspace
 from identification.subspace.weightings import Weighting
 
-from .figure import Figure, report
+from .figure import Figure
 from .subspace_peers import TOOLS
 
 ROOT = Path(__file__).parents[2]
@@ -170,5 +170,3 @@ def shown(name: str, measured: Measured) -> Figure:
 if __name__ == "__main__":
     if len(sys.argv) > 1:
         print_long_record(sys.argv[1])  # type: ignore[arg-type]
-    else:
-        sys.exit(report(figures()))
