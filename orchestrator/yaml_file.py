@@ -6,15 +6,17 @@ import difflib
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from fractions import Fraction
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, StringConstraints, ValidationError
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.events import AliasEvent, CollectionEndEvent, CollectionStartEvent, NodeEvent, ScalarEvent
 
-from fmus.errors import FmuFileError, ScenarioError, ServotwinError, TraceError
+from fmus.errors import FmuFileError, ScenarioError, ServotwinError, TraceError, WiringError
+from orchestrator.rational import seconds
 
 LARGEST = 4 << 20
 LONGEST_NUMBER = 100  # digits
@@ -28,6 +30,19 @@ class Block(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
+
+def exact(value: Any) -> Fraction:
+    """A time of a file, for validators."""
+    try:
+        return seconds(value)
+    except WiringError as error:
+        raise ValueError(error.problem) from error
+
+
+_TIME = r"^\s*[+-]?(\d+\s?/\s?\d+|(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?)\s*$"
+_Text = Annotated[str, StringConstraints(pattern=_TIME)]
+Seconds = Annotated[Fraction, BeforeValidator(exact, json_schema_input_type=float | _Text)]
+"""A time as files hold it [s]: a number, or text where a quotient is exact; 0.001, "1/300"."""
 
 B = TypeVar("B", bound=Block)
 M = TypeVar("M", bound=Block)

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import gc
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Any, Union
 
 import typer
 
 from identification.cli import studies
-from orchestrator.cli import bridge, cache, can, root, scenarios, tables, traces
+from orchestrator.cli import bridge, cache, can, root, scenarios, schemas, tables, traces
 
 if TYPE_CHECKING:
     from orchestrator.formats import Layout
@@ -31,6 +31,7 @@ app = typer.Typer(
 )
 app.add_typer(scenarios.app)
 app.add_typer(studies.app)
+app.add_typer(schemas.app)
 app.add_typer(traces.app, name="trace")
 app.add_typer(can.app, name="can")
 app.add_typer(cache.app, name="cache")
@@ -49,8 +50,17 @@ def _layout_of(study: Path) -> Layout:
     return layout_of(study)
 
 
+def _studies() -> Any:
+    from pydantic import Field
+
+    from identification.study import METHODS
+
+    return Annotated[Union[tuple(METHODS.values())], Field(discriminator="method")]  # noqa: UP007 (made here)
+
+
 tables.JUDGES["claims"] = _judge_claims
 tables.LAYOUTS["method"] = _layout_of
+tables.SCHEMAS["study"] = _studies
 
 
 def main() -> None:

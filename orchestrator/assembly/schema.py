@@ -4,23 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 from pydantic import Field, field_validator, model_validator
 
-from fmus.errors import ScenarioError, WiringError
+from fmus.errors import WiringError
 from fmus.modelling.model import Table
 from orchestrator import formats
 from orchestrator.assembly.assembly import ComponentSpec, SystemSpec, link
 from orchestrator.engine import CycleSettings, Order, Timing
 from orchestrator.fmi.interface import Value
-from orchestrator.rational import seconds
 from orchestrator.solvers.base import SolverMethod, SolverSettings
 from orchestrator.system import FeedThrough
 from orchestrator.trace import Trace
-from orchestrator.yaml_file import Block
+from orchestrator.yaml_file import Block, Seconds, exact
 
 
 class SignalFileBlock(Block):
@@ -54,14 +52,9 @@ class ComponentBlock(Block):
     fmu: Path | None = None
     parameters: dict[str, Value] = {}
     tables: dict[str, SignalFileBlock] = {}
-    step: Fraction | None = None
+    step: Seconds | None = None
     feed_through: FeedThrough = ComponentSpec.feed_through
     solver: SolverBlock | None = None
-
-    @field_validator("step", mode="before")
-    @classmethod
-    def _exact(cls, value: Any) -> Any:
-        return exact_seconds(value)
 
     @model_validator(mode="after")
     def _one_source(self) -> ComponentBlock:
@@ -96,16 +89,11 @@ class CyclesBlock(Block):
 class RunBlock(Block):
     """When a run stops and how it steps."""
 
-    stop: Fraction
-    step: Fraction
-    start: Fraction = Timing.start
+    stop: Seconds
+    step: Seconds
+    start: Seconds = Timing.start
     order: Order = Timing.order
     cycles: CyclesBlock | None = None
-
-    @field_validator("stop", "step", "start", mode="before")
-    @classmethod
-    def _exact(cls, value: Any) -> Any:
-        return exact_seconds(value)
 
     @model_validator(mode="after")
     def _positive(self) -> RunBlock:
@@ -162,9 +150,4 @@ class SystemBlock(Block):
 
 def exact_seconds(value: Any) -> Any:
     """A field's value as an exact time, for validators of schemas."""
-    if value is None:
-        return None
-    try:
-        return seconds(value)
-    except (WiringError, ScenarioError) as error:
-        raise ValueError(error.problem) from error
+    return None if value is None else exact(value)

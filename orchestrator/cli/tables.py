@@ -1,13 +1,13 @@
 """What commands here need to know of studies: tables that the package above fills when its commands are imported.
 
-Both go by a key at the top of a YAML file, which tells what the file is.
+Judges and layouts go by a key at the top of a YAML file, which tells what the file is.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from orchestrator.batch.suite import Judge
@@ -19,3 +19,6 @@ stated, and the cases. Other processes import the function by its name."""
 
 LAYOUTS: dict[str, Callable[[Path], Layout]] = {}
 """Who knows how such a file has recordings read."""
+
+SCHEMAS: dict[str, Callable[[], Any]] = {}
+"""kind of a YAML file -> the type that its contents have."""

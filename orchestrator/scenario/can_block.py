@@ -6,14 +6,12 @@ a bus is the bridge's.
 
 from __future__ import annotations
 
-from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
-from orchestrator.assembly.schema import exact_seconds
-from orchestrator.yaml_file import Block
+from orchestrator.yaml_file import Block, Seconds
 
 
 class ReceivedBlock(Block):
@@ -42,6 +40,13 @@ class SentBlock(Block):
     safe: float | None = None
 
 
+def _source(value: Any) -> Any:
+    return {"source": value} if isinstance(value, str) else value
+
+
+Sent = Annotated[SentBlock, BeforeValidator(_source, json_schema_input_type=SentBlock | str)]
+
+
 class CanBlock(Block):
     """How a scenario is coupled to a CAN bus.
 
@@ -55,23 +60,9 @@ class CanBlock(Block):
 
     database: Path
     receive: dict[str, ReceivedBlock] = {}
-    send: dict[str, SentBlock] = {}
-    every: dict[str, Fraction] = {}
+    send: dict[str, Sent] = {}
+    every: dict[str, Seconds] = {}
     silence: float = Field(0.1, gt=0)
-
-    @field_validator("send", mode="before")
-    @classmethod
-    def _plain_sources(cls, value: Any) -> Any:
-        if not isinstance(value, dict):
-            return value
-        return {signal: {"source": source} if isinstance(source, str) else source for signal, source in value.items()}
-
-    @field_validator("every", mode="before")
-    @classmethod
-    def _exact(cls, value: Any) -> Any:
-        return (
-            {message: exact_seconds(period) for message, period in value.items()} if isinstance(value, dict) else value
-        )
 
     @model_validator(mode="after")
     def _something(self) -> CanBlock:

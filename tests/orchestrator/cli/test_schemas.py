@@ -1,0 +1,141 @@
+"""JSON Schemas for editors: what the command prints is committed, fits every shipped file, and tells what is wrong."""
+
+from __future__ import annotations
+
+import copy
+import json
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+from ruamel.yaml import YAML
+from typer.testing import CliRunner, Result
+
+from fmus.errors import ScenarioError
+from identification.cli import app
+from identification.study import load_study
+from orchestrator.batch.procedure import ProcedureBlock
+from orchestrator.cli.tables import SCHEMAS
+from orchestrator.scenario.schema import ScenarioBlock
+from orchestrator.yaml_file import load
+
+ROOT = Path(__file__).parents[3]
+SHIPPED = sorted((ROOT / "scenarios").rglob("*.yaml"))
+REFERENCE = "# yaml-language-server: $schema="
+WRONG: list[tuple[str, tuple[str | int, ...], Any]] = [  # a file, a place in it, and what must not be there
+    ("butterfly/sine.yaml", ("run", "step"), "often"),
+    ("butterfly/sine.yaml", ("run", "step"), "1/3 s"),
+    ("butterfly/sine.yaml", ("run", "step"), [1]),
+    ("butterfly/sine.yaml", ("run", "order"), "newton"),
+    ("butterfly/sine.yaml", ("run", "stpo"), 1),
+    ("butterfly/sine.yaml", ("title",), None),
+    ("butterfly/bus/rig.yaml", ("can", "send"), {"signal": 3}),
+    ("butterfly/bus/rig.yaml", ("can", "every"), {"Command": "now"}),
+    ("butterfly/calibration.yaml", ("method",), "guess"),
+    ("butterfly/calibration.yaml", ("weight",), "heavy"),
+    ("flexible_link/subspace.yaml", ("windows",), {"length": 1}),
+    ("flexible_link/subspace.yaml", ("block",), 1),
+    ("butterfly/bus/procedure.yaml", ("procedure", 0, "run"), []),
+]
+RIGHT: list[tuple[str, tuple[str | int, ...], Any]] = [
+    ("butterfly/sine.yaml", ("run", "step"), "1/500"),
+    ("butterfly/sine.yaml", ("run", "step"), "2e-3"),
+    ("butterfly/sine.yaml", ("run", "start"), 0),
+    ("butterfly/bus/rig.yaml", ("can", "send"), {"a": "motor.torque", "b": {"source": "hand.angle", "safe": 0}}),
+    ("butterfly/bus/rig.yaml", ("can", "every"), {"State": "1/200"}),
+    ("butterfly/calibration.yaml", ("windows", "length"), "4"),
+]
+
+
+def contents(file: Path) -> dict[str, Any]:
+    document: dict[str, Any] = YAML(typ="safe", pure=True).load(file.read_text(encoding="utf-8"))
+    return document
+
+
+def committed(kind: str) -> Path:
+    return ROOT / "scenarios" / "schema" / f"{kind}.json"
+
+
+def kind_of(file: Path) -> str:
+    """The kind that the first line of a file names."""
+    first = file.read_text(encoding="utf-8").splitlines()[0]
+    assert first.startswith(REFERENCE), f"{file}: begin it with {REFERENCE}"
+    schema = (file.parent / first.removeprefix(REFERENCE)).resolve()
+    assert schema in map(committed, SCHEMAS), f"{file}: {schema} is no schema"
+    return schema.stem
+
+
+def complaints(file: Path, document: Any) -> list[str]:
+    validator = jsonschema.Draft202012Validator(json.loads(committed(kind_of(file)).read_text()))
+    return [error.message for error in validator.iter_errors(document)]
+
+
+def changed(name: str, place: tuple[str | int, ...], value: Any) -> tuple[Path, dict[str, Any]]:
+    """A shipped file, and its contents with another value at a place."""
+    file = ROOT / "scenarios" / name
+    document = copy.deepcopy(contents(file))
+    inner: Any = document
+    for key in place[:-1]:
+        inner = inner[key]
+    inner[place[-1]] = value
+    return file, document
+
+
+def read(kind: str, file: Path) -> object:
+    """The file as the commands read it."""
+    if kind == "study":
+        return load_study(file)
+    return load(file, ScenarioBlock if kind == "scenario" else ProcedureBlock)
+
+
+def servotwin(*arguments: object) -> Result:
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+@pytest.mark.parametrize("kind", SCHEMAS)
+def test_the_committed_schemas_are_what_the_command_prints(kind: str) -> None:
+    """Where they are not: servotwin schema KIND --out scenarios/schema/KIND.json."""
+    document = json.loads(committed(kind).read_text())
+    jsonschema.Draft202012Validator.check_schema(document)
+    assert json.loads(servotwin("schema", kind).stdout) == document
+    assert json.loads(servotwin("schema", kind, "--json").stdout) == document
+
+
+def test_a_schema_goes_into_a_file(tmp_path: Path) -> None:
+    answer = servotwin("schema", "study", "--out", tmp_path / "new" / "study.json")
+    assert answer.exit_code == 0, answer.stderr
+    assert (tmp_path / "new" / "study.json").read_text() == committed("study").read_text()
+
+
+def test_an_unknown_kind_is_refused_with_those_there_are() -> None:
+    answer = servotwin("schema", "poem")
+    assert answer.exit_code == 2 and "choose scenario or procedure or study" in answer.stderr
+
+
+@pytest.mark.parametrize("file", SHIPPED, ids=lambda file: str(file.relative_to(ROOT / "scenarios")))
+def test_every_shipped_file_names_its_schema_and_fits_it(file: Path) -> None:
+    keys = contents(file).keys()
+    assert kind_of(file) == ("study" if "method" in keys else "procedure" if "procedure" in keys else "scenario")
+    assert complaints(file, contents(file)) == []
+
+
+@pytest.mark.parametrize(("name", "place", "value"), WRONG)
+def test_what_is_wrong_is_so_for_the_editor_and_for_the_command(
+    name: str, place: tuple[str | int, ...], value: Any, tmp_path: Path
+) -> None:
+    file, document = changed(name, place, value)
+    assert complaints(file, document)
+    (tmp_path / "wrong.yaml").write_text(json.dumps(document))
+    with pytest.raises(ScenarioError):
+        read(kind_of(file), tmp_path / "wrong.yaml")
+
+
+@pytest.mark.parametrize(("name", "place", "value"), RIGHT)
+def test_what_is_right_is_so_for_the_editor_and_for_the_command(
+    name: str, place: tuple[str | int, ...], value: Any, tmp_path: Path
+) -> None:
+    file, document = changed(name, place, value)
+    assert complaints(file, document) == []
+    (tmp_path / "right.yaml").write_text(json.dumps(document))
+    read(kind_of(file), tmp_path / "right.yaml")
