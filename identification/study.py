@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib.metadata import EntryPoint, entry_points
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from fmus.errors import ScenarioError
 from identification.method import Method
 from identification.recordings.schema import StudyBlock
+from orchestrator.plugins import plugins
 from orchestrator.yaml_file import Block, load_as
 
-GROUP = "servotwin.methods"
 METHODS = {
-    "output-error": "identification.output_error.method:METHOD",
-    "resonance": "identification.resonance.method:METHOD",
-    "subspace": "identification.subspace.method:METHOD",
-    "experiments": "identification.experiments.method:METHOD",
+    "output-error": "identification.output_error.method",
+    "resonance": "identification.resonance.method",
+    "subspace": "identification.subspace.method",
+    "experiments": "identification.experiments.method",
 }
-"""name -> where the method is; it is imported when a study asks for it."""
+"""name -> module of the methods here, each with a METHOD, imported when a study asks for it; other packages add theirs
+as entry points of `servotwin.methods`."""
 
 
 @dataclass(frozen=True)
@@ -47,23 +48,29 @@ class _Kind(Block):
     method: str
 
 
-def methods() -> dict[str, EntryPoint]:
-    """name -> where each method is, those of other packages (entry points `servotwin.methods`) too."""
-    others = {point.name: point for point in entry_points(group=GROUP)}
-    return others | {name: EntryPoint(name, place, GROUP) for name, place in METHODS.items()}
-
-
 def method(name: str, place: str = "method") -> Method[Any, Any]:
     """The method of this name.
 
     Raises:
         ScenarioError: there is none; `place` is where it was asked for.
     """
-    known = methods()
-    if name not in known:
-        raise ScenarioError(place, f"'{name}' is unknown", f"use {' or '.join(known)}")
-    found: Method[Any, Any] = known[name].load()
+    found: Method[Any, Any] | None = import_module(METHODS[name]).METHOD if name in METHODS else _added().get(name)
+    if found is None:
+        raise ScenarioError(place, f"'{name}' is unknown", f"use {' or '.join(names())}")
     return found
+
+
+def names() -> list[str]:
+    """The names of all methods."""
+    return [*METHODS, *(name for name in _added() if name not in METHODS)]
+
+
+def _added() -> dict[str, Method[Any, Any]]:
+    return plugins("servotwin.methods", _is_method)
+
+
+def _is_method(loaded: object) -> bool:
+    return isinstance(loaded, Method)
 
 
 def load_study(path: str | Path) -> Study:

@@ -53,9 +53,10 @@ def _layout_of(study: Path) -> Layout:
 def _studies() -> Any:
     from pydantic import Field
 
-    from identification.study import METHODS
+    from identification.study import method, names
 
-    return Annotated[Union[tuple(METHODS.values())], Field(discriminator="method")]  # noqa: UP007 (made here)
+    schemas = tuple(method(name).schema for name in names())
+    return Annotated[Union[schemas], Field(discriminator="method")]  # noqa: UP007 (made here)
 
 
 tables.JUDGES["claims"] = _judge_claims

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from identification.estimation.arrow_least_squares import LossKind
 from identification.estimation.parameters import Scale
 from identification.recordings.schema import RecordedStudyBlock, Signals
-from orchestrator.assembly.schema import SystemBlock, exact_seconds
-from orchestrator.yaml_file import Block
+from orchestrator.assembly.schema import SystemBlock
+from orchestrator.yaml_file import Block, Seconds, exact
 
-Delay = float | str  # [s], or the name of a parameter
+
+def _number_or_name(value: Any) -> Any:
+    number = isinstance(value, str) and value[:1] in "+-.0123456789"
+    return float(exact(value)) if number else value
+
+
+Delay = Annotated[float | str, BeforeValidator(_number_or_name)]  # [s], or the name of a parameter
 
 
 class SignalBlock(Block):
@@ -28,12 +34,6 @@ class SignalBlock(Block):
     signal: str
     factor: float = 1.0
     delay: Delay | None = None
-
-    @field_validator("delay", mode="before")
-    @classmethod
-    def _exact(cls, value: Any) -> Any:
-        number = isinstance(value, str) and value[:1] in "+-.0123456789"
-        return float(exact_seconds(value)) if number else value
 
 
 class InitialBlock(Block):
@@ -60,15 +60,10 @@ class InitialBlock(Block):
 class WindowsBlock(Block):
     """Free runs of `length` [s], `every` so often [s] (back to back by default), after `skip` [s], at most `most`."""
 
-    length: Fraction
-    every: Fraction | None = None
-    skip: Fraction = Fraction(0)
+    length: Seconds
+    every: Seconds | None = None
+    skip: Seconds = Fraction(0)
     most: int | None = Field(None, ge=1)
-
-    @field_validator("length", "every", "skip", mode="before")
-    @classmethod
-    def _exact(cls, value: Any) -> Any:
-        return exact_seconds(value)
 
     @model_validator(mode="after")
     def _positive(self) -> WindowsBlock:
@@ -136,7 +131,7 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
     """
 
     method: Literal["output-error"]
-    step: Fraction
+    step: Seconds
     inputs: dict[str, SignalBlock] = {}
     outputs: dict[str, SignalBlock] = Field(min_length=1)
     initial: dict[str, InitialBlock] = {}
@@ -148,11 +143,6 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
     options: OptionsBlock = OptionsBlock()
     compare: dict[str, dict[str, float]] = {}
     truth: dict[str, float] = {}
-
-    @field_validator("step", mode="before")
-    @classmethod
-    def _exact(cls, value: Any) -> Any:
-        return exact_seconds(value)
 
     @model_validator(mode="after")
     def _consistent(self) -> OutputErrorBlock:

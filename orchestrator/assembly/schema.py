@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from pydantic import Field, field_validator, model_validator
 
@@ -18,7 +17,7 @@ from orchestrator.fmi.interface import Value
 from orchestrator.solvers.base import SolverMethod, SolverSettings
 from orchestrator.system import FeedThrough
 from orchestrator.trace import Trace
-from orchestrator.yaml_file import Block, Seconds, exact
+from orchestrator.yaml_file import Block, Seconds
 
 
 class SignalFileBlock(Block):
@@ -146,8 +145,3 @@ class SystemBlock(Block):
             for name, block in self.components.items()
             for variable, value in block.parameters.items()
         }
-
-
-def exact_seconds(value: Any) -> Any:
-    """A field's value as an exact time, for validators of schemas."""
-    return None if value is None else exact(value)

@@ -1,4 +1,4 @@
-"""Packages installed beside servotwin add commands and formats; a broken one costs a warning, none costs nothing."""
+"""Packages installed beside servotwin add commands, formats and methods; a broken one costs a warning, none costs nothing."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import sys
 from pathlib import Path
 
 import pytest
+
+from identification.study import METHODS
 
 ROOT = Path(__file__).parents[2]
 HELLO = '''
@@ -30,6 +32,28 @@ read = csv.read
 def write(trace, file):
     file.write(b"time [s],value\\n")
     file.writelines(f"{time},{10 * value}\\n".encode() for time, value in zip(trace.time, trace["value"]))
+"""
+
+MEAN = """
+from typing import Literal
+
+from identification.method import Calibrated, Method
+from identification.recordings.schema import StudyBlock
+from orchestrator.report import Report
+from orchestrator.results import versions
+
+class MeanBlock(StudyBlock):
+    method: Literal["mean"]
+    values: list[float]
+
+def run(study, base, data, progress):
+    return sum(study.values) / len(study.values)
+
+def summary(mean):
+    same = {"title": "", "method": "mean", "parameters": {}, "fit": {}, "data": [], "warnings": []}
+    return same | {"versions": versions(), "mean": mean}
+
+METHOD = Method(MeanBlock, run, summary, lambda mean: Report("Mean"), lambda mean, folder: Calibrated({}))
 """
 
 
@@ -76,6 +100,16 @@ def test_a_format_of_another_package_is_read_and_written(tmp_path: Path) -> None
     assert (tmp_path / "b.ten").read_text() == "time [s],value\n0.0,10.0\n1.0,40.0\n"
     document = json.loads(servotwin(rigs, "info", tmp_path / "b.ten", "--json").stdout)
     assert [(signal["name"], signal["max"]) for signal in document["signals"]] == [("value", 40.0)]
+
+
+def test_a_method_of_another_package_calibrates_and_is_in_the_schema(tmp_path: Path) -> None:
+    rigs = install(tmp_path / "site", "[servotwin.methods]\nmean = rig_method:METHOD\n", rig_method=MEAN)
+    (tmp_path / "study.yaml").write_text("title: Some values\nmethod: mean\nvalues: [1, 3]\n")
+    done = servotwin(rigs, "calibrate", tmp_path / "study.yaml", "--out", tmp_path / "out", "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["mean"] == 2
+    schema = json.loads(servotwin(rigs, "schema", "study").stdout)
+    assert set(schema["discriminator"]["mapping"]) == {*METHODS, "mean"}
 
 
 @pytest.mark.parametrize(

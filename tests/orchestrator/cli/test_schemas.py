@@ -33,6 +33,7 @@ WRONG: list[tuple[str, tuple[str | int, ...], Any]] = [  # a file, a place in it
     ("butterfly/bus/rig.yaml", ("can", "send"), {"signal": 3}),
     ("butterfly/bus/rig.yaml", ("can", "every"), {"Command": "now"}),
     ("butterfly/calibration.yaml", ("method",), "guess"),
+    ("butterfly/calibration.yaml", ("windows", "length"), "long"),
     ("butterfly/calibration.yaml", ("weight",), "heavy"),
     ("flexible_link/subspace.yaml", ("windows",), {"length": 1}),
     ("flexible_link/subspace.yaml", ("block",), 1),
@@ -45,6 +46,8 @@ RIGHT: list[tuple[str, tuple[str | int, ...], Any]] = [
     ("butterfly/bus/rig.yaml", ("can", "send"), {"a": "motor.torque", "b": {"source": "hand.angle", "safe": 0}}),
     ("butterfly/bus/rig.yaml", ("can", "every"), {"State": "1/200"}),
     ("butterfly/calibration.yaml", ("windows", "length"), "4"),
+    ("butterfly/calibration.yaml", ("outputs", "hand.angle", "delay"), "1/500"),
+    ("butterfly/calibration.yaml", ("outputs", "hand.angle", "delay"), 0.002),
 ]
 
 
