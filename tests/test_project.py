@@ -74,7 +74,6 @@ def test_no_circle_of_imports_between_files() -> None:
     assert circles(needs()) == {}
 
 
-@pytest.mark.xfail(strict=True, reason="the study knows its methods and they know it")
 def test_no_circle_of_imports_between_rooms() -> None:
     assert circles(between_rooms(needs())) == {}
 

@@ -1,4 +1,4 @@
-"""Packages installed beside servotwin add commands, formats and methods; a broken one costs a warning, none costs nothing."""
+"""Packages beside servotwin add commands, formats and methods; a broken one costs a warning, none costs nothing."""
 
 from __future__ import annotations
 
