@@ -13,10 +13,6 @@ from enum import StrEnum
 from fractions import Fraction
 from graphlib import CycleError, TopologicalSorter
 
-import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-
 from fmus.errors import WiringError
 from orchestrator.rational import common_divisor, multiples, written
 from orchestrator.system import Part, System
@@ -102,19 +98,19 @@ def _fits_fixed_step(name: str, part: Part, step: Fraction) -> None:
 
 
 def _groups(before: Mapping[str, list[str]]) -> tuple[tuple[str, ...], ...]:
-    """Strongly connected components of "must run before", in running order."""
-    number = {name: position for position, name in enumerate(before)}
-    edges = [(number[name], number[other]) for name, others in before.items() for other in others]
-    where = np.array(edges, dtype=int).reshape(-1, 2).T
-    matrix = coo_array((np.ones(len(edges)), (where[0], where[1])), shape=(len(before), len(before)))
-    labels = dict(zip(before, connected_components(matrix, connection="strong")[1].tolist(), strict=True))
-    members: dict[int, list[str]] = {}
-    needs: dict[int, set[int]] = {}
-    for name, others in before.items():
-        members.setdefault(labels[name], []).append(name)
-        needs.setdefault(labels[name], set()).update(labels[other] for other in others)
-    order = TopologicalSorter({label: sorted(others - {label}) for label, others in needs.items()}).static_order()
-    return tuple(tuple(members[label]) for label in order)
+    """Strongly connected components of "must run before", in running order: circles are joined until none is left."""
+    group = {name: (name,) for name in before}
+    while True:
+        needs: dict[tuple[str, ...], dict[tuple[str, ...], None]] = {}  # inner ones as ordered sets
+        for name, others in before.items():
+            needs.setdefault(group[name], {}).update(
+                {group[other]: None for other in others if group[other] != group[name]}
+            )
+        try:
+            return tuple(TopologicalSorter(needs).static_order())
+        except CycleError as error:
+            members = {name for joined in error.args[1] for name in joined}
+            group |= dict.fromkeys(members, tuple(name for name in before if name in members))
 
 
 def _predecessors(system: System, instant: Mapping[str, frozenset[str]]) -> dict[str, list[str]]:

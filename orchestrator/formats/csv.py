@@ -16,6 +16,7 @@ from pyarrow import csv as arrow
 
 from fmus.errors import TraceError
 from orchestrator.formats import headings
+from orchestrator.formats.arrow import arrays
 from orchestrator.formats.layout import Columns, Layout, choose
 from orchestrator.formats.recording import Table, excerpt
 from orchestrator.trace import Trace
@@ -66,7 +67,7 @@ def appending(path: Path) -> Iterator[Callable[[Trace], None]]:
 
 
 def _write_rows(trace: Trace, file: BinaryIO) -> None:
-    table = pa.table([trace.time, *trace.signals.values()], names=headings.headings(trace))
+    table = pa.table(arrays(trace), names=headings.headings(trace))
     arrow.write_csv(table, file, arrow.WriteOptions(include_header=False))
 
 

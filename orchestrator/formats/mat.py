@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
-from scipy.io import savemat
 
 from fmus.errors import TraceError
 from orchestrator.formats import mat5
@@ -51,6 +50,8 @@ def read(path: Path, layout: Layout) -> Table:
 
 def write(trace: Trace, file: BinaryIO) -> None:
     """The trace as matrix `D` (K, 1 + signals), time first, with `names` and `units`, bit for bit."""
+    from scipy.io import savemat  # noqa: PLC0415 (half of the time that reading any recording would take)
+
     content = {
         "D": np.column_stack([trace.time, *trace.signals.values()]),
         "names": _cell(["time", *trace.names]),

@@ -11,6 +11,7 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from fmus.errors import TraceError
+from orchestrator.formats.arrow import arrays
 from orchestrator.formats.layout import MAX_VALUES, Columns, Layout, choose
 from orchestrator.formats.recording import Table, excerpt
 from orchestrator.interrupts import whole
@@ -74,7 +75,7 @@ def _arrow(trace: Trace) -> pa.Table:
     for name in trace.names:
         unit = trace.unit(name)
         fields.append(pa.field(name, pa.float64(), metadata={"unit": unit} if unit else None))
-    return pa.table([trace.time, *trace.signals.values()], schema=pa.schema(fields, metadata={"name": trace.name}))
+    return pa.table(arrays(trace), schema=pa.schema(fields, metadata={"name": trace.name}))
 
 
 def _table(file: parquet.ParquetFile, layout: Layout, path: Path) -> Table:
