@@ -12,7 +12,7 @@ from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 
 if TYPE_CHECKING:
     from identification.results import ClaimsSummary, FitsSummary, FitSummary, Summary
-    from identification.subspace.results import SubspaceSummary
+    from identification.subspace.summary import SubspaceSummary
 
 app = typer.Typer()
 

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from fmus.errors import ScenarioError
-from identification.experiments.data_set import SetResult, mean
 from identification.experiments.experiments import Experiments
 from identification.experiments.reduction import Reduction
-from identification.experiments.schema import ClaimBlock, InequalityBlock, Outcome
+from identification.experiments.schema import ClaimBlock, ClaimOutcome, InequalityBlock
+from identification.experiments.set_result import SetResult, mean
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class Comparison:
 
 
 @dataclass(frozen=True)
-class Judgement:
+class ClaimJudgement:
     """A claim and how its inequalities came out."""
 
     claim: ClaimBlock
@@ -43,10 +44,10 @@ class Judgement:
     @property
     def count(self) -> int:
         """Inequalities that hold."""
-        return sum(each.held for each in self.comparisons)
+        return sum(comparison.held for comparison in self.comparisons)
 
     @property
-    def outcome(self) -> Outcome:
+    def outcome(self) -> ClaimOutcome:
         """Held when all of them hold, not borne out when none does."""
         if self.count == len(self.comparisons):
             return "held"
@@ -63,7 +64,7 @@ class Judgement:
         return "" if self.outcome == "held" else self.claim.reason
 
 
-def judge(experiments: Experiments) -> list[Judgement]:
+def judge(experiments: Experiments) -> list[ClaimJudgement]:
     """All claims of the study.
 
     Raises:
@@ -71,8 +72,27 @@ def judge(experiments: Experiments) -> list[Judgement]:
     """
     known = figures(experiments)
     return [
-        Judgement(claim, tuple(_compared(block, known, f"claims[{i}]") for block in claim.holds))
+        ClaimJudgement(claim, tuple(_compared(block, known, f"claims[{i}]") for block in claim.holds))
         for i, claim in enumerate(experiments.study.claims)
+    ]
+
+
+Verdicts = list[tuple[ClaimJudgement, ClaimJudgement | None]]
+
+
+def verdicts(experiments: Experiments) -> Verdicts:
+    """All claims under the study's preparation, and under the other one where there is one."""
+    own = judge(experiments)
+    others = judge(experiments.compared) if experiments.compared else itertools.repeat(None)
+    return list(zip(own, others, strict=False))
+
+
+def unexpected(claims: Verdicts) -> list[str]:
+    """A sentence about each claim that comes out otherwise than the study states."""
+    return [
+        f"'{own.claim.statement}' is {own.outcome}, where the study states '{own.claim.outcome}'"
+        for own, _ in claims
+        if not own.as_stated
     ]
 
 
@@ -88,13 +108,13 @@ def figures(experiments: Experiments) -> dict[str, float]:
     for label, result in experiments.results.items():
         found |= {f"{label}.{name}": value for name, value in _of_set(result, experiments.study.outputs)}
     for name, reduction in experiments.reductions.items():
-        payload = experiments.study.sets[reduction.example.data].payload
+        payload = experiments.study.sets[experiments.example(name).data].payload
         flexible = experiments.physical[payload][0].frequency
         found |= {f"{name}.{stage}": value for stage, value in _of_reduction(reduction, flexible)}
     return found
 
 
-def _of_set(result: SetResult, outputs: list[str]) -> Iterator[tuple[str, float]]:
+def _of_set(result: SetResult, outputs: Sequence[str]) -> Iterator[tuple[str, float]]:
     errors = result.chosen.errors
     yield "dmv", mean(errors.dmv)
     yield "sfv", mean(errors.sfv)

@@ -1,6 +1,6 @@
 """A campaign of experiments on one rig: its data sets simulated, then worked on side by side.
 
-Data sets do not know of each other, so each goes to a process of its own. `experiment_set` says what happens there.
+Data sets do not know of each other, so each goes to a process of its own; `set_result` says what happens there.
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ from pathlib import Path
 from typing import TypeVar
 
 from fmus.errors import FmuError, ScenarioError
-from identification.experiments.data_set import Job, SetResult, work
+from identification.experiments.data_set import DataSet, data_set
 from identification.experiments.physical_modes import PhysicalMode, physical_modes
 from identification.experiments.reduction import Reduction
-from identification.experiments.schema import ExperimentsBlock
+from identification.experiments.schema import ExampleBlock, ExperimentsBlock, NamedConditioningBlock
+from identification.experiments.set_result import SetResult, identified
 from identification.output_error.calibration import processes
 from identification.recordings.campaign import Recorded, load_campaign
 from identification.recordings.schema import TracesBlock
@@ -35,25 +36,33 @@ class Experiments:
     """What a study gave.
 
     Attributes:
+        preparation: under which the results came about.
         results: label -> result; the label is the data set's code, with a `c` where the compensation was left in.
         physical: payload [kg] -> lowest modes of the physical model.
         compared: the same under the study's other preparation, where there is one.
     """
 
     study: ExperimentsBlock
+    preparation: NamedConditioningBlock
     recorded: tuple[Recorded, ...]
     results: dict[str, SetResult]
     physical: dict[float, tuple[PhysicalMode, ...]]
     compared: Experiments | None = None
 
+    def example(self, name: str) -> ExampleBlock:
+        """The study's example of this name."""
+        return next(example for example in self.study.examples if example.name == name)
+
     @property
     def reductions(self) -> dict[str, Reduction]:
         """By the example's name, in the study's order."""
-        found = {each.example.name: each for result in self.results.values() for each in result.reductions}
+        found = {
+            reduction.example.name: reduction for result in self.results.values() for reduction in result.reductions
+        }
         return {example.name: found[example.name] for example in self.study.examples}
 
 
-def run(study: ExperimentsBlock, base: Path, data: Path | None, move: Progress) -> Experiments:
+def run(study: ExperimentsBlock, base: Path, data: Path | None, progress: Progress) -> Experiments:
     """All data sets of a study.
 
     Args:
@@ -65,27 +74,27 @@ def run(study: ExperimentsBlock, base: Path, data: Path | None, move: Progress) 
         FmuError: a simulation failed, or a process died.
     """
     physical = {
-        payload: _physical(study, payload) for payload in sorted({each.payload for each in study.sets.values()})
+        payload: _physical(study, payload) for payload in sorted({known.payload for known in study.sets.values()})
     }
-    studies = [study, *([study.model_copy(update={"preparation": study.compare})] if study.compare else [])]
+    preparations = [study.preparation, *([study.compare] if study.compare else [])]
     with _workers() as pool:
-        recorded = _read(study, base, data) if data else _simulated(pool, study, base, move)
-        jobs = [_jobs(each, recorded, physical) for each in studies]
-        results = _worked_on(pool, list(itertools.chain(*jobs)), move)
+        recorded = _read(study, base, data) if data else _simulated(pool, study, base, progress)
+        sets = [_data_sets(study, preparation, recorded, physical) for preparation in preparations]
+        results = _identified(pool, list(itertools.chain(*sets)), progress)
     made = [
-        Experiments(each, tuple(recorded), {job.label: results[job] for job in own}, physical)
-        for each, own in zip(studies, jobs, strict=True)
+        Experiments(study, preparation, tuple(recorded), {own.label: results[own] for own in owns}, physical)
+        for preparation, owns in zip(preparations, sets, strict=True)
     ]
     return replace(made[0], compared=made[1] if study.compare else None)
 
 
-def _worked_on(pool: ProcessPoolExecutor, jobs: list[Job], move: Progress) -> dict[Job, SetResult]:
-    tasks = {pool.submit(work, job): job for job in jobs}
+def _identified(pool: ProcessPoolExecutor, sets: list[DataSet], progress: Progress) -> dict[DataSet, SetResult]:
+    tasks = {pool.submit(identified, own): own for own in sets}
     results = {}
     for number, task in enumerate(as_completed(tasks), start=1):
         results[tasks[task]] = _result(task)
         done = SIMULATED + (IDENTIFIED - SIMULATED) * number / len(tasks)
-        move(done, f"{number} of {len(tasks)} identified, {tasks[task].label}")
+        progress(done, f"{number} of {len(tasks)} identified, {tasks[task].label}")
     return results
 
 
@@ -94,30 +103,32 @@ def _physical(study: ExperimentsBlock, payload: float) -> tuple[PhysicalMode, ..
     return physical_modes(how.model, how.without | {how.payload: payload})[: how.modes]
 
 
-def _jobs(
-    study: ExperimentsBlock, recorded: list[Recorded], physical: dict[float, tuple[PhysicalMode, ...]]
-) -> list[Job]:
-    """One a data set, and another where there is a compensation to leave in."""
-    traces = {each.trace.name: each.trace for each in recorded}
-    jobs = []
-    for code, each in study.sets.items():
-        following = traces[study.feedback.records[each.payload]]
-        for removed in (True, False) if each.compensation else (True,):
-            jobs.append(Job(study, code, removed, traces[code], following, physical[each.payload]))
-    return jobs
+def _data_sets(
+    study: ExperimentsBlock,
+    preparation: NamedConditioningBlock,
+    recorded: list[Recorded],
+    physical: dict[float, tuple[PhysicalMode, ...]],
+) -> list[DataSet]:
+    """All of the study, those with a compensation a second time with it left in."""
+    traces = {known.trace.name: known.trace for known in recorded}
+    return [
+        data_set(study, preparation.preparation(), code, removed, traces, physical[known.payload])
+        for code, known in study.sets.items()
+        for removed in ((True, False) if known.compensation else (True,))
+    ]
 
 
 def _read(study: ExperimentsBlock, base: Path, data: Path) -> list[Recorded]:
     return _wanted(study, load_campaign(TracesBlock(files="**/*.csv"), base, data))
 
 
-def _simulated(pool: ProcessPoolExecutor, study: ExperimentsBlock, base: Path, move: Progress) -> list[Recorded]:
+def _simulated(pool: ProcessPoolExecutor, study: ExperimentsBlock, base: Path, progress: Progress) -> list[Recorded]:
     found: list[Recorded] = []
     tasks: dict[Future[list[Recorded]], Path] = {pool.submit(_simulate, base / path): path for path in study.scenarios}
     for number, task in enumerate(as_completed(tasks), start=1):
         cases: list[Recorded] = _result(task)
         found += cases
-        move(SIMULATED * number / len(tasks), f"simulated {tasks[task].stem}")
+        progress(SIMULATED * number / len(tasks), f"simulated {tasks[task].stem}")
     return _wanted(study, found)
 
 
@@ -131,10 +142,13 @@ def _wanted(study: ExperimentsBlock, found: list[Recorded]) -> list[Recorded]:
     Raises:
         ScenarioError: one is missing.
     """
-    missing = sorted(set(study.sets) - {each.trace.name for each in found})
+    missing = sorted(set(study.sets) - {recording.trace.name for recording in found})
     if missing:
         raise ScenarioError(f"sets.{missing[0]}", "no scenario or file has this name", "correct `scenarios`, or --data")
-    return sorted((each for each in found if each.trace.name in study.sets), key=lambda each: each.trace.name)
+    return sorted(
+        (recording for recording in found if recording.trace.name in study.sets),
+        key=lambda recording: recording.trace.name,
+    )
 
 
 @contextmanager

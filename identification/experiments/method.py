@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from identification.experiments.experiments import Experiments, run
-from identification.experiments.report import calibrated, report, summary
+from identification.experiments.report import report
 from identification.experiments.schema import ExperimentsBlock
+from identification.experiments.summary import calibrated, summary
 from identification.method import Method
 
 METHOD: Method[ExperimentsBlock, Experiments] = Method(ExperimentsBlock, run, summary, report, calibrated)

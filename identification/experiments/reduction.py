@@ -6,24 +6,43 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import get_args
 
-from identification.experiments.schema import ExampleBlock
 from identification.linear.model import LinearModel
 from identification.linear.modes import Mode, ReductionMethod, kept, labels, modes, ranked
 from identification.linear.poles import stabilised
 from identification.linear.records import InputOutputData
-from identification.linear.updating import reduced, updated
+from identification.linear.updating import UpdatedMatrix, reduced, updated
 from orchestrator.trace import FloatArray
 
 
+@dataclass(frozen=True)
+class Example:
+    """A model that is reduced and updated.
+
+    Attributes:
+        name: by which claims call it.
+        unstable: start from the best unstable order, which is then forced to be stable.
+        order, further: states that are kept, and after a second reduction.
+        by: which of the three reductions is updated.
+        update: which matrix is computed anew.
+    """
+
+    name: str
+    unstable: bool
+    order: int
+    further: int | None
+    by: ReductionMethod
+    update: UpdatedMatrix
+
+
 @dataclass(frozen=True, eq=False)
-class Errors:
+class ValidationErrors:
     """Delta of each output in the two validations: dmv (p,), and sfv (p,) or None where the loop is unstable."""
 
     dmv: FloatArray
     sfv: FloatArray | None
 
 
-Judge = Callable[[LinearModel], Errors]
+Judge = Callable[[LinearModel], ValidationErrors]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +58,7 @@ class Stage:
     name: str
     kept: tuple[str, ...]
     model: LinearModel
-    errors: Errors
+    errors: ValidationErrors
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +75,7 @@ class Ranking:
 class Reduction:
     """An example and its stages, in the order in which they were made."""
 
-    example: ExampleBlock
+    example: Example
     ranking: Ranking
     stages: tuple[Stage, ...]
 
@@ -67,7 +86,7 @@ class Reduction:
 
 
 def reduce_and_update(
-    model: LinearModel, example: ExampleBlock, fitted: InputOutputData, flexible: Sequence[float], judge: Judge
+    model: LinearModel, example: Example, fitted: InputOutputData, flexible: Sequence[float], judge: Judge
 ) -> Reduction:
     """All stages of an example.
 

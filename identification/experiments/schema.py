@@ -10,22 +10,21 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
+from identification.experiments.reduction import Example
 from identification.linear.modes import ReductionMethod
+from identification.linear.schema import ConditioningBlock
 from identification.recordings.schema import StudyBlock
 from orchestrator.yaml_file import Block
 
-Experiment = Literal["open loop", "bounded", "closed loop"]
-Errors = tuple[float, float, float, float, float]
+ControlLoop = Literal["open loop", "bounded", "closed loop"]
+ClaimOutcome = Literal["held", "held in part", "not borne out"]
+PrintedDeltas = tuple[float, float, float, float, float]
 
 
-class ConditioningBlock(Block):
-    """What is done to every record before a model is fitted; see `preparation.Preparation`. `name` is for reports."""
+class NamedConditioningBlock(ConditioningBlock):
+    """A preparation with a name for reports."""
 
     name: str = "preparation"
-    zero_mean: list[str] = []
-    cutoff: float | None = Field(None, gt=0)
-    causal: bool = False
-    filter_input: bool = True
 
 
 class FeedbackBlock(Block):
@@ -67,7 +66,7 @@ class PublishedSet(Block):
 
     orders: str
     order: int
-    delta: Errors
+    delta: PrintedDeltas
 
 
 class SetBlock(Block):
@@ -81,7 +80,7 @@ class SetBlock(Block):
         compensation: magnitude of the friction compensation in the command [V].
     """
 
-    experiment: Experiment
+    experiment: ControlLoop
     excitation: str
     volts: float
     rate: float = Field(gt=0)
@@ -94,8 +93,8 @@ class SetBlock(Block):
 class PublishedStage(Block):
     """Printed delta of a model in the two validations."""
 
-    dmv: Errors | None = None
-    sfv: Errors | None = None
+    dmv: PrintedDeltas | None = None
+    sfv: PrintedDeltas | None = None
 
 
 class PublishedExample(Block):
@@ -107,17 +106,12 @@ class PublishedExample(Block):
 
 
 class ExampleBlock(Block):
-    """A model that is reduced and updated.
+    """A model that is reduced and updated; see `reduction.Example`. Models are named after it.
 
     Attributes:
-        name: by which claims call it; models are named after it.
         data: the data set.
         table: number of the tables that it fills, none when it only counts in the last one.
         removed: whether the compensation is taken off the input first (type II), or left in it (type III).
-        unstable: start from the best unstable order, which is then forced to be stable.
-        order, further: states that are kept, and after a second reduction.
-        by: which of the three reductions is updated.
-        update: which matrix is computed anew.
         listed: whether its updated models stand in the last table.
     """
 
@@ -133,8 +127,10 @@ class ExampleBlock(Block):
     listed: bool = True
     published: PublishedExample | None = None
 
-
-Outcome = Literal["held", "held in part", "not borne out"]
+    @property
+    def example(self) -> Example:
+        """What is done with the model."""
+        return Example(self.name, self.unstable, self.order, self.further, self.by, self.update)
 
 
 class InequalityBlock(Block):
@@ -155,7 +151,7 @@ class ClaimBlock(Block):
 
     statement: str
     holds: list[InequalityBlock] = Field(min_length=1)
-    outcome: Outcome
+    outcome: ClaimOutcome
     reason: str = ""
 
 
@@ -177,8 +173,8 @@ class ExperimentsBlock(StudyBlock):
     input: str
     outputs: list[str] = Field(min_length=1)
     stop: str | None = None
-    preparation: ConditioningBlock = ConditioningBlock()
-    compare: ConditioningBlock | None = None
+    preparation: NamedConditioningBlock = NamedConditioningBlock()
+    compare: NamedConditioningBlock | None = None
     block: int = Field(ge=2)
     orders: tuple[int, int]
     compared: int = Field(ge=1)
@@ -198,7 +194,7 @@ class ExperimentsBlock(StudyBlock):
             *self.feedback.records.values(),
             *self.frequencies,
             *self.typical,
-            *(each.data for each in self.examples),
+            *(example.data for example in self.examples),
         ]
         for code in used:
             if code not in self.sets:
@@ -207,10 +203,10 @@ class ExperimentsBlock(StudyBlock):
         for name in (*self.preparation.zero_mean, *others, self.feedback.position, self.feedback.speed):
             if name not in self.outputs:
                 raise ValueError(f"'{name}' is no output")
-        for code, each in self.sets.items():
-            if each.payload not in self.feedback.records:
-                raise ValueError(f"`feedback.records` has none for the payload of {code}, {each.payload:g} kg")
-        names = [each.name for each in self.examples]
+        for code, data_set in self.sets.items():
+            if data_set.payload not in self.feedback.records:
+                raise ValueError(f"`feedback.records` has none for the payload of {code}, {data_set.payload:g} kg")
+        names = [example.name for example in self.examples]
         if len(set(names)) < len(names) or set(names) & set(self.sets):
             raise ValueError("`examples` need names of their own")
         return self

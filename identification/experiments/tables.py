@@ -6,17 +6,17 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from identification.experiments.data_set import SetResult, mean
 from identification.experiments.experiments import Experiments
 from identification.experiments.reduction import Reduction, Stage
-from identification.experiments.schema import Errors, ExampleBlock, Experiment, SetBlock
+from identification.experiments.schema import ControlLoop, ExampleBlock, PrintedDeltas, SetBlock
+from identification.experiments.set_result import SetResult, mean
 from identification.linear.modes import modes
-from identification.output_error.results import finite
+from identification.results import finite
 from orchestrator.report.blocks import Cell
 from orchestrator.trace import FloatArray
 
 UNSTABLE = "unstable"
-EXPERIMENTS: tuple[tuple[str, Experiment], ...] = (
+EXPERIMENTS: tuple[tuple[str, ControlLoop], ...] = (
     ("2-1", "open loop"),
     ("2-3", "bounded"),
     ("2-4", "closed loop"),
@@ -47,9 +47,9 @@ def tables(experiments: Experiments) -> list[ThesisTable]:
     identified = {number: _identification(experiments, number, kind) for number, kind in EXPERIMENTS}
     reductions = [
         table
-        for each in experiments.reductions.values()
-        if each.example.table
-        for table in (_ranking(each), _stages(experiments, each))
+        for name, reduction in experiments.reductions.items()
+        if experiments.example(name).table
+        for table in (_ranking(experiments.example(name), reduction), _stages(experiments, reduction))
     ]
     found = [
         *identified.values(),
@@ -64,8 +64,8 @@ def tables(experiments: Experiments) -> list[ThesisTable]:
 
 def model_name(result: SetResult, order: int | None = None) -> str:
     """As the thesis names models: O_dat2 with order 19 gives Ao2_19; a `c` stands for a compensation left in."""
-    kind, _, number = result.code.partition("_dat")
-    return f"A{kind.lower()}{number}_{order or result.chosen.order}{'' if result.removed else 'c'}"
+    kind, _, number = result.data_set.code.partition("_dat")
+    return f"A{kind.lower()}{number}_{order or result.chosen.order}{'' if result.data_set.removed else 'c'}"
 
 
 def reduced_name(reduction: Reduction, stage: Stage) -> str:
@@ -94,14 +94,14 @@ def _errors(errors: FloatArray | None, count: int) -> list[Cell]:
     """Delta of each output and their mean."""
     if errors is None:
         return [*itertools.repeat(None, count), UNSTABLE]
-    return [*(finite(float(each)) for each in errors), finite(mean(errors))]
+    return [*(finite(float(error)) for error in errors), finite(mean(errors))]
 
 
-def _printed(errors: Errors | None, count: int) -> list[Cell]:
+def _printed(errors: PrintedDeltas | None, count: int) -> list[Cell]:
     return [*(errors or itertools.repeat(None, count + 1))]
 
 
-def _identification(experiments: Experiments, number: str, kind: Experiment) -> ThesisTable:
+def _identification(experiments: Experiments, number: str, kind: ControlLoop) -> ThesisTable:
     deltas = _deltas(experiments)
     headers = [
         "data",
@@ -112,7 +112,7 @@ def _identification(experiments: Experiments, number: str, kind: Experiment) -> 
         "mean δ in SFV",
         "thesis: orders",
         "thesis: n",
-        *(f"thesis: {each}" for each in deltas),
+        *(f"thesis: {delta}" for delta in deltas),
     ]
     rows = [
         _row(block, experiments.results[code], len(experiments.study.outputs))
@@ -128,7 +128,7 @@ def _row(block: SetBlock, result: SetResult, count: int) -> list[Cell]:
     what = f"{block.excitation} {block.volts:g} V, {block.rate:g} Hz{load}"
     sfv: Cell = UNSTABLE if chosen.errors.sfv is None else mean(chosen.errors.sfv)
     return [
-        result.code,
+        result.data_set.code,
         what,
         runs(result.stable),
         chosen.order,
@@ -157,14 +157,12 @@ def _frequencies(experiments: Experiments) -> ThesisTable:
 def _special(experiments: Experiments) -> ThesisTable:
     """Table 2-5: examples that are not of type I or II, or not stable."""
     rows: list[list[Cell]] = []
-    for each in experiments.reductions.values():
-        example, order = each.example, each.stages[0].model.order
+    for name, reduction in experiments.reductions.items():
+        example, order = experiments.example(name), reduction.stages[0].model.order
         if example.unstable or not example.removed:
-            stable = all(stage.name != "stabilised" for stage in each.stages)
+            stability = "unstable" if any(stage.name == "stabilised" for stage in reduction.stages) else "stable"
             printed = example.published.model if example.published else None
-            rows.append(
-                [_original(experiments, each), _data(example), order, "stable" if stable else "unstable", printed]
-            )
+            rows.append([_original(experiments, reduction), _data(example), order, stability, printed])
     return ThesisTable("2-5", "Special models", ["model", "data", "order", "stability", "thesis: model"], rows)
 
 
@@ -192,9 +190,9 @@ def _typical(experiments: Experiments) -> ThesisTable:
     )
 
 
-def _ranking(reduction: Reduction) -> ThesisTable:
+def _ranking(example: ExampleBlock, reduction: Reduction) -> ThesisTable:
     """Table 3-Na."""
-    ranking, printed = reduction.ranking, reduction.example.published
+    ranking, printed = reduction.ranking, example.published
     ours: list[list[Cell]] = [
         [
             label,
@@ -222,24 +220,23 @@ def _ranking(reduction: Reduction) -> ThesisTable:
         "thesis: MSV rank",
     ]
     name = f" (thesis: {printed.model})" if printed else ""
-    return ThesisTable(
-        f"{reduction.example.table}a", f"Modes of the model of {_data(reduction.example)}{name}", headers, rows
-    )
+    return ThesisTable(f"{example.table}a", f"Modes of the model of {_data(example)}{name}", headers, rows)
 
 
 def _stages(experiments: Experiments, reduction: Reduction) -> ThesisTable:
     """Table 3-Nb."""
+    example = experiments.example(reduction.example.name)
     rows = [row for stage in reduction.stages for row in _validated(experiments, reduction, stage)]
     deltas = _deltas(experiments)
-    headers = ["modes kept", "stage", "order", "validation", *deltas, *(f"thesis: {each}" for each in deltas)]
-    caption = f"Reduction and updating of the model of {_data(reduction.example)}"
-    return ThesisTable(f"{reduction.example.table}b", caption, headers, rows)
+    headers = ["modes kept", "stage", "order", "validation", *deltas, *(f"thesis: {delta}" for delta in deltas)]
+    caption = f"Reduction and updating of the model of {_data(example)}"
+    return ThesisTable(f"{example.table}b", caption, headers, rows)
 
 
 def _validated(experiments: Experiments, reduction: Reduction, stage: Stage) -> list[list[Cell]]:
-    count = len(experiments.study.outputs)
-    printed = reduction.example.published.stages.get(stage.name) if reduction.example.published else None
-    word = WORDS[stage.name] + (f" from {reduction.example.by.upper()}" * (stage.name == "updated"))
+    count, example = len(experiments.study.outputs), experiments.example(reduction.example.name)
+    printed = example.published.stages.get(stage.name) if example.published else None
+    word = WORDS[stage.name] + (f" from {example.by.upper()}" * (stage.name == "updated"))
     head: list[Cell] = [", ".join(stage.kept) or "all", word, stage.model.order]
     return [
         [*head, "DMV", *_errors(stage.errors.dmv, count), *_printed(printed.dmv if printed else None, count)],
@@ -250,17 +247,17 @@ def _validated(experiments: Experiments, reduction: Reduction, stage: Stage) -> 
 def _updated(experiments: Experiments) -> ThesisTable:
     """Table 3-6."""
     rows: list[list[Cell]] = []
-    for reduction in experiments.reductions.values():
-        for stage in reduction.final if reduction.example.listed else []:
+    for name, reduction in experiments.reductions.items():
+        for stage in reduction.final if experiments.example(name).listed else []:
             head: list[Cell] = [reduced_name(reduction, stage), _original(experiments, reduction)]
             for _, _, order, *rest in _validated(experiments, reduction, stage):
                 rows.append([*head, f"{order}, {reduction.example.by.upper()}", *rest])
     deltas = _deltas(experiments)
-    headers = ["model", "original", "order, method", "validation", *deltas, *(f"thesis: {each}" for each in deltas)]
+    headers = ["model", "original", "order, method", "validation", *deltas, *(f"thesis: {delta}" for delta in deltas)]
     return ThesisTable("3-6", "Updated reduced models", headers, rows)
 
 
 def _original(experiments: Experiments, reduction: Reduction) -> str:
-    example = reduction.example
+    example = experiments.example(reduction.example.name)
     result = experiments.results[example.data if example.removed else f"{example.data}c"]
     return model_name(result, reduction.stages[0].model.order) + ("u" if example.unstable else "")

@@ -17,13 +17,13 @@ class Feedback:
 
     Attributes:
         proportional, derivative: in units of the model's input per unit of the outputs.
-        position, speed: numbers of the outputs.
+        position, speed: names of the outputs.
     """
 
     proportional: float
     derivative: float
-    position: int
-    speed: int
+    position: str
+    speed: str
 
 
 def closed(model: LinearModel, feedback: Feedback) -> LinearModel:
@@ -36,7 +36,8 @@ def closed(model: LinearModel, feedback: Feedback) -> LinearModel:
         raise IdentificationError(
             "set-point following", "needs one input and no feed-through", "identify with D fixed to 0"
         )
-    gain = feedback.proportional * model.c[feedback.position] + feedback.derivative * model.c[feedback.speed]
+    position, speed = (model.c[model.outputs.index(name)] for name in (feedback.position, feedback.speed))
+    gain = feedback.proportional * position + feedback.derivative * speed
     return replace(model, a=model.a - model.b @ gain[None, :], b=model.b * feedback.proportional, inputs=("set_point",))
 
 

@@ -6,25 +6,28 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
+from identification.linear.modes import ReductionMethod
 from identification.linear.poles import Poles
+from identification.linear.preparation import Preparation
+from identification.linear.schema import ConditioningBlock
+from identification.linear.updating import UpdatedMatrix
 from identification.recordings.schema import RecordedStudyBlock, Signals
+from identification.subspace.orders import Best, Gap, OrderRule, Threshold
+from identification.subspace.prediction_error import Refinement
+from identification.subspace.range_space import SubspaceSettings
 from identification.subspace.weightings import Weighting
 from orchestrator.yaml_file import Block
 
 
-class PreparationBlock(Block):
-    """What is done to records before a linear model is fitted; see `preparation.Preparation`.
+class PreparationBlock(ConditioningBlock):
+    """What is done to recordings before a linear model is fitted.
 
     Attributes:
-        zero_mean: signals that are centred; the other outputs start at zero.
+        scaled: whether outputs are brought to the size of the input.
         compensation: magnitude of a friction compensation that is taken off the input.
     """
 
-    zero_mean: list[str] = []
-    cutoff: float | None = Field(None, gt=0)
-    causal: bool = False
-    filter_input: bool = True
-    scaled: bool = True
+    scaled: bool = Preparation.scaled
     compensation: float = Field(0.0, ge=0)
 
 
@@ -44,6 +47,16 @@ class OrderBlock(Block):
                 raise ValueError(f"`{name}` is [least, most], from 1 up")
         return self
 
+    @property
+    def rule(self) -> OrderRule:
+        """The one that was given."""
+        if self.threshold is not None:
+            return Threshold(self.threshold)
+        if self.gap is not None:
+            return Gap(*self.gap)
+        assert self.best is not None
+        return Best(range(self.best[0], self.best[1] + 1))
+
 
 class ReductionBlock(Block):
     """Which modes a model keeps, and what is computed anew afterwards.
@@ -54,9 +67,9 @@ class ReductionBlock(Block):
     """
 
     order: int = Field(ge=1)
-    by: Literal["mrm", "msv", "mrmc"] = "mrm"
+    by: ReductionMethod = "mrm"
     flexible: list[float] = []
-    update: Literal["input", "output", "none"] = "output"
+    update: UpdatedMatrix = "output"
 
     @model_validator(mode="after")
     def _known(self) -> ReductionBlock:
@@ -86,13 +99,13 @@ class SubspaceBlock(RecordedStudyBlock):
     sample: float | None = Field(None, gt=0)
     preparation: PreparationBlock = PreparationBlock()
     block: int = Field(ge=2)
-    past: int | None = Field(None, ge=1)
+    past: int | None = Field(SubspaceSettings.past, ge=1)
     weightings: list[Weighting] = Field(["orse"], min_length=1)
     order: int | OrderBlock
-    feedthrough: bool = False
-    closed_loop: bool = False
-    poles: Poles = "free"
-    initial_states: bool = True
+    feedthrough: bool = SubspaceSettings.feedthrough
+    closed_loop: bool = SubspaceSettings.closed_loop
+    poles: Poles = SubspaceSettings.poles
+    initial_states: bool = SubspaceSettings.initial_states
     refine: bool = False
     reduce: ReductionBlock | None = None
     take: str | None = None
@@ -127,3 +140,30 @@ class SubspaceBlock(RecordedStudyBlock):
     def taken(self) -> str:
         """Name of the one that is written."""
         return self.take or self.models[-1]
+
+    @property
+    def rule(self) -> OrderRule:
+        """How the order is found."""
+        return self.order if isinstance(self.order, int) else self.order.rule
+
+    def settings(self, weighting: Weighting) -> SubspaceSettings:
+        """How a model is estimated with one of the weightings."""
+        return SubspaceSettings(
+            self.block,
+            weighting,
+            past=self.past,
+            closed_loop=self.closed_loop,
+            feedthrough=self.feedthrough,
+            initial_states=self.initial_states,
+            poles=self.poles,
+        )
+
+    @property
+    def refinement(self) -> Refinement:
+        """How the first weighting's model is refined."""
+        return Refinement(
+            "innovations" if self.closed_loop else "output-error",
+            feedthrough=self.feedthrough,
+            poles=self.poles,
+            initial_states=self.initial_states,
+        )

@@ -18,10 +18,10 @@ from fmus.errors import IdentificationError, ScenarioError
 from identification.calibrate import calibrate_study, validate_result
 from identification.cli import app
 from identification.experiments.claims import Comparison, figures, judge
-from identification.experiments.data_set import distances, mean
 from identification.experiments.experiments import Experiments, run
 from identification.experiments.physical_modes import PhysicalMode, physical_modes
 from identification.experiments.schema import ExperimentsBlock, InequalityBlock
+from identification.experiments.set_result import distances, mean
 from identification.experiments.tables import runs, tables
 from identification.linear.model import LinearModel
 from identification.linear.modes import Mode, from_modes
@@ -177,16 +177,16 @@ def test_a_claim_that_comes_out_otherwise_than_stated_fails_the_command(linear: 
 def test_claims_are_tried_under_the_other_preparation_too(result: Path) -> None:
     document = json.loads((result / "summary.json").read_text())
     own, other = document["figures"], document["compared"]
-    assert [each["compared"]["outcome"] for each in document["claims"]] == ["held", "not borne out"]
+    assert [claim["compared"]["outcome"] for claim in document["claims"]] == ["held", "not borne out"]
     assert other["O_dat1.dmv"] != own["O_dat1.dmv"]
     assert other["O_dat1.dmv"] < 0.05
 
 
 def test_a_claim_about_an_unknown_figure_is_refused(found: Experiments) -> None:
-    claim = found.study.claims[0].model_copy(update={"holds": [InequalityBlock(less=["O_dat9.dmv"], than=[1.0])]})
-    broken = replace(found, study=found.study.model_copy(update={"claims": [claim]}))
+    claim = {"statement": "?", "outcome": "held", "holds": [{"less": ["O_dat9.dmv"], "than": [1.0]}]}
+    study = ExperimentsBlock.model_validate(study_of(claims=[claim]))
     with pytest.raises(ScenarioError, match=r"claims\[0\].*no figure 'O_dat9.dmv'"):
-        judge(broken)
+        judge(replace(found, study=study))
 
 
 def test_an_unstable_loop_is_worse_than_any_number() -> None:
@@ -298,7 +298,7 @@ def test_reduction_by_mrm_and_updating_keep_what_reduction_by_msv_loses_on_the_a
         "compare": None,
     }
     document["feedback"]["records"] = {0: "C_dat2"}
-    document["examples"] = [each for each in document["examples"] if each["data"] == "C_dat2"]
+    document["examples"] = [example for example in document["examples"] if example["data"] == "C_dat2"]
     (tmp_path / "study.yaml").write_text(json.dumps(document))
     found = run(load(tmp_path / "study.yaml", ExperimentsBlock), tmp_path, None, silent)
     error = {stage.name: mean(stage.errors.dmv) for stage in found.reductions["Ac2"].stages}
@@ -312,7 +312,7 @@ def test_reduction_by_mrm_and_updating_keep_what_reduction_by_msv_loses_on_the_a
 @pytest.mark.slow
 def test_the_claims_of_the_thesis_come_out_on_the_arm_as_the_study_states(tmp_path: Path) -> None:
     found = run(load(SCENARIOS / "chapters.yaml", ExperimentsBlock), SCENARIOS, None, silent)
-    assert [each.claim.statement for each in judge(found) if not each.as_stated] == []
+    assert [judged.claim.statement for judged in judge(found) if not judged.as_stated] == []
     known = figures(found)  # margins that five draws of the noise leave
     closed_loop = [known[f"C_dat{number}.sfv"] for number in (1, 2, 3, 4)]
     assert 1.7 * max(closed_loop) < min(known[f"O_dat{number}.sfv"] for number in (2, 6, 10, 13))

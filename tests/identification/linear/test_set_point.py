@@ -11,7 +11,7 @@ from identification.linear.model import LinearModel
 from identification.linear.set_point import Feedback, closed, followed
 from tests.support.linear_fits import model_of
 
-FEEDBACK = Feedback(0.5, 1.4, 0, 1)
+FEEDBACK = Feedback(0.5, 1.4, "angle", "speed")
 
 
 def double_integrator(step: float = 0.01, sign: float = 1.0) -> LinearModel:

@@ -25,7 +25,7 @@ def records(model: LinearModel, *seeds: int) -> list[InputOutputData]:
 
 
 def error(model: LinearModel, given: list[InputOutputData]) -> float:
-    return float(np.sqrt(sum(np.sum((each.y - model.simulate(each.u)) ** 2) for each in given)))
+    return float(np.sqrt(sum(np.sum((record.y - model.simulate(record.u)) ** 2) for record in given)))
 
 
 def test_keeping_all_modes_keeps_the_model() -> None:

@@ -110,7 +110,7 @@ def test_weights_stand_for_units_of_the_outputs() -> None:
 def test_compression_does_not_change_what_is_found() -> None:
     record = record_of(random_system(6), 3000, noise=0.1)
     for weighting in WEIGHTINGS:
-        one, other = (subspace(record, 5, all_free(10, weighting, compression=each)) for each in ("gram", "qr"))
+        one, other = (subspace(record, 5, all_free(10, weighting, compression=kind)) for kind in ("gram", "qr"))
         assert (one.compression, other.compression) == ("gram", "qr")
         assert distance(one.model, other.model) < 1e-8
 

@@ -80,9 +80,9 @@ def test_irregular_stamps_are_refused_and_put_on_a_grid_where_one_is_given(study
 def test_modes_of_the_refined_model_come_with_their_uncertainty(study: Path) -> None:
     document = calibrated(study, "refine: true\n")
     modes = document["models"]["refined"]["modes"]  # type: ignore[index]
-    frequencies = sorted(each["frequency"] for each in modes if each["frequency_std"] is not None)
+    frequencies = sorted(mode["frequency"] for mode in modes if mode["frequency_std"] is not None)
     assert min(abs(f - 9.0) for f in frequencies) < 1e-3
-    assert all(each["frequency_std"] >= 0 for each in modes if each["frequency_std"] is not None)
+    assert all(mode["frequency_std"] >= 0 for mode in modes if mode["frequency_std"] is not None)
 
 
 def test_a_reduced_model_has_the_order_that_was_asked_for(study: Path) -> None:

@@ -1,0 +1,242 @@
+"""What a campaign of experiments leaves beside its report: numbers and models in summary.json, models as FMUs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from typing_extensions import TypedDict
+
+from identification.experiments.claims import ClaimJudgement, figures, unexpected, verdicts
+from identification.experiments.experiments import Experiments
+from identification.experiments.reduction import Reduction, ValidationErrors
+from identification.experiments.schema import ControlLoop
+from identification.experiments.set_result import SetResult
+from identification.experiments.tables import model_name, reduced_name, tables
+from identification.linear.fmu import linear_fmu
+from identification.linear.model import LinearModel
+from identification.linear.summary import ModelSummary, ModeSummary, mode_summaries, model_summary
+from identification.method import Calibrated
+from identification.results import ClaimsSummary, ClaimSummary, data_summary, finite
+from orchestrator.report.blocks import Cell
+from orchestrator.results import versions
+
+
+class ErrorsSummary(TypedDict):
+    """Delta of each output in data matching and in set-point following, null for an unstable loop."""
+
+    dmv: list[float | None]
+    sfv: list[float | None] | None
+
+
+class AttemptSummary(ErrorsSummary):
+    """How a model of one order did."""
+
+    stable: bool
+
+
+class SetSummary(TypedDict):
+    """A data set: its entry in the study, and what came of it; `stop_time` [s], `by_order` by order."""
+
+    experiment: ControlLoop
+    excitation: str
+    volts: float
+    rate: float
+    payload: float
+    samples: int
+    compensation: float
+    compensation_removed: bool
+    stable_orders: list[int]
+    order: int
+    stop_time: float
+    frequency_distances: list[float | None]
+    by_order: dict[str, AttemptSummary]
+    model: str
+
+
+class RankSummary(TypedDict):
+    """A mode by its label, and its ranks."""
+
+    mode: str
+    mrm: int
+    msv: int
+
+
+class StageSummary(ErrorsSummary):
+    """A reduced or updated model: which modes it keeps, all when there are none."""
+
+    kept: list[str]
+    order: int
+
+
+class ExampleSummary(TypedDict):
+    """A model that was reduced and updated."""
+
+    data: str
+    compensation_removed: bool
+    ranking: list[RankSummary]
+    stages: dict[str, StageSummary]
+
+
+class FinalModelSummary(ModelSummary):
+    """A model that is written, with its modes."""
+
+    modes: list[ModeSummary]
+
+
+class PhysicalModeSummary(TypedDict):
+    """A mode of the physical model: payload [kg], frequency [Hz], damping ratio."""
+
+    payload: float
+    frequency: float
+    damping: float
+
+
+class TableSummary(TypedDict):
+    """A table of the thesis."""
+
+    caption: str
+    headers: list[str]
+    rows: list[list[Cell]]
+
+
+class ExperimentsSummary(ClaimsSummary):
+    """The summary of a campaign of experiments; `figures` are those that claims speak of."""
+
+    sets: dict[str, SetSummary]
+    examples: dict[str, ExampleSummary]
+    linear_models: dict[str, FinalModelSummary]
+    figures: dict[str, float | None]
+    compared: dict[str, float | None] | None
+    physical_modes: list[PhysicalModeSummary]
+    tables: dict[str, TableSummary]
+
+
+def summary(experiments: Experiments) -> ExperimentsSummary:
+    """The study as `summary.json` holds it."""
+    study, claims, found = experiments.study, verdicts(experiments), tables(experiments)
+    return {
+        "title": study.title,
+        "method": study.method,
+        "parameters": {},
+        "fit": {},
+        "as_stated": all(own.as_stated for own, _ in claims),
+        "claims": [{**_claim(own), "compared": _claim(other) if other else None} for own, other in claims],
+        "sets": {label: _set(experiments, result) for label, result in experiments.results.items()},
+        "examples": {name: _example(experiments, reduction) for name, reduction in experiments.reductions.items()},
+        "linear_models": {
+            name: {**model_summary(model), "modes": mode_summaries(model)}
+            for name, model in final_models(experiments).items()
+        },
+        "figures": _figures(experiments),
+        "compared": _figures(experiments.compared) if experiments.compared else None,
+        "physical_modes": [
+            {"payload": payload, "frequency": mode.frequency, "damping": mode.damping}
+            for payload, physical in experiments.physical.items()
+            for mode in physical
+        ],
+        "tables": {
+            table.number: {"caption": table.caption, "headers": table.headers, "rows": table.rows} for table in found
+        },
+        "data": data_summary(experiments.recorded),
+        "versions": versions(),
+        "warnings": [*warnings_of(experiments), *unexpected(claims)],
+    }
+
+
+def calibrated(experiments: Experiments, folder: Path) -> Calibrated:
+    """Every chosen and updated model as an FMU."""
+    models = final_models(experiments)
+    return Calibrated({name: linear_fmu(model, folder / f"{name}.fmu") for name, model in models.items()})
+
+
+def final_models(experiments: Experiments) -> dict[str, LinearModel]:
+    """In the signals' own units: the chosen model of each data set, and the updated ones of each example."""
+    found = {}
+    for result in experiments.results.values():
+        found[model_name(result)] = result.ready.unscaled(result.chosen.model)
+        for reduction in result.reductions:
+            found |= {reduced_name(reduction, stage): result.ready.unscaled(stage.model) for stage in reduction.final}
+    return found
+
+
+def warnings_of(experiments: Experiments) -> list[str]:
+    """What a reader of the figures must know."""
+    sets = [result.data_set for result in experiments.results.values()]
+    touched = [f"{own.code} ({own.stop:.2g} s)" for own in sets if own.removed and own.stop > 0]
+    unstable = [label for label, result in experiments.results.items() if not result.stable]
+    warnings = []
+    if touched:
+        warnings.append(
+            f"the arm touched an end stop in {', '.join(touched)}; the thesis would have ended the experiment"
+        )
+    if unstable:
+        warnings.append(f"no order of the range is stable for {', '.join(unstable)}; the best of all is shown")
+    return warnings
+
+
+def _claim(judgement: ClaimJudgement) -> ClaimSummary:
+    return {
+        "statement": judgement.claim.statement,
+        "outcome": judgement.outcome,
+        "stated": judgement.claim.outcome,
+        "reason": judgement.reason,
+        "comparisons": [
+            {
+                "text": str(comparison),
+                "less": finite(comparison.less),
+                "than": finite(comparison.than),
+                "held": comparison.held,
+            }
+            for comparison in judgement.comparisons
+        ],
+    }
+
+
+def _figures(experiments: Experiments) -> dict[str, float | None]:
+    return {name: finite(value) for name, value in figures(experiments).items()}
+
+
+def _set(experiments: Experiments, result: SetResult) -> SetSummary:
+    known = experiments.study.sets[result.data_set.code]
+    return {
+        "experiment": known.experiment,
+        "excitation": known.excitation,
+        "volts": known.volts,
+        "rate": known.rate,
+        "payload": known.payload,
+        "samples": known.samples,
+        "compensation": known.compensation,
+        "compensation_removed": result.data_set.removed,
+        "stable_orders": result.stable,
+        "order": result.chosen.order,
+        "stop_time": result.data_set.stop,
+        "frequency_distances": [finite(distance) for distance in result.frequencies],
+        "by_order": {
+            str(attempt.order): {"stable": attempt.model.stable, **_errors(attempt.errors)}
+            for attempt in result.attempts
+        },
+        "model": model_name(result),
+    }
+
+
+def _example(experiments: Experiments, reduction: Reduction) -> ExampleSummary:
+    example, ranking = experiments.example(reduction.example.name), reduction.ranking
+    return {
+        "data": example.data,
+        "compensation_removed": example.removed,
+        "ranking": [
+            {"mode": label, "mrm": mrm, "msv": msv}
+            for label, mrm, msv in zip(ranking.labels, ranking.mrm, ranking.msv, strict=True)
+        ],
+        "stages": {
+            stage.name: {"kept": list(stage.kept), "order": stage.model.order, **_errors(stage.errors)}
+            for stage in reduction.stages
+        },
+    }
+
+
+def _errors(errors: ValidationErrors) -> ErrorsSummary:
+    return {
+        "dmv": [finite(float(error)) for error in errors.dmv],
+        "sfv": None if errors.sfv is None else [finite(float(error)) for error in errors.sfv],
+    }
