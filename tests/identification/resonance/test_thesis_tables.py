@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 from scipy.io import loadmat
 
 from fmus.errors import IdentificationError, TraceError
-from identification.linear.discretisation import continuous_from_parameters, discretised
 from identification.resonance.added_mass import TABLE_5_BOUNDS, Bounds, bounds_around, fit_damped, resonances
+from identification.resonance.discretisation import continuous_from_parameters, discretised
 from identification.resonance.log_gain import fit_magnitude
 from identification.resonance.resonance import resonance_frequency, resonance_from_two_largest_as_published
 from identification.resonance.steps import (

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.signal import cont2discrete
 
 from fmus.errors import IdentificationError
-from identification.linear.discretisation import (
+from identification.resonance.discretisation import (
     ContinuousModel,
     DiscreteModel,
     continuous_from_discrete,
