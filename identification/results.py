@@ -13,9 +13,9 @@ from typing_extensions import TypedDict
 
 from fmus.errors import InputError
 from identification.recordings.campaign import Recorded
+from orchestrator.display.table import Cell
 from orchestrator.fmi.interface import Value
 from orchestrator.report import Section
-from orchestrator.report.blocks import Cell
 from orchestrator.results import versions
 
 STUDY = "study.yaml"

@@ -1,7 +1,7 @@
 """The one data type that flows everywhere: named signals with units over time stamps.
 
-A `Trace` is immutable and its stamps increase strictly. Recordings whose stamps repeat or run backwards
-become one through `ordered`, which says what it had to do.
+A `Trace` is immutable, down to its numbers, and its stamps increase strictly. Recordings whose stamps repeat or run
+backwards become one through `ordered`, which says what it had to do.
 """
 
 from __future__ import annotations
@@ -9,32 +9,49 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fmus.errors import TraceError
+from fmus.errors import InputError, TraceError
+
+if TYPE_CHECKING:
+    import pandas
+    import plotly.graph_objects as go
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 ComplexArray = NDArray[np.complex128]
 
-
 LATEST = 1e15  # [s]; stamps beyond it are no times, whatever the file says
 
 
 def read_only(values: ArrayLike) -> FloatArray:
-    """The values as an array of floats that cannot be written to: themselves if they are one, else a copy."""
-    if isinstance(values, np.ndarray) and values.dtype == float and not values.flags.writeable:
-        return values
-    array = np.array(values, dtype=float)
-    array.flags.writeable = False
+    """The values as an array that nobody can write: the same array where that is so already, else a copy."""
+    array = np.asarray(values, dtype=float, order="C")
+    if not _fixed(array):
+        if array is values or array.base is not None:
+            array = array.copy()
+        array.flags.writeable = False
     return array
 
 
-@dataclass(frozen=True)
+def _fixed(array: object) -> bool:
+    while isinstance(array, np.ndarray):
+        if array.flags.writeable:
+            return False
+        array = array.base
+    return True
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Trace:
     """Signals sampled at common instants.
+
+    Arrays are read-only: those that somebody could still write are copied. Traces are equal when all that they hold is,
+    a missing sample (NaN) included.
 
     Attributes:
         time: (K,) strictly increasing stamps [s].
@@ -49,9 +66,10 @@ class Trace:
     name: str = "trace"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "time", np.ascontiguousarray(self.time, dtype=float))
-        signals = {key: np.ascontiguousarray(values, dtype=float) for key, values in self.signals.items()}
-        object.__setattr__(self, "signals", signals)
+        signals = {key: read_only(values) for key, values in self.signals.items()}
+        object.__setattr__(self, "time", read_only(self.time))
+        object.__setattr__(self, "signals", MappingProxyType(signals))
+        object.__setattr__(self, "units", MappingProxyType(dict(self.units)))
         if self.time.ndim != 1:
             raise TraceError(self.name, f"time has shape {self.time.shape}, not (K,)", "give one stamp a sample")
         for key, values in signals.items():
@@ -64,6 +82,46 @@ class Trace:
 
     def __len__(self) -> int:
         return len(self.time)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Trace):
+            return NotImplemented
+        return (
+            (self.name, self.names, self.units) == (other.name, other.names, other.units)
+            and np.array_equal(self.time, other.time)
+            and all(np.array_equal(self[name], other[name], equal_nan=True) for name in self.names)
+        )
+
+    def __hash__(self) -> int:
+        return hash((self.name, self.names, len(self), self.duration))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return Trace, (self.time, dict(self.signals), dict(self.units), self.name)
+
+    def __repr__(self) -> str:
+        return f"<Trace '{self.name}': {self._extent()}; {self._listed()}>"
+
+    def _repr_html_(self) -> str:
+        from orchestrator.display.table import table  # noqa: PLC0415
+
+        rows = [
+            (
+                name,
+                self.unit(name) or "",
+                *((float(np.fmin.reduce(values)), float(np.fmax.reduce(values))) if len(self) else ()),
+            )
+            for name, values in self.signals.items()
+        ]
+        headers = ("signal", "unit", "lowest", "highest") if len(self) else ("signal", "unit")
+        return table(headers, rows, caption=f"{self.name}: {self._extent()}")
+
+    def _extent(self) -> str:
+        samples = f"{len(self):,} samples"
+        return f"{samples}, {self.time[0]:g} to {self.time[-1]:g} s" if len(self) else samples
+
+    def _listed(self, most: int = 6) -> str:
+        known = [f"{name} [{self.units[name]}]" if name in self.units else name for name in self.names]
+        return ", ".join(known[:most]) + (f" and {len(known) - most} more" if len(known) > most else "")
 
     def __getitem__(self, name: str) -> FloatArray:
         try:
@@ -129,6 +187,33 @@ class Trace:
             for name, values in self.signals.items()
         }
         return Trace(instants, signals, self.units, self.name)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """A frame with a column a signal over the index `time [s]`; units are in `attrs["units"]`.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        try:
+            import pandas  # noqa: PLC0415 - optional
+        except ImportError:
+            raise InputError("to_pandas", "pandas is not installed", "pip install pandas") from None
+        frame = pandas.DataFrame(dict(self.signals), index=pandas.Index(self.time, name="time [s]"))
+        frame.attrs["units"] = dict(self.units)
+        return frame
+
+    def plot(self) -> go.Figure:
+        """A plotly figure with a window a signal above each other."""
+        from orchestrator.display import look  # noqa: PLC0415 - plotly loads slowly
+        from orchestrator.display.curves import TimeCurve, stacked  # noqa: PLC0415
+
+        return stacked(
+            [
+                (look.with_unit(name, self.unit(name)), [TimeCurve(name, self.time, values, look.colour(0), 1.3)])
+                for name, values in self.signals.items()
+            ],
+            legend=False,
+        )
 
     def _rows(self, rows: slice) -> Trace:
         signals = {name: values[rows] for name, values in self.signals.items()}

@@ -10,11 +10,12 @@ from identification.experiments.set_result import SetResult, mean
 from identification.experiments.summary import warnings_of
 from identification.experiments.tables import tables
 from identification.results import data_summary, finite, provenance
+from orchestrator.display.table import Cell
 from orchestrator.report import Report, Section
 from orchestrator.report import figures as plots
-from orchestrator.report.blocks import Cell, Kind
+from orchestrator.report.content import CalloutKind
 
-MARKS: dict[str, Kind] = {"held": "ok", "held in part": "warning", "not borne out": "error"}
+MARKS: dict[str, CalloutKind] = {"held": "ok", "held in part": "warning", "not borne out": "error"}
 
 
 def report(experiments: Experiments) -> Report:

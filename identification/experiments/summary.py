@@ -17,7 +17,7 @@ from identification.linear.model import LinearModel
 from identification.linear.summary import ModelSummary, ModeSummary, mode_summaries, model_summary
 from identification.method import Calibrated
 from identification.results import ClaimsSummary, ClaimSummary, data_summary, finite
-from orchestrator.report.blocks import Cell
+from orchestrator.display.table import Cell
 from orchestrator.results import versions
 
 

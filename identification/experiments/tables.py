@@ -12,7 +12,7 @@ from identification.experiments.schema import ControlLoop, ExampleBlock, Printed
 from identification.experiments.set_result import SetResult, mean
 from identification.linear.modes import modes
 from identification.results import finite
-from orchestrator.report.blocks import Cell
+from orchestrator.display.table import Cell
 from orchestrator.trace import FloatArray
 
 UNSTABLE = "unstable"

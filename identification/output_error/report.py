@@ -139,8 +139,8 @@ def _gains(cut: Cut, simulated: FloatArray) -> tuple[float, float, float] | None
 
 def _residuals(section: Section, calibration: Calibration, judged: Judged) -> None:
     errors = [cut.measured - y for cut, y in zip(judged.cuts, judged.simulated, strict=True)]
-    for column, output in enumerate(calibration.study.outputs):
-        test = whiteness([error[:, column] for error in errors])
+    tests = [whiteness([error[:, column] for error in errors]) for column in range(len(calibration.study.outputs))]
+    for output, test in zip(calibration.study.outputs, tests, strict=True):
         verdict = "are white" if test.white else "are not white: the model leaves something out"
         section.callout(
             "ok" if test.white else "warning", f"Residuals of {output} {verdict} (Ljung-Box p = {test.p_value:.3g})."
@@ -149,9 +149,14 @@ def _residuals(section: Section, calibration: Calibration, judged: Judged) -> No
     first = next(iter(calibration.study.outputs))
     cut = judged.cuts[middle]
     figure = figures.residuals(
-        cut.time, errors[middle][:, 0], calibration.units.get(first, ""), name=f"error of {first}"
+        cut.time,
+        errors[middle][:, 0],
+        tests[0].autocorrelation,
+        tests[0].band,
+        calibration.units.get(first, ""),
+        f"error of {first}",
     )
-    section.figure(figure, f"The window of median FIT, {cut.name}")
+    section.figure(figure, f"The window of median FIT, {cut.name}, and the autocorrelation of all windows")
 
 
 def _uncertainty(section: Section, calibration: Calibration) -> None:

@@ -14,8 +14,8 @@ from identification.subspace.calibration import Candidate, SubspaceCalibration
 from identification.subspace.orders import borne
 from identification.subspace.subspace import scan
 from identification.subspace.summary import medians, uncertain_modes, warnings_of
+from orchestrator.display.table import Cell
 from orchestrator.report import Report, Section, figures
-from orchestrator.report.blocks import Cell
 from orchestrator.trace import Trace
 
 SHOWN = 4  # traces with their free runs

@@ -1,4 +1,4 @@
-"""A report as a document: sections of blocks, rendered into one HTML file that needs nothing else to be read.
+"""A report as a document: sections, rendered into one HTML file that needs nothing else to be read.
 
 A report is filled section by section while the work goes on and written once at its end.
 """
@@ -15,7 +15,17 @@ import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 
 from fmus.files import atomic_write
-from orchestrator.report.blocks import Block, Callout, Cell, Facts, Figure, Highlights, Kind, Paragraph, Table
+from orchestrator.display.table import Cell
+from orchestrator.report.content import (
+    Callout,
+    CalloutKind,
+    Content,
+    DataTable,
+    Facts,
+    Figure,
+    Highlights,
+    Paragraph,
+)
 
 PAGE = Template("""<!doctype html>
 <html lang="en">
@@ -43,27 +53,27 @@ $sections
 
 
 class Section:
-    """A heading and the blocks below it, in the order in which they were added."""
+    """A heading and the content below it, in the order in which they were added."""
 
     def __init__(self, heading: str) -> None:
         self.heading = heading
-        self.blocks: list[Block] = []
+        self.content: list[Content] = []
 
     def paragraph(self, text: str) -> None:
         """Running text."""
-        self.blocks.append(Paragraph(text))
+        self.content.append(Paragraph(text))
 
-    def callout(self, kind: Kind, text: str) -> None:
+    def callout(self, kind: CalloutKind, text: str) -> None:
         """A sentence in a box: "ok", "warning" or "error"."""
-        self.blocks.append(Callout(kind, text))
+        self.content.append(Callout(kind, text))
 
     def highlights(self, entries: Sequence[tuple[str, Cell, str]]) -> None:
         """A row of key figures: (label, value, remark) each."""
-        self.blocks.append(Highlights(entries))
+        self.content.append(Highlights(entries))
 
     def provenance(self, entries: Mapping[str, Cell]) -> None:
         """Names and values in two columns: files, hashes, versions, seeds."""
-        self.blocks.append(Facts(list(entries.items())))
+        self.content.append(Facts(list(entries.items())))
 
     def table(
         self,
@@ -78,11 +88,11 @@ class Section:
             rows: cells as text, or as numbers, which get five significant digits; None shows as a dash.
             numeric: columns from 0 that stand to the right; None takes those that hold only numbers.
         """
-        self.blocks.append(Table(headers, rows, numeric, caption))
+        self.content.append(DataTable(headers, rows, numeric, caption))
 
     def figure(self, figure: go.Figure, caption: str = "") -> None:
         """A plotly figure across the whole width."""
-        self.blocks.append(Figure(figure, caption))
+        self.content.append(Figure(figure, caption))
 
 
 class Report:
@@ -100,7 +110,7 @@ class Report:
 
     def render(self) -> str:
         """The whole document as HTML; plotly's script is in it once, and only if there is a figure."""
-        drawn = any(isinstance(block, Figure) for section in self.sections for block in section.blocks)
+        drawn = any(isinstance(piece, Figure) for section in self.sections for piece in section.content)
         return PAGE.substitute(
             title=escape(self.title),
             subtitle=f"<p class='subtitle'>{escape(self.subtitle)}</p>" if self.subtitle else "",
@@ -123,5 +133,5 @@ class Report:
 
 
 def _section(section: Section, number: int) -> str:
-    blocks = "\n".join(block.html(f"{number}-{place}") for place, block in enumerate(section.blocks, 1))
-    return f'<section id="section-{number}"><h2>{escape(section.heading)}</h2>\n{blocks}</section>'
+    content = "\n".join(piece.html(f"{number}-{place}") for place, piece in enumerate(section.content, 1))
+    return f'<section id="section-{number}"><h2>{escape(section.heading)}</h2>\n{content}</section>'

@@ -7,58 +7,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import ArrayLike
 from plotly.subplots import make_subplots
 
-from orchestrator.report import look
-from orchestrator.report.thinning import thin
+from orchestrator.display import look
+from orchestrator.display.curves import TimeCurve, stacked
+from orchestrator.display.thinning import thin
 from orchestrator.trace import FloatArray, Trace
 
 Curve = tuple[str, ArrayLike, ArrayLike]  # label, angular frequency (N,) [rad/s], magnitude (N,)
 
 
-@dataclass(frozen=True)
-class _Drawn:
-    """A trace and how its curves are drawn."""
-
-    label: str
-    trace: Trace
-    colour: str
-    width: float
-
-    def line(self, signal: str, legend: bool, limit: int = 2000) -> go.Scatter:
-        x, y = thin(self.trace.time, self.trace[signal], limit)
-        return go.Scatter(
-            x=x,
-            y=y,
-            mode="lines",
-            line={"color": self.colour, "width": self.width},
-            name=look.plain(self.label),
-            legendgroup=look.plain(self.label),
-            showlegend=legend,
-        )
-
-
-ROW = 210  # height of a row of stacked windows [px]
 NONE = 0.5  # how high no count at all is drawn on a logarithmic axis
-BAND_99 = 2.5758  # two-sided 99 % point of the standard normal distribution
 
 
 def overlay(measured: Trace, simulated: Sequence[tuple[str, Trace]] = (), signals: Sequence[str] = ()) -> go.Figure:
     """Measured and simulated signals over time, a window a signal (all of `measured` by default)."""
     names = list(signals) or list(measured.names)
-    figure = _stacked(len(names))
-    for row, name in enumerate(names, 1):
-        for drawn in _drawn(measured, simulated):
-            if name in drawn.trace.names:
-                figure.add_trace(drawn.line(name, row == 1), row=row, col=1)
-        figure.update_yaxes(title_text=look.axis_title(measured, name), row=row, col=1)
-    figure.update_xaxes(title_text="time [s]", row=len(names), col=1)
-    return look.styled(figure, 80 + ROW * len(names)).update_layout(showlegend=bool(simulated))
+    windows = [(_axis_title(measured, name), _curves(name, measured, simulated)) for name in names]
+    return stacked(windows, legend=bool(simulated))
 
 
 def overlays_grid(
@@ -77,10 +47,10 @@ def overlays_grid(
     figure.update_annotations(font_size=12)
     for number, (_, measured, simulated) in enumerate(windows):
         place = {"row": number // columns + 1, "col": number % columns + 1}
-        for drawn in _drawn(measured, simulated):
-            figure.add_trace(drawn.line(signal, number == 0, limit=500), **place)
+        for curve in _curves(signal, measured, simulated):
+            figure.add_trace(curve.line(number == 0, limit=500), **place)
         if number % columns == 0:
-            figure.update_yaxes(title_text=look.axis_title(measured, signal), **place)
+            figure.update_yaxes(title_text=_axis_title(measured, signal), **place)
         if number + columns >= len(windows):
             figure.update_xaxes(title_text="time [s]", **place)
     figure = look.styled(figure, height)
@@ -88,40 +58,32 @@ def overlays_grid(
 
 
 def residuals(
-    time: ArrayLike, residual: ArrayLike, unit: str = "", lags: int = 50, name: str = "residual"
+    time: ArrayLike, residual: ArrayLike, correlation: ArrayLike, band: float, unit: str = "", name: str = "residual"
 ) -> go.Figure:
-    """A residual (K,) over time (K,) [s], and its autocorrelation with the 99 % band of white noise."""
-    stamps, values = np.asarray(time, dtype=float), np.asarray(residual, dtype=float)
-    correlation = autocorrelation(values, lags)
+    """A residual (K,) over time (K,) [s], and its autocorrelation (L + 1,) from lag 0 on with the band of white noise.
+
+    Args:
+        band: a white residual's autocorrelations lie within +- this.
+    """
     figure = make_subplots(rows=2, cols=1, vertical_spacing=0.2)
-    x, y = thin(stamps, values)
+    x, y = thin(np.asarray(time, dtype=float), np.asarray(residual, dtype=float))
     figure.add_scatter(x=x, y=y, line={"color": look.colour(0), "width": 1.1}, name=name, row=1, col=1)
+    heights = np.asarray(correlation, dtype=float)[1:]
     figure.add_bar(
-        x=np.arange(1, len(correlation)),
-        y=correlation[1:],
+        x=np.arange(1, len(heights) + 1),
+        y=heights,
         marker_color=look.colour(0),
         name="autocorrelation",
         width=0.35,
         row=2,
         col=1,
     )
-    band = BAND_99 / np.sqrt(len(values))
     figure.add_hrect(y0=-band, y1=band, fillcolor=look.BAND, line_width=0, layer="below", row=2, col=1)
     figure.update_yaxes(title_text=look.with_unit(name, unit), row=1, col=1)
     figure.update_xaxes(title_text="time [s]", row=1, col=1)
     figure.update_yaxes(title_text="autocorrelation", row=2, col=1)
     figure.update_xaxes(title_text="lag [samples]", row=2, col=1)
     return look.styled(figure, 520).update_layout(showlegend=False)
-
-
-def autocorrelation(values: FloatArray, lags: int) -> FloatArray:
-    """Sample autocorrelation at lags 0..lags (at most K - 1), 1 at lag 0; zeros for a constant."""
-    centred = values - values.mean()
-    power = float(centred @ centred)
-    shifts = range(min(lags, len(values) - 1) + 1)
-    if power == 0:
-        return np.zeros(len(shifts))
-    return np.array([centred[: len(centred) - lag] @ centred[lag:] for lag in shifts]) / power
 
 
 def frequency_response(points: Sequence[Curve], curves: Sequence[Curve] = (), unit: str = "") -> go.Figure:
@@ -248,13 +210,16 @@ def _decibel(magnitude: ArrayLike) -> FloatArray:
     return 20 * np.log10(np.asarray(magnitude, dtype=float))
 
 
-def _stacked(rows: int) -> go.Figure:
-    return make_subplots(rows=rows, cols=1, shared_xaxes=True, vertical_spacing=min(0.5 / rows, 26 / (ROW * rows)))
+def _axis_title(trace: Trace, signal: str) -> str:
+    return look.with_unit(signal, trace.unit(signal))
 
 
-def _drawn(measured: Trace, simulated: Sequence[tuple[str, Trace]]) -> list[_Drawn]:
-    """A broad pale curve for what was measured, thin ones for the models on top of it."""
-    if not simulated:
-        return [_Drawn("measured", measured, look.colour(0), 1.3)]
-    models = (_Drawn(label, trace, look.colour(n), 1.4) for n, (label, trace) in enumerate(simulated))
-    return [_Drawn("measured", measured, look.MEASURED, 3.2), *models]
+def _curves(signal: str, measured: Trace, simulated: Sequence[tuple[str, Trace]]) -> list[TimeCurve]:
+    """Where they have the signal: a broad pale curve for what was measured, thin ones for the models on top of it."""
+    drawn = [("measured", measured, look.MEASURED if simulated else look.colour(0), 3.2 if simulated else 1.3)]
+    drawn += [(label, trace, look.colour(number), 1.4) for number, (label, trace) in enumerate(simulated)]
+    return [
+        TimeCurve(label, trace.time, trace[signal], colour, width)
+        for label, trace, colour, width in drawn
+        if signal in trace.names
+    ]

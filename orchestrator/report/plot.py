@@ -9,9 +9,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from orchestrator.display.table import Cell
 from orchestrator.formats.recording import Recording
 from orchestrator.report import figures
-from orchestrator.report.blocks import Cell
 from orchestrator.report.document import Report, Section
 from orchestrator.trace import Trace
 

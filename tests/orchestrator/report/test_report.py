@@ -16,11 +16,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from plotly.offline import get_plotlyjs
 
+from identification.estimation.validation import whiteness
+from orchestrator.display.table import text
+from orchestrator.display.thinning import thin
 from orchestrator.formats import read, write
 from orchestrator.report import Report, figures
-from orchestrator.report.blocks import text
 from orchestrator.report.plot import plot_traces
-from orchestrator.report.thinning import thin
 from orchestrator.trace import Trace
 
 EVIL = "<script>alert('x')</script>&\"</style>"
@@ -211,25 +212,14 @@ def test_a_grid_has_one_window_for_each_recording(count: int) -> None:
     assert sum(curve.showlegend for curve in figure.data) == 2
 
 
-def test_autocorrelation_is_that_of_the_definition() -> None:
-    residual = np.random.default_rng(2).normal(size=300)
-    centred = residual - residual.mean()
-    full = np.correlate(centred, centred, "full")[299:]
-    assert figures.autocorrelation(residual, 20) == pytest.approx(full[:21] / full[0])
-
-
-def test_autocorrelation_of_a_constant_is_zero_and_its_lags_are_those_there_are() -> None:
-    assert figures.autocorrelation(np.full(4, 2.0), 20).tolist() == [0.0] * 4
-
-
-def test_the_band_of_the_residual_plot_holds_99_percent_of_white_noise() -> None:
-    rng = np.random.default_rng(5)
-    inside = []
-    for _ in range(40):
-        figure = figures.residuals(np.arange(2000.0), rng.normal(size=2000), "rad")
-        band = next(shape for shape in figure.layout.shapes if shape.type == "rect")
-        inside += [abs(value) < band.y1 for value in values(figure.data[1].y)]
-    assert np.mean(inside) == pytest.approx(0.99, abs=0.005)
+def test_the_picture_of_a_residual_shows_the_autocorrelation_and_the_band_of_its_verdict() -> None:
+    biased = 0.3 + 0.1 * np.random.default_rng(5).normal(size=2000)
+    test = whiteness([biased])
+    figure = figures.residuals(np.arange(2000.0), biased, test.autocorrelation, test.band, "rad")
+    assert values(figure.data[1].y) == test.autocorrelation[1:].tolist()
+    band = next(shape for shape in figure.layout.shapes if shape.type == "rect")
+    assert (band.y0, band.y1) == (-test.band, test.band)
+    assert not test.white and min(values(figure.data[1].y)) > band.y1  # drawn as it is judged
     assert figure.layout.yaxis.title.text == "residual [rad]"
 
 
@@ -280,7 +270,7 @@ def test_all_figures_share_one_look() -> None:
     trace = oscillation(100)
     drawn: list[go.Figure] = [
         figures.overlay(trace),
-        figures.residuals(trace.time, trace["angle"]),
+        figures.residuals(trace.time, trace["angle"], np.ones(21), 0.1),
         figures.bars({"a": {"b": 1.0}}),
         figures.distribution(trace["angle"], "x"),
     ]

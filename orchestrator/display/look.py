@@ -10,8 +10,6 @@ from html import escape
 
 import plotly.graph_objects as go
 
-from orchestrator.trace import Trace
-
 MEASURED = "#97a1af"
 COLOURS = ("#2f7fe0", "#e0702a", "#1f9d6b", "#a05fd0", "#d0487f", "#b08a1e")
 BAND = "rgba(128, 140, 155, 0.16)"
@@ -68,11 +66,6 @@ def plain(text: str) -> str:
 def with_unit(name: str, unit: str | None) -> str:
     """An axis title, `name [unit]`; no brackets for a dimensionless or unknown quantity."""
     return plain(f"{name} [{unit}]" if unit not in (None, "", "1") else name)
-
-
-def axis_title(trace: Trace, signal: str) -> str:
-    """The axis title of a trace's signal."""
-    return with_unit(signal, trace.unit(signal))
 
 
 def mark(figure: go.Figure, value: float, text: str) -> None:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from orchestrator.trace import FloatArray
 
-
-def thin(time: FloatArray, values: FloatArray, limit: int = 2000) -> tuple[FloatArray, FloatArray]:
+def thin(time: NDArray, values: NDArray, limit: int = 2000) -> tuple[NDArray, NDArray]:
     """At most `limit` of the points (K,): both ends, and of every stretch the lowest and the highest.
 
     A NaN survives where a whole stretch consists of them, so that a gap in the curve stays a gap.
@@ -21,6 +20,6 @@ def thin(time: FloatArray, values: FloatArray, limit: int = 2000) -> tuple[Float
     missing = np.isnan(stretches)
     lowest = np.argmin(np.where(missing, np.inf, stretches), axis=1)
     highest = np.argmax(np.where(missing, -np.inf, stretches), axis=1)
-    each = np.arange(len(rows))
-    kept = np.unique(np.concatenate([[0], rows[each, lowest], rows[each, highest], [count - 1]]))
+    stretch = np.arange(len(rows))
+    kept = np.unique(np.concatenate([[0], rows[stretch, lowest], rows[stretch, highest], [count - 1]]))
     return time[kept], values[kept]

@@ -1,19 +1,18 @@
-"""What a section of a report is made of: each block is data that knows its HTML, with every text escaped."""
+"""What a section of a report is made of: each piece of content is data that knows its HTML, with every text escaped."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from html import escape
 from typing import Literal, Protocol
 
-import numpy as np
 import plotly.graph_objects as go
 import plotly.io
 
-Cell = str | float | None
-Kind = Literal["ok", "warning", "error"]
+from orchestrator.display.table import Cell, table, text
+
+CalloutKind = Literal["ok", "warning", "error"]
 
 # The buttons are listed one by one because plotly's own choice can upload the figure to its maker.
 CONFIG = {
@@ -22,14 +21,14 @@ CONFIG = {
     "showSendToCloud": False,
     "modeBarButtons": [["zoom2d", "pan2d", "resetScale2d", "toImage"]],
 }
-MARKS: dict[Kind, str] = {"ok": "✓", "warning": "!", "error": "✕"}
+MARKS: dict[CalloutKind, str] = {"ok": "✓", "warning": "!", "error": "✕"}
 
 
-class Block(Protocol):
+class Content(Protocol):
     """Anything that can stand in a section."""
 
     def html(self, key: str) -> str:
-        """Markup of the block; `key` is unique in the document and fit for an id."""
+        """Its markup; `key` is unique in the document and fit for an id."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ class Paragraph:
 class Callout:
     """A sentence that must not be overlooked."""
 
-    kind: Kind
+    kind: CalloutKind
     text: str
 
     def html(self, key: str) -> str:
@@ -81,8 +80,8 @@ class Facts:
 
 
 @dataclass(frozen=True)
-class Table:
-    """Rows under headers; `numeric` columns stand to the right, by default those that hold only numbers."""
+class DataTable:
+    """Rows under headers; see `orchestrator.display.table`."""
 
     headers: Sequence[str]
     rows: Sequence[Sequence[Cell]]
@@ -95,21 +94,7 @@ class Table:
                 raise ValueError(f"a row of {len(row)} cells under {len(self.headers)} headers: {row}")
 
     def html(self, key: str) -> str:
-        right = self._right()
-        caption = f"<caption>{escape(self.caption)}</caption>" if self.caption else ""
-        head = "".join(_cell("th", header, number in right) for number, header in enumerate(self.headers))
-        body = "".join(
-            "<tr>" + "".join(_cell("td", cell, number in right) for number, cell in enumerate(row)) + "</tr>"
-            for row in self.rows
-        )
-        table = f"<table>{caption}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-        return f'<div class="table" tabindex="0">{table}</div>'
-
-    def _right(self) -> Collection[int]:
-        if self.numeric is not None:
-            return self.numeric
-        columns = enumerate(zip(*self.rows, strict=True))
-        return {number for number, cells in columns if not any(isinstance(cell, str) for cell in cells)}
+        return f'<div class="table" tabindex="0">{table(self.headers, self.rows, self.numeric, self.caption)}</div>'
 
 
 @dataclass(frozen=True)
@@ -131,26 +116,3 @@ class Figure:
         )
         caption = f"<figcaption>{escape(self.caption)}</figcaption>" if self.caption else ""
         return f"<figure>{plot}{caption}</figure>"
-
-
-def text(cell: Cell) -> str:
-    """A cell as text: five significant digits, a true minus sign, a dash for nothing."""
-    if cell is None:
-        return "–"
-    if isinstance(cell, str):
-        return cell
-    if isinstance(cell, (bool, np.bool_)):
-        return "yes" if cell else "no"
-    if math.isfinite(cell) and isinstance(cell, (int, np.integer)):
-        return str(cell).replace("-", "−")
-    return _power(f"{cell:.5g}").replace("-", "−")
-
-
-def _power(number: str) -> str:
-    mantissa, e, exponent = number.partition("e")
-    return f"{mantissa}e{int(exponent)}" if e else number
-
-
-def _cell(tag: str, cell: Cell, right: bool) -> str:
-    kind = ' class="n"' if right else ""
-    return f"<{tag}{kind}>{escape(text(cell))}</{tag}>"
