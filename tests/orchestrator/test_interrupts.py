@@ -46,9 +46,11 @@ def test_what_must_be_whole_is_finished_before_the_interrupt_takes_effect() -> N
     assert done == ["rest"]
 
 
-def test_without_an_interrupt_nothing_happens() -> None:
+def test_without_an_interrupt_only_the_handler_is_another_one_within() -> None:
+    before = signal.getsignal(signal.SIGINT)
     with whole():
-        pass
+        assert signal.getsignal(signal.SIGINT) is not before
+    assert signal.getsignal(signal.SIGINT) is before
 
 
 def test_a_second_interrupt_does_not_wait() -> None:

@@ -27,6 +27,7 @@ def records(tmp_path: Path) -> Path:
     return tmp_path / "records"
 
 
+@pytest.mark.slow
 def test_hub_stiffness_payload_friction_and_drive_lie_inside_narrow_intervals(
     records: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -57,6 +57,7 @@ def coverage(std: float, relative_model_error: float, draws: int = 200) -> dict[
     return {name: count / draws for name, count in inside.items()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("std", "model_error"), [(1.0, 0.0), (0.5, 0.05)])
 def test_the_interval_holds_the_truth_in_95_percent_of_runs(std: float, model_error: float) -> None:
     for name, share in coverage(std, model_error).items():

@@ -269,6 +269,7 @@ def test_a_fast_plant_is_recorded_at_the_steps_of_the_run() -> None:
     assert result.statistics["controller"].calls == 2
 
 
+@pytest.mark.slow
 def test_a_million_steps_end_where_they_should_and_every_time_is_correctly_rounded() -> None:
     class Witness(Scripted):
         count = wrong = 0

@@ -502,6 +502,7 @@ def test_nothing_outlives_a_main_process_that_is_killed(fmus: dict[int, Path], t
     running = busy(command, write_scenario(tmp_path, fmus[2], mood=Mood.HANG))
     running.kill()
     running.communicate(timeout=30)
+    waited_for(lambda: started() == [])
 
 
 def test_not_even_an_fmu_that_hangs_while_it_is_loaded_outlives_the_main_process(tmp_path: Path) -> None:
@@ -509,3 +510,4 @@ def test_not_even_an_fmu_that_hangs_while_it_is_loaded_outlives_the_main_process
     running = busy("run", write_scenario(tmp_path, path))
     running.kill()
     running.communicate(timeout=30)
+    waited_for(lambda: started() == [])

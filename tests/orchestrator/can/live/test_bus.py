@@ -62,10 +62,12 @@ def test_an_option_that_the_interface_needs_is_named() -> None:
         open_bus(BusSettings("socketcand", "can0", options={"port": "29536"}))
 
 
-def test_options_reach_the_interface_with_their_types() -> None:
-    with opened(BusSettings("virtual", "options", options={"receive_own_messages": "true"})) as bus:
+@pytest.mark.parametrize(("text", "heard"), [("true", True), ("false", False)])
+def test_options_reach_the_interface_with_their_types(text: str, heard: bool) -> None:
+    """The text "false" would count as true."""
+    with opened(BusSettings("virtual", "options", options={"receive_own_messages": text})) as bus:
         bus.send(frame(1))
-        assert bus.recv(0.1) is not None
+        assert (bus.recv(0.0) is not None) is heard
 
 
 @pytest.mark.parametrize("text", ["speed", "=3", "a b=3"])
@@ -208,7 +210,9 @@ class Crowded:
 
 
 def test_a_full_buffer_is_waited_for() -> None:
-    send(Crowded(3), frame(1), patience=1.0)  # type: ignore[arg-type]
+    bus = Crowded(3)
+    send(bus, frame(1), patience=60.0)  # type: ignore[arg-type]
+    assert bus.times == -1, "tried once more than it was full, and no more once it was taken"
 
 
 def test_a_buffer_that_stays_full_is_an_error() -> None:
