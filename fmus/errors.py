@@ -7,10 +7,10 @@ ServotwinError            anything we refuse; the command line prints its one li
 │   ├── WiringError       wiring: unknown component or variable, units, cycles, steps
 │   ├── ScenarioError     a scenario or study file that does not fit its schema
 │   ├── DatabaseError     a CAN database (DBC, ...) that cannot be read, or lacks what was asked of it
-│   └── FmuFileError      an FMU that cannot be read, or has no binary for this platform
+│   ├── FmuFileError      an FMU that cannot be read, or has no binary for this platform
+│   └── IdentificationError   data or settings that cannot answer the question that was asked
 ├── FmuError              an FMU failed while it was used (exit code 3)
-├── BusError              a CAN bus or its adapter failed while it was used (exit code 3)
-└── IdentificationError   the data cannot answer the question that was asked (exit code 2)
+└── BusError              a CAN bus or its adapter failed while it was used (exit code 3)
 """
 
 from __future__ import annotations

@@ -14,6 +14,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, StringConstraints, 
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.events import AliasEvent, CollectionEndEvent, CollectionStartEvent, NodeEvent, ScalarEvent
+from ruamel.yaml.parser import RoundTripParser
 
 from fmus.errors import FmuFileError, ScenarioError, ServotwinError, TraceError, WiringError
 from orchestrator.rational import seconds
@@ -109,13 +110,11 @@ def _parse(path: Path) -> Any:
     except (OSError, UnicodeDecodeError) as error:
         raise ScenarioError(path, f"cannot be read ({error})", "save it as UTF-8 text") from error
     try:
-        depth = 0
-        for event in YAML(pure=True).parse(text):
-            depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
-            _refuse_exotic(path, event, depth)
-        document = YAML(pure=True).load(text)
-    except ScenarioError:
-        raise
+        yaml = YAML(pure=True)  # libyaml is faster, but does not keep the line of each key
+        yaml.Parser = _CarefulParser
+        document = yaml.load(text)
+    except ScenarioError as error:
+        raise ScenarioError(f"{path}{error.place}", error.problem, error.fix) from None
     except Exception as error:  # besides its own, the parser lets errors of int, datetime and the stack through
         mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
         place = f"{path}:{mark.line + 1}" if mark else str(path)
@@ -126,9 +125,21 @@ def _parse(path: Path) -> Any:
     return document
 
 
-def _refuse_exotic(path: Path, event: Any, depth: int) -> None:
+class _CarefulParser(RoundTripParser):
+    """Refuses on the way what `_refuse_exotic` does; places lack the file."""
+
+    depth = 0
+
+    def get_event(self) -> Any:
+        event = super().get_event()
+        self.depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
+        _refuse_exotic(event, self.depth)
+        return event
+
+
+def _refuse_exotic(event: Any, depth: int) -> None:
     """Aliases and nesting can make a small file a long job, and tags name types that a scenario has no use for."""
-    place = f"{path}:{event.start_mark.line + 1}"
+    place = f":{event.start_mark.line + 1}"
     if depth > DEEPEST:
         raise ScenarioError(place, f"is nested more than {DEEPEST} levels deep", "flatten it")
     if isinstance(event, AliasEvent):
@@ -151,7 +162,7 @@ def _one_line(text: object) -> str:
 def _complaint(path: Path, document: Any, schema: type[Block], error: ValidationError) -> ScenarioError:
     """The one thing to mend first: an unknown key, since it often is a required one misspelt, else the first."""
     found = error.errors(include_url=False, include_context=False)
-    first = next((each for each in found if each["type"] == "extra_forbidden"), found[0])
+    first = next((problem for problem in found if problem["type"] == "extra_forbidden"), found[0])
     keys = _keys_in_file(document, first["loc"], first["type"])
     place = f"{path}:{_line(document, keys)}: {'.'.join(map(_one_line, keys))}"
     if first["type"] == "extra_forbidden":
