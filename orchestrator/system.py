@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -121,24 +122,58 @@ def wire(parts: Mapping[str, Part], connections: Iterable[tuple[str, str]], stim
     return system
 
 
+@dataclass(frozen=True)
+class Settable:
+    """A parameter or start value that can be set.
+
+    Attributes:
+        lowest, highest: the largest numbers that a value may lie between.
+    """
+
+    component: str
+    variable: str
+    port: Port
+    lowest: float
+    highest: float
+
+    def check(self, value: Value) -> None:
+        """See that a value lies within the bounds; names of enumeration items are for the FMU to know.
+
+        Raises:
+            WiringError: it does not.
+        """
+        if not isinstance(value, str) and not self.lowest <= value <= self.highest:
+            check_bounds(f"{self.component}.{self.variable}", self.port, value)
+
+
+def settable(system: System, name: str) -> Settable:
+    """What is set by this name.
+
+    Raises:
+        WiringError: there is no such variable, it cannot be set, or something else drives it.
+    """
+    endpoint = Endpoint.parse(name)
+    port = system.port(endpoint)
+    if not port.settable:
+        kind = "constant" if port.variability == "constant" else port.causality
+        raise WiringError(name, f"is {with_article(kind)} and cannot be set", "set a parameter or a start value")
+    sources = {link.target: str(link.source) for link in system.connections}
+    sources |= dict.fromkeys(system.stimulated, "a stimulus")
+    if endpoint in sources:
+        raise WiringError(name, f"takes its value from {sources[endpoint]}", "do not set it")
+    lowest = -sys.float_info.max if port.minimum is None else port.minimum
+    highest = sys.float_info.max if port.maximum is None else port.maximum
+    return Settable(endpoint.component, endpoint.variable, port, lowest, highest)
+
+
 def check_values(system: System, values: Mapping[str, Value]) -> None:
     """See that parameters and start values exist, can be set, are not overruled, and lie within their bounds.
 
     Raises:
         WiringError: one does not; the message names it.
     """
-    sources = {link.target: str(link.source) for link in system.connections}
-    sources |= dict.fromkeys(system.stimulated, "a stimulus")
     for name, value in values.items():
-        endpoint = Endpoint.parse(name)
-        port = system.port(endpoint)
-        if not port.settable:
-            kind = "constant" if port.variability == "constant" else port.causality
-            raise WiringError(name, f"is {with_article(kind)} and cannot be set", "set a parameter or a start value")
-        if endpoint in sources:
-            raise WiringError(name, f"takes its value from {sources[endpoint]}", "do not set it")
-        if not isinstance(value, str):
-            check_bounds(name, port, value)
+        settable(system, name).check(value)
 
 
 def check_bounds(name: str, port: Port, value: float) -> None:

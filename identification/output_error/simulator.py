@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from identification.output_error.windows import Cut
 from orchestrator.assembly.assembly import Assembled, OpenSystem
-from orchestrator.engine import Simulation, Timing
+from orchestrator.engine import Run, Simulation, Timing
 from orchestrator.fmi.interface import Value
 from orchestrator.trace import FloatArray
 
@@ -53,8 +51,8 @@ class SystemSimulator:
         cut, outputs = self._factory.cuts[window], self._factory.outputs
         own = {name: value for name, value in values.items() if "." in name}
         merged = {**self._factory.values, **cut.constants, **own, **cut.start_values(values)}
-        result = self._simulation.run(merged, cut.driven(values), outputs, stop=cut.stop)
-        return cut.recorded(np.column_stack([result.trace[name] for name in outputs]), values)
+        run = Run(merged, cut.driven(values), outputs, cut.stop)
+        return cut.recorded(self._simulation.rows(run), values)
 
     def close(self) -> None:
         """Free the FMUs."""

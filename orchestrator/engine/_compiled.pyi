@@ -6,7 +6,7 @@ from orchestrator.trace import FloatArray
 
 Row = tuple[int, ...]
 
-class Kind(IntEnum):
+class Storage(IntEnum):
     FLOAT64 = 0
     INT32 = 1
     FLAG = 2
@@ -38,7 +38,6 @@ class Core:
     def __init__(
         self,
         capacity: int,
-        stimuli: FloatArray,
         targets: list[int],
         hold: int,
         clock: tuple[int, int, int],
@@ -61,6 +60,9 @@ class Core:
         writing: list[Row],
         reading: list[Row],
         instant: list[Row],
+        late: list[Row],
     ) -> None: ...
+    def begin(self, stimuli: FloatArray) -> None: ...
+    def pass_on(self, writing: bool) -> bool: ...
     def run(self, last: int, budget: float, rows: FloatArray, record_every: int) -> None: ...
     def statistics(self, number: int) -> tuple[int, float, int]: ...

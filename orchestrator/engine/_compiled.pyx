@@ -58,7 +58,7 @@ cdef extern from *:
     void fetch(const double *) noexcept nogil
     bint usually(bint) noexcept nogil
 
-cpdef enum Kind:
+cpdef enum Storage:
     """How a value lies in memory, the usual ones first; FLAG is a truth value in a C int, BOOL one in a byte."""
     FLOAT64, INT32, FLAG, FLOAT32, BOOL, INT8, UINT8, INT16, UINT16, UINT32, INT64, UINT64
 
@@ -77,7 +77,7 @@ ctypedef fused Whole:
     uint64_t
 
 cdef struct Value:
-    Kind kind
+    Storage kind
     void *typed  # where the FMU has it
     double *plain  # where it is a float
 
@@ -116,6 +116,7 @@ cdef struct Node:
     void *step
     double duration
     Values instant
+    Values late  # its outputs that are not instant
     int64_t countdown  # steps to the next that is timed
     int64_t gap  # from the latest timed one
     int64_t calls
@@ -274,18 +275,16 @@ cdef class Core:
     cdef bint late
     cdef uint64_t dice
 
-    def __init__(self, int capacity, const double[:, ::1] stimuli, list targets, int64_t hold, clock,
-                 list record_outputs, list record_inputs):
-        self._kept = [stimuli]
+    def __init__(self, int capacity, list targets, int64_t hold, clock, list record_outputs, list record_inputs):
+        self._kept = [None]
         self.nodes = <Node *>self._room(capacity * sizeof(Node))
         self.rates = <Rate *>self._room(capacity * sizeof(Rate))
         self.stimulus_count, self.hold = len(targets), hold
         if targets:
-            self.stimuli, self.stimulus = &stimuli[0, 0], <double *><uintptr_t>targets[0]
+            self.stimulus = <double *><uintptr_t>targets[0]
         self.output_count, self.record_outputs = len(record_outputs), self._addresses(record_outputs)
         self.input_count, self.record_inputs = len(record_inputs), self._addresses(record_inputs)
         self.clock_first, self.clock_each, self.clock_denominator = clock
-        self.dice = 88172645463325252
 
     def add_rate(self, int64_t every, list deferred):
         """The next rate: its nodes step every so many ticks; their deferred outputs as (kind, typed, plain)."""
@@ -294,9 +293,9 @@ cdef class Core:
         self.rate_count += 1
 
     def add_node(self, int rate, int version, uintptr_t instance, uintptr_t step, flags, double duration,
-                 list sources, double[::1] scale, list held, list packed, list writing, list reading, list instant):
-        """The next node, of the rate of this number; packed and instant as (kind, typed, plain), writing and reading
-        as (function, references, count, values)."""
+                 list sources, double[::1] scale, list held, list packed, list writing, list reading, list instant, list late):
+        """The next node, of the rate of this number; packed, instant and late as (kind, typed, plain), writing and
+        reading as (function, references, count, values)."""
         cdef Node *node = &self.nodes[self.node_count]
         cdef int i
         node.rate = &self.rates[rate]
@@ -311,10 +310,41 @@ cdef class Core:
         if scale is not None:
             self._kept.append(scale)
             node.scale = &scale[0]
-        node.packed, node.instant = self._values(packed), self._values(instant)
+        node.packed, node.instant, node.late = self._values(packed), self._values(instant), self._values(late)
         node.writing, node.reading = self._calls(writing), self._calls(reading)
-        node.gap = node.countdown = 1
         self.node_count += 1
+
+    def begin(self, const double[:, ::1] stimuli):
+        """Back to the first tick, with a row of stimuli for every `hold` ticks."""
+        cdef Node *node
+        cdef int n
+        self._kept[0] = stimuli
+        if self.stimulus_count:
+            self.stimuli = &stimuli[0, 0]
+        self.tick = self.recorded = self.base = self.next_record = 0
+        self.stage = RUNNING
+        self.dice = 88172645463325252
+        for n in range(self.rate_count):
+            self.rates[n].next = 0
+        for n in range(self.node_count):
+            node = &self.nodes[n]
+            node.gap = node.countdown = 1
+            node.calls = node.warnings = node.accounted = 0
+            node.seconds = 0.0
+
+    def pass_on(self, bint writing):
+        """Have the values that all nodes give hold, in order, each after it was given its inputs; False where one
+        stopped."""
+        cdef Node *node
+        cdef int n
+        for n in range(self.node_count):
+            node = &self.nodes[n]
+            if not ((not writing or _write(self, node)) and _read(self, node)):
+                self.failing = n
+                return False
+            _unpack(&node.instant)
+            _unpack(&node.late)
+        return True
 
     cdef char *_room(self, size_t size):
         """Zeros that live as long as this."""
@@ -332,7 +362,7 @@ cdef class Core:
     cdef Values _values(self, list given):
         cdef Value *of = <Value *>self._room(len(given) * sizeof(Value))
         cdef Values values = Values(of, 0, 0, len(given))
-        cdef Kind kind
+        cdef Storage kind
         cdef uintptr_t typed, plain
         cdef int i
         for i, (kind, typed, plain) in enumerate(sorted(given)):
@@ -365,10 +395,12 @@ cdef class Core:
                     break
 
     def statistics(self, int number):
-        """(calls, seconds, warnings) of a node since the beginning."""
+        """(calls, seconds) of a node since the beginning, and its warnings since this was asked last."""
         cdef Node *node = &self.nodes[number]
         cdef double factor = <double>node.calls / <double>node.accounted if node.accounted else 0.0
-        return node.calls, node.seconds * factor, node.warnings
+        cdef int64_t warnings = node.warnings
+        node.warnings = 0
+        return node.calls, node.seconds * factor, warnings
 
 
 cdef inline bint _take_tick(Core core) noexcept nogil:

@@ -18,13 +18,15 @@ import numpy as np
 from fmus.errors import WiringError
 from orchestrator.engine.loop import Loop, Node, Stepper
 from orchestrator.engine.recording import Recorder
-from orchestrator.fmi.functions import Channel, Fmi3
+from orchestrator.fmi.functions import Fmi3, VariableGroup
 from orchestrator.fmi.slave import Slave
 from orchestrator.trace import FloatArray
 
 try:
     from orchestrator.engine import _compiled
-except ImportError:  # no compiler at installation
+
+    _compiled.Core.pass_on  # noqa: B018 - not there in what was built from older sources
+except (ImportError, AttributeError):  # no compiler at installation
     _compiled = None  # type: ignore[assignment]
 
 LOG = logging.getLogger("servotwin.engine")
@@ -46,24 +48,34 @@ def available() -> bool:
     return _compiled is not None
 
 
-def stepper(loop: Loop, ticks: int, engine: Engine) -> tuple[Stepper, str]:
-    """What steps this loop for so many ticks, and where that is Python's loop, why.
+class Steppers:
+    """What steps a loop, run after run.
 
     Raises:
-        WiringError: the compiled loop was demanded and cannot.
+        WiringError: the compiled loop is demanded and cannot.
     """
-    if engine is Engine.PYTHON:
-        return loop, "it was asked for"
-    reason = _obstacle(loop, ticks)
-    if not reason:
-        return CompiledLoop(loop), ""
-    if engine is Engine.COMPILED:
-        raise WiringError("engine", f"cannot be the compiled one: {reason}", "leave it to `auto`")
-    _say(reason)
-    return loop, reason
+
+    def __init__(self, loop: Loop, engine: Engine) -> None:
+        self._loop, self._engine = loop, engine
+        self._obstacle = "it was asked for" if engine is Engine.PYTHON else _obstacle(loop)
+        self._compiled = None if self._obstacle else CompiledLoop(loop)
+
+    def chosen(self, ticks: int) -> tuple[Stepper, str]:
+        """What steps the loop from where it is for so many ticks; where that is Python's loop, why."""
+        reason = self._obstacle
+        if not self._loop.time.exact(ticks):
+            reason = reason or "the times of its ticks have too many digits"
+        if self._compiled is not None and not reason:
+            self._compiled.begin()
+            return self._compiled, ""
+        if self._engine is Engine.COMPILED:
+            raise WiringError("engine", f"cannot be the compiled one: {reason}", "leave it to `auto`")
+        if self._engine is Engine.AUTO:
+            _say(reason)
+        return self._loop, reason
 
 
-def _obstacle(loop: Loop, ticks: int) -> str:
+def _obstacle(loop: Loop) -> str:
     """Why the compiled loop cannot step this, nothing when it can."""
     if not available():
         return NOT_BUILT
@@ -72,8 +84,6 @@ def _obstacle(loop: Loop, ticks: int) -> str:
         return f"{foreign[0]} is no co-simulation FMU in this process"
     if any(len(group) > 1 or group[0].feeds_itself for group in loop.groups):
         return "there is a cycle of direct feed-through to be iterated"
-    if not loop.time.exact(ticks):
-        return "the times of its ticks have too many digits"
     return ""
 
 
@@ -93,13 +103,12 @@ class CompiledLoop:
 
     def __init__(self, loop: Loop) -> None:
         self._loop = loop
-        self._values = np.array(loop.values, dtype=float)
+        self._values = np.zeros(len(loop.values))
         slots = _addresses(self._values)
         self._nodes = [_FmuNode(node, slots) for node in loop.nodes]
-        inputs = {id(each.node): each.inputs for each in self._nodes}
+        inputs = {id(fmu.node): fmu.inputs for fmu in self._nodes}
         self._core = _compiled.Core(
             len(self._nodes),
-            np.ascontiguousarray(loop.stimuli),
             slots[loop.first_stimulus :],
             loop.hold,
             (loop.time.first, loop.time.each, loop.time.denominator),
@@ -107,13 +116,23 @@ class CompiledLoop:
             [inputs[id(node)][place] for node, place in loop.record_inputs],
         )
         rates: dict[int, list[Row]] = {}
-        for each in self._nodes:
-            rates.setdefault(each.node.every, []).extend(each.deferred)
+        for fmu in self._nodes:
+            rates.setdefault(fmu.node.every, []).extend(fmu.deferred)
         for every, deferred in rates.items():
             self._core.add_rate(every, deferred)
         number = {every: rate for rate, every in enumerate(rates)}
-        for each in self._nodes:
-            self._core.add_node(number[each.node.every], *each.described())
+        for fmu in self._nodes:
+            self._core.add_node(number[fmu.node.every], *fmu.described())
+
+    def begin(self) -> None:
+        """Take the loop over at its first tick."""
+        self._values[:] = self._loop.values
+        self._core.begin(self._loop.stimuli)
+
+    def pass_on(self, writing: bool) -> list[float]:
+        if not self._core.pass_on(writing):
+            self._fail()
+        return list(self._values.tolist())
 
     @property
     def tick(self) -> int:
@@ -133,27 +152,27 @@ class CompiledLoop:
         loop, core = self._loop, self._core
         loop.tick, loop.recorded = core.tick, core.recorded
         loop.values[:] = self._values.tolist()
-        for n, each in enumerate(self._nodes):
-            node, statistics = each.node, each.node.statistics
+        for n, fmu in enumerate(self._nodes):
+            node, statistics = fmu.node, fmu.node.statistics
             statistics.calls, statistics.seconds, warnings = core.statistics(n)
-            each.slave.warnings = each.warnings + warnings
-            node.held = each.held.tolist()
+            fmu.slave.warnings += warnings
+            node.held = fmu.held.tolist()
 
     def held(self, slots: Sequence[int]) -> list[float]:
         return [self._values.item(slot) for slot in slots]
 
     def _fail(self) -> NoReturn:
         """Raise the error of the Python loop."""
-        each, status = self._nodes[self._core.failing], self._core.status
+        fmu, status = self._nodes[self._core.failing], self._core.status
         if self._core.stage == _compiled.Stage.MISFIT:
-            each.slave.write(each.held.tolist())
+            fmu.slave.write(fmu.held.tolist())
         elif self._core.stage == _compiled.Stage.WRITE:
-            each.slave.written(status)
+            fmu.slave.written(status)
         elif self._core.stage == _compiled.Stage.STEP:
-            each.slave.stepped(status, self._loop.time(self.tick), each.node.duration)
+            fmu.slave.stepped(status, self._loop.time(self.tick), fmu.node.duration)
         else:
-            each.slave.got(status)
-        raise AssertionError(f"{each.slave.name}: the compiled loop stopped at status {status}, the slave did not")
+            fmu.slave.got(status)
+        raise AssertionError(f"{fmu.slave.name}: the compiled loop stopped at status {status}, the slave did not")
 
 
 class _FmuNode:
@@ -163,16 +182,15 @@ class _FmuNode:
         held: (n,) its inputs as floats.
         inputs: their addresses.
         deferred: its outputs that are not instant, as (kind, address in the FMU's type, address as float).
-        warnings: those before the first step.
     """
 
     def __init__(self, node: Node, slots: Sequence[int]) -> None:
         assert isinstance(node.component, Slave)
-        self.node, self.slave, self.warnings = node, node.component, node.component.warnings
+        self.node, self.slave = node, node.component
         self.held = np.zeros(len(node.sources))
         self.inputs = _addresses(self.held)
         self._sources = [slots[slot] for slot in node.sources]
-        inputs, outputs = self.slave.channels
+        inputs, outputs = self.slave.bound
         self._packed, self._writing = _moved(inputs, self.inputs, "set", True)
         own = slots[node.first : node.first + len(node.instant)]
         unpacked, self._reading = _moved(outputs, own, "get", all(node.instant))
@@ -182,7 +200,7 @@ class _FmuNode:
 
     def described(self) -> tuple[Any, ...]:
         """Arguments of `Core.add_node` after the rate."""
-        node, fmi = self.node, self.slave.adapter
+        node, fmi = self.node, self.slave.functions
         flags = [*map(ctypes.addressof, fmi.flags), ctypes.addressof(fmi.reached)] if isinstance(fmi, Fmi3) else None
         scale = None if node.scale is None else np.ascontiguousarray(np.array(node.scale, dtype=float).T).ravel()
         return (
@@ -198,22 +216,23 @@ class _FmuNode:
             self._writing,
             self._reading,
             self._instant,
+            self.deferred,
         )
 
 
-def _moved(channel: Channel, floats: Sequence[int], verb: str, direct: bool) -> tuple[list[Row], list[Row]]:
-    """The values of a channel that are converted between the FMU's types and floats, and the calls that get or set
+def _moved(group: VariableGroup, floats: Sequence[int], verb: str, direct: bool) -> tuple[list[Row], list[Row]]:
+    """The values of a group that are converted between the FMU's types and floats, and the calls that get or set
     all; where it may be `direct`, floats that lie side by side are not converted: the FMU is given their place."""
     values: list[Row] = []
     calls: list[Row] = []
-    for group in channel.groups:
-        kind, size, places = _kind(group.kind, group.ctype), ctypes.sizeof(group.ctype), group.places
-        typed, count = ctypes.addressof(group.values), len(places)
-        if direct and kind == _compiled.Kind.FLOAT64 and places[-1] - places[0] == count - 1:
-            typed = floats[places[0]]
+    for typed in group.typed:
+        kind, size, places = _storage(typed.kind, typed.ctype), ctypes.sizeof(typed.ctype), typed.places
+        memory, count = ctypes.addressof(typed.values), len(places)
+        if direct and kind == _compiled.Storage.FLOAT64 and places[-1] - places[0] == count - 1:
+            memory = floats[places[0]]
         else:
-            values += [(kind, typed + size * i, floats[place]) for i, place in enumerate(places)]
-        calls.append((_entry(getattr(group, verb)), ctypes.addressof(group.references), count, typed))
+            values += [(kind, memory + size * i, floats[place]) for i, place in enumerate(places)]
+        calls.append((_entry(getattr(typed, verb)), ctypes.addressof(typed.references), count, memory))
     return values, calls
 
 
@@ -223,15 +242,15 @@ def _addresses(values: FloatArray) -> list[int]:
 
 
 @functools.cache
-def _kind(kind: str, ctype: Any) -> int:
+def _storage(kind: str, ctype: Any) -> int:
     """How the extension calls an FMI type kept as this C type."""
     size = ctypes.sizeof(ctype)
     if kind == "Boolean":
-        return int(_compiled.Kind.BOOL if size == 1 else _compiled.Kind.FLAG)
+        return int(_compiled.Storage.BOOL if size == 1 else _compiled.Storage.FLAG)
     if ctype in (ctypes.c_double, ctypes.c_float):
-        return int(_compiled.Kind.FLOAT64 if size == 8 else _compiled.Kind.FLOAT32)
+        return int(_compiled.Storage.FLOAT64 if size == 8 else _compiled.Storage.FLOAT32)
     signed = ctype(-1).value == -1
-    return int(getattr(_compiled.Kind, f"{'' if signed else 'U'}INT{8 * size}"))
+    return int(getattr(_compiled.Storage, f"{'' if signed else 'U'}INT{8 * size}"))
 
 
 def _entry(function: Any) -> int:

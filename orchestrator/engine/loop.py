@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Protocol
 
+import numpy as np
+
 from fmus.errors import FmuError
 from orchestrator.engine.plan import CycleSettings
 from orchestrator.engine.recording import Recorder
@@ -83,6 +85,10 @@ class Stepper(Protocol):
     def recorded(self) -> int:
         """How many rows are complete."""
 
+    def pass_on(self, writing: bool) -> list[float]:
+        """Have the values hold that all components give now, in stepping order, each after it was given its inputs
+        where `writing`; all values after that."""
+
     def advance(self, last: int, recorder: Recorder) -> None:
         """Step towards tick `last`, filling the rows of the ticks that are recorded, until the recorder is full or it
         is time to report progress."""
@@ -100,31 +106,47 @@ class Loop:
 
     Attributes:
         groups: nodes in stepping order; a group of several is a cycle to be iterated.
-        values: current value of each slot: outputs of all nodes, then stimuli.
-        stimuli: (K, s) values of the stimuli, a row for every `hold` ticks, and the slot of the first.
+        size: number of slots: outputs of all nodes, then stimuli from `first_stimulus` on.
+        hold: ticks for which a row of stimuli holds.
         time: tick -> time [s].
         record_slots, record_inputs: what each row of the record takes: slots, and (node, input) pairs.
+        nodes: all nodes in stepping order.
+        values: current value of each slot.
+        stimuli: (K, s) values of the stimuli.
         pending: tick -> slots and the values that they have from then on.
     """
 
     groups: Sequence[Sequence[Node]]
-    values: list[float]
-    stimuli: FloatArray
+    size: int
     first_stimulus: int
     hold: int
     time: Clock
     cycles: CycleSettings
     record_slots: Sequence[int]
     record_inputs: Sequence[tuple[Node, int]]
-    iterations: int = 0
-    tick: int = 0
-    recorded: int = 0
-    pending: dict[int, list[tuple[int, float]]] = field(default_factory=dict)
 
-    @property
-    def nodes(self) -> list[Node]:
-        """All nodes in stepping order."""
-        return [node for group in self.groups for node in group]
+    def __post_init__(self) -> None:
+        self.nodes = [node for group in self.groups for node in group]
+        self.begin(np.zeros((0, self.size - self.first_stimulus)))
+
+    def begin(self, stimuli: FloatArray) -> None:
+        """Have it where a run with these (K, s) stimuli begins, side by side in memory."""
+        self.stimuli = stimuli
+        self.values = [0.0] * self.size
+        self.tick = self.recorded = self.iterations = 0
+        self.pending: dict[int, list[tuple[int, float]]] = {}
+        for node in self.nodes:
+            node.statistics, node.held = Statistics(), ()
+        if len(stimuli):
+            self.arrive(0)
+
+    def pass_on(self, writing: bool) -> list[float]:
+        for node in self.nodes:
+            if writing and node.sources:
+                node.component.write(node.inputs(self.values))
+            outputs = node.component.read()
+            self.values[node.first : node.first + len(outputs)] = outputs
+        return list(self.values)
 
     def advance(self, last: int, recorder: Recorder) -> None:
         groups = [(group, len(group) > 1 or group[0].feeds_itself) for group in self.groups]

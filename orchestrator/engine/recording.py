@@ -5,7 +5,7 @@ A block is small, so that a run whose record goes to a sink needs little memory 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -17,13 +17,30 @@ Sink = Callable[[Trace], None]
 ROWS, VALUES = 4096, 1 << 15  # most rows and values of a block
 
 
-class Recorder:
-    """Takes the rows of a run.
+class Columns:
+    """What is recorded.
 
     Args:
         names: component.variable of the columns as the loop writes them.
         chosen: the same as the trace has them.
+
+    Attributes:
+        places: name -> column, in the trace's order.
         units: name -> unit.
+    """
+
+    def __init__(self, names: Sequence[str], chosen: Sequence[str], units: Mapping[str, str]) -> None:
+        columns = {name: column for column, name in enumerate(names)}
+        self.places = {name: columns[name] for name in chosen}
+        self.units = units
+        self.order = list(self.places.values())
+        self.in_order = self.order == sorted(self.order)
+
+
+class Recorder:
+    """Takes the rows of a run.
+
+    Args:
         clock: time of a tick.
         every: ticks between two rows.
         count: rows of the whole run.
@@ -34,23 +51,13 @@ class Recorder:
         base: number of the row that belongs into rows[0].
     """
 
-    def __init__(
-        self,
-        names: Sequence[str],
-        chosen: Sequence[str],
-        units: dict[str, str],
-        clock: Clock,
-        every: int,
-        count: int,
-        sink: Sink | None,
-    ) -> None:
+    def __init__(self, columns: Columns, clock: Clock, every: int, count: int, sink: Sink | None) -> None:
         self.every, self.base = every, 0
-        size = min(count, ROWS, max(1, VALUES // max(1, len(names)))) if sink else count + 1  # never full
-        self._columns = _spread(len(names), size)
-        self.rows = self._columns.T
-        places = {name: place for place, name in enumerate(names)}
-        self._places = {name: places[name] for name in chosen}
-        self._units, self._clock, self._sink, self._kept = units, clock, sink, 0
+        width = len(columns.places)
+        size = min(count, ROWS, max(1, VALUES // max(1, width))) if sink else count + 1  # never full
+        self._memory = _spread(width, size)
+        self.rows = self._memory.T
+        self._columns, self._clock, self._sink, self._kept = columns, clock, sink, 0
 
     def row(self, number: int) -> FloatArray:
         """(n,) the memory of a row."""
@@ -66,17 +73,21 @@ class Recorder:
             self._kept = recorded
         elif recorded > self.base:
             with whole():  # interrupted in between, rows would be passed on twice
-                self._sink(self._trace(self._columns[:, : recorded - self.base].copy()))  # the block is used again
+                self._sink(self._trace(self._memory[:, : recorded - self.base].copy()))  # the block is used again
                 self.base = recorded
 
     def trace(self) -> Trace:
         """What was kept."""
-        return self._trace(self._columns[:, : self._kept])
+        return self._trace(self._memory[:, : self._kept])
 
-    def _trace(self, columns: FloatArray) -> Trace:
-        time = self._clock.times(self.base * self.every, columns.shape[1], self.every)
-        signals = {name: columns[place] for name, place in self._places.items()}
-        return Trace(time, signals, self._units, "simulation")
+    def kept(self) -> FloatArray:
+        """(K, n) the same as a matrix."""
+        return self.rows[: self._kept] if self._columns.in_order else self.rows[: self._kept, self._columns.order]
+
+    def _trace(self, memory: FloatArray) -> Trace:
+        time = self._clock.times(self.base * self.every, memory.shape[1], self.every)
+        signals = {name: memory[place] for name, place in self._columns.places.items()}
+        return Trace(time, signals, self._columns.units, "simulation")
 
 
 def _spread(count: int, size: int) -> FloatArray:

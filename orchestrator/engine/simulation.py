@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import partial
 from time import perf_counter
 from types import TracebackType
 
@@ -12,16 +13,16 @@ import numpy as np
 
 from fmus.errors import FmuError, ServotwinError, WiringError
 from orchestrator.engine.account import Account
-from orchestrator.engine.compiled import Engine, stepper
+from orchestrator.engine.compiled import Engine, Steppers
 from orchestrator.engine.live import FARTHEST, HELD, LiveRun
 from orchestrator.engine.loop import Loop, Node, Statistics, Stepper
 from orchestrator.engine.plan import REFUSED, CycleSettings, Order, Plan, make_plan
-from orchestrator.engine.recording import ROWS, Recorder, Sink
+from orchestrator.engine.recording import ROWS, Columns, Recorder, Sink
 from orchestrator.fmi.component import Component
 from orchestrator.fmi.interface import Value
 from orchestrator.interrupts import requested
 from orchestrator.rational import clock, multiples, written
-from orchestrator.system import Endpoint, System, check_values
+from orchestrator.system import Endpoint, Settable, System, settable
 from orchestrator.trace import FloatArray, Trace
 
 
@@ -82,11 +83,34 @@ class Interrupted(KeyboardInterrupt):
         return KeyboardInterrupt, (str(self),)
 
 
+@dataclass(frozen=True)
+class _Prepared:
+    """What runs share that record the same.
+
+    Attributes:
+        loop: to be begun anew for each run.
+        outputs: component -> outputs that are read.
+    """
+
+    key: tuple[object, ...]
+    loop: Loop
+    columns: Columns
+    steppers: Steppers
+    outputs: Mapping[str, Sequence[str]]
+
+    @property
+    def slots(self) -> dict[str, int]:
+        """component.output -> its slot."""
+        names = [f"{component}.{output}" for component, outputs in self.outputs.items() for output in outputs]
+        return {name: slot for slot, name in enumerate(names)}
+
+
 class Simulation:
     """Instances of a system's components; a context manager that frees them.
 
     Attributes:
         outputs: component.variable of all outputs that can be recorded.
+        stimuli: component.input of the stimuli that a run needs, sorted.
 
     Raises (on entering or running):
         WiringError: values or times that do not fit the system.
@@ -98,18 +122,21 @@ class Simulation:
         self.components = dict(components)
         self.timing = timing
         self.plan: Plan = make_plan(system, timing.step, timing.order, timing.cycles)
-        self._fresh = True
         self.outputs = tuple(
             f"{name}.{port.name}"
             for name, part in system.parts.items()
             for port in part.interface.of("output")
             if port.numeric
         )
-        self._outputs: dict[str, list[str]] = {}  # those that are read in a run
-        self._inputs: dict[str, list[Endpoint]] = {name: [] for name in system.parts}
-        for target in [link.target for link in system.connections] + sorted(system.stimulated, key=str):
-            self._inputs[target.component].append(target)
+        self.stimuli = tuple(sorted(map(str, system.stimulated)))
         self._every = multiples(timing.step, self.plan.tick, "step")  # ticks of a communication step
+        self._inputs: dict[str, list[str]] = {name: [] for name in system.parts}  # component -> those that are driven
+        for target in [link.target for link in system.connections] + [Endpoint.parse(name) for name in self.stimuli]:
+            self._inputs[target.component].append(target.variable)
+        self._fresh = True
+        self._settable: dict[str, Settable] = {}
+        self._counts: dict[tuple[int, int], int] = {}
+        self._prepared: _Prepared | None = None
 
     def instants(self) -> FloatArray:
         """(K,) the communication instants, at which stimuli are wanted and rows recorded [s]."""
@@ -124,7 +151,7 @@ class Simulation:
         for name in names:
             endpoint = Endpoint.parse(name)
             self.system.port(endpoint)
-            if name not in self.outputs and endpoint not in self._inputs[endpoint.component]:
+            if name not in self.outputs and endpoint.variable not in self._inputs[endpoint.component]:
                 raise WiringError(name, "is neither an output nor a connected input", "record another variable")
 
     def run(
@@ -160,9 +187,9 @@ class Simulation:
             WiringError, FmuError: of the first run that fails; its message says which.
         """
         results = []
-        for number, each in enumerate(runs):
+        for number, run in enumerate(runs):
             try:
-                results.append(self.execute(each))
+                results.append(self.execute(run))
             except ServotwinError as error:
                 raise type(error)(f"run {number}: {error.place}", error.problem, error.fix) from error
             if progress is not None:
@@ -171,17 +198,28 @@ class Simulation:
 
     def execute(self, run: Run, progress: Callable[[float], None] | None = None, sink: Sink | None = None) -> Result:
         """The result of a run; see `run`."""
+        return self._result(*self._executed(run, progress, sink))
+
+    def rows(self, run: Run) -> FloatArray:
+        """(K, n) what a run records, a column a variable in the order of `run.record`, without anything around it."""
+        return self._executed(run)[0].kept()
+
+    def _executed(
+        self, run: Run, progress: Callable[[float], None] | None = None, sink: Sink | None = None
+    ) -> tuple[Recorder, Loop, str, float]:
+        """A run that is over: its record, its loop, why that was Python's, and how long the steps took [s]."""
         steps = self._steps(self.timing.stop if run.stop is None else run.stop)
-        chosen = self.outputs if run.record is None else tuple(dict.fromkeys(run.record))
-        check_values(self.system, run.values)
-        self.check_record(chosen)
-        self._check_stimuli(run.stimuli, steps + 1)
         if run.record_every < 1:
             raise WiringError("record_every", f"is {run.record_every}", "give 1 or more")
+        own, stimuli = self._checked(run.values), self._driven(run.stimuli, steps + 1)
         every = self._every
-        loop = self._begun(run.values, run.stimuli, chosen, chosen, every)
-        recorder = self._recorder(loop, chosen, every * run.record_every, steps // run.record_every + 1, sink)
-        engine, reason = stepper(loop, steps * every, self.timing.engine)
+        prepared = self._prepare(run.record, (), every)
+        loop = prepared.loop
+        loop.begin(stimuli)
+        engine, reason = prepared.steppers.chosen(steps * every)
+        self._initialise(engine, loop, own)
+        count = steps // run.record_every + 1
+        recorder = Recorder(prepared.columns, loop.time, every * run.record_every, count, sink)
         begun = perf_counter()
         try:
             _step(engine, steps * every, recorder, progress)
@@ -194,8 +232,8 @@ class Simulation:
                 raise
             engine.finish()
             recorder.empty(loop.recorded)
-            raise Interrupted(self._result(loop, recorder, reason, perf_counter() - begun)) from None
-        return self._result(loop, recorder, reason, perf_counter() - begun)
+            raise Interrupted(self._result(recorder, loop, reason, perf_counter() - begun)) from None
+        return recorder, loop, reason, perf_counter() - begun
 
     def live(self, run: Run, outputs: Sequence[str], sink: Sink) -> LiveRun[Result]:
         """A run that is stepped from outside, without an end; `run` has one value of each stimulus to begin with.
@@ -204,22 +242,27 @@ class Simulation:
             outputs: component.output whose values are wanted after each step.
             sink: is given the record in pieces, in order.
         """
-        chosen = self.outputs if run.record is None else tuple(dict.fromkeys(run.record))
-        check_values(self.system, run.values)
-        self.check_record([*chosen, *outputs])
-        self._check_stimuli(run.stimuli, 1)
-        loop = self._begun(run.values, run.stimuli, chosen, [*chosen, *outputs], HELD)
-        recorder = self._recorder(loop, chosen, self._every * run.record_every, ROWS, sink)
-        engine, reason = stepper(loop, FARTHEST, self.timing.engine)
-        slots = self._slots()
+        own, stimuli = self._checked(run.values), self._driven(run.stimuli, 1)
+        prepared = self._prepare(run.record, outputs, HELD)
+        loop = prepared.loop
+        loop.begin(stimuli)
+        engine, reason = prepared.steppers.chosen(FARTHEST)
+        self._initialise(engine, loop, own)
+        recorder = Recorder(prepared.columns, loop.time, self._every * run.record_every, ROWS, sink)
+        slots = prepared.slots
         read = [
-            (name, slots[e], e.variable in self.plan.instant[e.component])
+            (name, slots[name], e.variable in self.plan.instant[e.component])
             for name in outputs
             for e in [Endpoint.parse(name)]
         ]
-        inputs = sorted(map(str, self.system.stimulated))
         return LiveRun(
-            loop, engine, recorder, self._every, inputs, read, lambda spent: self._result(loop, recorder, reason, spent)
+            loop,
+            engine,
+            recorder,
+            self._every,
+            self.stimuli,
+            read,
+            partial(self._result, recorder, loop, reason),
         )
 
     def close(self) -> None:
@@ -235,45 +278,78 @@ class Simulation:
 
     def _steps(self, stop: Fraction) -> int:
         """Number of communication steps until a time [s]."""
-        start, step = self.timing.start, self.timing.step
-        if not start < stop <= self.timing.stop:
-            raise WiringError(
-                "stop",
-                f"{written(stop)} s is not after {written(start)} s and up to {written(self.timing.stop)} s",
-                "choose a time between",
-            )
-        return multiples(stop - start, step, "stop - start" if start else "stop")
+        key = stop.numerator, stop.denominator
+        if key not in self._counts:
+            start, step = self.timing.start, self.timing.step
+            if not start < stop <= self.timing.stop:
+                raise WiringError(
+                    "stop",
+                    f"{written(stop)} s is not after {written(start)} s and up to {written(self.timing.stop)} s",
+                    "choose a time between",
+                )
+            self._counts[key] = multiples(stop - start, step, "stop - start" if start else "stop")
+        return self._counts[key]
 
     def _times(self, count: int) -> FloatArray:
         return clock(self.timing.start, self.timing.step).times(0, count)
 
-    def _check_stimuli(self, stimuli: Mapping[str, FloatArray], count: int) -> None:
-        if set(stimuli) != {str(e) for e in self.system.stimulated}:
-            raise WiringError("stimuli", f"{sorted(stimuli)} given", f"give {sorted(map(str, self.system.stimulated))}")
-        for name, samples in stimuli.items():
-            if np.ndim(samples) != 1 or len(samples) < count:
-                raise WiringError(name, f"has samples of shape {np.shape(samples)}", f"give {count}, one an instant")
-            if not np.all(np.isfinite(samples)):
-                raise WiringError(name, "is driven by a sample that is not finite", "repair the stimulus")
-
-    def _bind(self, recorded: Sequence[str]) -> None:
-        """Have those outputs read that are recorded or drive an input; all where cycles are iterated, so that when
-        they count as settled does not depend on the record."""
-        wanted = {*recorded, *(str(link.source) for link in self.system.connections)}
-        outputs: dict[str, list[str]] = {name: [] for name in self.components}
-        for endpoint in map(Endpoint.parse, self.outputs):
-            if self.timing.cycles.iterate or str(endpoint) in wanted:
-                outputs[endpoint.component].append(endpoint.variable)
-        for name, component in self.components.items():
-            if outputs[name] != self._outputs.get(name):
-                component.bind([e.variable for e in self._inputs[name]], outputs[name])
-        self._outputs = outputs
-
-    def _initialise(self, values: Mapping[str, Value]) -> None:
+    def _checked(self, values: Mapping[str, Value]) -> dict[str, dict[str, Value]]:
+        """component -> variable -> value; names are looked up when they come for the first time."""
         own: dict[str, dict[str, Value]] = {name: {} for name in self.components}
         for name, value in values.items():
-            endpoint = Endpoint.parse(name)
-            own[endpoint.component][endpoint.variable] = value
+            known = self._settable.get(name)
+            if known is None:
+                known = self._settable[name] = settable(self.system, name)
+            if isinstance(value, str) or not known.lowest <= value <= known.highest:
+                known.check(value)
+            own[known.component][known.variable] = value
+        return own
+
+    def _driven(self, stimuli: Mapping[str, FloatArray], count: int) -> FloatArray:
+        """(K, s) the stimuli side by side, at least so many rows."""
+        if len(stimuli) != len(self.stimuli) or any(name not in stimuli for name in self.stimuli):
+            raise WiringError("stimuli", f"{sorted(stimuli)} given", f"give {list(self.stimuli)}")
+        columns = [np.asarray(stimuli[name], dtype=float) for name in self.stimuli]
+        for name, samples in zip(self.stimuli, columns, strict=True):
+            if samples.ndim != 1 or len(samples) < count:
+                raise WiringError(name, f"has samples of shape {samples.shape}", f"give {count}, one an instant")
+            if not np.isfinite(samples).all():
+                raise WiringError(name, "is driven by a sample that is not finite", "repair the stimulus")
+        length = min(map(len, columns), default=0)
+        side_by_side = np.empty((length, len(columns)))
+        for place, samples in enumerate(columns):
+            side_by_side[:, place] = samples[:length]
+        return side_by_side
+
+    def _prepare(self, record: Iterable[str] | None, read: Sequence[str], hold: int) -> _Prepared:
+        """A loop that records these and reads those outputs too; that of the run before where it asked for the same."""
+        chosen = self.outputs if record is None else tuple(dict.fromkeys(record))
+        key = chosen, tuple(read), hold
+        if self._prepared is None or self._prepared.key != key:
+            self.check_record([*chosen, *read])
+            outputs = self._read({*chosen, *read})
+            for name, component in self.components.items():
+                component.bind(self._inputs[name], outputs[name])
+            loop = self._loop(chosen, outputs, hold)
+            units = {name: self.system.port(Endpoint.parse(name)).unit or "1" for name in chosen}
+            names = sorted(chosen, key=lambda name: name not in self.outputs)  # outputs first, as in the rows
+            steppers = Steppers(loop, self.timing.engine)
+            self._prepared = _Prepared(key, loop, Columns(names, chosen, units), steppers, outputs)
+        return self._prepared
+
+    def _read(self, recorded: set[str]) -> dict[str, list[str]]:
+        """component -> outputs that are recorded or drive an input; all where cycles are iterated, so that when they
+        count as settled does not depend on the record."""
+        wanted = recorded | {str(link.source) for link in self.system.connections}
+        outputs: dict[str, list[str]] = {name: [] for name in self.components}
+        for name in self.outputs:
+            if self.timing.cycles.iterate or name in wanted:
+                endpoint = Endpoint.parse(name)
+                outputs[endpoint.component].append(endpoint.variable)
+        return outputs
+
+    def _initialise(self, engine: Stepper, loop: Loop, own: Mapping[str, Mapping[str, Value]]) -> None:
+        """Have the components, with their own values, where a run begins."""
         fresh, self._fresh = self._fresh, False
         for name, component in self.components.items():
             if not fresh:
@@ -281,70 +357,46 @@ class Simulation:
             component.set(own[name])
         for component in self.components.values():
             component.begin(float(self.timing.start), None)
-
-    def _begun(
-        self,
-        values: Mapping[str, Value],
-        stimuli: Mapping[str, FloatArray],
-        recorded: Sequence[str],
-        read: Sequence[str],
-        hold: int,
-    ) -> Loop:
-        """A loop over components that are initialised with these values."""
-        self._bind(read)
-        self._initialise(values)
-        loop = self._loop(stimuli, hold, recorded)
-        self._propagate(loop)
+        self._propagate(engine, loop)
         for component in self.components.values():
             component.run()
-        self._read_all(loop)
-        return loop
+        engine.pass_on(writing=False)
 
-    def _loop(self, stimuli: Mapping[str, FloatArray], hold: int, chosen: Sequence[str]) -> Loop:
-        slots = self._slots()
-        names = sorted(str(e) for e in self.system.stimulated)
-        nodes = {name: self._node(name, slots) for name in self.components}
-        recorded = [Endpoint.parse(name) for name in chosen]
-        columns = [np.asarray(stimuli[name], dtype=float) for name in names]
+    def _loop(self, chosen: Sequence[str], outputs: Mapping[str, Sequence[str]], hold: int) -> Loop:
+        read = [f"{name}.{variable}" for name, variables in outputs.items() for variable in variables]
+        slots = {name: slot for slot, name in enumerate([*read, *self.stimuli])}
+        nodes = {name: self._node(name, outputs[name], slots) for name in self.components}
+        inputs = [Endpoint.parse(name) for name in chosen if name not in self.outputs]
         return Loop(
             groups=[[nodes[name] for name in group] for group in self.plan.groups],
-            values=[0.0] * (len(slots) + len(names)),
-            stimuli=np.column_stack([c[: min(map(len, columns))] for c in columns]) if columns else np.zeros((0, 0)),
-            first_stimulus=len(slots),
+            size=len(slots),
+            first_stimulus=len(read),
             hold=hold,
             time=clock(self.timing.start, self.plan.tick),
             cycles=self.timing.cycles,
-            record_slots=[slots[endpoint] for endpoint in recorded if endpoint in slots],
-            record_inputs=[
-                (nodes[e.component], self._inputs[e.component].index(e)) for e in recorded if e not in slots
-            ],
+            record_slots=[slots[name] for name in chosen if name in self.outputs],
+            record_inputs=[(nodes[e.component], self._inputs[e.component].index(e.variable)) for e in inputs],
         )
 
-    def _slots(self) -> dict[Endpoint, int]:
-        read = [Endpoint(name, variable) for name, variables in self._outputs.items() for variable in variables]
-        return {endpoint: slot for slot, endpoint in enumerate(read)}
-
-    def _node(self, name: str, slots: Mapping[Endpoint, int]) -> Node:
-        stimuli = {e: len(slots) + i for i, e in enumerate(sorted(self.system.stimulated, key=str))}
-        links = {link.target: link for link in self.system.connections}
+    def _node(self, name: str, outputs: Sequence[str], slots: Mapping[str, int]) -> Node:
+        links = {str(link.target): link for link in self.system.connections}
         sources, scale = [], []
-        for endpoint in self._inputs[name]:
-            link = links.get(endpoint)
-            sources.append(slots[link.source] if link else stimuli[endpoint])
+        for target in [f"{name}.{variable}" for variable in self._inputs[name]]:
+            link = links.get(target)
+            sources.append(slots[str(link.source) if link else target])
             scale.append((link.factor, link.offset) if link else (1.0, 0.0))
-        outputs = self._outputs[name]
         every = self.plan.every[name]
         return Node(
             component=self.components[name],
             sources=sources,
             scale=scale if any(pair != (1.0, 0.0) for pair in scale) else None,
-            first=slots[Endpoint(name, outputs[0])] if outputs else 0,
+            first=slots[f"{name}.{outputs[0]}"] if outputs else 0,
             instant=[variable in self.plan.instant[name] for variable in outputs],
             every=every,
             duration=float(every * self.plan.tick),
         )
 
-    def _propagate(self, loop: Loop) -> None:
+    def _propagate(self, engine: Stepper, loop: Loop) -> None:
         """Pass outputs to inputs during initialisation until nothing changes.
 
         A chain of n components is through after n passes; a circle of direct feed-through may need more.
@@ -352,18 +404,13 @@ class Simulation:
         Raises:
             FmuError: a circle whose values do not settle.
         """
-        nodes = [node for group in loop.groups for node in group]
-        loop.arrive(0)
+        nodes, before = loop.nodes, list(loop.values)
         for turn in range(len(nodes) + 1 + self.timing.cycles.limit):
-            before = list(loop.values)
-            for node in nodes:
-                if node.sources:
-                    node.component.write(node.inputs(loop.values))
-                self._take(loop, node)
-            tolerance = self.timing.cycles.tolerance if turn > len(nodes) else 0.0
-            moving = _moving(before, loop.values, tolerance)
+            after = engine.pass_on(writing=True)
+            moving = _moving(before, after, self.timing.cycles.tolerance if turn > len(nodes) else 0.0)
             if not moving:
                 return
+            before = after
         names = [n.component.name for n in nodes if any(0 <= slot - n.first < len(n.instant) for slot in moving)]
         raise FmuError(
             ", ".join(names),
@@ -371,22 +418,7 @@ class Simulation:
             "break the circle, or give start values that fit",
         )
 
-    def _read_all(self, loop: Loop) -> None:
-        for group in loop.groups:
-            for node in group:
-                self._take(loop, node)
-
-    @staticmethod
-    def _take(loop: Loop, node: Node) -> None:
-        values = node.component.read()
-        loop.values[node.first : node.first + len(values)] = values
-
-    def _recorder(self, loop: Loop, chosen: Sequence[str], every: int, count: int, sink: Sink | None) -> Recorder:
-        names = sorted(chosen, key=lambda name: name not in self.outputs)  # outputs first, as in the rows
-        units = {name: self.system.port(Endpoint.parse(name)).unit or "1" for name in chosen}
-        return Recorder(names, chosen, units, loop.time, every, count, sink)
-
-    def _result(self, loop: Loop, recorder: Recorder, reason: str, spent: float) -> Result:
+    def _result(self, recorder: Recorder, loop: Loop, reason: str, spent: float) -> Result:
         return Result(
             recorder.trace(),
             {node.component.name: node.statistics for node in loop.nodes},
@@ -416,6 +448,8 @@ def _step(engine: Stepper, ticks: int, recorder: Recorder, progress: Callable[[f
 
 def _moving(before: Sequence[float], after: Sequence[float], tolerance: float) -> list[int]:
     """Slots whose value changed by more than the tolerance, relative to 1 + |value|; NaN counts as no change."""
+    if before == after:
+        return []
     return [
         slot
         for slot, (then, now) in enumerate(zip(before, after, strict=True))

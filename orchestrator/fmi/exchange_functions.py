@@ -16,7 +16,7 @@ import numpy as np
 from fmpy import fmi2, fmi3
 
 from fmus.errors import FmuFileError
-from orchestrator.fmi.functions import FAILED, Adapter, Version2, Version3
+from orchestrator.fmi.functions import FAILED, FmiFunctions, Version2, Version3
 from orchestrator.trace import FloatArray
 
 _LARGEST = 1 << 24  # vector
@@ -45,7 +45,7 @@ class Vector:
         get, set: have the FMU fill it or take it; the status.
     """
 
-    def __init__(self, fmi: Adapter, noun: str, size: int) -> None:
+    def __init__(self, fmi: FmiFunctions, noun: str, size: int) -> None:
         self.values: FloatArray = np.zeros(size)
         self._arguments = fmi.handle, self.values.ctypes.data_as(ctypes.POINTER(ctypes.c_double)), size
         self._get: Any = getattr(fmi.fmu.dll, f"{fmi.prefix}Get{noun}")
@@ -58,7 +58,7 @@ class Vector:
         return int(self._set(*self._arguments)) if self.values.size else 0
 
 
-class Exchange(Adapter):
+class ModelExchange(FmiFunctions):
     """An FMU that gives derivatives to a solver outside.
 
     Attributes:
@@ -126,7 +126,7 @@ class Exchange(Adapter):
         return names[number] if len(names) == self.rates.values.size else f"derivative {number + 1}"
 
 
-class Exchange2(Version2, Exchange):
+class Exchange2(Version2, ModelExchange):
     kind = fmi2.FMU2Model
     derivatives = "Derivatives"
     flag = ctypes.c_int
@@ -141,7 +141,7 @@ class Exchange2(Version2, Exchange):
         return status, News(bool(info.newDiscreteStatesNeeded), bool(info.terminateSimulation), next_event)
 
 
-class Exchange3(Version3, Exchange):
+class Exchange3(Version3, ModelExchange):
     kind = fmi3.FMU3Model
     derivatives = "ContinuousStateDerivatives"
     flag = ctypes.c_bool

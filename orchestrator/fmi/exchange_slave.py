@@ -17,10 +17,10 @@ from typing import Any, NoReturn
 import numpy as np
 
 from fmus.errors import FmuFileError
-from orchestrator.fmi.exchange_functions import Exchange, Exchange2, Exchange3
+from orchestrator.fmi.exchange_functions import Exchange2, Exchange3, ModelExchange
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.functions import DISCARD, FAILED, ended
-from orchestrator.fmi.instance import Instance, stepping
+from orchestrator.fmi.instance import FmuInstance, stepping
 from orchestrator.solvers.base import Solver, SolverSettings, Stateless
 from orchestrator.solvers.choice import solver_type
 from orchestrator.trace import FloatArray
@@ -52,7 +52,7 @@ class _Moment:
     positive: bytes = b""
 
 
-class ExchangeSlave(Instance[Exchange]):
+class ExchangeSlave(FmuInstance[ModelExchange]):
     """An instance of a model exchange FMU; see `Component` for the meaning of the methods.
 
     An event indicator that crosses zero twice within one internal step of the solver is not seen, as in most solvers.
@@ -62,7 +62,7 @@ class ExchangeSlave(Instance[Exchange]):
         WiringError: this platform has no such solver.
     """
 
-    adapters = (Exchange2, Exchange3)
+    versions = (Exchange2, Exchange3)
 
     def __init__(
         self, fmu: FmuFile, name: str, settings: SolverSettings | None = None, *, debug_log: bool = False

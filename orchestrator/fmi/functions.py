@@ -23,9 +23,13 @@ DISCARD = FAILED = 2  # status discard, and worse
 FATAL = 4  # no function of the FMU may be called again
 
 
-def _cast(ctype: Any, kind: str) -> Callable[[float], Any]:
-    """From a number to the C type's; whole numbers that do not fit are an OverflowError, for ctypes would cut them."""
-    if ctype in (ctypes.c_double, ctypes.c_float, ctypes.c_char_p):
+def _cast(ctype: Any, kind: str) -> Callable[[Any], Any]:
+    """From a value to the C type's; whole numbers that do not fit are an OverflowError, for ctypes would cut them."""
+    if kind == "Boolean":
+        return bool
+    if ctype is ctypes.c_char_p:
+        return lambda text: str(text).encode()
+    if ctype in (ctypes.c_double, ctypes.c_float):
         return float
     bits = 8 * ctypes.sizeof(ctype)
     low = -(1 << bits - 1) if ctype(-1).value == -1 else 0
@@ -40,59 +44,105 @@ def _cast(ctype: Any, kind: str) -> Callable[[float], Any]:
     return whole
 
 
-class Channel:
-    """Some variables of one FMU, read or written together: one call for each FMI type among them."""
+def _decoded(text: bytes | None) -> str:
+    return (text or b"").decode(errors="replace")
 
-    def __init__(self, fmi: Adapter, ports: Sequence[Port]) -> None:
+
+class VariableGroup:
+    """Some variables of one FMU, read or written together: one call for each FMI type among them.
+
+    Attributes:
+        typed: its variables by FMI type, in the order in which they are read and written.
+        floats: the only type, where that is one of floats.
+    """
+
+    def __init__(self, fmi: FmiFunctions, ports: Sequence[Port]) -> None:
         by_type: dict[str, list[int]] = {}
-        for position, port in enumerate(ports):
-            by_type.setdefault(fmi.storage(port.type), []).append(position)
+        for place, port in enumerate(ports):
+            by_type.setdefault(fmi.storage(port.type), []).append(place)
         self._size = len(ports)
-        self._groups = [
-            _Group(fmi, kind, [ports[i].reference for i in places], places) for kind, places in by_type.items()
-        ]
-        only = self._groups[0] if len(self._groups) == 1 else None
-        self._single = only if only is not None and only.floats else None
+        self.typed = [TypedValues(fmi, kind, ports, places) for kind, places in by_type.items()]
+        only = self.typed[0] if len(self.typed) == 1 else None
+        self.floats = only if only is not None and only.plain else None
 
-    @property
-    def groups(self) -> Sequence[_Group]:
-        """Its variables by FMI type, in the order in which they are read and written."""
-        return self._groups
-
-    def write(self, values: Sequence[float]) -> int:
+    def write(self, values: Sequence[Value]) -> int:
         """The worst status; nothing is written where a value does not fit its type."""
-        for group in self._groups:
-            group.values[:] = [group.cast(values[i]) for i in group.places]
-        return max((group.set(*group.arguments) for group in self._groups), default=0)
+        if self.floats is not None:
+            self.floats.values[:] = values
+            return self.floats.set(*self.floats.arguments)
+        for typed in self.typed:
+            typed.pack(values)
+        return max((typed.set(*typed.arguments) for typed in self.typed), default=0)
 
     def read(self) -> tuple[int, Sequence[float]]:
-        if self._single is not None:
-            status = self._single.get(*self._single.arguments)
-            return status, self._single.values[:]
-        result = [0.0] * self._size
-        worst = max((group.get(*group.arguments) for group in self._groups), default=0)
-        for group in self._groups:
-            for place, value in zip(group.places, group.values, strict=True):
-                result[place] = float(value)
-        return worst, result
+        """The worst status, and the values as numbers."""
+        if self.floats is not None:
+            status = self.floats.get(*self.floats.arguments)
+            return status, self.floats.values[:]
+        status, values = self.taken()
+        return status, [float(value) for value in values]
+
+    def taken(self) -> tuple[int, Sequence[Value]]:
+        """The worst status, and the values in their own types."""
+        if self.floats is not None:
+            return self.read()
+        values: list[Value] = [0.0] * self._size
+        worst = max((typed.get(*typed.arguments) for typed in self.typed), default=0)
+        for typed in self.typed:
+            typed.unpack(values)
+        return worst, values
 
 
-class _Group:
-    """Variables of one type, or an array of `count` values: prepared arguments for the FMU's get and set functions."""
+class TypedValues:
+    """Variables of one FMI type: prepared arguments for the FMU's get and set functions.
 
-    def __init__(
-        self, fmi: Adapter, kind: str, references: Sequence[int], places: Sequence[int], count: int | None = None
-    ) -> None:
+    Attributes:
+        places: where its variables lie in the group.
+        slots: where each lies in `values`; an array goes with all its elements, the others at their start values.
+        plain: whether it has one float a variable, in the order of the group.
+    """
+
+    def __init__(self, fmi: FmiFunctions, kind: str, ports: Sequence[Port], places: Sequence[int]) -> None:
         self.kind, self.places = kind, places
         self.ctype = ctype = fmi.ctype(kind)
-        self.floats = ctype in (ctypes.c_double, ctypes.c_float)
-        self.cast: Callable[[float], Any] = bool if kind == "Boolean" else _cast(ctype, kind)
-        count = len(references) if count is None else count
-        self.values = (ctype * count)()
+        self._cast = _cast(ctype, kind)
+        uncasts: dict[str, Callable[[Any], Value]] = {"Boolean": bool, "String": _decoded}
+        self._uncast = uncasts.get(kind)
+        references: list[int] = []
+        starts: list[float] = []
+        arrays: dict[int, int] = {}  # reference -> slot of the first element
+        self.slots: list[int] = []
+        for port in (ports[place] for place in places):
+            first = arrays.get(port.reference, len(starts)) if port.array else len(starts)
+            if first == len(starts):
+                references.append(port.reference)
+                starts += port.array or (0.0,)
+            if port.array:
+                arrays[port.reference] = first
+            self.slots.append(first + port.element)
+        self._starts = starts if arrays else []
+        self.plain = ctype in (ctypes.c_double, ctypes.c_float) and not arrays
+        self.values = (ctype * len(starts))()
         self.references = (ctypes.c_uint * len(references))(*references)
-        self.arguments = (fmi.handle, self.references, len(references), self.values, *fmi.count(count))
+        self.arguments = (fmi.handle, self.references, len(references), self.values, *fmi.count(len(starts)))
         self.get = fmi.accessor("Get", kind)
         self.set = fmi.accessor("Set", kind)
+
+    def pack(self, values: Sequence[Value]) -> None:
+        """Take its values out of those of the group."""
+        packed = [self._cast(values[place]) for place in self.places]
+        if self._starts:
+            whole = list(self._starts)
+            for slot, value in zip(self.slots, packed, strict=True):
+                whole[slot] = value
+            packed = whole
+        self.values[:] = packed
+
+    def unpack(self, values: list[Value]) -> None:
+        """Put its values among those of the group."""
+        found = self.values[:]
+        for slot, place in zip(self.slots, self.places, strict=True):
+            values[place] = self._uncast(found[slot]) if self._uncast else found[slot]
 
 
 def ended(reached: float, asked: bool) -> str:
@@ -100,7 +150,7 @@ def ended(reached: float, asked: bool) -> str:
     return f"ended early at t = {reached:g} s" + (" and asked to stop" if asked else "")
 
 
-class Adapter(ABC):
+class FmiFunctions(ABC):
     """What differs between FMI 2.0 and 3.0, behind one face.
 
     Attributes:
@@ -150,19 +200,6 @@ class Adapter(ABC):
         """Whether the variable is kept in single precision."""
         return self.ctype(self.storage(port.type)) is ctypes.c_float
 
-    def set_one(self, port: Port, value: Value) -> int:
-        group = _Group(self, self.storage(port.type), [port.reference], [0])
-        group.values[0] = value.encode() if isinstance(value, str) else group.cast(value)
-        return group.set(*group.arguments)
-
-    def get_one(self, port: Port) -> tuple[int, Value]:
-        group = _Group(self, self.storage(port.type), [port.reference], [0])
-        status = group.get(*group.arguments)
-        value = group.values[0]
-        if isinstance(value, bytes):
-            return status, value.decode(errors="replace")
-        return status, bool(value) if port.type == "Boolean" else value
-
     def run(self) -> int:
         return self.call("ExitInitializationMode")
 
@@ -171,9 +208,7 @@ class Adapter(ABC):
 
     def call(self, name: str, *arguments: Any) -> int:
         """A function that takes the instance first, by the end of its name."""
-        function = getattr(self.fmu.dll, self.prefix + name)
-        function.restype = ctypes.c_int
-        return int(function(self.handle, *arguments))
+        return getattr(self.fmu.dll, self.prefix + name)(self.handle, *arguments)
 
     def state(self, verb: str, argument: Any) -> int:
         """Get, Set or Free a snapshot of the whole state."""
@@ -189,7 +224,7 @@ class Adapter(ABC):
 Logger = Callable[[int, str], None]
 
 
-class CoSimulation(Adapter):
+class CoSimulation(FmiFunctions):
     """An FMU that brings its own solver.
 
     Attributes:
@@ -208,7 +243,7 @@ class CoSimulation(Adapter):
         """The status of a step that returned this one; discard where the FMU ended it early."""
 
 
-class Version2(Adapter):
+class Version2(FmiFunctions):
     """What all instances of FMI 2.0 share."""
 
     prefix = "fmi2"
@@ -311,7 +346,7 @@ class Fmi2Logging:
             log(status, (message or b"").decode(errors="replace").strip())
 
 
-class Version3(Adapter):
+class Version3(FmiFunctions):
     """What all instances of FMI 3.0 share."""
 
     prefix = "fmi3"
@@ -338,26 +373,6 @@ class Version3(Adapter):
 
         self.fmu.instantiate(loggingOn=debug_log, logMessage=receive)
         self.handle = ctypes.c_void_p(self.fmu.component)
-        self._arrays: dict[int, list[float]] = {}
-
-    def set_one(self, port: Port, value: Value) -> int:
-        if not port.array:
-            return super().set_one(port, value)
-        whole = self._arrays.setdefault(port.reference, list(port.array))
-        whole[port.element] = float(value)
-        group = _Group(self, port.type, [port.reference], [0], len(whole))
-        group.values[:] = whole
-        return group.set(*group.arguments)
-
-    def get_one(self, port: Port) -> tuple[int, Value]:
-        if not port.array:
-            return super().get_one(port)
-        group = _Group(self, port.type, [port.reference], [0], len(port.array))
-        return group.get(*group.arguments), group.values[port.element]
-
-    def reset(self) -> int:
-        self._arrays.clear()
-        return super().reset()
 
     def storage(self, kind: str) -> str:
         return "Int64" if kind == "Enumeration" else kind

@@ -13,31 +13,32 @@ from typing import Any, Generic, TypeVar
 
 from fmus.errors import FmuError, FmuFileError
 from orchestrator.fmi.file import FmuFile
-from orchestrator.fmi.functions import DISCARD, FATAL, Adapter, Channel
+from orchestrator.fmi.functions import DISCARD, FAILED, FATAL, FmiFunctions, VariableGroup
 from orchestrator.fmi.interface import Port, Value
 
 LOG = logging.getLogger("servotwin.fmu")
 STATUS = ("OK", "warning", "discard", "error", "fatal error", "pending")
 # Errors are raised with what the FMU said, so their messages need no louder place in the log.
 _LEVELS = (logging.DEBUG, logging.WARNING, logging.INFO, logging.INFO, logging.INFO, logging.DEBUG)
+_REAL = ("Real", "Float64", "Float32")
 _TROUBLE = frozenset(f"logStatus{kind}" for kind in ("Warning", "Discard", "Error", "Fatal"))
 
 
-A = TypeVar("A", bound=Adapter)
+A = TypeVar("A", bound=FmiFunctions)
 
 
-class Instance(Generic[A]):
+class FmuInstance(Generic[A]):
     """An instance of an FMU; see `Component` for the meaning of the methods. How it steps is for subclasses to say.
 
     Attributes:
-        adapters: the FMU's functions, for FMI 2 and 3.
+        versions: the FMU's functions, for FMI 2 and 3.
         tolerance: relative tolerance of the solver that integrates its states, where that is not its own.
 
     Raises (any method):
         FmuError: the FMU returned discard, error or fatal; the message carries what it logged.
     """
 
-    adapters: tuple[type[A], type[A]]
+    versions: tuple[type[A], type[A]]
     tolerance: float | None = None
 
     def __init__(self, fmu: FmuFile, name: str, *, debug_log: bool = False) -> None:
@@ -47,30 +48,40 @@ class Instance(Generic[A]):
         self._messages: deque[str] = deque(maxlen=20)
         self._given: dict[str, Value] = {}
         self._alive = False
-        adapter: Any = self.adapters[fmu.interface.fmi_version.startswith("3")]
+        functions: Any = self.versions[fmu.interface.fmi_version.startswith("3")]
         try:
             with _same_folder():
-                self._fmi: A = adapter(fmu, name, self._log, debug_log)
+                self._fmi: A = functions(fmu, name, self._log, debug_log)
         except Exception as error:
             raise self._failure("instantiate", str(error)) from error
         self._alive = True
         self._log_errors(fmu, debug_log)
-        self._inputs = self._outputs = Channel(self._fmi, ())
+        self._groups: dict[tuple[str, ...], VariableGroup] = {}
+        self._inputs = self._outputs = self._given_group = self._group()
 
     def set(self, values: Mapping[str, Value]) -> None:
-        for name, value in values.items():
-            port = self._port(name)
-            typed = _typed(self.name, port, value)
-            try:
-                status = self._fmi.set_one(port, typed)
-            except OverflowError as error:
-                raise FmuFileError(f"{self.name}.{name}", str(error), "choose a value inside") from None
-            self._check(status, f"set {name} = {value}")
-            self._given[name] = typed
+        given = {**self._given, **values}
+        if not given:
+            return
+        self._given_group = group = self._group(*given)
+        if not group.floats or {type(value) for value in given.values()} != {float}:
+            given = {name: _typed(self.name, self._port(name), value) for name, value in given.items()}
+        self._given = given
+        try:
+            status = group.write(list(given.values()))
+        except OverflowError:
+            self._set_singly()
+            raise
+        if FAILED <= status < FATAL:
+            self._messages.clear()
+            self._check(self._fmi.reset(), "reset")
+            self._set_singly()
+        if status:
+            self._check(status, f"set {', '.join(self._given)}")
 
     def get(self, name: str) -> Value:
         """Present value of any variable."""
-        status, value = self._fmi.get_one(self._port(name))
+        status, (value,) = self._group(name).taken()
         self._check(status, f"get {name}")
         return value
 
@@ -78,8 +89,7 @@ class Instance(Generic[A]):
         self._check(self._fmi.begin(start, stop, self.tolerance), "enter initialisation")
 
     def bind(self, inputs: Sequence[str], outputs: Sequence[str]) -> None:
-        self._inputs = Channel(self._fmi, [self._port(name) for name in inputs])
-        self._outputs = Channel(self._fmi, [self._port(name) for name in outputs])
+        self._inputs, self._outputs = self._group(*inputs), self._group(*outputs)
 
     def write(self, values: Sequence[float]) -> None:
         try:
@@ -105,8 +115,8 @@ class Instance(Generic[A]):
 
     def run(self) -> None:
         self._check(self._fmi.run(), "initialise")
-        for name, value in self._given.items():
-            self._require_taken(name, value)
+        if self._given:
+            self._require_taken()
 
     def save(self) -> Any:
         state = ctypes.c_void_p()
@@ -147,18 +157,41 @@ class Instance(Generic[A]):
         except KeyError:
             raise FmuFileError(f"{self.name}.{name}", "no such variable", "see `servotwin info`") from None
 
-    def _require_taken(self, name: str, value: Value) -> None:
-        taken = self.get(name)
-        if isinstance(value, float) and isinstance(taken, float):
-            same = math.isclose(value, taken, rel_tol=1e-6 if self._fmi.single(self._port(name)) else 1e-12)
-        else:
-            same = value == taken
-        if not same:
-            raise FmuError(
-                f"{self.name}.{name}",
-                f"was set to {value} but is {taken}",
-                "the FMU does not take it; remove it or ask the supplier",
-            )
+    def _group(self, *names: str) -> VariableGroup:
+        """These variables, bound once."""
+        if names not in self._groups:
+            self._groups[names] = VariableGroup(self._fmi, [self._port(name) for name in names])
+        return self._groups[names]
+
+    def _set_singly(self) -> None:
+        """Set the values one at a time, to fail at the one that does."""
+        for name, value in self._given.items():
+            try:
+                status = self._group(name).write([value])
+            except OverflowError as error:
+                raise FmuFileError(f"{self.name}.{name}", str(error), "choose a value inside") from None
+            self._check(status, f"set {name} = {value}")
+
+    def _require_taken(self) -> None:
+        """See that the FMU has the values it was given."""
+        status, values = self._given_group.taken()
+        if status:
+            self._check(status, f"get {', '.join(self._given)}")
+        if values == list(self._given.values()):
+            return
+        for (name, value), taken in zip(self._given.items(), values, strict=True):
+            if value != taken and not self._close(name, value, taken):
+                raise FmuError(
+                    f"{self.name}.{name}",
+                    f"was set to {value} but is {taken}",
+                    "the FMU does not take it; remove it or ask the supplier",
+                )
+
+    def _close(self, name: str, value: Value, taken: Value) -> bool:
+        """Whether two values differ by rounding only."""
+        if not (isinstance(value, float) and isinstance(taken, float)):
+            return False
+        return math.isclose(value, taken, rel_tol=1e-6 if self._fmi.single(self._port(name)) else 1e-12)
 
     def _log(self, status: int, message: str) -> None:
         line = " ".join(message.split())
@@ -209,7 +242,7 @@ def _typed(component: str, port: Port, value: Value) -> Value:
         return bool(value)
     if isinstance(value, bool):
         raise FmuFileError(place, f"cannot be {str(value).lower()}", f"give a {port.type}")
-    if port.type in ("Real", "Float64", "Float32"):
+    if port.type in _REAL:
         return float(value)
     if not math.isfinite(value) or int(value) != value:
         raise FmuFileError(place, f"is of type {port.type}, {value} is not whole", "give a whole number")

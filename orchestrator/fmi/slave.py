@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from orchestrator.fmi.functions import Channel, CoSimulation, Fmi2, Fmi3
-from orchestrator.fmi.instance import Instance, stepping
+from orchestrator.fmi.functions import CoSimulation, Fmi2, Fmi3, VariableGroup
+from orchestrator.fmi.instance import FmuInstance, stepping
 
 
-class Slave(Instance[CoSimulation]):
+class Slave(FmuInstance[CoSimulation]):
     """An instance of a co-simulation FMU, which steps by itself."""
 
-    adapters = (Fmi2, Fmi3)
+    versions = (Fmi2, Fmi3)
 
     @property
-    def adapter(self) -> CoSimulation:
+    def functions(self) -> CoSimulation:
         """The FMU's functions."""
         return self._fmi
 
     @property
-    def channels(self) -> tuple[Channel, Channel]:
+    def bound(self) -> tuple[VariableGroup, VariableGroup]:
         """What `write` and `read` carry."""
         return self._inputs, self._outputs
 

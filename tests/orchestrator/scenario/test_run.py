@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from fmus.errors import FmuError, InputError, ScenarioError, ServotwinError, TraceError, WiringError
 from orchestrator import formats
-from orchestrator.engine import Simulation
+from orchestrator.engine import Result, Run, Simulation
 from orchestrator.fmi.interface import Value
 from orchestrator.interrupts import Interrupts
 from orchestrator.scenario.run import Keeping, ScenarioInterrupted, ScenarioResult, parse_override, run_scenario
@@ -410,14 +410,14 @@ def test_an_interrupt_before_anything_was_stepped_leaves_nothing(tmp_path: Path)
 
 
 def test_an_interrupt_between_two_cases_lists_those_that_have_not_begun(tmp_path: Path) -> None:
-    def between(simulation: Simulation, values: object) -> None:
-        if values == {"hand.viscous_friction": 0.0, "hand.angle_start": 0.2}:
+    def between(simulation: Simulation, run: Run, *more: Any) -> Result:
+        if run.values == {"hand.viscous_friction": 0.0, "hand.angle_start": 0.2}:
             raise KeyboardInterrupt
-        begin(simulation, values)
+        return execute(simulation, run, *more)
 
-    begin: Any = Simulation._initialise
+    execute: Any = Simulation.execute
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Simulation, "_initialise", between)
+        patch.setattr(Simulation, "execute", between)
         result = stopped_at(tmp_path, THREE, 2.0)
     assert [case.state for case in result.cases] == ["done", "not run", "not run"]
 
@@ -433,7 +433,7 @@ def test_an_interrupt_when_all_is_done_loses_nothing(tmp_path: Path) -> None:
 def test_the_error_with_which_an_fmu_answers_an_interrupt_is_no_refusal(tmp_path: Path) -> None:
     """Also where a case expects one: the cases after it do not run."""
 
-    def fail(simulation: Simulation, values: object) -> None:
+    def fail(*_: object) -> None:
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
         raise FmuError("hand", "returned fatal error")
