@@ -90,7 +90,8 @@ def validate_result(folder: Path, data: Path, target: Path, progress: Progress) 
     if not isinstance(study.block, OutputErrorBlock) or study.block.traces.files is None:
         raise IdentificationError(study.file, "is no output-error study of recordings", "calibrate one")
     check_target(target)
-    validation = validate.validate(study.block, folder, data, progress)
+    plain = study.block.study(validate.calibrated_system(study.block, folder), study.block.source(folder))
+    validation = validate.validate(plain, folder, data, progress)
     summary = validate.summary(validation)
     with result_folder(target) as fresh:
         validate.report(validation).write(fresh / "report.html")

@@ -12,7 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 from typing_extensions import TypedDict
 
 from fmus.errors import InputError
-from identification.recordings.campaign import Recorded
+from identification.recordings.campaign import StudyTrace
 from orchestrator.display.table import Cell
 from orchestrator.fmi.interface import Value
 from orchestrator.report import Section
@@ -138,7 +138,7 @@ def result_file(folder: Path, name: str) -> Path:
     return folder / name
 
 
-def data_summary(recorded: Iterable[Recorded], held_out: Iterable[str] = ()) -> list[TraceSummary]:
+def data_summary(recorded: Iterable[StudyTrace], held_out: Iterable[str] = ()) -> list[TraceSummary]:
     """File, hash and role of each trace, and the notes on its file where there are some."""
     kept = set(held_out)
     entries: list[TraceSummary] = []

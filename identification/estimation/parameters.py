@@ -164,7 +164,6 @@ class InitialState:
     start: tuple[float, ...]
     lower: float = -math.inf
     upper: float = math.inf
-    unit: str = "1"
     estimated: bool = False
 
     def __post_init__(self) -> None:

@@ -23,8 +23,7 @@ from identification.experiments.reduction import Reduction
 from identification.experiments.schema import ExampleBlock, ExperimentsBlock, NamedConditioningBlock
 from identification.experiments.set_result import SetResult, identified
 from identification.output_error.calibration import processes
-from identification.recordings.campaign import Recorded, load_campaign
-from identification.recordings.schema import TracesBlock
+from identification.recordings.campaign import StudyTrace, TraceSource, load_campaign
 from orchestrator.progress import Progress
 
 Value = TypeVar("Value")
@@ -44,7 +43,7 @@ class Experiments:
 
     study: ExperimentsBlock
     preparation: NamedConditioningBlock
-    recorded: tuple[Recorded, ...]
+    recorded: tuple[StudyTrace, ...]
     results: dict[str, SetResult]
     physical: dict[float, tuple[PhysicalMode, ...]]
     compared: Experiments | None = None
@@ -106,7 +105,7 @@ def _physical(study: ExperimentsBlock, payload: float) -> tuple[PhysicalMode, ..
 def _data_sets(
     study: ExperimentsBlock,
     preparation: NamedConditioningBlock,
-    recorded: list[Recorded],
+    recorded: list[StudyTrace],
     physical: dict[float, tuple[PhysicalMode, ...]],
 ) -> list[DataSet]:
     """All of the study, those with a compensation a second time with it left in."""
@@ -118,25 +117,27 @@ def _data_sets(
     ]
 
 
-def _read(study: ExperimentsBlock, base: Path, data: Path) -> list[Recorded]:
-    return _wanted(study, load_campaign(TracesBlock(files="**/*.csv"), base, data))
+def _read(study: ExperimentsBlock, base: Path, data: Path) -> list[StudyTrace]:
+    return _wanted(study, load_campaign(TraceSource(base, files="**/*.csv"), data))
 
 
-def _simulated(pool: ProcessPoolExecutor, study: ExperimentsBlock, base: Path, progress: Progress) -> list[Recorded]:
-    found: list[Recorded] = []
-    tasks: dict[Future[list[Recorded]], Path] = {pool.submit(_simulate, base / path): path for path in study.scenarios}
+def _simulated(pool: ProcessPoolExecutor, study: ExperimentsBlock, base: Path, progress: Progress) -> list[StudyTrace]:
+    found: list[StudyTrace] = []
+    tasks: dict[Future[list[StudyTrace]], Path] = {
+        pool.submit(_simulate, base / path): path for path in study.scenarios
+    }
     for number, task in enumerate(as_completed(tasks), start=1):
-        cases: list[Recorded] = _result(task)
+        cases: list[StudyTrace] = _result(task)
         found += cases
         progress(SIMULATED * number / len(tasks), f"simulated {tasks[task].stem}")
     return _wanted(study, found)
 
 
-def _simulate(scenario: Path) -> list[Recorded]:
-    return load_campaign(TracesBlock(scenario=Path(scenario.name)), scenario.parent, None)
+def _simulate(scenario: Path) -> list[StudyTrace]:
+    return load_campaign(TraceSource(scenario.parent, scenario=scenario))
 
 
-def _wanted(study: ExperimentsBlock, found: list[Recorded]) -> list[Recorded]:
+def _wanted(study: ExperimentsBlock, found: list[StudyTrace]) -> list[StudyTrace]:
     """Those that are data sets, by name.
 
     Raises:

@@ -8,7 +8,7 @@ smoothly, as it moves commands, so that it can be estimated.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -16,52 +16,67 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from scipy.interpolate import CubicHermiteSpline
 
-from identification.output_error.schema import Delay, OutputErrorBlock
 from orchestrator.trace import FloatArray
 
 _ROUNDING = 1e-9  # of a step
 
 
 @dataclass(frozen=True)
-class Span:
-    """Where a delay may lie and where its estimation begins [s]."""
+class Known:
+    """A delay that is known [s]."""
 
-    lowest: float
+    seconds: float
+
+    @property
+    def lowest(self) -> float:
+        return self.seconds
+
+    @property
+    def start(self) -> float:
+        return self.seconds
+
+    @property
+    def highest(self) -> float:
+        return self.seconds
+
+    def at(self, values: Mapping[str, float]) -> float:
+        """The delay [s], whatever the parameters."""
+        return self.seconds
+
+
+@dataclass(frozen=True)
+class Estimated:
+    """A delay that is a parameter: where its estimation begins and where it may lie [s]."""
+
+    parameter: str
     start: float
+    lowest: float
     highest: float
 
-
-def span(study: OutputErrorBlock, delay: Delay) -> Span:
-    """The span of a delay: its parameter's bounds; the value itself for a number, and where a bound is missing."""
-    if not isinstance(delay, str):
-        return Span(delay, delay, delay)
-    block = study.parameters[delay]
-    if block.tied is not None:
-        other = span(study, block.tied)
-        ends = sorted((block.factor * other.lowest, block.factor * other.highest))
-        return Span(ends[0], block.factor * other.start, ends[1])
-    assert block.start is not None
-    return Span(
-        block.start if block.min is None else block.min, block.start, block.start if block.max is None else block.max
-    )
+    def at(self, values: Mapping[str, float]) -> float:
+        """The delay [s] with these values of the parameters."""
+        return values[self.parameter]
 
 
-def seconds(delay: Delay | None, values: Mapping[str, float]) -> float:
-    """A delay [s] with these values of the parameters; 0 where there is none."""
-    return values[delay] if isinstance(delay, str) else delay or 0.0
+Delay = Known | Estimated
 
 
 def known(delay: Delay | None) -> float:
     """What the stamps of an output are corrected by [s]."""
-    return delay if isinstance(delay, float) else 0.0
+    return delay.seconds if isinstance(delay, Known) else 0.0
 
 
-def compared_rows(study: OutputErrorBlock, count: int) -> slice:
-    """Which of a free run's `count` instants are compared: those whose outputs lie within the run for every delay."""
-    spans = [span(study, block.delay) for block in study.outputs.values() if isinstance(block.delay, str)]
-    late = max((each.highest for each in spans), default=0.0)
-    early = max((-each.lowest for each in spans), default=0.0)
-    return slice(_steps(late, study.step), max(count - _steps(early, study.step), 0))
+def compared_rows(outputs: Iterable[Delay | None], step: Fraction, count: int) -> slice:
+    """Which of a free run's `count` instants are compared: those whose outputs lie within the run for every delay.
+
+    Args:
+        outputs: their delays.
+        step: between two instants [s].
+    """
+    delays = [delay for delay in outputs if isinstance(delay, Estimated)]
+    late = max((delay.highest for delay in delays), default=0.0)
+    early = max((-delay.lowest for delay in delays), default=0.0)
+    return slice(_steps(late, step), max(count - _steps(early, step), 0))
 
 
 def _steps(duration: float, step: Fraction) -> int:

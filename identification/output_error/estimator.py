@@ -63,9 +63,9 @@ class Options:
     start_windows: int = 6
     start_iterations: int = 8
     max_evaluations: int = 60
-    cost_tolerance: float = 1e-7
-    step_tolerance: float = 1e-7
-    difference_step: float = 1e-5
+    cost_tolerance: float = 1e-5
+    step_tolerance: float = 1e-5
+    difference_step: float = 1e-4
     processes: int = 1
 
     def __post_init__(self) -> None:

@@ -52,7 +52,7 @@ class Problem:
     """Which parameters and initial states shall match which windows, and in which norm.
 
     Attributes:
-        outputs: output name -> unit, in the order of the windows' columns.
+        outputs: names of the outputs, in the order of the windows' columns.
         initial_states: one start value a window each, fixed or estimated.
         loss: of the weighted residuals; the robust ones bend at `loss.scale`.
 
@@ -62,12 +62,13 @@ class Problem:
 
     parameters: ParameterSet
     windows: tuple[Window, ...]
-    outputs: Mapping[str, str]
+    outputs: tuple[str, ...]
     initial_states: tuple[InitialState, ...] = ()
     loss: Loss = LEAST_SQUARES
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "windows", tuple(self.windows))
+        object.__setattr__(self, "outputs", tuple(self.outputs))
         object.__setattr__(self, "initial_states", tuple(self.initial_states))
         if not self.windows:
             raise IdentificationError("windows", "there are none", "cut at least one from a trace")

@@ -10,8 +10,7 @@ from fmus.errors import IdentificationError
 from identification.estimation.validation import whiteness
 from identification.output_error.calibration import Calibration, Judged
 from identification.output_error.results import summary
-from identification.output_error.schema import OutputErrorBlock
-from identification.output_error.windows import Cut
+from identification.output_error.windows import FreeRunWindow
 from identification.results import data_summary, parameter_rows, provenance
 from identification.signals.frequency_response import fit_sine, frequency_point
 from identification.signals.processing import dominant_frequency
@@ -31,8 +30,8 @@ def report(calibration: Calibration) -> Report:
     result = Report(calibration.study.title, calibration.study.description)
     _overview(result.section("Result"), calibration)
     shown = calibration.validation or calibration.train
-    overlays(result.section("Free runs"), calibration.study, calibration.units, shown, calibration.compared)
-    if calibration.study.inputs:
+    overlays(result.section("Free runs"), calibration.units, shown, calibration.compared)
+    if calibration.study.run.inputs:
         _frequency_response(result.section("Frequency response"), calibration, shown)
     _residuals(result.section("Residuals"), calibration, shown)
     _uncertainty(result.section("Uncertainty"), calibration)
@@ -41,14 +40,14 @@ def report(calibration: Calibration) -> Report:
 
 
 def _overview(section: Section, calibration: Calibration) -> None:
-    target = calibration.study.validation.at_least if calibration.study.validation else None
+    target = calibration.study.at_least
     validation = calibration.validation
     highlights: list[tuple[str, str, str]] = []
     if validation is not None:
-        remark = f"{len(validation.cuts)} windows of traces not used in the fit"
+        remark = f"{len(validation.windows)} windows of traces not used in the fit"
         highlights.append(("median FIT, unseen", f"{validation.median:.3f}", remark))
     highlights.append(
-        ("median FIT, fitted", f"{calibration.train.median:.3f}", f"{len(calibration.train.cuts)} windows")
+        ("median FIT, fitted", f"{calibration.train.median:.3f}", f"{len(calibration.train.windows)} windows")
     )
     for name, judged in calibration.compared.items():
         highlights.append((f"median FIT, {name}", f"{judged.median:.3f}", "the same windows as the first figure"))
@@ -78,41 +77,35 @@ def fits(section: Section, groups: Mapping[str, Judged], target: float | None) -
         section.table(["trace", "", *outputs], rows, caption="Median FIT of the trace's windows, by output")
 
 
-def overlays(
-    section: Section,
-    study: OutputErrorBlock,
-    units: Mapping[str, str],
-    judged: Judged,
-    compared: Mapping[str, Judged],
-) -> None:
+def overlays(section: Section, units: Mapping[str, str], judged: Judged, compared: Mapping[str, Judged]) -> None:
     """The window of median FIT for each output, and small ones from the worst to the best."""
-    others = {name: each for name, each in compared.items() if len(each.cuts) == len(judged.cuts)}
+    others = {name: other for name, other in compared.items() if len(other.windows) == len(judged.windows)}
     ranked = np.argsort(np.nan_to_num(judged.fit.mean(axis=1)))
     middle = int(ranked[len(ranked) // 2])
-    measured, simulated = _traces(study, units, judged, middle)
+    measured, simulated = _traces(units, judged, middle)
     runs = [("calibrated", simulated)]
-    runs += [(name, _traces(study, units, other, middle)[1]) for name, other in others.items()]
+    runs += [(name, _traces(units, other, middle)[1]) for name, other in others.items()]
     section.figure(figures.overlay(measured, runs), f"The window of median FIT, {measured.name}")
     chosen = np.linspace(0, len(ranked) - 1, min(SHOWN, len(ranked))).astype(int)
     grid = []
     for i in (int(ranked[place]) for place in chosen):
-        measured, simulated = _traces(study, units, judged, i)
+        measured, simulated = _traces(units, judged, i)
         grid.append((f"{measured.name}, FIT {judged.fit[i].mean():.3f}", measured, [("calibrated", simulated)]))
-    section.figure(figures.overlays_grid(grid, next(iter(study.outputs))), "From the worst window to the best")
+    section.figure(figures.overlays_grid(grid, judged.outputs[0]), "From the worst window to the best")
 
 
-def _traces(study: OutputErrorBlock, units: Mapping[str, str], judged: Judged, index: int) -> tuple[Trace, Trace]:
+def _traces(units: Mapping[str, str], judged: Judged, index: int) -> tuple[Trace, Trace]:
     """Measured and simulated outputs of one window."""
-    cut, names = judged.cuts[index], list(study.outputs)
+    window, names = judged.windows[index], judged.outputs
     known = {name: units[name] for name in names if name in units}
     return (
-        Trace(cut.time, dict(zip(names, cut.measured.T, strict=True)), known, cut.name),
-        Trace(cut.time, dict(zip(names, judged.simulated[index].T, strict=True)), known, cut.name),
+        Trace(window.time, dict(zip(names, window.measured.T, strict=True)), known, window.name),
+        Trace(window.time, dict(zip(names, judged.simulated[index].T, strict=True)), known, window.name),
     )
 
 
 def _frequency_response(section: Section, calibration: Calibration, judged: Judged) -> None:
-    points = [_gains(cut, y) for cut, y in zip(judged.cuts, judged.simulated, strict=True)]
+    points = [_gains(window, y) for window, y in zip(judged.windows, judged.simulated, strict=True)]
     found = np.array([point for point in points if point is not None])
     missing = len(points) - len(found)
     section.paragraph(
@@ -124,39 +117,41 @@ def _frequency_response(section: Section, calibration: Calibration, judged: Judg
         section.figure(figures.frequency_response(curves))
 
 
-def _gains(cut: Cut, simulated: FloatArray) -> tuple[float, float, float] | None:
+def _gains(window: FreeRunWindow, simulated: FloatArray) -> tuple[float, float, float] | None:
     """Strongest frequency of the first input [rad/s] and the gains of the first output there, measured and simulated;
     None where the window holds no sine."""
-    driven = next(iter(cut.stimuli.values()))[cut.rows]
+    driven = next(iter(window.stimuli.values()))[window.rows]
     try:
-        start = dominant_frequency(driven, float(cut.step))
-        frequency = fit_sine(cut.time, driven, start, refine=True).frequency
-        measured, free = (frequency_point(cut.time, driven, y[:, 0], frequency) for y in (cut.measured, simulated))
+        start = dominant_frequency(driven, float(window.step))
+        frequency = fit_sine(window.time, driven, start, refine=True).frequency
+        measured, free = (
+            frequency_point(window.time, driven, y[:, 0], frequency) for y in (window.measured, simulated)
+        )
     except IdentificationError:
         return None
     return frequency, measured.gain, free.gain
 
 
 def _residuals(section: Section, calibration: Calibration, judged: Judged) -> None:
-    errors = [cut.measured - y for cut, y in zip(judged.cuts, judged.simulated, strict=True)]
-    tests = [whiteness([error[:, column] for error in errors]) for column in range(len(calibration.study.outputs))]
-    for output, test in zip(calibration.study.outputs, tests, strict=True):
+    errors = [window.measured - y for window, y in zip(judged.windows, judged.simulated, strict=True)]
+    tests = [whiteness([error[:, column] for error in errors]) for column in range(len(judged.outputs))]
+    for output, test in zip(judged.outputs, tests, strict=True):
         verdict = "are white" if test.white else "are not white: the model leaves something out"
         section.callout(
             "ok" if test.white else "warning", f"Residuals of {output} {verdict} (Ljung-Box p = {test.p_value:.3g})."
         )
-    middle = int(np.argsort(np.nan_to_num(judged.fit[:, 0]))[len(judged.cuts) // 2])
-    first = next(iter(calibration.study.outputs))
-    cut = judged.cuts[middle]
+    middle = int(np.argsort(np.nan_to_num(judged.fit[:, 0]))[len(judged.windows) // 2])
+    first = judged.outputs[0]
+    window = judged.windows[middle]
     figure = figures.residuals(
-        cut.time,
+        window.time,
         errors[middle][:, 0],
         tests[0].autocorrelation,
         tests[0].band,
         calibration.units.get(first, ""),
         f"error of {first}",
     )
-    section.figure(figure, f"The window of median FIT, {cut.name}, and the autocorrelation of all windows")
+    section.figure(figure, f"The window of median FIT, {window.name}, and the autocorrelation of all windows")
 
 
 def _uncertainty(section: Section, calibration: Calibration) -> None:

@@ -8,9 +8,7 @@ from typing_extensions import TypedDict
 
 from identification.method import Calibrated
 from identification.output_error.calibration import Calibration, Judged
-from identification.output_error.schema import OutputErrorBlock
 from identification.results import FitSummary, ParameterSummary, Summary, data_summary, finite
-from orchestrator.fmi.interface import Value
 from orchestrator.results import versions
 
 
@@ -48,7 +46,7 @@ def summary(calibration: Calibration) -> OutputErrorSummary:
     study, found = calibration.study, calibration.estimate
     return {
         "title": study.title,
-        "method": study.method,
+        "method": "output-error",
         "parameters": {name: _parameter(calibration, name) for name in found.values},
         "fit": {
             "train": judged_summary(calibration.train),
@@ -81,7 +79,7 @@ def judged_summary(judged: Judged) -> FitSummary:
     """FIT of some windows: the median of all, of each trace and of each output; null where none moves."""
     by_trace = {name: finite(value) for name, value in judged.by_trace().items()}
     by_output = {name: finite(value) for name, value in judged.by_output().items()}
-    return {"median": finite(judged.median), "windows": len(judged.cuts), "traces": by_trace, "outputs": by_output}
+    return {"median": finite(judged.median), "windows": len(judged.windows), "traces": by_trace, "outputs": by_output}
 
 
 def calibrated(calibration: Calibration, folder: Path) -> Calibrated:
@@ -93,21 +91,14 @@ def calibrated(calibration: Calibration, folder: Path) -> Calibrated:
 
 def _parameter(calibration: Calibration, name: str) -> ParameterSummary:
     found, study = calibration.estimate, calibration.study
+    starts = {parameter.name: parameter.start for parameter in study.parameters.parameters}
     entry: ParameterSummary = {
         "value": found.values[name],
         "std": finite(found.std[name]) if name in found.std else None,
         "ci95": [finite(end) for end in found.ci95[name]] if name in found.ci95 else None,
         "unit": calibration.units.get(name, "1"),
-        "start": _start(study, name),
+        "start": starts.get(name),
     }
     if name in study.truth:
         entry["truth"] = study.truth[name]
     return entry
-
-
-def _start(study: OutputErrorBlock, name: str) -> Value | None:
-    """Where the estimation of a parameter began; nothing for one that is tied to another."""
-    block = study.parameters[name]
-    if block.tied is not None:
-        return None
-    return block.start if block.start is not None else study.values()[name]

@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from identification.estimation.arrow_least_squares import LossKind
-from identification.estimation.parameters import Scale
-from identification.recordings.schema import RecordedStudyBlock, Signals
+from fmus.errors import IdentificationError
+from identification.estimation.arrow_least_squares import Loss, LossKind
+from identification.estimation.parameters import Parameter, ParameterSet, Scale, Tie
+from identification.output_error.delays import Delay, Estimated, Known
+from identification.output_error.estimator import Options
+from identification.output_error.study import (
+    FreeRunSpec,
+    OutputErrorStudy,
+    SignalSpec,
+    StartSpec,
+    Weighting,
+    WindowSpec,
+)
+from identification.recordings.campaign import TraceSource
+from identification.recordings.schema import RecordedStudyBlock, UsedSignals
+from orchestrator.assembly.assembly import SystemSpec
 from orchestrator.assembly.schema import SystemBlock
 from orchestrator.yaml_file import Block, Seconds, exact
 
@@ -19,7 +32,7 @@ def _number_or_name(value: Any) -> Any:
     return float(exact(value)) if number else value
 
 
-Delay = Annotated[float | str, BeforeValidator(_number_or_name)]  # [s], or the name of a parameter
+DelayEntry = Annotated[float | str, BeforeValidator(_number_or_name)]  # [s], or the name of a parameter
 
 
 class SignalBlock(Block):
@@ -32,23 +45,19 @@ class SignalBlock(Block):
     """
 
     signal: str
-    factor: float = 1.0
-    delay: Delay | None = None
+    factor: float = SignalSpec.factor
+    delay: DelayEntry | None = None
 
 
 class InitialBlock(Block):
-    """A start value read off a signal around the beginning of each window.
-
-    A polynomial of `degree` is fitted to the samples within `half_width` [s]; its value or derivative there counts,
-    times `factor`, which makes a start value of a reading in a converter's units.
-    """
+    """A start value read off a signal around the beginning of each window; see `StartSpec`."""
 
     signal: str
-    factor: float = 1.0
-    derivative: int = Field(0, ge=0, le=2)
-    half_width: float = Field(0.018, gt=0)
-    degree: int = Field(2, ge=0, le=6)
-    estimated: bool = False
+    factor: float = StartSpec.factor
+    derivative: int = Field(StartSpec.derivative, ge=0, le=2)
+    half_width: float = Field(StartSpec.half_width, gt=0)
+    degree: int = Field(StartSpec.degree, ge=0, le=6)
+    estimated: bool = StartSpec.estimated
 
     @model_validator(mode="after")
     def _differentiable(self) -> InitialBlock:
@@ -58,18 +67,21 @@ class InitialBlock(Block):
 
 
 class WindowsBlock(Block):
-    """Free runs of `length` [s], `every` so often [s] (back to back by default), after `skip` [s], at most `most`."""
+    """Where free runs lie; see `WindowSpec`."""
 
     length: Seconds
-    every: Seconds | None = None
-    skip: Seconds = Fraction(0)
-    most: int | None = Field(None, ge=1)
+    every: Seconds | None = WindowSpec.every
+    skip: Seconds = WindowSpec.skip
+    most: int | None = Field(WindowSpec.most, ge=1)
 
     @model_validator(mode="after")
     def _positive(self) -> WindowsBlock:
         if self.length <= 0 or (self.every is not None and self.every <= 0) or self.skip < 0:
             raise ValueError("`length` and `every` must be positive, `skip` not negative")
         return self
+
+    def spec(self) -> WindowSpec:
+        return WindowSpec(self.length, self.every, self.skip, self.most)
 
 
 class ValidationBlock(WindowsBlock):
@@ -84,10 +96,10 @@ class ParameterBlock(Block):
     start: float | None = None
     min: float | None = None
     max: float | None = None
-    scale: Scale = "linear"
-    fixed: bool = False
+    scale: Scale = Parameter.scale
+    fixed: bool = Parameter.fixed
     tied: str | None = None
-    factor: float = 1.0
+    factor: float = Tie.factor
 
     @model_validator(mode="after")
     def _free_or_tied(self) -> ParameterBlock:
@@ -105,19 +117,19 @@ class ParameterBlock(Block):
 class LossBlock(Block):
     """How much a sample counts that lies far off; `scale` is in standard deviations of the weighted output."""
 
-    kind: LossKind = "linear"
-    scale: float = Field(1.0, gt=0)
+    kind: LossKind = Loss.kind
+    scale: float = Field(Loss.scale, gt=0)
 
 
 class OptionsBlock(Block):
-    """How the estimation searches; see `output_error.Options`."""
+    """How the estimation searches; see `estimator.Options`."""
 
-    starts: int = Field(1, ge=1)
-    seed: int = 0
-    max_evaluations: int = Field(60, ge=1)
-    cost_tolerance: float = Field(1e-5, gt=0)
-    step_tolerance: float = Field(1e-5, gt=0)
-    difference_step: float = Field(1e-4, gt=0)
+    starts: int = Field(Options.starts, ge=1)
+    seed: int = Options.seed
+    max_evaluations: int = Field(Options.max_evaluations, ge=1)
+    cost_tolerance: float = Field(Options.cost_tolerance, gt=0)
+    step_tolerance: float = Field(Options.step_tolerance, gt=0)
+    difference_step: float = Field(Options.difference_step, gt=0)
 
 
 class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
@@ -138,7 +150,7 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
     windows: WindowsBlock
     validation: ValidationBlock | None = None
     parameters: dict[str, ParameterBlock] = Field(min_length=1)
-    weight: Literal["window", "output", "none"] = "output"
+    weight: Weighting = OutputErrorStudy.weight
     loss: LossBlock = LossBlock()
     options: OptionsBlock = OptionsBlock()
     compare: dict[str, dict[str, float]] = {}
@@ -170,7 +182,7 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
 
     @model_validator(mode="after")
     def _one_delay_a_signal(self) -> OutputErrorBlock:
-        read: dict[str, Delay | None] = {}
+        read: dict[str, DelayEntry | None] = {}
         for block in self.outputs.values():
             if read.setdefault(block.signal, block.delay) != block.delay:
                 raise ValueError(f"signal {block.signal} has two delays")
@@ -186,10 +198,10 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
         return self
 
     @property
-    def signals(self) -> Signals:
+    def signals(self) -> UsedSignals:
         """What it uses of the traces."""
         measured = {block.signal for blocks in (self.outputs, self.initial) for block in blocks.values()}
-        return Signals(frozenset(block.signal for block in self.inputs.values()), frozenset(measured))
+        return UsedSignals(frozenset(block.signal for block in self.inputs.values()), frozenset(measured))
 
     @property
     def delays(self) -> list[str]:
@@ -197,3 +209,73 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
         named = {block.delay for block in (*self.inputs.values(), *self.outputs.values())}
         tied = {block.tied for name, block in self.parameters.items() if name in named}
         return [name for name in self.parameters if "." not in name and name in named | tied]
+
+    def study(self, system: SystemSpec, traces: TraceSource) -> OutputErrorStudy:
+        """The study as plain values.
+
+        Args:
+            system: its components, of the file's models or of calibrated FMUs.
+            traces: where its traces come from.
+
+        Raises:
+            IdentificationError: a parameter has no start value, or one outside its bounds.
+        """
+        initial = {name: StartSpec(**dict(block)) for name, block in self.initial.items()}
+        return OutputErrorStudy(
+            title=self.title,
+            system=system,
+            traces=traces,
+            run=FreeRunSpec(self.step, self._signal_specs(self.outputs), self._signal_specs(self.inputs), initial),
+            windows=self.windows.spec(),
+            validation=(self.validation or self.windows).spec(),
+            parameters=self._parameter_set(),
+            at_least=self.validation.at_least if self.validation else None,
+            description=self.description,
+            weight=self.weight,
+            loss=Loss(self.loss.kind, self.loss.scale),
+            options=Options(**dict(self.options)),
+            compare=self.compare,
+            truth=self.truth,
+        )
+
+    def _signal_specs(self, blocks: Mapping[str, SignalBlock]) -> dict[str, SignalSpec]:
+        return {
+            name: SignalSpec(block.signal, block.factor, self._delay(block.delay)) for name, block in blocks.items()
+        }
+
+    def _delay(self, entry: DelayEntry | None) -> Delay | None:
+        """A delay with its parameter's bounds; its start where a bound is missing."""
+        if not isinstance(entry, str):
+            return None if entry is None else Known(entry)
+        block = self.parameters[entry]
+        if block.tied is not None:
+            other = self._delay(block.tied)
+            assert isinstance(other, Estimated)
+            lowest, highest = sorted((block.factor * other.lowest, block.factor * other.highest))
+            return Estimated(entry, block.factor * other.start, lowest, highest)
+        assert block.start is not None
+        lowest, highest = (block.start if bound is None else bound for bound in (block.min, block.max))
+        return Estimated(entry, block.start, lowest, highest)
+
+    def _parameter_set(self) -> ParameterSet:
+        free = [self._parameter(name, block) for name, block in self.parameters.items() if block.tied is None]
+        ties = [
+            Tie(name, block.tied, block.factor) for name, block in self.parameters.items() if block.tied is not None
+        ]
+        return ParameterSet(tuple(free), tuple(ties))
+
+    def _parameter(self, name: str, block: ParameterBlock) -> Parameter:
+        start = block.start if block.start is not None else self.values().get(name)
+        if not isinstance(start, (int, float)) or isinstance(start, bool):
+            raise IdentificationError(
+                f"parameters.{name}", "has no start value", "give `start`, or set it in its component"
+            )
+        if not (start or block.fixed) and (block.min is None or block.max is None):
+            raise IdentificationError(
+                f"parameters.{name}",
+                "starts at 0 with an open bound, so its size is not known",
+                "give `min` and `max`, or another start",
+            )
+        low = Parameter.lower if block.min is None else block.min
+        high = Parameter.upper if block.max is None else block.max
+        return Parameter(name, float(start), low, high, scale=block.scale, fixed=block.fixed)

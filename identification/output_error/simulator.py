@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from identification.output_error.windows import Cut
+from identification.output_error.windows import FreeRunWindow
 from orchestrator.assembly.assembly import Assembled, OpenSystem
 from orchestrator.engine import Run, Simulation, Timing
 from orchestrator.fmi.interface import Value
@@ -21,7 +21,7 @@ class SystemFactory:
     """
 
     assembled: Assembled
-    cuts: Sequence[Cut]
+    windows: Sequence[FreeRunWindow]
     outputs: tuple[str, ...]
     values: Mapping[str, Value]
 
@@ -35,8 +35,8 @@ class SystemSimulator:
     def __init__(self, factory: SystemFactory) -> None:
         self._factory = factory
         self._opened = OpenSystem(factory.assembled)
-        step = factory.cuts[0].step
-        longest = max(cut.stop for cut in factory.cuts)
+        step = factory.windows[0].step
+        longest = max(window.stop for window in factory.windows)
         try:
             self._simulation: Simulation = self._opened.simulation(Timing(stop=longest, step=step))
         except BaseException:
@@ -48,10 +48,10 @@ class SystemSimulator:
 
         Values of names without a dot are delays.
         """
-        cut, outputs = self._factory.cuts[window], self._factory.outputs
+        cut = self._factory.windows[window]
         own = {name: value for name, value in values.items() if "." in name}
         merged = {**self._factory.values, **cut.constants, **own, **cut.start_values(values)}
-        run = Run(merged, cut.driven(values), outputs, cut.stop)
+        run = Run(merged, cut.driven(values), self._factory.outputs, cut.stop)
         return cut.recorded(self._simulation.rows(run), values)
 
     def close(self) -> None:

@@ -16,10 +16,12 @@ from fmus.parameters.write_back import description_of, is_ours
 from identification.output_error.calibration import Judged, judge
 from identification.output_error.report import fits, overlays
 from identification.output_error.results import judged_summary
-from identification.output_error.schema import OutputErrorBlock
-from identification.recordings.campaign import Recorded, load_campaign, recording_warnings
+from identification.output_error.study import OutputErrorStudy
+from identification.output_error.windows import cut_windows
+from identification.recordings.campaign import StudyTrace, load_campaign, recording_warnings
 from identification.results import STUDY, SUMMARY, FitSummary, Summary, TraceSummary, data_summary, read_summary
-from orchestrator.assembly.assembly import Assembled, SystemSpec, assemble
+from orchestrator.assembly.assembly import SystemSpec, assemble
+from orchestrator.assembly.schema import SystemBlock
 from orchestrator.fmi.interface import Value
 from orchestrator.progress import Progress, silent
 from orchestrator.report import Report, figures
@@ -52,27 +54,25 @@ class Validation:
         judged: "unseen" and "fitted" -> free runs on recordings that the fit did not use, and on those that it did.
     """
 
-    study: OutputErrorBlock
-    recorded: tuple[Recorded, ...]
+    study: OutputErrorStudy
+    recorded: tuple[StudyTrace, ...]
     judged: Mapping[str, Judged]
     unseen: tuple[str, ...]
 
     @property
-    def target(self) -> float | None:
-        """The median FIT that the study asks for."""
-        return self.study.validation.at_least if self.study.validation else None
-
-    @property
     def held(self) -> bool:
-        """Whether the target is met, by the unseen recordings where there are some."""
-        counted = self.judged.get("unseen") or self.judged["fitted"]
-        return self.target is None or counted.median >= self.target
+        """Whether the study's target is met, by the unseen recordings where there are some."""
+        counted, target = self.judged.get("unseen") or self.judged["fitted"], self.study.at_least
+        return target is None or counted.median >= target
 
 
 def validate(
-    study: OutputErrorBlock, folder: Path, data: Path | None = None, progress: Progress = silent
+    study: OutputErrorStudy, folder: Path, data: Path | None = None, progress: Progress = silent
 ) -> Validation:
     """Free runs of the calibrated FMUs in a result folder; recordings that the fit used (by their hash) count apart.
+
+    Args:
+        study: the result's, of its `calibrated_system`.
 
     Raises:
         InputError: the folder holds no result of the study, or the recordings do not fit it.
@@ -81,23 +81,23 @@ def validate(
     earlier = read_summary(folder)
     used = {trace["sha256"] for trace in earlier["data"] if trace["role"] == "fit"}
     delays = _found_delays(study, earlier, folder)
-    recorded = load_campaign(study.traces, folder, data, signals=study.signals)
+    recorded = load_campaign(study.traces, data)
     groups = {
-        "unseen": [recording for recording in recorded if recording.sha256 not in used],
-        "fitted": [recording for recording in recorded if recording.sha256 in used],
+        "unseen": [trace for trace in recorded if trace.sha256 not in used],
+        "fitted": [trace for trace in recorded if trace.sha256 in used],
     }
-    assembled = _calibrated(study, folder)
-    windows = study.validation or study.windows
+    assembled = assemble(study.system, folder, sorted(study.run.inputs))
     judged = {}
     for number, (name, traces) in enumerate(groups.items()):
         progress(number / 2, f"{len(traces)} {name} traces")
         if traces:
             with naming(folder / STUDY):
-                judged[name] = judge(study, assembled, traces, windows, delays)
-    return Validation(study, tuple(recorded), judged, tuple(recording.trace.name for recording in groups["unseen"]))
+                windows = cut_windows(study.run, traces, study.validation)
+                judged[name] = judge(study, assembled, windows, delays)
+    return Validation(study, tuple(recorded), judged, tuple(trace.trace.name for trace in groups["unseen"]))
 
 
-def _found_delays(study: OutputErrorBlock, earlier: Summary, folder: Path) -> dict[str, float]:
+def _found_delays(study: OutputErrorStudy, earlier: Summary, folder: Path) -> dict[str, float]:
     """The delays that the calibration found; they are no parameters of an FMU."""
     for name in study.delays:
         if name not in earlier["parameters"]:
@@ -105,11 +105,15 @@ def _found_delays(study: OutputErrorBlock, earlier: Summary, folder: Path) -> di
     return {name: earlier["parameters"][name]["value"] for name in study.delays}
 
 
-def _calibrated(study: OutputErrorBlock, folder: Path) -> Assembled:
-    """The study's system of the calibrated FMUs, with nothing set but in FMUs that cannot hold values of their own."""
-    files = {name: folder / "fmus" / f"{name}.fmu" for name in study.components}
-    components = {name: block.made_of(files[name], _beside(files[name])) for name, block in study.components.items()}
-    return assemble(SystemSpec(components, study.links()), folder, sorted(study.inputs))
+def calibrated_system(block: SystemBlock, folder: Path) -> SystemSpec:
+    """A study's system of the calibrated FMUs, with nothing set but in FMUs that cannot hold values of their own.
+
+    Raises:
+        FmuFileError: an FMU is not there, or none.
+    """
+    files = {name: folder / "fmus" / f"{name}.fmu" for name in block.components}
+    components = {name: one.made_of(files[name], _beside(files[name])) for name, one in block.components.items()}
+    return SystemSpec(components, block.links())
 
 
 def _beside(file: Path) -> dict[str, Value]:
@@ -126,7 +130,7 @@ def summary(validation: Validation) -> ValidationSummary:
     return {
         "title": validation.study.title,
         "fit": {name: judged_summary(judged) for name, judged in validation.judged.items()},
-        "at_least": validation.target,
+        "at_least": validation.study.at_least,
         "held": validation.held,
         "data": data_summary(validation.recorded, validation.unseen),
         "versions": versions(),
@@ -137,15 +141,18 @@ def summary(validation: Validation) -> ValidationSummary:
 def report(validation: Validation) -> Report:
     """Whether the target is met, free runs, and how FIT is spread."""
     page = Report(f"Validation: {validation.study.title}", validation.study.description)
-    section, judged, target = page.section("Result"), validation.judged, validation.target
+    section, judged, target = page.section("Result"), validation.judged, validation.study.at_least
     section.highlights(
-        [(f"median FIT, {name}", f"{group.median:.3f}", f"{len(group.cuts)} windows") for name, group in judged.items()]
+        [
+            (f"median FIT, {name}", f"{group.median:.3f}", f"{len(group.windows)} windows")
+            for name, group in judged.items()
+        ]
     )
     verdict = f"Target: {target}" if target else "The study sets no target."
     section.callout("ok" if validation.held else "error", verdict)
     fits(section, judged, target)
     for name, group in judged.items():
-        overlays(page.section(f"Free runs, {name}"), validation.study, {}, group, {})
+        overlays(page.section(f"Free runs, {name}"), {}, group, {})
     spread = np.concatenate([group.fit.ravel() for group in judged.values()])
     known = spread[np.isfinite(spread)]
     if len(known):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -10,9 +10,20 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from fmus.errors import ScenarioError, TraceError
-from identification.output_error.delays import Command, Held, Reading, compared_rows, known, late_outputs, seconds, span
-from identification.output_error.schema import Delay, InitialBlock, OutputErrorBlock, SignalBlock, WindowsBlock
-from identification.recordings.campaign import Recorded, trace_values
+from identification.output_error.delays import (
+    Command,
+    Delay,
+    Estimated,
+    Held,
+    Known,
+    Reading,
+    compared_rows,
+    known,
+    late_outputs,
+)
+from identification.output_error.problem import Window
+from identification.output_error.study import FreeRunSpec, SignalSpec, StartSpec, WindowSpec
+from identification.recordings.campaign import StudyTrace
 from orchestrator.fmi.interface import Value
 from orchestrator.rational import multiples
 from orchestrator.trace import FloatArray, Trace, usable
@@ -21,34 +32,29 @@ ROUNDING = 1e-9  # [s]; a window that reaches so little beyond the first or last
 
 
 @dataclass(frozen=True, eq=False)
-class Cut:
-    """One window of one trace, on the communication instants of the free run.
+class FreeRunWindow(Window):
+    """A window with what drives its free run and where it starts, on the run's communication instants.
 
     Attributes:
-        name: trace and start, for messages and reports.
         start: where in the trace it begins [s].
         step: between two instants [s].
         count: instants of the free run, K.
         rows: those that are compared, K'; all where no output has a delay.
         stimuli: component.input -> (K,) values; of delayed ones, with the delay that the study starts from.
         commands: the delayed inputs.
-        measured: (K', m) outputs, one column an output of the study.
-        delays: of these outputs the parameters that move them, None for those of which all is known.
+        delays: of the outputs those that are parameters, None for those of which all is known.
         initial: component.variable -> measured start value, with the delay that the study starts from.
         readings: those that are read off a delayed output.
         constants: component.variable -> value that holds for this trace.
     """
 
-    name: str
-    trace: str
     start: float
     step: Fraction
     count: int
     rows: slice
     stimuli: Mapping[str, FloatArray]
     commands: Mapping[str, Command]
-    measured: FloatArray
-    delays: tuple[str | None, ...]
+    delays: tuple[Estimated | None, ...]
     initial: Mapping[str, float]
     readings: Mapping[str, Reading]
     constants: Mapping[str, Value]
@@ -72,50 +78,45 @@ class Cut:
         """component.input -> (K,) values, with delays of these values."""
         return {
             **self.stimuli,
-            **{name: each.values(self.run_time, seconds(each.delay, values)) for name, each in self.commands.items()},
+            **{name: held.values(self.run_time, held.delay.at(values)) for name, held in self.commands.items()},
         }
 
     def start_values(self, values: Mapping[str, float]) -> dict[str, float]:
         """component.variable -> start value read off a delayed output, with delays of these values."""
-        return {name: each.value(seconds(each.delay, values)) for name, each in self.readings.items()}
+        return {name: reading.value(reading.delay.at(values)) for name, reading in self.readings.items()}
 
     def recorded(self, simulated: FloatArray, values: Mapping[str, float]) -> FloatArray:
         """(K', m) what would have been recorded of a free run's outputs (K, m), with delays of these values."""
-        delays = [None if delay is None else seconds(delay, values) for delay in self.delays]
+        delays = [None if delay is None else delay.at(values) for delay in self.delays]
         return late_outputs(simulated, float(self.step), delays, self.rows)
 
 
-def cut_windows(study: OutputErrorBlock, recorded: Sequence[Recorded], windows: WindowsBlock) -> list[Cut]:
-    """The windows of these traces.
+def cut_windows(run: FreeRunSpec, traces: Iterable[StudyTrace], windows: WindowSpec) -> list[FreeRunWindow]:
+    """The windows of these traces, all outputs of weight 1.
 
     Raises:
         TraceError: a signal is missing, constant or not finite, or a trace is too short for one window.
         ScenarioError: delays leave nothing of a window to compare.
     """
-    _check_rows(study, windows)
-    needed = sorted(study.signals.commands | study.signals.measured)
-    cuts = []
-    for each in recorded:
-        named = replace(each.trace, name=str(each.source)) if study.traces.files else each.trace
-        trace = replace(usable(named.select(needed), needed), name=each.trace.name)
-        constants = trace_values(study.traces, trace.name, each.fields)
-        own = _by_means(study) if each.held else study
-        cuts += [_cut(own, trace, start, windows.length, constants) for start in _starts(study, trace, windows)]
-    return cuts
+    _check_rows(run, windows)
+    cut = []
+    for recorded in traces:
+        named = replace(recorded.trace, name=recorded.place)
+        trace = replace(usable(named.select(run.signals), run.signals), name=recorded.trace.name)
+        own = run.by_means() if recorded.held else run
+        cut += [_window(own, trace, start, windows.length, recorded.values) for start in _starts(own, trace, windows)]
+    return cut
 
 
-def _by_means(study: OutputErrorBlock) -> OutputErrorBlock:
-    """The study with commands that count by their mean over each step: frames never come at its beginning."""
-    inputs = {
-        name: block if block.delay is not None else block.model_copy(update={"delay": 0.0})
-        for name, block in study.inputs.items()
-    }
-    return study.model_copy(update={"inputs": inputs})
+def _rows(run: FreeRunSpec, length: Fraction) -> tuple[int, slice]:
+    """How many instants a free run has, and which of them are compared."""
+    count = multiples(length, run.step, "windows.length") + 1
+    return count, compared_rows((output.delay for output in run.outputs.values()), run.step, count)
 
 
-def _check_rows(study: OutputErrorBlock, windows: WindowsBlock) -> None:
-    count = multiples(windows.length, study.step, "windows.length") + 1
-    if len(range(count)[compared_rows(study, count)]) < 2:
+def _check_rows(run: FreeRunSpec, windows: WindowSpec) -> None:
+    count, rows = _rows(run, windows.length)
+    if len(range(count)[rows]) < 2:
         raise ScenarioError(
             "windows.length",
             "leaves nothing to compare once the outputs' delays are taken off",
@@ -123,11 +124,11 @@ def _check_rows(study: OutputErrorBlock, windows: WindowsBlock) -> None:
         )
 
 
-def _starts(study: OutputErrorBlock, trace: Trace, windows: WindowsBlock) -> list[Fraction]:
+def _starts(run: FreeRunSpec, trace: Trace, windows: WindowSpec) -> list[Fraction]:
     """Starts of the windows, on the raster of the communication step, counted from the trace's first stamp."""
-    delays = [known(block.delay) for block in study.outputs.values()]
+    delays = [known(output.delay) for output in run.outputs.values()]
     begin, end = trace.time[0] - min(delays) - ROUNDING, trace.time[-1] - max(delays) + ROUNDING
-    first = Fraction(np.ceil(begin / float(study.step))) * study.step + windows.skip
+    first = Fraction(np.ceil(begin / float(run.step))) * run.step + windows.skip
     every, last = windows.every or windows.length, end - float(windows.length)
     starts: list[Fraction] = []
     while float(first) <= last and (windows.most is None or len(starts) < windows.most):
@@ -142,82 +143,72 @@ def _starts(study: OutputErrorBlock, trace: Trace, windows: WindowsBlock) -> lis
     return starts
 
 
-def _cut(
-    study: OutputErrorBlock, trace: Trace, start: Fraction, length: Fraction, constants: Mapping[str, Value]
-) -> Cut:
-    count = multiples(length, study.step, "windows.length") + 1
-    raster = np.asarray(float(start) + np.arange(count) * float(study.step), dtype=float)
-    rows = compared_rows(study, count)
-    read = {name: _reading(study, trace, float(start), block) for name, block in study.initial.items()}
+def _window(
+    run: FreeRunSpec, trace: Trace, start: Fraction, length: Fraction, constants: Mapping[str, Value]
+) -> FreeRunWindow:
+    count, rows = _rows(run, length)
+    raster = np.asarray(float(start) + np.arange(count) * float(run.step), dtype=float)
+    read = {name: _reading(run, trace, float(start), spec) for name, spec in run.initial.items()}
     commands = {
-        name: _command(study, trace, raster, block, block.delay)
-        for name, block in study.inputs.items()
-        if block.delay is not None
+        name: _command(spec, spec.delay, trace, raster, float(run.step))
+        for name, spec in run.inputs.items()
+        if spec.delay is not None
     }
-    late = {name: each.values(raster, span(study, each.delay).start) for name, each in commands.items()}
-    prompt = {name: _sampled(trace, block, raster, 0.0) for name, block in study.inputs.items() if block.delay is None}
-    measured = [_sampled(trace, block, raster[rows], known(block.delay)) for block in study.outputs.values()]
-    return Cut(
+    late = {name: command.values(raster, command.delay.start) for name, command in commands.items()}
+    prompt = {name: _sampled(trace, spec, raster, 0.0) for name, spec in run.inputs.items() if spec.delay is None}
+    measured = [_sampled(trace, spec, raster[rows], known(spec.delay)) for spec in run.outputs.values()]
+    return FreeRunWindow(
         name=f"{trace.name} at {float(start):.2f} s",
         trace=trace.name,
+        measured=np.column_stack(measured),
+        weight=np.ones(len(measured)),
         start=float(start),
-        step=study.step,
+        step=run.step,
         count=count,
         rows=rows,
         stimuli=prompt | late,
         commands=commands,
-        measured=np.column_stack(measured),
-        delays=tuple(block.delay if isinstance(block.delay, str) else None for block in study.outputs.values()),
-        initial={name: each.value(span(study, each.delay).start) for name, each in read.items()},
+        delays=tuple(spec.delay if isinstance(spec.delay, Estimated) else None for spec in run.outputs.values()),
+        initial={name: reading.value(reading.delay.start) for name, reading in read.items()},
         readings={
-            name: each
-            for name, each in read.items()
-            if isinstance(each.delay, str) and not study.initial[name].estimated
+            name: reading
+            for name, reading in read.items()
+            if isinstance(reading.delay, Estimated) and not run.initial[name].estimated
         },
         constants=constants,
     )
 
 
-def _sampled(trace: Trace, block: SignalBlock, instants: FloatArray, delay: float) -> FloatArray:
+def _sampled(trace: Trace, spec: SignalSpec, instants: FloatArray, delay: float) -> FloatArray:
     """(K,) what the trace shows of a variable at these instants [s], that much later; its ends last."""
-    return np.asarray(block.factor * np.interp(instants + delay, trace.time, trace[block.signal]))
+    return np.asarray(spec.factor * np.interp(instants + delay, trace.time, trace[spec.signal]))
 
 
-def _command(study: OutputErrorBlock, trace: Trace, raster: FloatArray, block: SignalBlock, delay: Delay) -> Command:
+def _command(spec: SignalSpec, delay: Delay, trace: Trace, raster: FloatArray, step: float) -> Command:
     """A delayed command, as far as it matters from the first instant to a step after the last."""
-    reach = span(study, delay)
-    held = Held(trace.time, block.factor * trace[block.signal])
-    return Command(delay, held.between(raster[0] - reach.highest, raster[-1] + float(study.step) - reach.lowest))
+    held = Held(trace.time, spec.factor * trace[spec.signal])
+    return Command(delay, held.between(raster[0] - delay.highest, raster[-1] + step - delay.lowest))
 
 
-def _reading(study: OutputErrorBlock, trace: Trace, start: float, block: InitialBlock) -> Reading:
+def _reading(run: FreeRunSpec, trace: Trace, start: float, spec: StartSpec) -> Reading:
     """A start value, by the delay of the output that is read off the same signal."""
-    delays = [output.delay for output in study.outputs.values() if output.signal == block.signal]
-    delay = (delays[0] if delays else None) or 0.0
-    return Reading(delay, start_curve(trace, start + span(study, delay).start, block), start)
+    delays = (output.delay for output in run.outputs.values() if output.signal == spec.signal)
+    delay = next(delays, None) or Known(0.0)
+    return Reading(delay, start_curve(trace, start + delay.start, spec), start)
 
 
-def start_value(trace: Trace, start: float, block: InitialBlock) -> float:
-    """Value or derivative of a signal at `start` [s], scaled: of a polynomial fitted to the samples around it.
-
-    Raises:
-        TraceError: fewer samples lie there than the polynomial has coefficients.
-    """
-    return float(start_curve(trace, start, block)(start))
-
-
-def start_curve(trace: Trace, start: float, block: InitialBlock) -> Polynomial:
-    """The polynomial behind a start value, over the time of the signal.
+def start_curve(trace: Trace, start: float, spec: StartSpec) -> Polynomial:
+    """A start value as a polynomial over the time of the signal: value or derivative, scaled.
 
     Raises:
         TraceError: fewer samples lie around `start` than it has coefficients.
     """
-    near = trace.select([block.signal]).between(start - block.half_width, start + block.half_width)
-    if len(near) <= block.degree:
+    near = trace.select([spec.signal]).between(start - spec.half_width, start + spec.half_width)
+    if len(near) <= spec.degree:
         raise TraceError(
-            f"{trace.name}.{block.signal}",
-            f"has {len(near)} samples within {block.half_width:g} s of t = {start:g} s",
+            f"{trace.name}.{spec.signal}",
+            f"has {len(near)} samples within {spec.half_width:g} s of t = {start:g} s",
             "widen `half_width`",
         )
-    polynomial = Polynomial.fit(near.time, near[block.signal], block.degree)
-    return block.factor * polynomial.deriv(block.derivative)
+    polynomial = Polynomial.fit(near.time, near[spec.signal], spec.degree)
+    return spec.factor * polynomial.deriv(spec.derivative)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import decimal
+import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 from fmus.errors import ScenarioError, TraceError
 from fmus.files import sha256
-from identification.recordings.schema import Signals, TracesBlock
 from orchestrator import formats
 from orchestrator.can.logs.suffixes import is_log
 from orchestrator.fmi.interface import Value
@@ -18,12 +20,67 @@ from orchestrator.progress import Progress, silent
 from orchestrator.scenario.run import run_scenario
 from orchestrator.trace import Trace
 
-NONE = Signals()
+DecimalPoint = Literal["point", "underscore", "after first digit"]
 
 
 @dataclass(frozen=True)
-class Recorded:
-    """One trace of a campaign and what is known about it.
+class FileField:
+    """How digits in a file's name make a number: where its decimal point is, and a factor to SI."""
+
+    decimal: DecimalPoint = "point"
+    factor: float = 1.0
+
+    def number(self, text: str) -> float:
+        """The number that the digits mean, in SI.
+
+        Raises:
+            ValueError: they are none.
+        """
+        if self.decimal == "underscore":
+            text = text.replace("_", ".")
+        elif self.decimal == "after first digit":
+            text = f"{text[:1]}.{text[1:]}"
+        try:
+            number = float(decimal.Decimal(text) * decimal.Decimal(repr(self.factor)))
+        except ArithmeticError:
+            raise ValueError(f"'{text}' is no number") from None
+        if not math.isfinite(number):
+            raise ValueError(f"'{text}' is not finite")
+        return number
+
+
+@dataclass(frozen=True)
+class FileName:
+    """What the files' names tell: named groups of a regular expression, as numbers."""
+
+    pattern: str
+    fields: Mapping[str, FileField] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class TraceSource:
+    """Where the traces of a study come from.
+
+    Attributes:
+        folder: of the recordings.
+        files: pattern of their names; without one the cases of `scenario` are run.
+        layout: which column of a recording is which signal.
+        values: component.variable -> field of the file's name (or of the case), known of every trace.
+        hold_out: names of traces that are kept out of the fit and judged afterwards.
+    """
+
+    folder: Path
+    files: str | None = None
+    scenario: Path | None = None
+    layout: Layout = field(default_factory=Layout)
+    file_name: FileName | None = None
+    values: Mapping[str, str] = field(default_factory=dict)
+    hold_out: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class StudyTrace:
+    """One trace of a study and what is known about it.
 
     Attributes:
         fields: what its file name (or the case that made it) tells, by field [SI].
@@ -32,6 +89,7 @@ class Recorded:
         clean: whether they were in order.
         notes: what else was found in the file, a line each.
         held: whether commands keep their value from stamp to stamp, as those of frames do.
+        values: component.variable -> value that holds for this trace [unit of the variable].
     """
 
     trace: Trace
@@ -42,95 +100,93 @@ class Recorded:
     clean: bool = True
     notes: tuple[str, ...] = ()
     held: bool = False
+    values: Mapping[str, Value] = field(default_factory=dict)
+
+    @property
+    def place(self) -> str:
+        """What messages call it: its file, or the case of a scenario."""
+        return str(self.source) if self.source.stem == self.trace.name else self.trace.name
 
 
-def load_campaign(
-    traces: TracesBlock,
-    base: Path,
-    data: Path | None,
-    progress: Progress = silent,
-    signals: Signals = NONE,
-) -> list[Recorded]:
+def load_campaign(source: TraceSource, data: Path | None = None, progress: Progress = silent) -> list[StudyTrace]:
     """All traces of a study, by name.
 
     Args:
-        base: folder of the study file, to which its paths are relative.
-        data: folder (or one file) of recordings, over the study's folder.
-        signals: what the study uses; of a CAN log the rest is not decoded.
+        data: folder (or one file) of recordings, over the source's folder.
 
     Raises:
         TraceError: there are none, one cannot be read, or its name does not tell what it has to.
         DatabaseError: the database of CAN logs cannot be read, or lacks a signal.
-        ScenarioError: `hold_out` names a trace that is not there.
+        ScenarioError: a field that the study takes a value from is not known of a trace.
     """
-    if traces.scenario is not None:
-        recorded = _simulated(base / traces.scenario, progress)
+    if source.scenario is not None:
+        traces = _simulated(source.scenario, progress)
     else:
-        layout = traces.layout.layout(base, signals)
-        recorded = [_read(file, traces, layout) for file in _files(traces, data or base)]
-    return sorted(recorded, key=lambda each: each.trace.name)
+        traces = [_read(file, source) for file in _files(source, data or source.folder)]
+    known = [replace(trace, values=trace_values(source.values, trace.trace.name, trace.fields)) for trace in traces]
+    return sorted(known, key=lambda trace: trace.trace.name)
 
 
-def split(recorded: list[Recorded], hold_out: list[str]) -> tuple[list[Recorded], list[Recorded]]:
+def split(traces: list[StudyTrace], hold_out: Sequence[str]) -> tuple[list[StudyTrace], list[StudyTrace]]:
     """Traces to fit and traces kept aside.
 
     Raises:
         ScenarioError: a name to hold out is not there, or nothing is left to fit.
     """
-    names = {each.trace.name for each in recorded}
+    names = {trace.trace.name for trace in traces}
     missing = [name for name in hold_out if name not in names]
     if missing:
         raise ScenarioError("traces.hold_out", f"there is no trace '{missing[0]}'", f"there are {_some(sorted(names))}")
-    fitted = [each for each in recorded if each.trace.name not in hold_out]
+    fitted = [trace for trace in traces if trace.trace.name not in hold_out]
     if not fitted:
         raise ScenarioError("traces.hold_out", "leaves no trace to fit", "hold out fewer")
-    return fitted, [each for each in recorded if each.trace.name in hold_out]
+    return fitted, [trace for trace in traces if trace.trace.name in hold_out]
 
 
-def recording_warnings(recorded: Sequence[Recorded]) -> list[str]:
+def recording_warnings(traces: Sequence[StudyTrace]) -> list[str]:
     """A sentence about the traces whose time stamps had to be put in order, and one about those with notes."""
     warnings = []
-    if uneven := [each for each in recorded if not each.clean]:
+    if uneven := [trace for trace in traces if not trace.clean]:
         warnings.append(
             f"time stamps of {len(uneven)} recordings repeat or run backwards (details under data); "
             f"the first: {uneven[0].trace.name}, {uneven[0].stamps}"
         )
-    if noted := [each for each in recorded if each.notes]:
+    if noted := [trace for trace in traces if trace.notes]:
         warnings.append(
-            f"{len(noted)} of {len(recorded)} recordings are not as they should be (details under data); "
+            f"{len(noted)} of {len(traces)} recordings are not as they should be (details under data); "
             f"the first: {noted[0].trace.name}, {'; '.join(noted[0].notes)}"
         )
     return warnings
 
 
-def trace_values(traces: TracesBlock, trace: str, fields: Mapping[str, float]) -> dict[str, Value]:
+def trace_values(values: Mapping[str, str], trace: str, fields: Mapping[str, float]) -> dict[str, Value]:
     """component.variable -> value that is known of a trace, by its fields.
 
     Raises:
         ScenarioError: a field is not known of it.
     """
-    for name, field in traces.values.items():
-        if field not in fields:
+    for name, known in values.items():
+        if known not in fields:
             raise ScenarioError(
                 f"traces.values.{name}",
-                f"trace {trace} has no field '{field}'",
+                f"trace {trace} has no field '{known}'",
                 f"there are {', '.join(fields) or 'none'}",
             )
-    return {name: fields[field] for name, field in traces.values.items()}
+    return {name: fields[known] for name, known in values.items()}
 
 
-def _files(traces: TracesBlock, folder: Path) -> list[Path]:
-    assert traces.files is not None
+def _files(source: TraceSource, folder: Path) -> list[Path]:
+    assert source.files is not None
     if folder.is_file():
         return [folder]
     if not folder.is_dir():
         raise TraceError(folder, "no such file or folder", "give --data PATH")
     try:
-        files = sorted(folder.glob(traces.files))
+        files = sorted(folder.glob(source.files))
     except (ValueError, NotImplementedError):
-        raise ScenarioError("traces.files", f"'{traces.files}' is no pattern below a folder", "write *.mat") from None
+        raise ScenarioError("traces.files", f"'{source.files}' is no pattern below a folder", "write *.mat") from None
     if not files:
-        raise TraceError(folder, f"holds no file '{traces.files}'", "give --data PATH, the recordings' folder")
+        raise TraceError(folder, f"holds no file '{source.files}'", "give --data PATH, the recordings' folder")
     return _distinct(files)
 
 
@@ -143,52 +199,41 @@ def _distinct(files: list[Path]) -> list[Path]:
     return files
 
 
-def _read(file: Path, traces: TracesBlock, layout: Layout) -> Recorded:
-    fields = _fields(file, traces)
-    recording = formats.read(file, layout)
-    trace = replace(recording.trace, name=file.stem)
-    return Recorded(
-        trace,
-        fields,
-        file,
-        recording.sha256,
-        str(recording.stamps),
-        recording.stamps.clean,
-        recording.notes,
-        is_log(file),
+def _read(file: Path, source: TraceSource) -> StudyTrace:
+    fields = _fields(file, source.file_name) if source.file_name else {}
+    recording = formats.read(file, source.layout)
+    trace, stamps = replace(recording.trace, name=file.stem), recording.stamps
+    return StudyTrace(
+        trace, fields, file, recording.sha256, str(stamps), stamps.clean, recording.notes, held=is_log(file)
     )
 
 
-def _fields(file: Path, traces: TracesBlock) -> dict[str, float]:
-    if traces.file_name is None:
-        return {}
-    match = re.fullmatch(traces.file_name.pattern, file.stem)
+def _fields(file: Path, name: FileName) -> dict[str, float]:
+    match = re.fullmatch(name.pattern, file.stem)
     if match is None:
         raise TraceError(
-            file,
-            f"its name does not give {', '.join(traces.file_name.fields)}",
-            f"name it after the pattern {traces.file_name.pattern}",
+            file, f"its name does not give {', '.join(name.fields)}", f"name it after the pattern {name.pattern}"
         )
     fields = {}
-    for name, block in traces.file_name.fields.items():
+    for key, digits in name.fields.items():
         try:
-            fields[name] = block.number(match[name] or "")
+            fields[key] = digits.number(match[key] or "")
         except ValueError:
-            raise TraceError(file, f"its name gives no {name} ('{match[name]}')", "correct the name") from None
+            raise TraceError(file, f"its name gives no {key} ('{match[key]}')", "correct the name") from None
     return fields
 
 
-def _simulated(path: Path, progress: Progress) -> list[Recorded]:
+def _simulated(path: Path, progress: Progress) -> list[StudyTrace]:
     result = run_scenario(path, progress=progress)
     digest = sha256(path)
-    recorded = []
+    traces = []
     for case, asked in zip(result.cases, result.scenario.cases, strict=True):
         if case.result is None:
             raise ScenarioError(f"{path}: case {case.name}", f"gave no trace ({case.error})", "correct the scenario")
         fields = {name: float(value) for name, value in asked.values.items() if not isinstance(value, str)}
         trace = replace(result.recorded(case), name=case.name)
-        recorded.append(Recorded(trace, fields, path, digest, "simulated"))
-    return recorded
+        traces.append(StudyTrace(trace, fields, path, digest, "simulated"))
+    return traces
 
 
 def _some(names: list[str]) -> str:

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import decimal
-import math
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 
 from pydantic import Field, model_validator
 
+from identification.recordings.campaign import DecimalPoint, FileField, FileName, TraceSource
 from orchestrator.formats import Layout
 from orchestrator.yaml_file import Block
 
-Decimal = Literal["point", "underscore", "after first digit"]
-
 
 @dataclass(frozen=True)
-class Signals:
+class UsedSignals:
     """The signals of its traces that a study uses.
 
     Attributes:
@@ -42,14 +38,14 @@ class LayoutBlock(Block):
     """
 
     variable: str | None = None
-    time: int | str = "time"
+    time: int | str = Layout.time
     columns: dict[str, int | str] | None = None
     units: dict[str, str] = {}
     database: Path | None = None
     channel: int | None = Field(None, ge=0)
     steady: list[str] = []
 
-    def layout(self, base: Path, signals: Signals) -> Layout:
+    def layout(self, base: Path, signals: UsedSignals) -> Layout:
         """How to read a recording.
 
         Args:
@@ -78,28 +74,10 @@ class LayoutBlock(Block):
 
 
 class FieldBlock(Block):
-    """How digits in a file's name make a number: where its decimal point is, and a factor to SI."""
+    """How digits in a file's name make a number; see `FileField`."""
 
-    decimal: Decimal = "point"
-    factor: float = 1.0
-
-    def number(self, text: str) -> float:
-        """The number that the digits mean, in SI.
-
-        Raises:
-            ValueError: they are none.
-        """
-        if self.decimal == "underscore":
-            text = text.replace("_", ".")
-        elif self.decimal == "after first digit":
-            text = f"{text[:1]}.{text[1:]}"
-        try:
-            number = float(decimal.Decimal(text) * decimal.Decimal(repr(self.factor)))
-        except ArithmeticError:
-            raise ValueError(f"'{text}' is no number") from None
-        if not math.isfinite(number):
-            raise ValueError(f"'{text}' is not finite")
-        return number
+    decimal: DecimalPoint = FileField.decimal
+    factor: float = FileField.factor
 
 
 class FileNameBlock(Block):
@@ -134,6 +112,21 @@ class TracesBlock(Block):
     values: dict[str, str] = {}
     hold_out: list[str] = []
 
+    def source(self, base: Path, signals: UsedSignals) -> TraceSource:
+        """Where the traces come from; `base` is the folder of the study file, and `signals` is what it uses of them."""
+        name = self.file_name
+        return TraceSource(
+            base,
+            self.files,
+            base / self.scenario if self.scenario else None,
+            self.layout.layout(base, signals),
+            FileName(name.pattern, {key: FileField(**dict(block)) for key, block in name.fields.items()})
+            if name
+            else None,
+            self.values,
+            tuple(self.hold_out),
+        )
+
     @model_validator(mode="after")
     def _one_source(self) -> TracesBlock:
         if (self.files is None) == (self.scenario is None):
@@ -167,13 +160,17 @@ class RecordedStudyBlock(StudyBlock):
     traces: TracesBlock
 
     @property
-    def signals(self) -> Signals:
+    def signals(self) -> UsedSignals:
         """What the method uses of the traces."""
         raise NotImplementedError
 
+    def source(self, base: Path) -> TraceSource:
+        """Where its traces come from; `base` is the folder of its file."""
+        return self.traces.source(base, self.signals)
+
     def layout(self, base: Path) -> Layout:
         """How the study reads its recordings; `base` is the folder of its file."""
-        return self.traces.layout.layout(base, self.signals)
+        return self.source(base).layout
 
     def database(self, base: Path) -> Path | None:
         """The database of its CAN logs, where it has one."""

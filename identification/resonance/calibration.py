@@ -12,7 +12,7 @@ from fmus.errors import ScenarioError
 from identification.built_system import BuiltSystem
 from identification.estimation.estimated_value import EstimatedValue
 from identification.method import Calibrated
-from identification.recordings.campaign import Recorded, load_campaign, recording_warnings
+from identification.recordings.campaign import StudyTrace, load_campaign, recording_warnings
 from identification.resonance.added_mass import Bounds
 from identification.resonance.schema import ResonanceBlock, SineBlock
 from identification.resonance.steps import (
@@ -41,7 +41,7 @@ class ResonanceCalibration:
     """What a study gave by either method."""
 
     block: ResonanceBlock
-    recorded: tuple[Recorded, ...]
+    recorded: tuple[StudyTrace, ...]
     published: ResonanceStudy
     corrected: ResonanceStudy
     system: BuiltSystem
@@ -62,7 +62,7 @@ def calibrate(
     """
     system = BuiltSystem(block.system(base))
     _check_targets(block, system)
-    recorded = load_campaign(block.traces, base, data, progress, block.signals)
+    recorded = load_campaign(block.source(base), data, progress)
     experiments = [experiment(block.campaign, each) for each in recorded]
     processing = SCRIPTS[block.script]
     lower, upper = np.array(block.bounds.lower), np.array(block.bounds.upper)
@@ -86,7 +86,7 @@ def _check_targets(block: ResonanceBlock, system: BuiltSystem) -> None:
                 must_be(opened.system, name, "parameter", key)
 
 
-def experiment(campaign: SineBlock, recorded: Recorded) -> Experiment:
+def experiment(campaign: SineBlock, recorded: StudyTrace) -> Experiment:
     """A trace with what its name tells about it."""
     turn = 2 * math.pi if campaign.frequency_in == "Hz" else 1.0
     return Experiment(
@@ -174,7 +174,7 @@ def report(result: ResonanceCalibration) -> Report:
     return page
 
 
-def _value(given: str | float, recorded: Recorded) -> float:
+def _value(given: str | float, recorded: StudyTrace) -> float:
     if not isinstance(given, str):
         return float(given)
     if given not in recorded.fields:

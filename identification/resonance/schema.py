@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import model_validator
 
-from identification.recordings.schema import RecordedStudyBlock, Signals
+from identification.recordings.schema import RecordedStudyBlock, UsedSignals
 from orchestrator.assembly.schema import SystemBlock
 from orchestrator.yaml_file import Block
 
@@ -53,9 +53,9 @@ class ResonanceBlock(RecordedStudyBlock, SystemBlock):
     truth: dict[str, float] = {}
 
     @property
-    def signals(self) -> Signals:
+    def signals(self) -> UsedSignals:
         """What it uses of the traces."""
-        return Signals(measured=frozenset({self.campaign.signal}))
+        return UsedSignals(measured=frozenset({self.campaign.signal}))
 
     @model_validator(mode="after")
     def _nothing_unused(self) -> ResonanceBlock:

@@ -15,7 +15,7 @@ from identification.linear.modes import kept, modes
 from identification.linear.preparation import Preparation, PreparedData, prepared, without_compensation
 from identification.linear.records import InputOutputData
 from identification.linear.updating import reduced, updated
-from identification.recordings.campaign import Recorded, load_campaign, split
+from identification.recordings.campaign import StudyTrace, load_campaign, split
 from identification.subspace.prediction_error import Refined, refine, uncertainty
 from identification.subspace.realisation import SubspaceResult, simulated
 from identification.subspace.schema import ReductionBlock, SubspaceBlock
@@ -56,7 +56,7 @@ class SubspaceCalibration:
     """
 
     study: SubspaceBlock
-    recorded: tuple[Recorded, ...]
+    recorded: tuple[StudyTrace, ...]
     records: dict[str, InputOutputData]
     candidates: dict[str, Candidate]
     subspaces: dict[str, SubspaceResult]
@@ -78,9 +78,7 @@ def calibrate(study: SubspaceBlock, base: Path, data: Path | None, progress: Pro
     Raises:
         InputError: the study and the traces do not fit together, or the data do not bear the model.
     """
-    recorded = load_campaign(
-        study.traces, base, data, lambda fraction, doing: progress(0.5 * fraction, doing), study.signals
-    )
+    recorded = load_campaign(study.source(base), data, lambda fraction, doing: progress(0.5 * fraction, doing))
     fitted, aside = split(recorded, study.traces.hold_out)
     given = {recording.trace.name: _record(study, recording) for recording in recorded}
     how = study.preparation.preparation(scaled=study.preparation.scaled)
@@ -109,7 +107,7 @@ def calibrate(study: SubspaceBlock, base: Path, data: Path | None, progress: Pro
     return SubspaceCalibration(study, tuple(recorded), judged, candidates, found, refined)
 
 
-def _record(study: SubspaceBlock, recorded: Recorded) -> InputOutputData:
+def _record(study: SubspaceBlock, recorded: StudyTrace) -> InputOutputData:
     trace = recorded.trace.select([*study.inputs, *study.outputs])
     if study.sample is not None:
         count = int(trace.duration / study.sample * (1 + 1e-12)) + 1

@@ -11,7 +11,7 @@ from identification.linear.poles import Poles
 from identification.linear.preparation import Preparation
 from identification.linear.schema import ConditioningBlock
 from identification.linear.updating import UpdatedMatrix
-from identification.recordings.schema import RecordedStudyBlock, Signals
+from identification.recordings.schema import RecordedStudyBlock, UsedSignals
 from identification.subspace.orders import Best, Gap, OrderRule, Threshold
 from identification.subspace.prediction_error import Refinement
 from identification.subspace.range_space import SubspaceSettings
@@ -127,9 +127,9 @@ class SubspaceBlock(RecordedStudyBlock):
         return self
 
     @property
-    def signals(self) -> Signals:
+    def signals(self) -> UsedSignals:
         """What it uses of the traces."""
-        return Signals(frozenset(self.inputs), frozenset(self.outputs))
+        return UsedSignals(frozenset(self.inputs), frozenset(self.outputs))
 
     @property
     def models(self) -> list[str]:

@@ -30,7 +30,7 @@ def campaign() -> tuple[ResonanceBlock, list[Experiment]]:
     """The study file and its experiments without noise, simulated."""
     block = load_study(STUDY).block
     assert isinstance(block, ResonanceBlock)
-    recorded = load_campaign(block.traces, STUDY.parent, None)
+    recorded = load_campaign(block.source(STUDY.parent))
     return block, [experiment(block.campaign, each) for each in recorded]
 
 

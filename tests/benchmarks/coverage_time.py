@@ -29,7 +29,7 @@ from identification.output_error.estimator import (
     estimate,
 )
 from identification.output_error.simulator import SystemFactory, SystemSimulator
-from identification.output_error.windows import Cut
+from identification.output_error.windows import FreeRunWindow
 from orchestrator.assembly.assembly import Assembled, ComponentSpec, SystemSpec, assemble
 from orchestrator.trace import FloatArray
 
@@ -77,21 +77,24 @@ class Bench:
         """Nothing: the next draw uses the FMUs again."""
 
 
+OPTIONS = Options(cost_tolerance=1e-6, step_tolerance=1e-7, difference_step=1e-5)
+
+
 def open_bench(assembled: Assembled) -> Bench:
     """FMUs opened, and the windows simulated with the true values."""
-    cuts = [_cut(window) for window in range(len(LOADS))]
-    simulator = SystemFactory(assembled, cuts, ("hand.angle",), SYSTEM.values())()
+    windows = [_window(window) for window in range(len(LOADS))]
+    simulator = SystemFactory(assembled, windows, ("hand.angle",), SYSTEM.values())()
     true = TRUTH | {"hand.coulomb_friction_negative": TRUTH[COULOMB]}
     clean = tuple(simulator.simulate(w, true | _start_values(w)) for w in range(len(LOADS)))
     return Bench(simulator, clean)
 
 
-def _cut(window: int) -> Cut:
+def _window(window: int) -> FreeRunWindow:
     """Two sines of 2 and 1 mV that keep the pendulum moving."""
     time = np.arange(SAMPLES) * float(STEP)
     voltage = 2e-3 * np.sin((3.0 + window) * time) + 1e-3 * np.sin(9.0 * time + window)
     stimuli, constants = {"motor.voltage": voltage}, {"hand.added_mass": LOADS[window]}
-    return Cut(
+    return FreeRunWindow(
         name=str(window),
         trace="bench",
         start=0.0,
@@ -101,6 +104,7 @@ def _cut(window: int) -> Cut:
         stimuli=stimuli,
         commands={},
         measured=np.zeros((SAMPLES, 1)),
+        weight=np.ones(1),
         delays=(None,),
         initial={},
         readings={},
@@ -123,7 +127,7 @@ def intervals_of_draw(bench: Bench, draw: int) -> dict[str, Interval]:
         for name in _start_values(0)
     )
     tied = ParameterSet(parameters, (Tie("hand.coulomb_friction_negative", COULOMB),))
-    found = estimate(Problem(tied, windows, {"hand.angle": "rad"}, states), bench, Options(cost_tolerance=1e-6))
+    found = estimate(Problem(tied, windows, ("hand.angle",), states), bench, OPTIONS)
     return {name: found.ci95[name] for name in TRUTH}
 
 

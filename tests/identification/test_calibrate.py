@@ -79,7 +79,10 @@ FREE = {"start": 1.0, "min": 0.1, "max": 2.0}
         (parameters(motor__back_emf={"start": 0, "min": 0}), "motor.back_emf: starts at 0 with an open bound"),
         (parameters(hand__inertia={"start": 1, "fixed": True}), "parameters: nothing is free; free a parameter"),
         (parameters(hand__inertia={"tied": "hand.angle_start"}), "is tied to 'hand.angle_start', which is no declared"),
-        (parameters(hand__inertia=FREE | {"start": -1, "min": -2, "scale": "log"}), "outside its bounds"),
+        (
+            parameters(hand__inertia=FREE | {"start": -1, "min": -2, "scale": "log"}),
+            "start -1 on a log scale; start above 0",
+        ),
         ({"outputs": {"hand.inertia": {"signal": "angle"}}}, "outputs.hand.inertia: is a parameter; name an output"),
         (
             {"outputs": {"hand.angel": {"signal": "angle"}}},

@@ -10,8 +10,7 @@ import pytest
 
 from fmus.errors import ScenarioError
 from identification.output_error.schema import OutputErrorBlock
-from identification.recordings.campaign import trace_values
-from identification.recordings.schema import FieldBlock
+from identification.recordings.campaign import FileField, trace_values
 from identification.resonance.schema import ResonanceBlock
 from identification.study import load_study
 from tests.support.small_study import study, write_study
@@ -186,18 +185,18 @@ def test_only_the_four_parameters_of_the_model_can_be_written(tmp_path: Path) ->
 def test_digits_in_a_name_are_the_number_they_mean_to_the_last_bit(
     text: str, decimal: Any, factor: float, number: float
 ) -> None:
-    assert FieldBlock(decimal=decimal, factor=factor).number(text) == number
+    assert FileField(decimal=decimal, factor=factor).number(text) == number
 
 
 @pytest.mark.parametrize("text", ["", "heavy", "1.2.3", "nan", "inf", "1e999999", "1e99999999999999999999"])
 @pytest.mark.parametrize("decimal", ["point", "underscore", "after first digit"])
 def test_digits_that_are_no_number_are_none(text: str, decimal: Any) -> None:
     with pytest.raises(ValueError, match=r"is no number|is not finite"):
-        FieldBlock(decimal=decimal).number(text)
+        FileField(decimal=decimal).number(text)
 
 
 def test_a_field_that_a_trace_does_not_have_is_named(tmp_path: Path) -> None:
-    traces = loaded(write_study(tmp_path / "study.yaml")).traces
+    traces = loaded(write_study(tmp_path / "study.yaml")).traces.values
     assert trace_values(traces, "rig", {"mass": 0.1}) == {"hand.added_mass": 0.1}
     with pytest.raises(ScenarioError, match=r"traces.values.hand.added_mass: trace rig has no field 'mass'"):
         trace_values(traces, "rig", {})

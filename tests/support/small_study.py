@@ -11,6 +11,8 @@ import numpy as np
 
 from fmus.modelling.instance import Instance
 from fmus.models import dc_motor, pendulum
+from identification.output_error.schema import OutputErrorBlock
+from identification.output_error.study import OutputErrorStudy
 from orchestrator import formats
 from orchestrator.trace import FloatArray, Trace
 
@@ -87,6 +89,12 @@ def study(**changes: Any) -> dict[str, Any]:
     }
     merged = document | changes
     return {key: value for key, value in merged.items() if value is not None}
+
+
+def plain_study(**changes: Any) -> OutputErrorStudy:
+    """The study as the numerics take it."""
+    block = OutputErrorBlock.model_validate(study(**changes))
+    return block.study(block.system(Path()), block.source(Path()))
 
 
 def write_study(path: Path, **changes: Any) -> Path:

@@ -38,7 +38,7 @@ def noisy_decays(noises, loss=LEAST_SQUARES):
         InitialState(f"rig.{name}_start", tuple(STARTS[:count, i] + 0.02), estimated=True)
         for i, name in enumerate(("angle", "speed"))
     )
-    return Problem(ParameterSet(FREE), tuple(windows), {"angle": "rad"}, states, loss)
+    return Problem(ParameterSet(FREE), tuple(windows), ("angle",), states, loss)
 
 
 def coverage(draws, make):
@@ -204,7 +204,7 @@ def bench(free, windows=2, noise=1e-4):
     cut = tuple(
         Window(str(w), "bench", y + noise * rng.normal(size=y.shape), np.ones(1)) for w, y in enumerate(measured)
     )
-    return Problem(ParameterSet(parameters), cut, {"angle": "rad"})
+    return Problem(ParameterSet(parameters), cut, ("angle",))
 
 
 def test_viscous_friction_and_back_emf_are_named_as_seen_only_in_one_sum():

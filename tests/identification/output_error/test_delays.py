@@ -25,11 +25,11 @@ from identification.calibrate import calibrate_study, validate_result
 from identification.output_error import calibration
 from identification.output_error.delays import Held, late_outputs
 from identification.output_error.schema import OutputErrorBlock
-from identification.output_error.windows import Cut, cut_windows
-from identification.recordings.campaign import Recorded
+from identification.output_error.windows import FreeRunWindow, cut_windows
+from identification.recordings.campaign import StudyTrace
 from orchestrator import formats
 from orchestrator.trace import FloatArray, Trace
-from tests.support.small_study import LENGTH, TRUTH, study, write_study
+from tests.support.small_study import LENGTH, TRUTH, plain_study, study, write_study
 
 STEP, COUNT, FINE = 0.0025, 401, 25  # a study's step, its instants, and steps of the true rig in one of them
 COMMAND, READING = 0.0037, 0.0061  # true delays [s], no multiples of the step
@@ -115,13 +115,13 @@ def calibrated(study_file: Path, data: Path) -> dict[str, Any]:
     return calibrate_study(study_file, data, study_file.parent / "out", lambda fraction, remark: None)
 
 
-def cut(**changes: Any) -> Cut:
+def cut(**changes: Any) -> FreeRunWindow:
     """One window of 1 s after 0.5 s of a parabola and a staircase, recorded every 10 ms for 2 s."""
     time = np.arange(201) * 0.01
     trace = Trace(time, {"voltage": np.floor(time / 0.05 + 1e-9), "angle": time**2}, name="run")
     plain = {"windows": {"length": 1, "skip": 0.5, "most": 1}}
-    block = OutputErrorBlock.model_validate(study(**plain | changes))
-    return cut_windows(block, [Recorded(trace, {"mass": 0.0}, Path("run.csv"), "00", "fine")], block.windows)[0]
+    asked = plain_study(**plain | changes)
+    return cut_windows(asked.run, [StudyTrace(trace, {}, Path("run.csv"), "00", "fine")], asked.windows)[0]
 
 
 def late(**more: Any) -> dict[str, Any]:

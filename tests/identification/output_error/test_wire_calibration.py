@@ -146,7 +146,7 @@ def two_messages(folder: Path) -> Path:
 
 def test_commands_keep_their_value_and_readings_run_from_frame_to_frame(tmp_path: Path) -> None:
     study_block = block()
-    (run,) = load_campaign(study_block.traces, two_messages(tmp_path), None, signals=study_block.signals)
+    (run,) = load_campaign(study_block.source(two_messages(tmp_path)))
     assert run.held and set(run.trace.names) == {"voltage", "angle"}
     time = run.trace.time
     np.testing.assert_allclose(time, 0.005 * np.arange(1, len(time) + 1), atol=1e-6)
@@ -159,8 +159,9 @@ def test_commands_of_a_log_count_by_their_means(tmp_path: Path) -> None:
     """The stairs of 10 ms over steps of 4 ms."""
     changes = study(traces={"files": "*.blf", "layout": LAYOUT}, windows={"length": 0.04}, step=0.004)
     study_block = OutputErrorBlock.model_validate(changes)
-    campaign = load_campaign(study_block.traces, two_messages(tmp_path), None, signals=study_block.signals)
-    (cut,) = cut_windows(study_block, campaign, study_block.windows)
+    campaign = load_campaign(study_block.source(two_messages(tmp_path)))
+    asked = study_block.study(study_block.system(tmp_path), study_block.source(tmp_path))
+    (cut,) = cut_windows(asked.run, campaign, asked.windows)
     assert cut.start == pytest.approx(0.008)
     np.testing.assert_allclose(cut.stimuli["motor.voltage"][:5], [0.005, 0.01, 0.01, 0.02, 0.02], atol=1e-5)
 
@@ -170,20 +171,20 @@ def test_without_columns_the_studys_signals_are_the_databases(tmp_path: Path) ->
     study_block = OutputErrorBlock.model_validate(
         study(traces={"files": "*.blf", "layout": {"database": "rig.dbc"}}, windows={"length": 0.04}, **changes)
     )
-    (run,) = load_campaign(study_block.traces, two_messages(tmp_path), None, signals=study_block.signals)
+    (run,) = load_campaign(study_block.source(two_messages(tmp_path)))
     assert set(run.trace.names) == {"voltage", "State.angle"}
 
 
 def test_a_signal_that_the_database_lacks_is_refused_with_its_name(tmp_path: Path) -> None:
     study_block = block(layout=LAYOUT | {"columns": {"voltage": "Command.volts", "angle": "State.angle"}})
     with pytest.raises(DatabaseError, match=r"rig\.dbc.*volts"):
-        load_campaign(study_block.traces, two_messages(tmp_path), None, signals=study_block.signals)
+        load_campaign(study_block.source(two_messages(tmp_path)))
 
 
 def test_logs_without_a_database_are_refused_with_the_key_to_write(tmp_path: Path) -> None:
     study_block = block(layout={})
     with pytest.raises(TraceError, match=r"holds raw CAN frames; .* traces\.layout\.database"):
-        load_campaign(study_block.traces, two_messages(tmp_path), None, signals=study_block.signals)
+        load_campaign(study_block.source(two_messages(tmp_path)))
 
 
 def test_what_is_left_of_a_damaged_log_is_taken_and_the_damage_noted(wired: Path, tmp_path: Path) -> None:
@@ -191,7 +192,7 @@ def test_what_is_left_of_a_damaged_log_is_taken_and_the_damage_noted(wired: Path
     (tmp_path / "run.blf").write_bytes(whole[: len(whole) - 700])
     shutil.copy(wired / "rig.dbc", tmp_path)
     study_block = block()
-    (run,) = load_campaign(study_block.traces, tmp_path, None, signals=study_block.signals)
+    (run,) = load_campaign(study_block.source(tmp_path))
     assert any("byte" in note for note in run.notes), run.notes
     assert 1 < run.trace.duration < 6
     (warning,) = recording_warnings([run])

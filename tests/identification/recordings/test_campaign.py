@@ -15,8 +15,8 @@ from fmus.errors import ScenarioError, TraceError
 from fmus.files import sha256
 from identification.cli import app
 from identification.output_error import calibration
-from identification.recordings.campaign import load_campaign, recording_warnings, split
-from identification.recordings.schema import TracesBlock
+from identification.recordings.campaign import TraceSource, load_campaign, recording_warnings, split
+from identification.recordings.schema import TracesBlock, UsedSignals
 from tests.support.small_study import COUNT, STEP, record, simulated, study, voltage, write_study
 
 LAYOUT = {"variable": "D", "time": 0, "columns": {"voltage": 1, "angle": 2}, "units": {"voltage": "V", "angle": "rad"}}
@@ -39,15 +39,15 @@ def save(folder: Path, name: str, matrix: np.ndarray, variable: str = "D") -> Pa
     return folder / f"{name}.mat"
 
 
-def traces(**changes: Any) -> TracesBlock:
-    return TracesBlock.model_validate(TRACES | changes)
+def traces(folder: Path, **changes: Any) -> TraceSource:
+    return TracesBlock.model_validate(TRACES | changes).source(folder, UsedSignals())
 
 
 def test_recordings_come_by_name_with_what_their_names_and_bytes_tell(tmp_path: Path) -> None:
     for name in ("rig_50__b", "rig_120_5__a"):
         save(tmp_path, name, columns())
     (tmp_path / "notes.txt").write_text("not a recording")
-    one, other = load_campaign(traces(), tmp_path, None)
+    one, other = load_campaign(traces(tmp_path))
     assert (one.trace.name, one.fields) == ("rig_120_5__a", {"mass": 0.1205})
     assert (other.trace.name, other.fields) == ("rig_50__b", {"mass": 0.05})
     assert one.sha256 == sha256(tmp_path / "rig_120_5__a.mat")
@@ -60,8 +60,7 @@ def test_the_folder_of_data_goes_over_that_of_the_study_and_a_file_stands_for_it
     there = save(tmp_path / "data", "rig_1__b", columns())
     save(tmp_path / "data", "rig_2__c", columns())
     names = [
-        [each.trace.name for each in load_campaign(traces(), tmp_path, data)]
-        for data in (None, tmp_path / "data", there)
+        [each.trace.name for each in load_campaign(traces(tmp_path), data)] for data in (None, tmp_path / "data", there)
     ]
     assert names == [["rig_0__a"], ["rig_1__b", "rig_2__c"], ["rig_1__b"]]
 
@@ -69,7 +68,7 @@ def test_the_folder_of_data_goes_over_that_of_the_study_and_a_file_stands_for_it
 def test_stamps_out_of_order_are_put_in_order_and_told(tmp_path: Path) -> None:
     save(tmp_path, "rig_0__a", columns())
     save(tmp_path, "rig_0__b", columns()[np.r_[0:10, 9, 11, 10, 12:COUNT]])
-    recorded = load_campaign(traces(), tmp_path, None)
+    recorded = load_campaign(traces(tmp_path))
     (warning,) = recording_warnings(recorded)
     assert "1 recordings" in warning and "rig_0__b" in warning and "1 repeated" in warning
     assert recording_warnings(recorded[:1]) == []
@@ -78,7 +77,7 @@ def test_stamps_out_of_order_are_put_in_order_and_told(tmp_path: Path) -> None:
 def test_holding_out_splits_by_name(tmp_path: Path) -> None:
     for name in ("rig_0__a", "rig_0__b", "rig_0__c"):
         save(tmp_path, name, columns())
-    recorded = load_campaign(traces(), tmp_path, None)
+    recorded = load_campaign(traces(tmp_path))
     fitted, kept = split(recorded, ["rig_0__b"])
     assert [[each.trace.name for each in part] for part in (fitted, kept)] == [["rig_0__a", "rig_0__c"], ["rig_0__b"]]
     with pytest.raises(ScenarioError, match="leaves no trace to fit"):
@@ -89,13 +88,13 @@ def test_two_recordings_of_one_name_are_refused(tmp_path: Path) -> None:
     save(tmp_path / "one", "rig_0__a", columns())
     save(tmp_path / "two", "rig_0__a", columns())
     with pytest.raises(TraceError, match=r"rig_0__a\.mat: has the name of .*one"):
-        load_campaign(traces(files="**/rig_*.mat"), tmp_path, None)
+        load_campaign(traces(tmp_path, files="**/rig_*.mat"))
 
 
 @pytest.mark.parametrize("pattern", ["", "/etc/*"])
 def test_a_pattern_that_leaves_the_folder_is_refused(tmp_path: Path, pattern: str) -> None:
     with pytest.raises(ScenarioError, match=r"traces\.files: .* is no pattern below a folder"):
-        load_campaign(traces(files=pattern), tmp_path, None)
+        load_campaign(traces(tmp_path, files=pattern))
 
 
 SCENARIO = {
@@ -112,7 +111,7 @@ SCENARIO = {
 
 def test_the_cases_of_a_scenario_are_traces_whose_fields_are_their_values(tmp_path: Path) -> None:
     (tmp_path / "rig.yaml").write_text(json.dumps(SCENARIO))
-    heavy, light = load_campaign(TracesBlock(scenario=Path("rig.yaml")), tmp_path, None)
+    heavy, light = load_campaign(TraceSource(tmp_path, scenario=tmp_path / "rig.yaml"))
     assert (heavy.trace.name, light.trace.name) == ("heavy", "light")
     assert heavy.fields["hand.added_mass"] == 0.2 and heavy.fields["hand.added_length"] == 0.1
     assert "hand.added_mass" not in light.fields
@@ -222,6 +221,6 @@ def test_the_same_campaign_without_faults_is_calibrated(tmp_path: Path, monkeypa
 
 
 def test_names_of_recordings_of_the_small_study_are_read(tmp_path: Path) -> None:
-    block = TracesBlock.model_validate(study()["traces"])
-    masses = [each.fields["mass"] for each in load_campaign(block, record(tmp_path), None)]
+    source = TracesBlock.model_validate(study()["traces"]).source(record(tmp_path), UsedSignals())
+    masses = [trace.fields["mass"] for trace in load_campaign(source)]
     assert masses == [0.0, 0.1, 0.05]
