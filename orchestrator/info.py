@@ -8,16 +8,15 @@ import struct
 import zlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fmus.errors import InputError, TraceError
 from fmus.packaging import archive, defaults
-from fmus.parameters.write_back import PROVENANCE
-from orchestrator import formats
 from orchestrator.can.logs.suffixes import is_log
-from orchestrator.fmi.file import FmuFile
-from orchestrator.formats import mat5
 from orchestrator.results import MARKS
+
+if TYPE_CHECKING:
+    from orchestrator import formats
 
 
 def about(path: Path) -> dict[str, Any]:
@@ -37,6 +36,9 @@ def about(path: Path) -> dict[str, Any]:
 
 def about_fmu(path: Path) -> dict[str, Any]:
     """Version, abilities and variables of an FMU; for one of ours also what its values come from."""
+    from fmus.parameters.write_back import PROVENANCE  # noqa: PLC0415 (it brings lxml along)
+    from orchestrator.fmi.file import FmuFile  # noqa: PLC0415 (it brings FMPy along)
+
     with FmuFile(path) as fmu:
         interface = fmu.interface
         files = archive.read(path)
@@ -69,6 +71,8 @@ def about_trace(
     """
     if path.is_file() and is_log(path) and (layout is None or layout.database is None):
         return about_log(path, progress)
+    from orchestrator import formats  # noqa: PLC0415 (it brings pyarrow along)
+
     try:
         recording = formats.read(path, layout, progress)
     except TraceError as error:
@@ -132,6 +136,8 @@ def about_result(folder: Path) -> dict[str, Any]:
 
 
 def _about_matrices(path: Path, error: TraceError) -> dict[str, Any]:
+    from orchestrator.formats import mat5  # noqa: PLC0415 (see above)
+
     try:
         with path.open("rb") as file:
             variables = mat5.variables(file)

@@ -16,7 +16,7 @@ from pyarrow import csv as arrow
 
 from fmus.errors import TraceError
 from orchestrator.formats import headings
-from orchestrator.formats.arrow import arrays
+from orchestrator.formats.arrow import arrays, numbers
 from orchestrator.formats.layout import Columns, Layout, choose
 from orchestrator.formats.recording import Table, excerpt
 from orchestrator.trace import Trace
@@ -45,7 +45,7 @@ def read(path: Path, layout: Layout) -> Table:
             )
     except (pa.ArrowInvalid, pa.ArrowKeyError) as problem:
         raise TraceError(path, excerpt(problem), "correct or cut that row") from None
-    return choice.table(lambda number: rows[names[number]].to_numpy())
+    return choice.table(lambda number: numbers(rows[names[number]]))
 
 
 def write(trace: Trace, file: BinaryIO) -> None:

@@ -11,7 +11,7 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from fmus.errors import TraceError
-from orchestrator.formats.arrow import arrays
+from orchestrator.formats.arrow import arrays, numbers
 from orchestrator.formats.layout import MAX_VALUES, Columns, Layout, choose
 from orchestrator.formats.recording import Table, excerpt
 from orchestrator.interrupts import whole
@@ -89,7 +89,7 @@ def _table(file: parquet.ParquetFile, layout: Layout, path: Path) -> Table:
     rows = file.read(columns=[schema.names[number] for number in choice.wanted])
 
     def column(number: int) -> FloatArray:
-        return rows[schema.names[number]].cast(pa.float64(), safe=False).to_numpy()
+        return numbers(rows[schema.names[number]])
 
     return choice.table(column, _text(schema.metadata, b"name"))
 

@@ -15,7 +15,7 @@ from xml.etree import ElementTree as ET
 from fmus.modelling.agreement import require_agreement
 from fmus.modelling.model import Model, Number, Table
 from fmus.packaging import archive, defaults, values
-from fmus.packaging.description import documentation, interface, xml
+from fmus.packaging.description import documentation, exposure, interface, xml
 from fmus.packaging.description.interface import Interface
 from fmus.packaging.description.xml import Extras, Offer
 from fmus.packaging.native import c_model, compiler, sources
@@ -69,7 +69,7 @@ def build(
             that cannot be turned into C, no compiler, or one that failed.
     """
     starts = values.checked(model, parameters or {}, tables or {})
-    shown = interface.complete(model, starts)
+    shown = exposure.complete(model, starts)
     code = _code(model, fmi)
     resources = {f"resources/{name}.csv": values.csv(table) for name, table in (tables or {}).items()}
     resources[defaults.RESOURCE] = defaults.dump(starts).encode()
@@ -100,7 +100,7 @@ def _code(model: Model, fmi: int) -> _Code:
     """Generated sources, runtime and FMI headers; what they are does not depend on parameters."""
     fixed = sources.fixed(fmi)
     require_agreement(model)
-    shown = interface.complete(model, {})
+    shown = exposure.complete(model, {})
     generated = c_model.generate(shown, "")
     digest = archive.digest({name: text.encode() for name, text in (fixed | generated).items()})
     token = f"{model.name}-{digest[:32]}"

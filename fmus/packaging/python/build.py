@@ -16,7 +16,7 @@ from fmus import library
 from fmus.errors import ModelError
 from fmus.modelling.model import Model, Number, Table
 from fmus.packaging import archive, defaults, values
-from fmus.packaging.description import interface, xml
+from fmus.packaging.description import exposure, xml
 from fmus.packaging.python import runtime
 
 _ROOT = Path(__file__).parents[2]
@@ -69,7 +69,7 @@ def build(
     )
     files[defaults.RESOURCE] = defaults.dump(starts).encode()
     offer = xml.Offer("CoSimulation", model.name, _CAPABILITIES)
-    files["modelDescription.xml"] = xml.fmi2(interface.plain(model, starts), guid, [offer])
+    files["modelDescription.xml"] = xml.fmi2(exposure.plain(model, starts), guid, [offer])
     archive.write(path, files)
     return path
 

@@ -1,0 +1,58 @@
+"""A command loads the libraries that it uses, and no others."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from fmus.packaging import targets
+
+HEAVY = {
+    *("asammdf", "can", "cantools", "control", "fmpy", "lxml", "numpy", "pandas", "plotly", "pyarrow", "pythonfmu"),
+    *("rich", "ruamel", "scipy", "serial", "sympy"),
+}
+COMMAND = """
+import sys
+from identification.cli import main
+try:
+    main()
+finally:
+    print(sorted({name.partition(".")[0] for name in sys.modules}), file=sys.stderr)
+"""
+
+
+def loaded(*arguments: str) -> set[str]:
+    """The heavy libraries that a command has loaded at its end."""
+    done = subprocess.run([sys.executable, "-c", COMMAND, *arguments], capture_output=True, text=True, check=True)
+    return HEAVY & {*eval(done.stderr.splitlines()[-1])}
+
+
+@pytest.mark.parametrize("arguments", [("--help",), ("run", "--help"), ("can", "bridge", "--help")])
+def test_help_loads_none(arguments: tuple[str, ...]) -> None:
+    assert loaded(*arguments) == set()
+
+
+def test_a_table_is_looked_at_with_what_reads_it_alone(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("time [s],angle [rad]\n0.0,1.0\n0.1,\n0.2,3.0\n")
+    assert loaded("info", str(tmp_path / "t.csv")) == {"numpy", "pyarrow", "rich"}
+
+
+def test_an_fmu_is_looked_at_without_what_builds_or_runs_it(tmp_path: Path) -> None:
+    path = targets.build("pendulum", tmp_path / "p.fmu", target="python")
+    assert loaded("info", str(path)) == {"fmpy", "lxml", "numpy", "rich"}
+
+
+def test_what_a_notebook_begins_with_loads_nothing() -> None:
+    code = "import sys, fmus, orchestrator, identification; print([*sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert HEAVY & {name.partition(".")[0] for name in eval(done.stdout)} == set()
+
+
+def test_sympy_is_for_tracing_alone() -> None:
+    code = "import sys, fmus.library, fmus.packaging.targets, fmus.packaging.linear, orchestrator.assembly.assembly\n"
+    code += "fmus.Model, fmus.build, fmus.write_back, fmus.library.find('pendulum'); print('sympy' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
