@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from fmus.errors import InputError, TraceError
 from fmus.packaging import archive, defaults
-from orchestrator.can.logs.suffixes import is_log
+from orchestrator.can.log_suffixes import is_log
 from orchestrator.results import MARKS
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ def _about_decoding(recording: formats.Recording, start: float) -> dict[str, Any
 
 def about_log(path: Path, progress: Callable[[float], None] | None = None) -> dict[str, Any]:
     """Frames of a CAN log by identifier, and what could not be read."""
-    from orchestrator.can.logs import any_log as logs  # noqa: PLC0415 (it brings python-can along)
+    from orchestrator.can import logs  # noqa: PLC0415 (it brings python-can along)
     from orchestrator.can.logs.frame_count import FrameCount  # noqa: PLC0415
 
     log, tally = logs.read(path, progress), FrameCount()

@@ -13,7 +13,7 @@ from typing import Literal
 from fmus.errors import ScenarioError, TraceError
 from fmus.files import sha256
 from orchestrator import formats
-from orchestrator.can.logs.suffixes import is_log
+from orchestrator.can.log_suffixes import is_log
 from orchestrator.fmi.interface import Value
 from orchestrator.formats import Layout
 from orchestrator.progress import Progress, silent

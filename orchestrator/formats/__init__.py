@@ -13,7 +13,7 @@ from typing import BinaryIO, Protocol
 
 from fmus.errors import TraceError
 from fmus.files import atomic_write, sha256
-from orchestrator.can.logs.suffixes import SUFFIXES, is_log
+from orchestrator.can.log_suffixes import SUFFIXES, is_log
 from orchestrator.formats import csv, mat, parquet, text
 from orchestrator.formats.layout import Layout
 from orchestrator.formats.recording import Recording, Table

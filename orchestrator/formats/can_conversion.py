@@ -14,11 +14,11 @@ import numpy as np
 from fmus.errors import TraceError
 from fmus.files import atomic_write
 from orchestrator import formats
+from orchestrator.can import logs
 from orchestrator.can.codec.decoding import Decoder
 from orchestrator.can.codec.encoding import Encoder
 from orchestrator.can.codec.merging import Merger
 from orchestrator.can.database.database import Database, load
-from orchestrator.can.logs import any_log as logs
 from orchestrator.can.logs.frame_count import moment
 from orchestrator.formats import can_log, csv, parquet
 from orchestrator.formats.layout import Layout

@@ -8,10 +8,10 @@ from pathlib import Path
 
 from fmus.errors import TraceError
 from fmus.files import sha256
+from orchestrator.can import logs
 from orchestrator.can.codec import decoding
 from orchestrator.can.database.database import Database, load
 from orchestrator.can.frames import Frames
-from orchestrator.can.logs import any_log as logs
 from orchestrator.can.logs.frame_count import FrameCount
 from orchestrator.formats.layout import Layout
 from orchestrator.formats.recording import Recording

@@ -19,10 +19,10 @@ import can
 import cantools
 import numpy as np
 
+from orchestrator.can import logs
 from orchestrator.can.codec.decoding import trace
 from orchestrator.can.database.database import load
 from orchestrator.can.frames import Frames
-from orchestrator.can.logs import any_log as logs
 
 from .figure import Figure
 

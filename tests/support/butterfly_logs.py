@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from orchestrator import formats
+from orchestrator.can import logs
 from orchestrator.can.codec.encoding import Encoder
 from orchestrator.can.database.database import load
 from orchestrator.can.frames import Frames
-from orchestrator.can.logs import any_log as logs
 from orchestrator.formats import Layout
 
 DATABASE = Path(__file__).parents[2] / "scenarios" / "butterfly" / "butterfly.dbc"

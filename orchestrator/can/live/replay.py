@@ -17,10 +17,10 @@ from typing import Any
 import can
 
 from fmus.errors import BusError, InputError
+from orchestrator.can import logs
 from orchestrator.can.frames import Frames
 from orchestrator.can.live.bus import BusSettings, is_bus_off, opened, send
 from orchestrator.can.live.receiver import Receiver
-from orchestrator.can.logs import any_log as logs
 from orchestrator.realtime.lateness import Lateness
 from orchestrator.realtime.pacing import quiet
 from orchestrator.realtime.stopping import Stop, stop_requests

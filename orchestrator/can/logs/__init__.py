@@ -1,1 +1,94 @@
-"""Log files of CAN buses: any of them as batches of frames, and back."""
+"""Log files of CAN buses: any of them as batches of frames, and back, behind one table from suffix to format.
+
+What can be read of a damaged log is read; the rest is located. Frames stay what they are: nothing is decoded here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from fmus.errors import TraceError
+from orchestrator.can.frames import Frames
+from orchestrator.can.log_suffixes import CSV_HEADER, SUFFIXES, is_log
+from orchestrator.can.logs import blf, mf4, sqlite, text, text_formats
+from orchestrator.can.logs.findings import Damage, Findings
+from orchestrator.can.logs.writing import write
+from orchestrator.trace import check_file
+
+__all__ = ["SUFFIXES", "Damage", "LogReader", "is_log", "read", "write"]
+
+Progress = Callable[[float], None]
+Reading = Callable[[Path, Findings, Progress], Iterator[Frames]]
+
+BATCH = 1 << 16  # frames that are handed out at once, at most
+
+
+def _lines(text_format: text.TextFormat) -> Reading:
+    return lambda path, findings, progress: text.frames(path, text_format, findings, progress)
+
+
+READERS: dict[str, Reading] = {
+    ".asc": _lines(text_formats.ASC),
+    ".blf": blf.frames,
+    ".csv": _lines(text_formats.CSV),
+    ".db": sqlite.frames,
+    ".log": _lines(text_formats.CANDUMP),
+    ".mf4": mf4.frames,
+    ".trc": _lines(text_formats.TRC),
+}
+
+
+class LogReader:
+    """The frames of a log in batches, each time from the beginning when it is iterated over.
+
+    Attributes:
+        path: the file.
+        findings: what came up in the last iteration, complete at its end.
+    """
+
+    def __init__(self, path: Path, reading: Reading, progress: Progress | None = None) -> None:
+        self.path, self.findings = path, Findings()
+        self._reading, self._progress = reading, progress or (lambda fraction: None)
+
+    @property
+    def damage(self) -> list[Damage]:
+        """The places that could not be read (the first of them where there are very many)."""
+        return self.findings.damage
+
+    def __iter__(self) -> Iterator[Frames]:
+        """Batches of at most 65,536 frames in the order of the log.
+
+        Raises:
+            TraceError: there is nothing in the file that can be read as such a log.
+        """
+        self.findings = findings = Findings()
+        count = 0
+        for batch in self._reading(self.path, findings, self._progress):
+            count += len(batch)
+            for first in range(0, len(batch), BATCH):
+                yield batch[first : first + BATCH]
+        if count == 0 and findings.damaged:
+            raise TraceError(
+                self.path,
+                f"holds no frame that can be read ({findings.damage[0]})",
+                f"check that it is a {self.path.suffix} log",
+            )
+        self._progress(1.0)
+
+
+def read(path: str | Path, progress: Progress | None = None) -> LogReader:
+    """The frames of a log, as they are needed.
+
+    Args:
+        progress: told the share of the file that is read.
+
+    Raises:
+        TraceError: no such file, an empty one, or a format that is not known; or what comes up while reading.
+    """
+    file = Path(path)
+    check_file(file)
+    if not is_log(file):
+        fix = f"begin with '{CSV_HEADER}'" if file.suffix.lower() == ".csv" else f"use {', '.join(SUFFIXES)}"
+        raise TraceError(file, "is no log of CAN frames that is known", fix)
+    return LogReader(file, READERS[file.suffix.lower()], progress)

@@ -17,9 +17,9 @@ from identification.output_error import calibration
 from identification.output_error.schema import OutputErrorBlock
 from identification.output_error.windows import cut_windows
 from identification.recordings.campaign import load_campaign, recording_warnings
+from orchestrator.can import logs
 from orchestrator.can.codec.encoding import Encoder
 from orchestrator.can.database.database import load
-from orchestrator.can.logs import any_log as logs
 from orchestrator.trace import FloatArray, Trace
 from tests.support.butterfly_logs import DATABASE, START, on_a_real_bus, write_logs
 from tests.support.small_study import RECORDINGS, TRUTH, simulated, study, write_study

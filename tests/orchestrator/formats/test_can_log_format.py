@@ -16,8 +16,8 @@ from typer.testing import CliRunner, Result
 from fmus.errors import DatabaseError, TraceError
 from identification.cli import app
 from orchestrator import formats
+from orchestrator.can import logs
 from orchestrator.can.frames import Flag, Frames, concatenated
-from orchestrator.can.logs import any_log as logs
 from orchestrator.formats import Layout, can_conversion
 from orchestrator.trace import Trace
 from tests.support.can_samples import START, all_of, any_frames, database, different, rig_frames

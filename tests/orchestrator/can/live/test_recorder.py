@@ -17,10 +17,10 @@ import can
 import pytest
 
 from fmus.errors import BusError, InputError
+from orchestrator.can import logs
 from orchestrator.can.live import recorder
 from orchestrator.can.live.bus import BusSettings, opened, send
 from orchestrator.can.live.recorder import BusRecording, record
-from orchestrator.can.logs import any_log as logs
 from orchestrator.can.slcan.hub import Hub, hub_process
 from tests.support.wiring import BITRATE, command, frame, joined, number, settings, wait_for
 

@@ -16,8 +16,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from fmus.errors import TraceError
+from orchestrator.can import logs
 from orchestrator.can.frames import Flag, Frames, from_messages
-from orchestrator.can.logs import any_log as logs
 from orchestrator.can.logs import blf, blf_objects
 from tests.support.can_samples import START, all_of, any_frames, different, messages, rig_frames
 

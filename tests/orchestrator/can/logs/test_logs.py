@@ -18,8 +18,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from fmus.errors import TraceError
+from orchestrator.can import logs
 from orchestrator.can.frames import Flag, Frames, from_messages
-from orchestrator.can.logs import any_log as logs
 from orchestrator.can.logs import mf4
 from orchestrator.can.logs.frame_count import FrameCount, moment
 from tests.support.can_samples import all_of, any_frames, different, latest_difference, rig_frames
