@@ -11,6 +11,7 @@ from importlib import import_module
 from importlib.metadata import version
 
 import pytest
+from ruamel.yaml import YAML
 
 from fmus import library, models
 from tests.benchmarks.__main__ import BENCH, ENDURANCE
@@ -110,6 +111,15 @@ def test_constraints_hold_exact_versions_and_nothing_of_one_machine() -> None:
     lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
     pinned = [line for line in lines if not line.startswith("#")]
     assert [line for line in pinned if not re.fullmatch(r"[\w.-]+==[\w.+!-]+", line)] == []
+
+
+def test_the_hooks_before_a_commit_are_the_checks_of_make_lint() -> None:
+    rule = re.search(r"^lint:.*\n((?:\t.*\n)+)", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    assert rule is not None
+    checks = {line.strip().removesuffix(" .").replace("$(BIN)", ".venv/bin") for line in rule[1].splitlines()}
+    [repository] = YAML(typ="safe").load(ROOT / ".pre-commit-config.yaml")["repos"]
+    assert {hook["entry"].replace(" --force-exclude", "") for hook in repository["hooks"]} == checks
+    assert repository["repo"] == "local"
 
 
 def test_the_changelog_begins_with_the_version_that_is_installed() -> None:
