@@ -42,7 +42,7 @@ class ValidationErrors:
     sfv: FloatArray | None
 
 
-Judge = Callable[[LinearModel], ValidationErrors]
+Validate = Callable[[LinearModel], ValidationErrors]
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ class Reduction:
 
 
 def reduce_and_update(
-    model: LinearModel, example: Example, fitted: InputOutputData, flexible: Sequence[float], judge: Judge
+    model: LinearModel, example: Example, fitted: InputOutputData, flexible: Sequence[float], validate: Validate
 ) -> Reduction:
     """All stages of an example.
 
@@ -98,22 +98,22 @@ def reduce_and_update(
     Raises:
         IdentificationError: a reduction leaves nothing that can be updated.
     """
-    stages = [Stage("initial", (), model, judge(model))]
+    stages = [Stage("initial", (), model, validate(model))]
     if not model.stable:
         model = stabilised(model)
-        stages.append(Stage("stabilised", (), model, judge(model)))
+        stages.append(Stage("stabilised", (), model, validate(model)))
     ranking = _ranking(model, fitted.u)
     chosen = {by: kept(by, ranking.modes, fitted.u, example.order, flexible) for by in get_args(ReductionMethod)}
     for by, numbers in chosen.items():
         short = reduced(model, numbers)
-        stages.append(Stage(by, _labels(ranking, numbers), short, judge(short)))
+        stages.append(Stage(by, _labels(ranking, numbers), short, validate(short)))
     short = updated(reduced(model, chosen[example.by]), [fitted], example.update)
-    stages.append(Stage("updated", _labels(ranking, chosen[example.by]), short, judge(short)))
+    stages.append(Stage("updated", _labels(ranking, chosen[example.by]), short, validate(short)))
     if example.further is not None and example.further < short.order:
         less = kept("mrm", modes(short), fitted.u, example.further)
         shorter = updated(reduced(short, less), [fitted], example.update)
         which = _labels(ranking, [chosen[example.by][i] for i in less])
-        stages.append(Stage("further", which, shorter, judge(shorter)))
+        stages.append(Stage("further", which, shorter, validate(shorter)))
     return Reduction(example, ranking, tuple(stages))
 
 

@@ -17,7 +17,7 @@ from identification.estimation.threads import single_threaded
 from identification.estimation.validation import delta
 from identification.experiments.data_set import DataSet
 from identification.experiments.physical_modes import PhysicalMode
-from identification.experiments.reduction import Example, Judge, Reduction, ValidationErrors, reduce_and_update
+from identification.experiments.reduction import Example, Reduction, Validate, ValidationErrors, reduce_and_update
 from identification.linear.mode_tracking import stabilisation
 from identification.linear.model import LinearModel
 from identification.linear.modes import NEAR
@@ -95,8 +95,8 @@ def identified(data_set: DataSet) -> SetResult:
     ready = prepared([data_set.data], data_set.preparation)
     (whole,) = ready.records
     fitted = whole.rows(0, len(whole) // 2)
-    judge = _judge(data_set, ready)
-    attempts = _attempts(data_set, fitted, judge)
+    validate = _validation(data_set, ready)
+    attempts = _attempts(data_set, fitted, validate)
     if not attempts:
         raise IdentificationError(f"sets.{data_set.code}", "bears no order of the range", "widen `orders`")
     return SetResult(
@@ -104,7 +104,7 @@ def identified(data_set: DataSet) -> SetResult:
         attempts,
         ready,
         distances([attempt.model for attempt in attempts], data_set.physical),
-        tuple(_reduction(attempts, example, fitted, data_set, judge) for example in data_set.examples),
+        tuple(_reduction(attempts, example, fitted, data_set, validate) for example in data_set.examples),
     )
 
 
@@ -122,7 +122,7 @@ def distances(models: Sequence[LinearModel], physical: Sequence[PhysicalMode]) -
     return tuple(away)
 
 
-def _attempts(data_set: DataSet, fitted: InputOutputData, judge: Judge) -> tuple[Attempt, ...]:
+def _attempts(data_set: DataSet, fitted: InputOutputData, validate: Validate) -> tuple[Attempt, ...]:
     space = range_space(fitted, SubspaceSettings(data_set.block, initial_states=False))
     attempts = []
     for order in data_set.orders:
@@ -130,28 +130,28 @@ def _attempts(data_set: DataSet, fitted: InputOutputData, judge: Judge) -> tuple
             model = realise(space, order).model
         except IdentificationError:  # not borne by the data; a study sees it in the list of orders
             continue
-        attempts.append(Attempt(model, judge(model)))
+        attempts.append(Attempt(model, validate(model)))
     return tuple(attempts)
 
 
-def _judge(data_set: DataSet, ready: PreparedData) -> Judge:
+def _validation(data_set: DataSet, ready: PreparedData) -> Validate:
     """The two validations of models of this record."""
     (whole,), following = ready.records, data_set.following
 
-    def judge(model: LinearModel) -> ValidationErrors:
+    def validate(model: LinearModel) -> ValidationErrors:
         with np.errstate(over="ignore", invalid="ignore"):
             dmv = delta(whole.y, model.simulate(whole.u))
             run = followed(ready.unscaled(model), following.feedback, following.set_point)
         return ValidationErrors(dmv, None if run is None else delta(following.response, run))
 
-    return judge
+    return validate
 
 
 def _reduction(
-    attempts: Sequence[Attempt], example: Example, fitted: InputOutputData, data_set: DataSet, judge: Judge
+    attempts: Sequence[Attempt], example: Example, fitted: InputOutputData, data_set: DataSet, validate: Validate
 ) -> Reduction:
     wanted = [attempt for attempt in attempts if attempt.model.stable != example.unstable]
     if example.unstable and not wanted:
         raise IdentificationError(f"examples.{example.name}", "every order is stable", "remove `unstable`")
     start = _best(wanted or attempts)
-    return reduce_and_update(start.model, example, fitted, [mode.frequency for mode in data_set.physical], judge)
+    return reduce_and_update(start.model, example, fitted, [mode.frequency for mode in data_set.physical], validate)

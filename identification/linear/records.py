@@ -136,6 +136,20 @@ def without_gaps(records: Records, shortest: int) -> Pieces:
     return Pieces(kept, len(pieces) - len(kept), lost)
 
 
+def checked_weights(weights: Sequence[float], outputs: Sequence[str]) -> FloatArray:
+    """(p,) one a output, as an array.
+
+    Raises:
+        IdentificationError: they are not as many, or not positive.
+    """
+    found = np.array(weights, dtype=float)
+    if found.shape != (len(outputs),) or not np.all((found > 0) & np.isfinite(found)):
+        raise IdentificationError(
+            "weights", f"{tuple(weights)} for {len(outputs)} outputs", "give each output a positive one"
+        )
+    return found
+
+
 def _check_alike(first: InputOutputData, other: InputOutputData) -> None:
     if abs(other.step - first.step) > _SAME_STEP * first.step:
         raise IdentificationError(

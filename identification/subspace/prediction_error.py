@@ -21,7 +21,7 @@ from identification.estimation.uncertainty import Covariance, covariance
 from identification.linear.local_coordinates import Directions, balanced_basis
 from identification.linear.model import LinearModel
 from identification.linear.poles import Poles, constrained
-from identification.linear.records import InputOutputData, Records, without_gaps
+from identification.linear.records import InputOutputData, Records, checked_weights, without_gaps
 from identification.subspace.prediction_problem import PredictionProblem
 from orchestrator.trace import FloatArray
 
@@ -232,16 +232,10 @@ class _Quadratic:
 
 
 def _weights(settings: Refinement, records: Sequence[InputOutputData]) -> FloatArray:
-    outputs = records[0].outputs
-    if not settings.weights:
-        size = np.sqrt(sum(np.sum(record.y**2, axis=0) for record in records) / sum(map(len, records)))
-        return 1 / np.where(size > 0, size, 1.0)
-    weights = np.array(settings.weights, dtype=float)
-    if weights.shape != (len(outputs),) or not np.all((weights > 0) & np.isfinite(weights)):
-        raise IdentificationError(
-            "refinement", f"weights {settings.weights} for {len(outputs)} outputs", "give each output a positive one"
-        )
-    return weights
+    if settings.weights:
+        return checked_weights(settings.weights, records[0].outputs)
+    size = np.sqrt(sum(np.sum(record.y**2, axis=0) for record in records) / sum(map(len, records)))
+    return np.asarray(1 / np.where(size > 0, size, 1.0))
 
 
 def _posed(

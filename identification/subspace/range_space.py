@@ -15,7 +15,7 @@ from fmus.errors import IdentificationError
 from identification.estimation.threads import single_threaded
 from identification.linear.hankel import Compression, Factor, factor
 from identification.linear.poles import Poles
-from identification.linear.records import InputOutputData, Pieces, Records, without_gaps
+from identification.linear.records import InputOutputData, Pieces, Records, checked_weights, without_gaps
 from identification.subspace.weightings import WEIGHTINGS, Blocks, Weighting, blocks, predicted
 from orchestrator.trace import FloatArray
 
@@ -123,7 +123,7 @@ def range_space(records: Records, settings: SubspaceSettings) -> RangeSpace:
     pieces = without_gaps(records, depth)
     first = pieces.records[0]
     _check_outputs(pieces)
-    weights = _weights(settings, first)
+    weights = checked_weights(settings.weights or [1.0] * len(first.outputs), first.outputs)
     signals = [np.hstack([record.u, record.y * weights]) for record in pieces.records]
     rows = _blocks(settings, len(first.inputs), len(first.outputs))
     _check_length(pieces, depth, rows.count)
@@ -151,17 +151,6 @@ def _check_outputs(pieces: Pieces) -> None:
     for i, name in enumerate(pieces.records[0].outputs):
         if all(np.ptp(record.y[:, i]) == 0 for record in pieces.records):
             raise IdentificationError(f"{pieces.records[0].name}.{name}", "is constant", "leave this output out")
-
-
-def _weights(settings: SubspaceSettings, first: InputOutputData) -> FloatArray:
-    weights = np.array(settings.weights or np.ones(len(first.outputs)), dtype=float)
-    if weights.shape != (len(first.outputs),) or not np.all((weights > 0) & np.isfinite(weights)):
-        raise IdentificationError(
-            "settings",
-            f"weights {settings.weights} for {len(first.outputs)} outputs",
-            "give each output a positive one",
-        )
-    return weights
 
 
 def _check_length(pieces: Pieces, depth: int, rows: int) -> None:

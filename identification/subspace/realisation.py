@@ -12,7 +12,6 @@ import numpy as np
 
 from identification.estimation.threads import single_threaded
 from identification.estimation.validation import delta, rms
-from identification.linear.hankel import Compression
 from identification.linear.input_matrices import InputFit, fit_inputs
 from identification.linear.model import LinearModel
 from identification.linear.poles import PoleMove, constrained, injecting
@@ -29,37 +28,32 @@ class SubspaceResult:
     Attributes:
         model: A, B, C, D.
         why: how its order came about.
-        singular_values: (r,) of the weighted projection; the published ones (Eq. 2-21) are their squares.
+        space: where it was realised, with singular values and the conditions of the data.
         initial_states: (R, n), one a record.
-        records: what was fitted: the given records cut at gaps.
         rms: (R, p) root mean square of the free run's error [each output's unit] (thesis, Eq. 2-24).
         delta: (R, p) the same over the output's (Eq. 2-25); nan for an output that is 0, inf for a run that overflows.
         gain: (n, p) Kalman gain where the estimate is of the predictor (closed loop), else None.
         moves: poles put elsewhere on request.
-        condition, compression: of the compressed data, see `hankel.Factor`.
-        excitation: condition of the input's block Hankel matrix.
-        dropped, lost: pieces between gaps that were too short, and samples in them.
     """
 
     model: LinearModel
     why: str
-    singular_values: FloatArray
+    space: RangeSpace
     initial_states: FloatArray
-    records: tuple[InputOutputData, ...]
     rms: FloatArray
     delta: FloatArray
     gain: FloatArray | None
     moves: tuple[PoleMove, ...]
-    condition: float
-    compression: Compression
-    excitation: float
-    dropped: int
-    lost: int
 
     @property
     def order(self) -> int:
         """Number of states."""
         return self.model.order
+
+    @property
+    def records(self) -> tuple[InputOutputData, ...]:
+        """What was fitted: the given records cut at gaps."""
+        return self.space.pieces.records
 
     @property
     def mean_delta(self) -> float:
@@ -77,35 +71,13 @@ def realise(space: RangeSpace, order: int, why: str = "") -> SubspaceResult:
     checked(order, space.values, space.limit)
     a, c = space.shift_invariant(order)
     fitted = _by_prediction(space, a, c) if space.settings.closed_loop else _by_simulation(space, a, c)
-    pieces, scale = space.pieces, 1 / space.weights
-    first = pieces.records[0]
-    model = LinearModel(
-        fitted.a,
-        fitted.fit.b,
-        c * scale[:, None],
-        fitted.fit.d * scale[:, None],
-        first.step,
-        first.inputs,
-        first.outputs,
-    )
-    runs = [model.simulate(record.u, start) for record, start in zip(pieces.records, fitted.fit.starts, strict=True)]
-    rms_error, delta_error = errors_of(pieces.records, runs)
-    return SubspaceResult(
-        model=model,
-        why=why or f"order {order} was asked for",
-        singular_values=space.values,
-        initial_states=fitted.fit.starts,
-        records=pieces.records,
-        rms=rms_error,
-        delta=delta_error,
-        gain=None if fitted.gain is None else fitted.gain / scale,
-        moves=fitted.moves,
-        condition=space.condition,
-        compression=space.compression,
-        excitation=space.excitation,
-        dropped=pieces.dropped,
-        lost=pieces.lost,
-    )
+    records, scale = space.pieces.records, 1 / space.weights
+    b, c, d = fitted.fit.b, c * scale[:, None], fitted.fit.d * scale[:, None]
+    model = LinearModel(fitted.a, b, c, d, records[0].step, records[0].inputs, records[0].outputs)
+    runs = [model.simulate(record.u, start) for record, start in zip(records, fitted.fit.starts, strict=True)]
+    gain = None if fitted.gain is None else fitted.gain / scale
+    why = why or f"order {order} was asked for"
+    return SubspaceResult(model, why, space, fitted.fit.starts, *errors_of(records, runs), gain, fitted.moves)
 
 
 @single_threaded

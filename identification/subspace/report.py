@@ -98,7 +98,7 @@ def _half(std: float | None) -> float | None:
 
 def _stabilisation(result: SubspaceCalibration) -> Any:
     first = result.subspaces[result.study.weightings[0]]
-    most = borne(first.singular_values, min(SCANNED, (result.study.block - 1) * len(result.study.outputs)))
+    most = borne(first.space.values, min(SCANNED, first.space.limit))
     settings = replace(result.study.settings(result.study.weightings[0]), poles="free")
     sightings = stabilisation([found.model for found in scan(first.records, range(2, most + 1), settings)])
     nyquist = 0.5 / first.model.step
@@ -114,12 +114,13 @@ def _stabilisation(result: SubspaceCalibration) -> Any:
 
 
 def _extraction(section: Section, result: SubspaceCalibration) -> None:
+    spaces = {name: found.space for name, found in result.subspaces.items()}
     curves = {
-        name: (list(range(1, len(values) + 1)), (values / values[0]).tolist())
-        for name, values in ((name, found.singular_values) for name, found in result.subspaces.items())
+        name: (list(range(1, len(space.values) + 1)), (space.values / space.values[0]).tolist())
+        for name, space in spaces.items()
     }
     section.figure(figures.points(curves, "number", "singular value, relative", logarithmic=True))
     rows: list[list[Cell]] = [
-        [name, found.condition, found.compression, found.excitation] for name, found in result.subspaces.items()
+        [name, space.condition, space.compression, space.excitation] for name, space in spaces.items()
     ]
     section.table(["weighting", "condition of the data", "compressed by", "condition of the input"], rows)

@@ -112,8 +112,9 @@ def warnings_of(result: SubspaceCalibration) -> list[str]:
     warnings = []
     if not taken.model.stable:
         warnings.append("the model is unstable; ask for `poles: stable`, or for another order")
-    if found.dropped:
-        warnings.append(f"{found.dropped} pieces between gaps were too short, {found.lost} samples are left out")
+    pieces = found.space.pieces
+    if pieces.dropped:
+        warnings.append(f"{pieces.dropped} pieces between gaps were too short, {pieces.lost} samples are left out")
     if result.refined is not None and not result.refined.converged:
         warnings.append(f"the refinement did not converge: {result.refined.why}")
     return [*warnings, *recording_warnings(result.recorded)]

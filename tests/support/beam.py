@@ -63,7 +63,7 @@ def finite_element_modes(arm: Arm, count: int, elements: int = 60) -> FloatArray
 def roots() -> FloatArray:
     """(MODES,) solutions of cos b cosh b = -1."""
     brackets = [((i + 0.5) * math.pi - 0.4, (i + 0.5) * math.pi + 0.4) for i in range(MODES)]
-    return np.array([brentq(lambda b: math.cos(b) + 1 / math.cosh(b), *each, xtol=1e-14) for each in brackets])
+    return np.array([brentq(lambda b: math.cos(b) + 1 / math.cosh(b), *bracket, xtol=1e-14) for bracket in brackets])
 
 
 def shapes(xi: FloatArray, derivative: int = 0) -> FloatArray:

@@ -6,6 +6,7 @@ import numpy as np
 
 from identification.linear.model import LinearModel
 from orchestrator.trace import FloatArray
+from tests.support.linear_systems import real_blocks
 
 STEP = 1 / 300  # [s]
 
@@ -15,15 +16,8 @@ def model_of(
 ) -> LinearModel:
     """A model with these eigenvalues (one of each pair), random B and C, in a random basis."""
     rng = np.random.default_rng(seed)
-    blocks = [
-        np.array([[z.real, z.imag], [-z.imag, z.real]]) if z.imag else np.array([[z.real]])
-        for z in map(complex, eigenvalues)
-    ]
-    n = sum(len(block) for block in blocks)
-    a, at = np.zeros((n, n)), 0
-    for block in blocks:
-        a[at : at + len(block), at : at + len(block)] = block
-        at += len(block)
+    a = real_blocks(eigenvalues)
+    n = len(a)
     b, c, d = rng.normal(size=(n, inputs)), rng.normal(size=(outputs, n)), np.zeros((outputs, inputs))
     names = tuple(f"u{i}" for i in range(inputs)), tuple(f"y{i}" for i in range(outputs))
     plain = LinearModel(a, b, c, d, STEP, *names)

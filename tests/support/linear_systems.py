@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from identification.linear.model import LinearModel
 from identification.linear.records import InputOutputData
@@ -13,15 +14,8 @@ STEP = 0.01
 
 def system(poles: ComplexArray | list[complex], inputs: int = 1, outputs: int = 1, seed: int = 0) -> LinearModel:
     """A system with these poles, of pairs the one above the real axis, in random states."""
-    rng, blocks = np.random.default_rng(seed), []
-    for pole in map(complex, poles):
-        pair = np.array([[pole.real, pole.imag], [-pole.imag, pole.real]])
-        blocks.append(pair if pole.imag else pair[:1, :1])
-    n = sum(map(len, blocks))
-    a, row = np.zeros((n, n)), 0
-    for block in blocks:
-        a[row : row + len(block), row : row + len(block)] = block
-        row += len(block)
+    rng, a = np.random.default_rng(seed), real_blocks(poles)
+    n = len(a)
     model = LinearModel(
         a,
         _away_from_zero(rng, (n, inputs)),
@@ -32,6 +26,12 @@ def system(poles: ComplexArray | list[complex], inputs: int = 1, outputs: int = 
         tuple(f"y{i + 1}" for i in range(outputs)),
     )
     return model.transformed(np.linalg.qr(rng.standard_normal((n, n)))[0])
+
+
+def real_blocks(poles: ComplexArray | list[complex]) -> FloatArray:
+    """A real matrix with these poles, of pairs the one above the real axis, block by block."""
+    pairs = [np.array([[z.real, z.imag], [-z.imag, z.real]]) for z in map(complex, poles)]
+    return np.asarray(block_diag(*(pair if pair[0, 1] else pair[:1, :1] for pair in pairs)))
 
 
 def _away_from_zero(rng: np.random.Generator, shape: tuple[int, int]) -> FloatArray:

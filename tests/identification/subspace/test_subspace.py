@@ -54,7 +54,7 @@ def test_published_singular_values_are_the_squares() -> None:
     record = record_of(random_system(4), 300, noise=0.2)
     y, u = (np.array([np.ravel(z[k : k + 6]) for k in range(len(z) - 5)]).T for z in (record.y, record.u))
     published = np.linalg.svd(y @ y.T - y @ u.T @ np.linalg.pinv(u @ u.T) @ u @ y.T, compute_uv=False)
-    assert subspace(record, 3, all_free(6)).singular_values ** 2 == pytest.approx(published, rel=1e-9)
+    assert subspace(record, 3, all_free(6)).space.values ** 2 == pytest.approx(published, rel=1e-9)
 
 
 @pytest.mark.parametrize("closed_loop", [False, True])
@@ -111,7 +111,7 @@ def test_compression_does_not_change_what_is_found() -> None:
     record = record_of(random_system(6), 3000, noise=0.1)
     for weighting in WEIGHTINGS:
         one, other = (subspace(record, 5, all_free(10, weighting, compression=kind)) for kind in ("gram", "qr"))
-        assert (one.compression, other.compression) == ("gram", "qr")
+        assert (one.space.compression, other.space.compression) == ("gram", "qr")
         assert distance(one.model, other.model) < 1e-8
 
 
@@ -178,7 +178,7 @@ def test_gaps_split_a_record_and_are_counted() -> None:
     found = subspace(record, 5, all_free(8))
     assert distance(found.model, true) < 1e-8
     assert [len(piece) for piece in found.records] == [300, 594]
-    assert (found.dropped, found.lost) == (1, 4)
+    assert (found.space.pieces.dropped, found.space.pieces.lost) == (1, 4)
 
 
 def test_an_order_is_read_from_noise_free_singular_values_by_threshold_and_gap() -> None:
