@@ -6,19 +6,18 @@ Files come from outside: whatever is wrong with one ends in a `TraceError` that 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import BinaryIO, Protocol
 
 from fmus.errors import TraceError
-from fmus.files import atomic_write, sha256
+from fmus.files import atomic_write
 from orchestrator.can.log_suffixes import SUFFIXES, is_log
 from orchestrator.formats import csv, mat, parquet, text
 from orchestrator.formats.layout import Layout
-from orchestrator.formats.recording import Recording, Table
+from orchestrator.formats.recording import Recording
 from orchestrator.plugins import plugins
-from orchestrator.trace import Trace, check_file, ordered
+from orchestrator.trace import Trace, check_file
 
 __all__ = ["FORMATS", "Layout", "Recording", "read", "write"]
 
@@ -26,7 +25,7 @@ __all__ = ["FORMATS", "Layout", "Recording", "read", "write"]
 class Format(Protocol):
     """What a format's module offers."""
 
-    def read(self, path: Path, layout: Layout) -> Table: ...
+    def read(self, path: Path, layout: Layout) -> Recording: ...
 
     def write(self, trace: Trace, file: BinaryIO) -> None: ...
 
@@ -53,9 +52,7 @@ def read(path: str | Path, layout: Layout | None = None, progress: Callable[[flo
         return can_log.read(file, layout or Layout(), progress)
     form = _format(file)
     check_file(file)
-    table = form.read(file, layout or Layout())
-    trace, stamps = ordered(table.time, table.signals, table.units, str(file))
-    return Recording(replace(trace, name=table.name or file.stem), stamps, file, sha256(file))
+    return form.read(file, layout or Layout())
 
 
 def write(trace: Trace, path: str | Path) -> None:

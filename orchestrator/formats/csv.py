@@ -17,12 +17,12 @@ from pyarrow import csv as arrow
 from fmus.errors import TraceError
 from orchestrator.formats import headings
 from orchestrator.formats.arrow import arrays, numbers
-from orchestrator.formats.layout import Columns, Layout, choose
-from orchestrator.formats.recording import Table, excerpt
+from orchestrator.formats.layout import ColumnNames, Layout, choose
+from orchestrator.formats.recording import Recording, excerpt
 from orchestrator.trace import Trace
 
 
-def read(path: Path, layout: Layout) -> Table:
+def read(path: Path, layout: Layout) -> Recording:
     """The wanted columns; the others may hold anything.
 
     Raises:
@@ -45,7 +45,7 @@ def read(path: Path, layout: Layout) -> Table:
             )
     except (pa.ArrowInvalid, pa.ArrowKeyError) as problem:
         raise TraceError(path, excerpt(problem), "correct or cut that row") from None
-    return choice.table(lambda number: numbers(rows[names[number]]))
+    return choice.recording(lambda number: numbers(rows[names[number]]))
 
 
 def write(trace: Trace, file: BinaryIO) -> None:
@@ -71,7 +71,7 @@ def _write_rows(trace: Trace, file: BinaryIO) -> None:
     arrow.write_csv(table, file, arrow.WriteOptions(include_header=False))
 
 
-def _columns(path: Path) -> Columns:
+def _columns(path: Path) -> ColumnNames:
     with path.open("rb") as file:
         text = headings.line(file, path)
     try:
@@ -81,7 +81,7 @@ def _columns(path: Path) -> Columns:
     if not cells:
         raise TraceError(path, "begins with an empty line", "put the header first")
     if all(map(headings.is_number, cells)):
-        return Columns(len(cells))
+        return ColumnNames(len(cells))
     return headings.columns(cells)
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from fmus.errors import TraceError
-from orchestrator.formats.layout import Columns
+from orchestrator.formats.layout import ColumnNames
 from orchestrator.trace import Trace
 
 MAX_HEADER = 2**16  # bytes
@@ -40,10 +40,10 @@ def headings(trace: Trace) -> list[str]:
     return ["time [s]", *(joined(name, trace.unit(name) or "") for name in trace.names)]
 
 
-def columns(cells: list[str]) -> Columns:
+def columns(cells: list[str]) -> ColumnNames:
     """The columns that these headings announce."""
     names, units = zip(*map(split, cells), strict=True)
-    return Columns(len(cells), names, units)
+    return ColumnNames(len(cells), names, units)
 
 
 def line(file: BinaryIO, path: Path) -> str:

@@ -1,4 +1,4 @@
-"""Which column of a file is which signal. A `Layout` is what the user says, `Columns` what the file says, and
+"""Which column of a file is which signal. A `Layout` is what the user says, `ColumnNames` what the file says, and
 `choose` brings the two together before any sample is read.
 """
 
@@ -6,14 +6,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fmus.errors import TraceError
-from orchestrator.formats.recording import Table
+from fmus.files import sha256
+from orchestrator.formats.recording import Recording
+from orchestrator.trace import ordered
 
 SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 MAX_VALUES = 2**28  # samples times columns of one recording: 2 GiB
@@ -47,7 +49,7 @@ class Layout:
 
 
 @dataclass(frozen=True)
-class Columns:
+class ColumnNames:
     """The columns a file holds: how many, and their names and units ("" unknown) where it tells them."""
 
     count: int
@@ -57,8 +59,9 @@ class Columns:
 
 @dataclass(frozen=True)
 class Choice:
-    """The columns to read: numbers from 0, units by signal name, and the time unit in seconds."""
+    """The columns to read of the file `place`: numbers from 0, units by signal name, and the time unit in seconds."""
 
+    place: Path
     time: int
     signals: Mapping[str, int]
     units: Mapping[str, str]
@@ -69,16 +72,24 @@ class Choice:
         """Every column that is needed, ascending."""
         return sorted({self.time, *self.signals.values()})
 
-    def table(self, column: Callable[[int], ArrayLike], name: str = "") -> Table:
-        """The table that results when `column` gives the samples of a column by its number."""
+    def recording(self, column: Callable[[int], ArrayLike], name: str = "") -> Recording:
+        """The recording that results when `column` gives the samples (K,) of a column by its number.
+
+        Args:
+            name: what the file calls it; without one it is named after the file.
+
+        Raises:
+            TraceError: fewer than two distinct stamps, or one that is not finite.
+        """
         stamps = np.asarray(column(self.time), dtype=float)
         if self.seconds != 1.0:
             stamps = stamps * self.seconds
-        signals = {key: np.asarray(column(index), dtype=float) for key, index in self.signals.items()}
-        return Table(stamps, signals, self.units, name)
+        signals = {key: column(index) for key, index in self.signals.items()}
+        trace, report = ordered(stamps, signals, self.units, str(self.place))
+        return Recording(replace(trace, name=name or self.place.stem), report, self.place, sha256(self.place))
 
 
-def choose(layout: Layout, columns: Columns, place: Path) -> Choice:
+def choose(layout: Layout, columns: ColumnNames, place: Path) -> Choice:
     """The columns of the file at `place` that `layout` asks for.
 
     Raises:
@@ -96,6 +107,7 @@ def choose(layout: Layout, columns: Columns, place: Path) -> Choice:
     told = {name: columns.units[number] for name, number in signals.items() if columns.units}
     units = {name: layout.units.get(name, told.get(name, "")) for name in signals}
     return Choice(
+        place,
         time,
         signals,
         {name: unit for name, unit in units.items() if unit},
@@ -103,7 +115,7 @@ def choose(layout: Layout, columns: Columns, place: Path) -> Choice:
     )
 
 
-def _number(column: int | str, columns: Columns, place: Path) -> int:
+def _number(column: int | str, columns: ColumnNames, place: Path) -> int:
     if isinstance(column, int):
         if not 0 <= column < columns.count:
             raise TraceError(place, f"has no column {column}", f"it has {columns.count}, counted from 0")
@@ -122,7 +134,7 @@ def _number(column: int | str, columns: Columns, place: Path) -> int:
     raise TraceError(place, f"has no column '{column}'", f"it holds {_listed(columns.names)}")
 
 
-def _all_by_name(columns: Columns, time: int, place: Path) -> dict[str, int]:
+def _all_by_name(columns: ColumnNames, time: int, place: Path) -> dict[str, int]:
     if columns.names is None:
         raise TraceError(place, "names no columns", "say in the layout which column is which signal")
     repeated = [name for name, times in Counter(columns.names).items() if times > 1]
@@ -132,7 +144,7 @@ def _all_by_name(columns: Columns, time: int, place: Path) -> dict[str, int]:
     return {name: number for number, name in enumerate(columns.names) if number != time}
 
 
-def _seconds(layout: Layout, columns: Columns, time: int, time_name: str, place: Path) -> float:
+def _seconds(layout: Layout, columns: ColumnNames, time: int, time_name: str, place: Path) -> float:
     told = columns.units[time] if columns.units else ""
     unit = layout.units.get("time", layout.units.get(time_name, told))
     if unit not in SECONDS:

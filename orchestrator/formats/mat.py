@@ -17,9 +17,9 @@ import numpy as np
 
 from fmus.errors import TraceError
 from orchestrator.formats import mat5
-from orchestrator.formats.layout import MAX_VALUES, Columns, Layout, choose
-from orchestrator.formats.mat5 import Variable
-from orchestrator.formats.recording import Table, excerpt
+from orchestrator.formats.layout import MAX_VALUES, ColumnNames, Layout, choose
+from orchestrator.formats.mat5 import MatVariable
+from orchestrator.formats.recording import Recording, excerpt
 from orchestrator.trace import Trace
 
 NUMERIC = frozenset({"double", "single", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))})
@@ -30,7 +30,7 @@ HEADER = b"MATLAB 5.0 MAT-file, servotwin trace"
 T = TypeVar("T")
 
 
-def read(path: Path, layout: Layout) -> Table:
+def read(path: Path, layout: Layout) -> Recording:
     """The wanted columns of the wanted matrix; no other variable is read.
 
     Raises:
@@ -43,9 +43,9 @@ def read(path: Path, layout: Layout) -> Table:
     names, units = (_labels(path, contents.get(key), count) for key in ("names", "units"))
     if names is None and rows < count:
         raise TraceError(f"{path}: {wanted.name}", f"is {rows} x {count}, fewer samples than columns", "transpose it")
-    choice = choose(layout, Columns(count, names, units or ()), path)
+    choice = choose(layout, ColumnNames(count, names, units or ()), path)
     matrix = _careful(path, lambda file: mat5.matrix(file, wanted))
-    return choice.table(lambda number: matrix[:, number])
+    return choice.recording(lambda number: matrix[:, number])
 
 
 def write(trace: Trace, file: BinaryIO) -> None:
@@ -72,7 +72,7 @@ def _check_version(path: Path) -> None:
         raise TraceError(path, "is not a MATLAB v5 file", "save it in MATLAB with save(..., '-v7')")
 
 
-def _wanted(contents: dict[str, Variable], name: str | None, path: Path) -> Variable:
+def _wanted(contents: dict[str, MatVariable], name: str | None, path: Path) -> MatVariable:
     held = ", ".join(f"{name} ({variable.kind})" for name, variable in list(contents.items())[:20]) or "nothing"
     matrices = [variable for variable in contents.values() if _is_matrix(variable)]
     if name is None:
@@ -91,11 +91,11 @@ def _wanted(contents: dict[str, Variable], name: str | None, path: Path) -> Vari
     return variable
 
 
-def _is_matrix(variable: Variable) -> bool:
+def _is_matrix(variable: MatVariable) -> bool:
     return variable.kind in NUMERIC and len(variable.shape) == 2
 
 
-def _labels(path: Path, variable: Variable | None, count: int) -> tuple[str, ...] | None:
+def _labels(path: Path, variable: MatVariable | None, count: int) -> tuple[str, ...] | None:
     if variable is None or variable.kind != "cell" or variable.count != count:
         return None
     texts = _careful(path, lambda file: mat5.texts(file, variable))

@@ -47,7 +47,7 @@ SLACK = 2**20  # bytes that a variable may need beyond its numbers
 
 
 @dataclass(frozen=True)
-class Variable:
+class MatVariable:
     """One variable of a file and where it lies; `kind` is its MATLAB class, marked when complex or logical."""
 
     name: str
@@ -64,7 +64,7 @@ class Variable:
         return math.prod(self.shape)
 
 
-def variables(file: BinaryIO) -> list[Variable]:
+def variables(file: BinaryIO) -> list[MatVariable]:
     """Every named variable, in the file's order; only the head of each is read."""
     file.seek(124)
     order = {b"\x00\x01IM": "<", b"\x01\x00MI": ">"}.get(file.read(4), "")
@@ -82,7 +82,7 @@ def variables(file: BinaryIO) -> list[Variable]:
     return [variable for variable in found if variable.name]
 
 
-def matrix(file: BinaryIO, variable: Variable) -> FloatArray:
+def matrix(file: BinaryIO, variable: MatVariable) -> FloatArray:
     """The numbers of a real numeric variable, in its shape."""
     real = next(islice(_elements(_payload(file, variable), variable.order), 3, None), None)
     if real is None or real[0] not in NUMBERS:
@@ -93,23 +93,23 @@ def matrix(file: BinaryIO, variable: Variable) -> FloatArray:
     return numbers.reshape(variable.shape, order="F").astype(float)
 
 
-def texts(file: BinaryIO, variable: Variable) -> list[str] | None:
+def texts(file: BinaryIO, variable: MatVariable) -> list[str] | None:
     """The texts in a cell array, None when something else is in it, too."""
     parts = islice(_elements(_payload(file, variable), variable.order), 3, None)
     found = [_text(data, variable.order) if kind == MATRIX else None for kind, data in parts]
     return None if None in found else [text for text in found if text is not None]
 
 
-def _variable(file: BinaryIO, kind: int, size: int, order: str) -> Variable:
+def _variable(file: BinaryIO, kind: int, size: int, order: str) -> MatVariable:
     place = file.tell()
     head = file.read(min(size, HEAD))
     if kind == COMPRESSED:
         head = zlib.decompressobj().decompress(head, HEAD)
         kind = struct.unpack_from(order + "I", head)[0]
         name, shape, class_ = _described(head[8:], order) if kind == MATRIX else ("", (), "")
-        return Variable(name, shape, class_, place, size, True, order)
+        return MatVariable(name, shape, class_, place, size, True, order)
     name, shape, class_ = _described(head, order) if kind == MATRIX else ("", (), "")
-    return Variable(name, shape, class_, place, size, False, order)
+    return MatVariable(name, shape, class_, place, size, False, order)
 
 
 def _described(data: bytes | memoryview, order: str) -> tuple[str, tuple[int, ...], str]:
@@ -143,7 +143,7 @@ def _elements(data: bytes | memoryview, order: str) -> Iterator[tuple[int, memor
         place = start + size + -(start + size) % 8
 
 
-def _payload(file: BinaryIO, variable: Variable) -> bytes:
+def _payload(file: BinaryIO, variable: MatVariable) -> bytes:
     file.seek(variable.start)
     data = file.read(variable.size)
     if not variable.compressed:

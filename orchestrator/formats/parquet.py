@@ -12,8 +12,8 @@ from pyarrow import parquet
 
 from fmus.errors import TraceError
 from orchestrator.formats.arrow import arrays, numbers
-from orchestrator.formats.layout import MAX_VALUES, Columns, Layout, choose
-from orchestrator.formats.recording import Table, excerpt
+from orchestrator.formats.layout import MAX_VALUES, ColumnNames, Layout, choose
+from orchestrator.formats.recording import Recording, excerpt
 from orchestrator.interrupts import whole
 from orchestrator.trace import FloatArray, Trace
 
@@ -21,7 +21,7 @@ GROUP = 1 << 16  # rows of a trace in pieces that are written together
 WRITING: dict[str, Any] = {"write_page_checksum": True, "use_dictionary": False}  # samples seldom repeat
 
 
-def read(path: Path, layout: Layout) -> Table:
+def read(path: Path, layout: Layout) -> Recording:
     """The wanted columns; the others may hold anything.
 
     Raises:
@@ -29,7 +29,7 @@ def read(path: Path, layout: Layout) -> Table:
     """
     try:
         with parquet.ParquetFile(path, page_checksum_verification=True) as file:
-            return _table(file, layout, path)
+            return _recording(file, layout, path)
     except (pa.ArrowException, OSError, ValueError, KeyError) as problem:
         if isinstance(problem, TraceError):
             raise
@@ -78,10 +78,10 @@ def _arrow(trace: Trace) -> pa.Table:
     return pa.table(arrays(trace), schema=pa.schema(fields, metadata={"name": trace.name}))
 
 
-def _table(file: parquet.ParquetFile, layout: Layout, path: Path) -> Table:
+def _recording(file: parquet.ParquetFile, layout: Layout, path: Path) -> Recording:
     schema = file.schema_arrow
     units = tuple(_text(field.metadata, b"unit") for field in schema)
-    choice = choose(layout, Columns(len(schema), tuple(schema.names), units), path)
+    choice = choose(layout, ColumnNames(len(schema), tuple(schema.names), units), path)
     for number in choice.wanted:
         _check_numeric(schema.field(number), path)
     if file.metadata.num_rows * len(choice.wanted) > MAX_VALUES:
@@ -91,7 +91,7 @@ def _table(file: parquet.ParquetFile, layout: Layout, path: Path) -> Table:
     def column(number: int) -> FloatArray:
         return numbers(rows[schema.names[number]])
 
-    return choice.table(column, _text(schema.metadata, b"name"))
+    return choice.recording(column, _text(schema.metadata, b"name"))
 
 
 def _check_numeric(field: pa.Field, path: Path) -> None:

@@ -1,4 +1,4 @@
-"""What comes out of a file: the raw columns (`Table`), and the trace made from them (`Recording`)."""
+"""What comes out of a file: a trace, and what is to be known about it."""
 
 from __future__ import annotations
 
@@ -6,24 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from orchestrator.trace import FloatArray, StampReport, Trace
-
-
-@dataclass(frozen=True)
-class Table:
-    """Columns as the file has them.
-
-    Attributes:
-        time: (K,) stamps in the file's order [s].
-        signals: name -> (K,) samples.
-        units: name -> unit, where known.
-        name: what the file calls the recording, "" when it does not.
-    """
-
-    time: FloatArray
-    signals: Mapping[str, FloatArray]
-    units: Mapping[str, str]
-    name: str = ""
+from orchestrator.trace import StampReport, Trace
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Columns of numbers separated by blanks or tabs, under optional header lines that start with `#`.
+"""ColumnNames of numbers separated by blanks or tabs, under optional header lines that start with `#`.
 
 The last header line names the columns when it has as many names as there are columns.
 """
@@ -14,12 +14,12 @@ import numpy as np
 
 from fmus.errors import TraceError
 from orchestrator.formats import headings
-from orchestrator.formats.layout import Columns, Layout, choose
-from orchestrator.formats.recording import Table, excerpt
+from orchestrator.formats.layout import ColumnNames, Layout, choose
+from orchestrator.formats.recording import Recording, excerpt
 from orchestrator.trace import Trace
 
 
-def read(path: Path, layout: Layout) -> Table:
+def read(path: Path, layout: Layout) -> Recording:
     """The wanted columns.
 
     Raises:
@@ -33,7 +33,7 @@ def read(path: Path, layout: Layout) -> Table:
         raise TraceError(path, "is not UTF-8 text", "save it as UTF-8") from None
     except ValueError as problem:
         raise TraceError(path, excerpt(problem).partition(";")[0], "correct or cut that row") from None
-    return choice.table(lambda number: data[:, number])
+    return choice.recording(lambda number: data[:, number])
 
 
 def write(trace: Trace, file: BinaryIO) -> None:
@@ -48,7 +48,7 @@ def write(trace: Trace, file: BinaryIO) -> None:
     text.detach()
 
 
-def _columns(path: Path) -> Columns:
+def _columns(path: Path) -> ColumnNames:
     heading = ""
     with path.open("rb") as file:
         while text := headings.line(file, path):
@@ -59,8 +59,8 @@ def _columns(path: Path) -> Columns:
     raise TraceError(path, "holds no numbers", "check that it is a table of text")
 
 
-def _named(heading: str, count: int) -> Columns:
+def _named(heading: str, count: int) -> ColumnNames:
     for cells in (heading.split("\t"), re.split(r"\s+(?!\[)", heading)):
         if heading and len(cells) == count:
             return headings.columns(cells)
-    return Columns(count)
+    return ColumnNames(count)
