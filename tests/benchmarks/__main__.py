@@ -22,6 +22,7 @@ BENCH = {
     "coverage_time": "how often those of output error do",
     "subspace_speed": "subspace identification beside other tools",
     "calibration_speed": "the calibration from the real recordings; a step of a Python FMU",
+    "window_overhead": "a window of a calibration beside its stepping",
     "many_runs": "1,000 runs of energy control",
     "can_codec": "CAN frames to a trace and back, beside cantools",
     "can_logs": "BLF logs to frames and traces beside python-can and cantools, and memory",
