@@ -53,4 +53,4 @@ def _block_starts(a: FloatArray, f: FloatArray, start: FloatArray) -> FloatArray
     begin[0] = start
     for j in range(1, len(begin)):
         begin[j] = begin[j - 1] @ across + end[j - 1]
-    return begin
+    return np.asarray(begin)
