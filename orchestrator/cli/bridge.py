@@ -110,7 +110,7 @@ def _coupled(job: BridgeJob, folder: Path, terminal: Terminal) -> tuple[BridgeRe
             job,
             aside,
             lambda *_: terminal.say(f"{job.scenario.stem} is on {job.bus.place}"),
-            lambda share, elapsed: move(share, f"{elapsed:.0f} s"),
+            move,
         )
         with whole():
             write(coupled, folder)
