@@ -38,19 +38,27 @@ _MANIFEST = f"""<?xml version="1.0" encoding="UTF-8"?>
 """
 
 
-def write_back(source: Path, values: Mapping[str, SetValue], target: Path, provenance: Mapping[str, Any]) -> list[Path]:
-    """Write the FMU `source` with these start values; the files written come back, the FMU or its SSP first.
+def write_back(
+    fmu: str | Path,
+    values: Mapping[str, SetValue],
+    path: str | Path,
+    provenance: Mapping[str, Any] | None = None,
+) -> list[Path]:
+    """Write an FMU with these start values; the files written come back, the FMU or its SSP first.
 
     Args:
+        fmu: the FMU that is read; it may be the one that is written, too.
         values: variable -> value, in the variable's unit; an item of an enumeration by its name or its number, an
             element of an array as `A[1,2]`.
-        target: the FMU to write; for a foreign FMU its suffix gives way to .ssp and .ssv.
+        path: the FMU to write; for a foreign FMU its suffix gives way to .ssp, .ssv and .provenance.json.
         provenance: what the values come from, kept as JSON.
 
     Raises:
-        FmuFileError: the FMU has no such variable, it has no start value that could be set, or the value is not of its
-            type or outside its bounds.
+        FmuFileError: no such FMU, it has no such variable, it has no start value that could be set, or the value is not
+            of its type or outside its bounds.
+        InputError: the path cannot be written.
     """
+    source, target, origin = Path(fmu), Path(path), provenance or {}
     files = archive.read(source)
     root = description_of(source, files)
     variables = _variables(source, root)
@@ -62,7 +70,7 @@ def write_back(source: Path, values: Mapping[str, SetValue], target: Path, prove
     )
     if not is_ours(files, root):
         ports = _real_ports(variables)
-        return _beside(source, ports, {name: s.shown for name, s in starts.items()}, parameters, target, provenance)
+        return _beside(source, ports, {name: s.shown for name, s in starts.items()}, parameters, target, origin)
     for name, start in starts.items():
         _put(*_find(source, variables, name), xml_number(start.value))
     files["modelDescription.xml"] = etree.tostring(root, encoding="UTF-8", xml_declaration=True, pretty_print=True)
@@ -70,7 +78,7 @@ def write_back(source: Path, values: Mapping[str, SetValue], target: Path, prove
     files[defaults.RESOURCE] = defaults.dump(old | {name: start.value for name, start in starts.items()}).encode()
     files[f"{REFERENCES}/fmi-ls-manifest.xml"] = _MANIFEST.encode()
     files[f"{REFERENCES}/calibrated.ssv"] = parameters
-    files[PROVENANCE] = _json(provenance)
+    files[PROVENANCE] = _json(origin)
     archive.write(target, files)
     return [target]
 
