@@ -63,7 +63,7 @@ class Box:
 
 
 @dataclass(frozen=True)
-class Block:
+class WindowBlock:
     """One window linearised: residual : (N,), its derivatives parameters : (N, n) and states : (N, s)."""
 
     residual: FloatArray
@@ -102,13 +102,15 @@ class Loss:
         _, first, second = self._rho(residual)
         return first + 2.0 * second * (residual / self.scale) ** 2
 
-    def scaled(self, block: Block) -> Block:
+    def scaled(self, block: WindowBlock) -> WindowBlock:
         """The block whose least squares has this loss's gradient and (floored, positive) curvature."""
         if self.kind == "linear":
             return block
         first = self._rho(block.residual)[1]
         root = np.sqrt(np.maximum(self.curvature(block.residual), 0.1 * first))
-        return Block(block.residual * first / root, block.parameters * root[:, None], block.states * root[:, None])
+        return WindowBlock(
+            block.residual * first / root, block.parameters * root[:, None], block.states * root[:, None]
+        )
 
     def _rho(self, residual: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """rho(z) and its first two derivatives at z = (r / scale)^2."""
@@ -135,12 +137,12 @@ class ArrowModel:
     full Jacobian.
     """
 
-    def __init__(self, blocks: Sequence[Block]) -> None:
+    def __init__(self, blocks: Sequence[WindowBlock]) -> None:
         self.n = blocks[0].parameters.shape[1]
         self.s = blocks[0].states.shape[1]
         self.triangles = np.array([self._triangle(block) for block in blocks])
 
-    def _triangle(self, block: Block) -> FloatArray:
+    def _triangle(self, block: WindowBlock) -> FloatArray:
         columns = np.column_stack([block.states, block.parameters, block.residual])
         missing = max(0, columns.shape[1] - len(columns))
         return _triangular(np.pad(columns, ((0, missing), (0, 0))))
@@ -208,13 +210,13 @@ def _bounded_least_squares(matrix: FloatArray, target: FloatArray, lower: FloatA
     return np.asarray(lsq_linear(matrix, target, bounds=(lower, upper), method="bvls").x)
 
 
-class System(Protocol):
+class ArrowSystem(Protocol):
     """What is minimised."""
 
     def residuals(self, point: Point) -> list[FloatArray] | None:
         """One (N,) vector a window; None when the point cannot be evaluated."""
 
-    def linearise(self, point: Point, residuals: list[FloatArray]) -> list[Block]:
+    def linearise(self, point: Point, residuals: list[FloatArray]) -> list[WindowBlock]:
         """Residuals and Jacobian of every window."""
 
 
@@ -255,7 +257,7 @@ class Minimum:
 
 
 def minimise(
-    system: System,
+    system: ArrowSystem,
     start: Iterate,
     box: Box,
     loss: Loss,
@@ -290,7 +292,7 @@ def minimise(
 class _Search:
     """The damping (the more, the shorter the step), and what is left of the evaluations."""
 
-    def __init__(self, system: System, box: Box, loss: Loss, limits: Limits) -> None:
+    def __init__(self, system: ArrowSystem, box: Box, loss: Loss, limits: Limits) -> None:
         self.system, self.box, self.loss, self.limits = system, box, loss, limits
         self.left, self.damping = limits.evaluations, 1e-3
 
@@ -326,7 +328,7 @@ class _Search:
         return Minimum(here, iteration, False, "stopped: no better point was found however short the step")
 
 
-def evaluated(system: System, point: Point, loss: Loss) -> Iterate | None:
+def evaluated(system: ArrowSystem, point: Point, loss: Loss) -> Iterate | None:
     """The point with its residuals and cost; None when it cannot be evaluated."""
     residuals = system.residuals(point)
     return None if residuals is None else Iterate(point, residuals, loss.cost(residuals))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import orth, qr
 from scipy.stats import t as student
 
-from identification.estimation.arrow_least_squares import Block, Loss
+from identification.estimation.arrow_least_squares import Loss, WindowBlock
 from identification.estimation.noise import Noise, coloured, white
 from identification.estimation.parameters import Parameter
 from identification.estimation.validation import Whiteness, whiteness
@@ -116,7 +116,7 @@ class _Rows:
     states: FloatArray
 
 
-def covariance(blocks: Sequence[Block], loss: Loss, outputs: int) -> Covariance:
+def covariance(blocks: Sequence[WindowBlock], loss: Loss, outputs: int) -> Covariance:
     """Covariance of the parameters from central-difference blocks at the estimate.
 
     "white": H^-1 (sum of J_w^T N J_w) H^-1 with N = S at every instant, S the (m, m) covariance of the outputs'
@@ -162,13 +162,13 @@ def covariance(blocks: Sequence[Block], loss: Loss, outputs: int) -> Covariance:
     )
 
 
-def _curvature(blocks: Sequence[Block], loss: Loss, outputs: int) -> FloatArray:
+def _curvature(blocks: Sequence[WindowBlock], loss: Loss, outputs: int) -> FloatArray:
     """(m,) mean curvature of the loss for each output, kept positive."""
     curvatures = np.concatenate([loss.curvature(block.residual).reshape(-1, outputs) for block in blocks])
     return np.maximum(curvatures.mean(axis=0), 0.05)
 
 
-def _projected(blocks: Sequence[Block], loss: Loss, outputs: int) -> list[_Rows]:
+def _projected(blocks: Sequence[WindowBlock], loss: Loss, outputs: int) -> list[_Rows]:
     curvature, rows = _curvature(blocks, loss, outputs), []
     for block in blocks:
         root = np.tile(np.sqrt(curvature), len(block.residual) // outputs)
@@ -187,11 +187,13 @@ def _basis(columns: FloatArray) -> FloatArray:
     return np.asarray(orth(columns, rcond=1e-10)) if columns.any() else np.zeros((len(columns), 0))
 
 
-def _lengths(blocks: Sequence[Block]) -> FloatArray:
+def _lengths(blocks: Sequence[WindowBlock]) -> FloatArray:
     return np.sqrt(sum(np.sum(block.parameters**2, axis=0) for block in blocks))
 
 
-def _decomposed(blocks: Sequence[Block], jacobians: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _decomposed(
+    blocks: Sequence[WindowBlock], jacobians: Sequence[FloatArray]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Column lengths (1 for one without effect), singular values and right vectors of the Jacobian."""
     lengths = _lengths(blocks)
     lengths = np.where(lengths > _NO_EFFECT * lengths.max(initial=0.0), lengths, np.inf)
@@ -202,7 +204,7 @@ def _decomposed(blocks: Sequence[Block], jacobians: Sequence[FloatArray]) -> tup
     return np.where(np.isfinite(lengths), lengths, 1.0), padded, right.T
 
 
-def _whitening(blocks: Sequence[Block], rows: Sequence[_Rows]) -> tuple[FloatArray, NDArray[np.bool_]]:
+def _whitening(blocks: Sequence[WindowBlock], rows: Sequence[_Rows]) -> tuple[FloatArray, NDArray[np.bool_]]:
     """(n, k) transform to k seen directions of unit curvature, and which parameters (n,) reach outside."""
     lengths, values, vectors = _decomposed(blocks, [row.jacobian for row in rows])
     seen = values > UNSEEN * values.max(initial=0.0)
@@ -254,7 +256,7 @@ def _state_deviations(rows: Sequence[_Rows], transform: FloatArray, matrix: Floa
 
 
 def identifiability(
-    blocks: Sequence[Block], parameters: Sequence[Parameter], values: FloatArray, slopes: FloatArray
+    blocks: Sequence[WindowBlock], parameters: Sequence[Parameter], values: FloatArray, slopes: FloatArray
 ) -> Identifiability:
     """What the data can tell apart at the estimate.
 

@@ -403,7 +403,7 @@ def _warnings(problem: Problem, result: Estimate) -> list[str]:
     seen = result.identifiability
     warnings += [combination.message for combination in (*seen.unseen, *seen.weak)]
     for parameter in problem.parameters.free:
-        warnings += _parameter_warnings(parameter, result)
+        warnings += parameter_warnings(parameter, result.values[parameter.name], result.std[parameter.name])
     if result.uncertainty.method == "coloured":
         warnings.append(
             f"residuals are correlated and {len(problem.windows)} windows are too few to judge them by windows: "
@@ -415,12 +415,13 @@ def _warnings(problem: Problem, result: Estimate) -> list[str]:
     return warnings
 
 
-def _parameter_warnings(parameter: Parameter, result: Estimate) -> list[str]:
-    name, value, std = parameter.name, result.values[parameter.name], result.std[parameter.name]
+def parameter_warnings(parameter: Parameter, value: float, std: float) -> list[str]:
+    """What makes an estimate worth less than it looks: it lies at a bound, or its sign is not determined."""
     warnings = []
     for bound, word in ((parameter.lower, "lower"), (parameter.upper, "upper")):
         if abs(value - bound) <= 1e-9 * parameter.size:
-            warnings.append(f"{name} is at its {word} bound {bound:g} {parameter.unit}: its interval is one-sided")
+            at = f"{parameter.name} is at its {word} bound {bound:g} {parameter.unit}"
+            warnings.append(f"{at}: its interval is one-sided")
     if math.isfinite(std) and std > abs(value):
-        warnings.append(f"{name} is hardly determined: {value:.3g} with a standard deviation of {std:.3g}")
+        warnings.append(f"{parameter.name} is hardly determined: {value:.3g} with a standard deviation of {std:.3g}")
     return warnings

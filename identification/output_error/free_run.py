@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmus.errors import FmuError, IdentificationError
-from identification.estimation.arrow_least_squares import Block, Point
+from identification.estimation.arrow_least_squares import Point, WindowBlock
 from identification.estimation.workers import Pool, Task
 from identification.output_error.problem import Problem
 from orchestrator.trace import FloatArray
@@ -68,7 +68,7 @@ class FreeRun:
         complete = [residual for residual in found if residual is not None]
         return complete if len(complete) == len(found) else None
 
-    def linearise(self, point: Point, residuals: list[FloatArray], central: bool = False) -> list[Block]:
+    def linearise(self, point: Point, residuals: list[FloatArray], central: bool = False) -> list[WindowBlock]:
         """Residuals and Jacobian of every window, by forward or central differences inside the bounds.
 
         Where a perturbed run fails the other side is tried; where that fails too the derivative is 0 (and
@@ -88,7 +88,7 @@ class FreeRun:
                 tried = ((up, above), (down, below), (retry, again))
                 sides = [(float(steps[c, row]), table[c][row]) for steps, table in tried]
                 columns[:, c] = _difference(sides, residual)
-            blocks.append(Block(residual, columns[:, :n], columns[:, n:]))
+            blocks.append(WindowBlock(residual, columns[:, :n], columns[:, n:]))
         return blocks
 
     def _steps(self, point: Point, central: bool) -> tuple[FloatArray, FloatArray]:

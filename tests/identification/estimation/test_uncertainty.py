@@ -10,7 +10,7 @@ import pytest
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
-from identification.estimation.arrow_least_squares import LEAST_SQUARES, Block, Loss
+from identification.estimation.arrow_least_squares import LEAST_SQUARES, Loss, WindowBlock
 from identification.estimation.noise import coloured
 from identification.estimation.uncertainty import covariance, identifiability
 from identification.output_error.estimator import InitialState, Parameter, ParameterSet, Problem, Window, estimate
@@ -144,7 +144,7 @@ def test_coloured_noise_gets_back_most_of_the_power_that_a_fit_took_away():
 
 def random_blocks(rng, windows=15, samples=30, n=2, s=1):
     return [
-        Block(rng.normal(size=samples), rng.normal(size=(samples, n)), rng.normal(size=(samples, s)))
+        WindowBlock(rng.normal(size=samples), rng.normal(size=(samples, n)), rng.normal(size=(samples, s)))
         for _ in range(windows)
     ]
 
@@ -250,7 +250,7 @@ def named(jacobian, scales=("linear",) * 3, states=None):
     parameters = [Parameter(n, 2.0 + i, scale=s) for i, (n, s) in enumerate(zip(names, scales, strict=True))]
     states = np.zeros((len(jacobian), 0)) if states is None else states
     values = np.array([p.start for p in parameters])
-    block = Block(np.zeros(len(jacobian)), jacobian, states)
+    block = WindowBlock(np.zeros(len(jacobian)), jacobian, states)
     return identifiability([block], parameters, values, np.array([p.slope(0.0) for p in parameters]))
 
 

@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from fmus.errors import FmuError, IdentificationError
-from identification.estimation.arrow_least_squares import LEAST_SQUARES, ArrowModel, Block, Box, Loss, Point
+from identification.estimation.arrow_least_squares import LEAST_SQUARES, ArrowModel, Box, Loss, Point, WindowBlock
 from identification.estimation.workers import LocalPool
 from identification.output_error.estimator import (
     InitialState,
@@ -21,6 +21,7 @@ from identification.output_error.estimator import (
     Tie,
     Window,
     estimate,
+    parameter_warnings,
     predict,
     spread_weights,
 )
@@ -113,7 +114,9 @@ def test_a_jacobian_costs_one_window_pass_for_each_unknown_of_one_window():
 
 
 def random_blocks(rng, windows=5, n=3, s=2):
-    return [Block(rng.normal(size=20), rng.normal(size=(20, n)), rng.normal(size=(20, s))) for _ in range(windows)]
+    return [
+        WindowBlock(rng.normal(size=20), rng.normal(size=(20, n)), rng.normal(size=(20, s))) for _ in range(windows)
+    ]
 
 
 def test_an_arrow_step_solves_the_dense_damped_problem():
@@ -420,3 +423,13 @@ def test_too_few_samples_are_refused():
 def test_outputs_of_the_wrong_shape_are_refused():
     with pytest.raises(IdentificationError, match=r"decay 0: simulated outputs have shape \(9, 1\)"):
         estimate(decays(), lambda: Oscillator(time=INSTANTS[:9]))
+
+
+@pytest.mark.parametrize("value", [0.4, -0.4])
+@pytest.mark.parametrize(
+    ("share", "warned"), [(0.34, False), (0.99, False), (1.01, True), (3.0, True), (np.inf, False)]
+)
+def test_an_estimate_is_hardly_determined_when_its_standard_deviation_exceeds_its_size(value, share, warned):
+    """An infinite deviation is told by what is not seen at all."""
+    told = parameter_warnings(Parameter("rig.gain", 1.0), value, share * abs(value))
+    assert any("rig.gain is hardly determined" in warning for warning in told) == warned

@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fmus.errors import TraceError
+from identification.output_error.calibration import evenly_weighed
 from identification.output_error.study import StartSpec
 from identification.output_error.windows import FreeRunWindow, cut_windows, start_curve
 from identification.recordings.campaign import StudyTrace
@@ -165,3 +166,22 @@ def test_too_few_samples_around_a_start_are_refused_with_the_way_out() -> None:
     trace = Trace(EVEN[::10], {"angle": EVEN[::10]}, name="run")
     with pytest.raises(TraceError, match=r"run\.angle: has 1 samples within 0\.018 s of t = 5 s; widen `half_width`"):
         start_value(trace, 5.0, StartSpec(signal="angle"))
+
+
+def test_outputs_count_alike_in_windows_that_are_judged_whatever_their_units() -> None:
+    """Estimated initial states would otherwise follow the output with the largest numbers alone."""
+    asked = plain_study(
+        windows={"length": 2},
+        outputs={"hand.angle": {"signal": "angle", "factor": 1e-3}, "hand.speed": {"signal": "speed", "factor": 57.3}},
+    )
+    weighed = evenly_weighed(cut_windows(asked.run, [recorded(EVEN, speed=np.sin(3 * EVEN))], asked.windows))
+    assert len(weighed) == 5
+    scaled = np.concatenate([window.weight * window.measured for window in weighed])
+    np.testing.assert_allclose(scaled.std(axis=0), [1, 1], rtol=1e-12)
+
+
+def test_an_output_that_rests_in_all_windows_keeps_weight_1() -> None:
+    asked = plain_study(windows={"length": 1, "most": 1})
+    trace = recorded(EVEN, angle=np.maximum(EVEN - 5, 0))
+    (window,) = evenly_weighed(cut_windows(asked.run, [trace], asked.windows))
+    assert window.weight.tolist() == [1.0]
