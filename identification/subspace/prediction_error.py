@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import solve_discrete_are
 
 from fmus.errors import IdentificationError
-from identification.estimation.arrow_least_squares import Block, Loss
+from identification.estimation.arrow_least_squares import Loss, WindowBlock
 from identification.estimation.threads import single_threaded
 from identification.estimation.uncertainty import Covariance, covariance
 from identification.linear.local_coordinates import Directions, balanced_basis
@@ -149,7 +149,7 @@ def uncertainty(refined: Refined) -> Covariance:
     for record, start in enumerate(refined.initial_states):
         chunks = refined.problem.rows(refined.candidate, directions, record, start)
         rows = np.concatenate(list(chunks))[:, refined.model.order - own :]
-        blocks.append(Block(rows[:, -1], -rows[:, own:-1], -rows[:, :own]))
+        blocks.append(WindowBlock(rows[:, -1], -rows[:, own:-1], -rows[:, :own]))
     return covariance(blocks, Loss(), len(refined.model.outputs))
 
 
