@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from orchestrator.batch.procedure import run_procedure
@@ -14,13 +15,15 @@ SCENARIOS = Path(__file__).parents[1] / "scenarios"
 
 
 def assert_near_the_truth(summary: dict[str, Any]) -> None:
-    """Of seven intervals of 95 % rarely all hold, and how well a computer kept its deadlines is different each time."""
-    found = {name: each for name, each in summary["parameters"].items() if each.get("truth") is not None}
-    half = {name: (each["ci95"][1] - each["ci95"][0]) / 2 for name, each in found.items()}
-    off = {name: abs(each["value"] - each["truth"]) / half[name] for name, each in found.items()}
+    """How far off the estimates are in halves of their 95 % intervals: by root mean square, and the worst of them.
+
+    Errors as the intervals have them exceed an rms of 1 once in 3,000 times; the rest is room for late deadlines.
+    """
+    found = [entry for entry in summary["parameters"].values() if entry.get("truth") is not None]
+    off = [2 * abs(entry["value"] - entry["truth"]) / (entry["ci95"][1] - entry["ci95"][0]) for entry in found]
     assert len(off) == 7
-    assert sum(distance < 1 for distance in off.values()) >= 4
-    assert max(off.values()) < 3
+    assert np.sqrt(np.mean(np.square(off))) < 1.5, off
+    assert max(off) < 3, off
 
 
 @pytest.mark.slow
