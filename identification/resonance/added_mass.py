@@ -1,7 +1,6 @@
 """Physical parameters from how the resonance moves when masses are added (pendulum thesis, Step 4.3).
 
-Known added masses fix the scale that a frequency response alone leaves open. The regressions of Eqs. 82, 84
-and 102 are here; each says what it assumes about the errors.
+Known added masses fix the scale that a frequency response alone leaves open.
 """
 
 from __future__ import annotations
@@ -10,17 +9,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import optimize
 
 from fmus.errors import IdentificationError
 from identification.estimation.estimated_value import EstimatedValue, estimate
 from identification.resonance.resonance import GRAVITY
-
-FloatArray = NDArray[np.float64]
+from orchestrator.trace import FloatArray
 
 UNITS = {"p1": "kg m^2", "p2": "N m s/rad", "p3": "N m"}
-PASSES = 200  # Gauss-Newton passes allowed for Eq. 84
 
 
 @dataclass(frozen=True)
@@ -82,95 +79,8 @@ class AddedMassFit:
     dof: int
 
 
-def fit_ratio(data: Resonances) -> AddedMassFit:
-    """p1 and p3 by nonlinear least squares on w_opt^2 = (p3 + X) / (p1 + Z) + e (Eq. 82).
-
-    Assumes independent errors e on w_opt^2 alone, of the given or of equal size, exactly known X and Z, and
-    negligible damping (Eq. 80): p2 of the synthetic system moves w_opt^2 by 0.3 %.
-
-    Raises:
-        IdentificationError: fewer than two different masses, or no positive solution.
-    """
-    start = _linear_solution(data)
-    scale = _std(data)
-
-    def residual(log_p: FloatArray) -> FloatArray:
-        p1, p3 = np.exp(log_p)
-        return ((p3 + data.torque) / (p1 + data.inertia) - data.squared) / scale
-
-    run = optimize.least_squares(residual, np.log(np.maximum(start, 1e-3 * _typical(data))), xtol=1e-14, ftol=1e-15)
-    if not run.success:
-        raise IdentificationError("Eq. 82", "the least-squares fit did not converge", "check the resonances")
-    return _ratio_fit(data, np.exp(run.x))
-
-
-def fit_linear_as_published(data: Resonances) -> FloatArray:
-    """(p1, p3) by ordinary least squares on Y Z - X = p3 - Y p1 (Eq. 84), errors in the regressor ignored.
-
-    The noise of Y stands on both sides, so this is biased however many masses there are; no standard error is
-    given because none would be right.
-    """
-    return _linear_solution(data)
-
-
-def fit_errors_in_variables(data: Resonances) -> AddedMassFit:
-    """p1 and p3 from Eq. 84 as the errors-in-variables model it is.
-
-    Assumes independent errors e on Y alone, of the given or of equal size. They enter row k twice, as -e in
-    the regressor and e Z in the output, perfectly correlated, so the row's error is e (p1 + Z): total least
-    squares for this structure replaces the noisy Y in the regressor by its fitted value and divides the row
-    by (p1 + Z) std(Y), until nothing changes. Its optimum is that of Eq. 82.
-
-    Raises:
-        IdentificationError: fewer than two different masses, no positive solution, or no convergence.
-    """
-    p = _linear_solution(data)
-    for _ in range(PASSES):
-        rows = (p[0] + data.inertia) * _std(data)
-        fitted = (p[1] + data.torque) / (p[0] + data.inertia)
-        gap = data.squared * data.inertia - data.torque - p[1] + data.squared * p[0]
-        regressors = np.column_stack([-fitted, np.ones_like(fitted)]) / rows[:, None]
-        step = np.linalg.lstsq(regressors, gap / rows, rcond=None)[0]
-        p = p + step
-        if np.any(p[0] + data.inertia <= 0):
-            break
-        if np.max(np.abs(step) / _typical(data)) < 1e-13:
-            return _ratio_fit(data, p)
-    raise IdentificationError("Eq. 84", "the iteration did not converge", "check the resonances and masses")
-
-
-def _linear_solution(data: Resonances) -> FloatArray:
-    """(p1, p3) of Eq. 84 by ordinary least squares."""
-    regressors = np.column_stack([-data.squared, np.ones_like(data.squared)])
-    if len(np.unique(np.round(data.squared, 12))) < 2 or len(np.unique(data.inertia)) < 2:
-        raise IdentificationError(
-            "added masses", "fewer than two different resonances", "add an experiment with another mass"
-        )
-    solution = np.linalg.lstsq(regressors, data.squared * data.inertia - data.torque, rcond=None)[0]
-    return np.asarray(solution, dtype=float)
-
-
-def _typical(data: Resonances) -> FloatArray:
-    """Orders of magnitude of (p1, p3): those of the loads."""
-    inertia = float(np.max(np.abs(data.inertia)))
-    return np.array([inertia, inertia * float(np.mean(data.squared))])
-
-
 def _std(data: Resonances) -> FloatArray:
     return np.ones_like(data.squared) if data.squared_std is None else data.squared_std
-
-
-def _ratio_fit(data: Resonances, p: FloatArray) -> AddedMassFit:
-    if np.any(p <= 0) or not np.all(np.isfinite(p)):
-        raise IdentificationError(
-            "added masses",
-            f"p1 = {p[0]:g}, p3 = {p[1]:g} is no pendulum",
-            "check the masses and their lengths",
-        )
-    inertia = p[0] + data.inertia
-    fitted = (p[1] + data.torque) / inertia
-    slopes = np.column_stack([-fitted / inertia, 1 / inertia])
-    return _result(data, {"p1": p[0], "p3": p[1]}, slopes, fitted, ())
 
 
 def _result(

@@ -18,8 +18,7 @@ from scipy import optimize
 from fmus.errors import IdentificationError
 from identification.estimation.estimated_value import EstimatedValue, estimate, estimates, propagated
 from identification.resonance.resonance import GRAVITY
-
-FloatArray = NDArray[np.float64]
+from orchestrator.trace import FloatArray
 
 ROUNDING = 1e-12  # relative misfits below this are taken for arithmetic
 LARGEST_LOGARITHM = 50.0  # a parameter this far from its start is lost

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from itertools import groupby
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fmus.errors import IdentificationError
 from identification.estimation.estimated_value import EstimatedValue, estimate
@@ -35,9 +34,7 @@ from identification.signals.processing import (
     mid_range,
     resampled_evenly,
 )
-from orchestrator.trace import Trace, usable
-
-FloatArray = NDArray[np.float64]
+from orchestrator.trace import FloatArray, Trace, usable
 
 LINEAR = 0.01  # relative misfit of the gains up to which a linear model is taken to hold
 

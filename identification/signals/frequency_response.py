@@ -1,7 +1,7 @@
 """Amplitudes of sinusoids in recordings, and the frequency response they give (pendulum thesis, Step 3).
 
 The least-squares sine fit is the estimator to use: it needs no even sampling, leaves offset and free decay
-out, and says how uncertain it is. Eqs. 59, 60, 68 and 71 are here as the thesis has them.
+out, and says how uncertain it is. Eqs. 68 and 71 are here as the thesis has them.
 """
 
 from __future__ import annotations
@@ -11,13 +11,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fmus.errors import IdentificationError
 from identification.estimation.estimated_value import propagated
-from identification.signals.processing import detrended
-
-FloatArray = NDArray[np.float64]
+from orchestrator.trace import FloatArray
 
 REFINEMENTS = 50  # Gauss-Newton steps allowed for the frequency
 
@@ -198,11 +196,6 @@ def quadrature_amplitude(centred: ArrayLike, step: float, duration: float) -> fl
     return float(np.sqrt(2 * np.sum(np.square(centred)) * step / duration))
 
 
-def mean_square_amplitude(values: ArrayLike) -> float:
-    """Amplitude of a sine by Eq. 71 corrected: sqrt(2) times the rms about the mean, at any sampling."""
-    return float(np.sqrt(2 * np.mean(detrended(values) ** 2)))
-
-
 @dataclass(frozen=True)
 class FrequencyPoint:
     """The frequency response at one frequency.
@@ -260,25 +253,3 @@ def frequency_point(
         cause.amplitude_std / cause.amplitude, effect.amplitude_std / max(effect.amplitude, 1e-300)
     )
     return FrequencyPoint(frequency, response, gain_std, math.hypot(cause.phase_std, effect.phase_std))
-
-
-def fourier_sum(values: ArrayLike, period: float, frequency: float) -> complex:
-    """Y_N at any frequency [rad/s]: sum of y_k exp(-j frequency k period) / sqrt(N), k = 1..N (Eq. 59)."""
-    samples = np.asarray(values, dtype=float)
-    k = np.arange(1, len(samples) + 1)
-    return complex(samples @ np.exp(-1j * frequency * period * k)) / math.sqrt(len(samples))
-
-
-def transfer_estimate(driven: ArrayLike, answer: ArrayLike, period: float, frequency: float) -> complex:
-    """G_q(exp(j frequency period)) as the ratio of the two Fourier sums (Eqs. 60 and 68).
-
-    Unbiased only as N grows: offsets and transients leak in unless the window holds whole periods.
-
-    Args:
-        driven, answer: (N,) input and output, sampled every `period` [s].
-        frequency: [rad/s].
-    """
-    cause = fourier_sum(driven, period, frequency)
-    if cause == 0:
-        raise IdentificationError("frequency response", f"the input is silent at {frequency:g} rad/s")
-    return fourier_sum(answer, period, frequency) / cause

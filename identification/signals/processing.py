@@ -7,13 +7,11 @@ letter, slips included, so that its tables can be reproduced; the others are the
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import signal
 
 from fmus.errors import IdentificationError, TraceError
-from orchestrator.trace import ComplexArray, Trace
-
-FloatArray = NDArray[np.float64]
+from orchestrator.trace import ComplexArray, FloatArray, Trace
 
 
 def mean_step(time: FloatArray) -> float:

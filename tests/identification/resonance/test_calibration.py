@@ -18,9 +18,9 @@ from fmus.packaging import archive, defaults
 from fmus.parameters.ssv import read_values
 from identification.calibrate import calibrate_study
 from identification.cli import app
-from identification.resonance.resonance import resonance_frequency
 from orchestrator import formats
 from orchestrator.trace import Trace
+from tests.support.pendulum_resonance import resonance_frequency
 
 STUDIES = Path(__file__).parents[3] / "scenarios" / "butterfly"
 TRUTH = {

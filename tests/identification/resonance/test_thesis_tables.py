@@ -12,9 +12,8 @@ from scipy.io import loadmat
 
 from fmus.errors import IdentificationError, TraceError
 from identification.resonance.added_mass import TABLE_5_BOUNDS, Bounds, bounds_around, fit_damped, resonances
-from identification.resonance.discretisation import continuous_from_parameters, discretised
 from identification.resonance.log_gain import fit_magnitude
-from identification.resonance.resonance import resonance_frequency, resonance_from_two_largest_as_published
+from identification.resonance.resonance import resonance_from_two_largest_as_published
 from identification.resonance.steps import (
     RECORDINGS_SCRIPT,
     SYNTHETIC_SCRIPT,
@@ -25,6 +24,7 @@ from identification.resonance.steps import (
     study_as_published,
 )
 from orchestrator.trace import Trace, ordered
+from tests.support.pendulum_resonance import resonance_frequency
 
 P1, P2, P3, P4 = 0.00325, 0.001, 0.04905, 10.0
 FREQUENCIES = np.arange(1, 7.01, 0.5)
@@ -57,14 +57,6 @@ def campaign() -> list[Experiment]:
 
 def resonances_of(result: ResonanceStudy) -> list[float]:
     return [load.resonance.value for load in result.loads]
-
-
-def test_eq_66_is_eqs_47_to_50_at_40_ms() -> None:
-    model = discretised(continuous_from_parameters(P1, P2, P3, P4), 0.04)
-    assert model.a1 == pytest.approx(-1.9638, abs=1e-4)
-    assert model.a0 == pytest.approx(0.9878, abs=1e-4)
-    assert model.b1 == pytest.approx(2.4465, abs=1e-4)
-    assert model.b0 == pytest.approx(2.4365, abs=1e-4)
 
 
 def test_eq_79_at_the_masses_of_table_1() -> None:
