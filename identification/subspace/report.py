@@ -12,7 +12,7 @@ from identification.linear.modes import modes, ranked
 from identification.results import data_summary, provenance
 from identification.subspace.calibration import Candidate, SubspaceCalibration
 from identification.subspace.orders import borne
-from identification.subspace.subspace import scan
+from identification.subspace.realisation import realise
 from identification.subspace.summary import medians, uncertain_modes, warnings_of
 from orchestrator.display.table import Cell
 from orchestrator.report import Report, Section, figures
@@ -97,11 +97,12 @@ def _half(std: float | None) -> float | None:
 
 
 def _stabilisation(result: SubspaceCalibration) -> Any:
-    first = result.subspaces[result.study.weightings[0]]
-    most = borne(first.space.values, min(SCANNED, first.space.limit))
-    settings = replace(result.study.settings(result.study.weightings[0]), poles="free")
-    sightings = stabilisation([found.model for found in scan(first.records, range(2, most + 1), settings)])
-    nyquist = 0.5 / first.model.step
+    """Of the first weighting's models of all orders, as free as they come: only their A and C are looked at."""
+    space = result.subspaces[result.study.weightings[0]].space
+    free = replace(space, settings=replace(space.settings, poles="free", initial_states=True))
+    orders = range(2, borne(space.values, min(SCANNED, space.limit)) + 1)
+    sightings = stabilisation([realise(free, order).model for order in orders])
+    nyquist = 0.5 / space.pieces.records[0].step
     groups = {
         "stable": [s for s in sightings if s.stable],
         "in frequency": [s for s in sightings if s.in_frequency and not s.stable],

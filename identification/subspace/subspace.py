@@ -1,12 +1,12 @@
 """State-space models from records: observability range space extraction (ORSE) and its relatives N4SID, MOESP and CVA.
 
-`subspace` is the one way in: it extracts the range space, chooses the order, and realises the model; `scan` realises
-many orders from one extraction.
+`subspace` is the one way in: it extracts the range space, chooses the order, and realises the model. For many orders
+from one extraction, `realise` each of them in one `range_space`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -37,13 +37,6 @@ def subspace(records: Records, order: OrderRule, settings: SubspaceSettings) -> 
     if isinstance(order, Best):
         return _best(space, order)
     return realise(space, *from_singular_values(order, space.values, space.limit))
-
-
-@single_threaded
-def scan(records: Records, orders: Iterable[int], settings: SubspaceSettings) -> tuple[SubspaceResult, ...]:
-    """A model of each order, all from one decomposition."""
-    space = range_space(records, settings)
-    return tuple(realise(space, order) for order in orders)
 
 
 def _best(space: RangeSpace, rule: Best) -> SubspaceResult:

@@ -18,7 +18,7 @@ from identification.linear.records import InputOutputData
 from identification.subspace.orders import Best, Gap, Threshold
 from identification.subspace.range_space import SubspaceSettings, range_space
 from identification.subspace.realisation import realise, simulated
-from identification.subspace.subspace import scan, subspace
+from identification.subspace.subspace import subspace
 from identification.subspace.weightings import Weighting
 from tests.support.linear_systems import STEP, distance, random_system, record_of, sorted_poles, system
 
@@ -196,13 +196,6 @@ def test_the_best_order_is_the_smallest_that_predicts_about_as_well_as_any() -> 
         found = subspace(record, rule, all_free(8, "cva"))
         assert found.order == 5
         assert "order 5" in found.why
-
-
-def test_a_scan_is_the_single_estimates() -> None:
-    record = record_of(random_system(1), 800, noise=0.1)
-    for found, order in zip(scan(record, range(2, 7), all_free(8)), range(2, 7), strict=True):
-        assert found.order == order
-        assert distance(found.model, subspace(record, order, all_free(8)).model) < 1e-10
 
 
 def test_free_runs_start_from_the_state_that_fits_them_best() -> None:

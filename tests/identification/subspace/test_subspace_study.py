@@ -85,6 +85,15 @@ def test_modes_of_the_refined_model_come_with_their_uncertainty(study: Path) -> 
     assert all(mode["frequency_std"] >= 0 for mode in modes if mode["frequency_std"] is not None)
 
 
+def test_a_report_is_drawn_where_models_of_high_order_are_unstable(study: Path) -> None:
+    for number, name in enumerate(("first", "second", "third")):
+        file = study.parent / f"{name}.csv"
+        trace = formats.read(file).trace
+        noisy = {**trace.signals, "y": trace["y"] + 1e-3 * white(1200, seed=9 + number)[:, 0]}
+        formats.write(Trace(trace.time, noisy, trace.units, name), file)
+    assert calibrated(study, "preparation: {compensation: 0.01}\n")["models"]
+
+
 def test_a_reduced_model_has_the_order_that_was_asked_for(study: Path) -> None:
     document = calibrated(study, "reduce: {order: 3, by: mrm, update: input}\n")
     assert document["models"]["reduced"]["order"] <= 3  # type: ignore[index]
