@@ -92,6 +92,5 @@ def _gap(rule: Gap, values: FloatArray, most: int) -> tuple[int, str]:
     following = np.append(values, 0.0)[orders]
     ratios = values[orders - 1] / np.maximum(following, _ZERO * values[0])
     best = int(np.argmax(ratios))
-    return int(
-        orders[best]
-    ), f"singular values fall by {ratios[best]:.3g} after {orders[best]}, most of {orders[0]} to {orders[-1]}"
+    why = f"singular values fall by {ratios[best]:.3g} after {orders[best]}, most of {orders[0]} to {orders[-1]}"
+    return int(orders[best]), why

@@ -102,12 +102,7 @@ class Refined:
 
 
 @single_threaded
-def refine(
-    model: LinearModel,
-    records: Records,
-    settings: Refinement,
-    gain: FloatArray | None = None,
-) -> Refined:
+def refine(model: LinearModel, records: Records, settings: Refinement, gain: FloatArray | None = None) -> Refined:
     """The model, changed until its error over all records is least.
 
     Args:

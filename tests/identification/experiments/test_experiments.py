@@ -25,6 +25,7 @@ from identification.experiments.set_result import distances, mean
 from identification.experiments.tables import runs, tables
 from identification.linear.model import LinearModel
 from identification.linear.modes import Mode, from_modes
+from orchestrator.progress import silent
 from orchestrator.yaml_file import load
 
 pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
@@ -32,10 +33,6 @@ pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
 SCENARIOS = Path(__file__).parents[3] / "scenarios" / "flexible_arm"
 STEP, SAMPLES = 0.01, 2000
 OUTPUTS = ["position", "strain", "speed"]
-
-
-def silent(fraction: float, doing: str) -> None:
-    """Nobody watches the progress of a test."""
 
 
 # A rig that is linear but for dry friction, which its controller compensates exactly.

@@ -13,6 +13,7 @@ from fmus.errors import IdentificationError, ScenarioError, TraceError
 from identification.calibrate import calibrate_study, validate_result
 from identification.study import load_study
 from orchestrator import formats
+from orchestrator.progress import silent
 from orchestrator.trace import Trace
 from tests.support.linear_fits import STEP, eigenvalue, model_of, white
 
@@ -46,7 +47,7 @@ def study(tmp_path: Path) -> Path:
 
 def calibrated(file: Path, more: str = "") -> dict[str, object]:
     file.write_text(STUDY + more)
-    return calibrate_study(file, file.parent, file.parent / "out", lambda fraction, remark: None)
+    return calibrate_study(file, file.parent, file.parent / "out", silent)
 
 
 def test_the_fmu_that_is_written_runs_as_the_plant_does(study: Path) -> None:
@@ -132,4 +133,4 @@ def test_an_order_needs_one_rule(study: Path, rule: str) -> None:
 def test_validating_a_subspace_result_is_refused(study: Path) -> None:
     calibrated(study)
     with pytest.raises(IdentificationError, match="no output-error study"):
-        validate_result(study.parent / "out", study.parent, study.parent / "judged", lambda fraction, remark: None)
+        validate_result(study.parent / "out", study.parent, study.parent / "judged", silent)
