@@ -113,14 +113,14 @@ def concatenated(parts: Sequence[Frames]) -> Frames:
 def from_messages(messages: Iterable[can.Message]) -> Frames:
     """The columns of python-can's messages; a channel that is no number counts as 0."""
     taken = list(messages)
-    width = LONGEST if any(len(each.data) > CLASSIC for each in taken) else CLASSIC
-    data = b"".join(bytes(each.data).ljust(width, b"\0") for each in taken)
+    width = LONGEST if any(len(message.data) > CLASSIC for message in taken) else CLASSIC
+    data = b"".join(bytes(message.data).ljust(width, b"\0") for message in taken)
     return Frames(
-        np.array([each.timestamp for each in taken], dtype=np.float64),
-        np.array([each.arbitration_id for each in taken], dtype=np.uint32),
-        np.array([_flags(each) for each in taken], dtype=np.uint8),
-        np.array([_channel(each) for each in taken], dtype=np.uint8),
-        np.array([each.dlc if each.is_remote_frame else len(each.data) for each in taken], dtype=np.uint8),
+        np.array([message.timestamp for message in taken], dtype=np.float64),
+        np.array([message.arbitration_id for message in taken], dtype=np.uint32),
+        np.array([_flags(message) for message in taken], dtype=np.uint8),
+        np.array([_channel(message) for message in taken], dtype=np.uint8),
+        np.array([message.dlc if message.is_remote_frame else len(message.data) for message in taken], dtype=np.uint8),
         np.frombuffer(data, dtype=np.uint8).reshape(len(taken), width).copy(),
     )
 

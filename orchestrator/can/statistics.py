@@ -104,7 +104,7 @@ class FrameStatistics:
             if name not in (*kept, "setbacks") and value:
                 kept[name] = dict(value) if isinstance(value, Counter) else value
         if self.setbacks:
-            kept["setbacks"] = [vars(each) for each in self.setbacks]
+            kept["setbacks"] = [vars(setback) for setback in self.setbacks]
         return kept
 
     def _by_name(self) -> dict[str, Counter[str]]:
@@ -140,6 +140,6 @@ def add(counts: Counter[str], name: str, count: int) -> None:
 
 def _listed(counts: Mapping[str, int], most: int = 5) -> str:
     """The total and the largest shares."""
-    largest = sorted(counts.items(), key=lambda each: -each[1])
+    largest = sorted(counts.items(), key=lambda share: -share[1])
     shown = ", ".join(f"{name} {count}" for name, count in largest[:most]) + (", ..." if len(largest) > most else "")
     return shown if len(largest) == 1 else f"{sum(counts.values())} ({shown})"

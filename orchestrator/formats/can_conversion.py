@@ -172,7 +172,7 @@ def _survey(source: Path, database: Database, layout: Layout, progress: Progress
                     units[name] = series.units.get(name, "")
     order = [database.public_name(message, signal) for message in database.messages for signal in message.signals]
     if wanted is not None:
-        order = [database.public_name(*database.signal(each)) for each in wanted]
+        order = [database.public_name(*database.signal(name)) for name in wanted]
         missing = [name for name in order if name not in units]
         if missing:
             error = TraceError(source, f"holds no frame with the signal {', '.join(missing)}", "check the database")

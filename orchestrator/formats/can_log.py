@@ -89,9 +89,9 @@ def laid_out(trace: Trace, layout: Layout, database: Database) -> Trace:
         TraceError: units are given for a signal that is not read.
     """
     if layout.columns is not None:
-        names = {name: database.public_name(*database.signal(str(each))) for name, each in layout.columns.items()}
-        units = {name: trace.units[each] for name, each in names.items() if each in trace.units}
-        trace = Trace(trace.time, {name: trace[each] for name, each in names.items()}, units, trace.name)
+        names = {name: database.public_name(*database.signal(str(column))) for name, column in layout.columns.items()}
+        units = {name: trace.units[source] for name, source in names.items() if source in trace.units}
+        trace = Trace(trace.time, {name: trace[source] for name, source in names.items()}, units, trace.name)
     stray = set(layout.units) - set(trace.names)
     if stray:
         raise TraceError(trace.name, f"units are given for '{min(stray)}', which is not read", "correct the layout")
@@ -115,5 +115,5 @@ def damage(log: logs.LogReader) -> dict[str, object]:
     found = log.findings
     document: dict[str, object] = {"skipped": found.skipped} if found.skipped else {}
     if found.damaged:
-        document |= {"damaged": found.damaged, "damage": [vars(each) for each in found.damage]}
+        document |= {"damaged": found.damaged, "damage": [vars(damage) for damage in found.damage]}
     return document

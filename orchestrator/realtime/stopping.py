@@ -47,9 +47,9 @@ def stop_requests() -> Iterator[Stop]:
             raise KeyboardInterrupt
         stop.requested, stop.interrupted = True, stop.interrupted or number == signal.SIGINT
 
-    former = {each: signal.signal(each, request) for each in _SIGNALS}
+    former = {number: signal.signal(number, request) for number in _SIGNALS}
     try:
         yield stop
     finally:
-        for each, handler in former.items():
-            signal.signal(each, signal.SIG_DFL if handler is None else handler)
+        for number, handler in former.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)

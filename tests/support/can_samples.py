@@ -41,7 +41,7 @@ def any_frames(count: int, seed: int = 0, fd: bool = True) -> Frames:
     identifier = np.where(flags & Flag.EXTENDED, rng.integers(0, 1 << 29, count), rng.integers(0, 1 << 11, count))
     time = START + np.round(np.cumsum(rng.uniform(1e-4, 2e-3, count)), 6) - 1e-3
     channel = rng.integers(0, 3, count)
-    octets = (each.astype(np.uint8) for each in (flags, channel, length, data))
+    octets = (column.astype(np.uint8) for column in (flags, channel, length, data))
     return Frames(time.astype(np.float64), identifier.astype(np.uint32), *octets)
 
 
@@ -111,7 +111,7 @@ def different(one: Frames, other: Frames, columns: str = "id flags channel lengt
         mine, theirs = getattr(one, name), getattr(other, name)
         if name == "data":
             width = max(mine.shape[1], theirs.shape[1])
-            mine, theirs = (np.pad(each, ((0, 0), (0, width - each.shape[1]))) for each in (mine, theirs))
+            mine, theirs = (np.pad(data, ((0, 0), (0, width - data.shape[1]))) for data in (mine, theirs))
         if not np.array_equal(mine, theirs):
             found.append(name)
     return found

@@ -20,7 +20,7 @@ def databases(draw: st.DrawFn, floats: bool = True) -> Database:
     """A few messages with distinct identifiers and distinct signal names."""
     count = draw(st.integers(1, 3))
     identifiers = draw(st.lists(st.integers(0, 0x7FF), min_size=count, max_size=count, unique=True))
-    return Database([draw(messages(f"M{n}", each, floats)) for n, each in enumerate(identifiers)])
+    return Database([draw(messages(f"M{n}", identifier, floats)) for n, identifier in enumerate(identifiers)])
 
 
 @st.composite

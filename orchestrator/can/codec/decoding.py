@@ -46,7 +46,9 @@ class Decoder:
         """
         self.statistics = FrameStatistics()
         wanted = signal_columns(database, signals)
-        self._readers = [MessageReader(each, wanted.get(each.name, ()), self.statistics) for each in database.messages]
+        self._readers = [
+            MessageReader(message, wanted.get(message.name, ()), self.statistics) for message in database.messages
+        ]
         self._stamps = StampRepair(self.statistics)
         self._standard, self._extended, self._extended_numbers = _tables(database.messages)
 
@@ -144,7 +146,7 @@ def trace(
     """
     counters = {message: counter_of(database, message) for message in steady}
     decoder = Decoder(database, None if signals is None else [*signals, *counters.values()])
-    linear = {database.public_name(*database.signal(each)) for each in interpolated}
+    linear = {database.public_name(*database.signal(signal)) for signal in interpolated}
     pieces: dict[str, list[Series]] = {}
     for batch in frames:
         chosen = batch if channel is None else batch[batch.channel == channel]
@@ -159,7 +161,7 @@ def trace(
         own = series[message]
         series[message], found = on_schedule(own, message, own.values[counters[message]], protection.modulus)
         schedules.append(found)
-    named = None if signals is None else [database.public_name(*database.signal(each)) for each in signals]
+    named = None if signals is None else [database.public_name(*database.signal(signal)) for signal in signals]
     merger = Merger(
         _columns(named, series, name), interpolated=linear, name=name, statistics=decoder.statistics, patience=0.0
     )
@@ -192,7 +194,7 @@ def _columns(wanted: Sequence[str] | None, series: Mapping[str, Series], name: s
     Raises:
         TraceError: there are none, or one that was named has none.
     """
-    found = [key for each in series.values() for key, values in each.values.items() if np.isfinite(values).any()]
+    found = [key for part in series.values() for key, values in part.values.items() if np.isfinite(values).any()]
     missing = [key for key in wanted or () if key not in found]
     if missing:
         raise TraceError(

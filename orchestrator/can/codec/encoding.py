@@ -34,7 +34,7 @@ class Encoder:
         for name in signals:
             message, signal = database.signal(name)
             sent.setdefault(message, {})[signal.name] = name
-        by_priority = sorted(sent.items(), key=lambda each: each[0].id)
+        by_priority = sorted(sent.items(), key=lambda sent: sent[0].id)
         self._writers = [MessageWriter(message, columns, self.statistics) for message, columns in by_priority]
         self._columns = list(dict.fromkeys(signals))
 

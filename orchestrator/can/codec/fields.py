@@ -25,7 +25,7 @@ def field_of(signal: SignalSpec) -> Field:
 
 def longest(spec: MessageSpec) -> int:
     """Data bytes a frame of the message has at most: CAN FD fills up to the next length it knows."""
-    return next((each for each in FD_LENGTHS if each >= spec.length), spec.length) if spec.fd else spec.length
+    return next((size for size in FD_LENGTHS if size >= spec.length), spec.length) if spec.fd else spec.length
 
 
 def raw_limits(signal: SignalSpec) -> tuple[float, float]:

@@ -32,7 +32,7 @@ class Series:
         return len(self.time)
 
     def __getitem__(self, rows: slice | NDArray[np.intp] | NDArray[np.bool_]) -> Series:
-        return Series(self.time[rows], {name: each[rows] for name, each in self.values.items()}, self.units)
+        return Series(self.time[rows], {name: column[rows] for name, column in self.values.items()}, self.units)
 
 
 def joined(parts: Sequence[Series]) -> Series:
@@ -82,7 +82,7 @@ class Merger:
                 self._units |= series.units
                 parts = [self._kept[message]] if message in self._kept else []
                 self._kept[message] = joined([*parts, series])
-        newest = max((float(np.max(each.time)) for each in self._kept.values() if len(each)), default=-np.inf)
+        newest = max((float(np.max(series.time)) for series in self._kept.values() if len(series)), default=-np.inf)
         return self._rows(newest - self.patience)
 
     def finish(self) -> Trace:
@@ -97,8 +97,8 @@ class Merger:
             end = int(np.searchsorted(ordered.time, until, side="right"))
             due.append(self._in_time(ordered[:end]))
             self._kept[message] = ordered[end:]
-        samples = [Series(each.time - self.start, each.values, each.units) for each in due if len(each)]
-        time, places = _union([each.time for each in samples])
+        samples = [Series(series.time - self.start, series.values, series.units) for series in due if len(series)]
+        time, places = _union([series.time for series in samples])
         held = dict(self._held)
         found: dict[str, FloatArray] = {}
         for series, rows in zip(samples, places, strict=True):
@@ -160,7 +160,7 @@ def _union(times: Iterable[FloatArray]) -> tuple[FloatArray, list[NDArray[np.int
     new = np.concatenate(([True], sorted_times[1:] > sorted_times[:-1]))
     rows = np.empty(len(together), dtype=np.intp)
     rows[order] = np.cumsum(new) - 1
-    ends = np.cumsum([len(each) for each in columns])
+    ends = np.cumsum([len(column) for column in columns])
     return sorted_times[new], np.split(rows, ends[:-1])
 
 

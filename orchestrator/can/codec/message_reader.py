@@ -81,7 +81,7 @@ def signal_columns(database: Database, signals: Sequence[str] | None) -> dict[st
     for message, signal in pairs:
         name = database.public_name(message, signal)
         found.setdefault(message.name, {})[name] = channel(name, signal)
-    return {message: list(each.values()) for message, each in found.items()}
+    return {message: list(columns.values()) for message, columns in found.items()}
 
 
 class MessageReader:
@@ -90,8 +90,10 @@ class MessageReader:
     def __init__(self, spec: MessageSpec, signal_columns: Sequence[SignalColumn], statistics: FrameStatistics) -> None:
         self.spec, self._columns, self._statistics = spec, signal_columns, statistics
         self._longest = longest(spec)
-        self._units: Mapping[str, str] = {each.name: each.spec.unit for each in signal_columns if each.spec.unit}
-        self._multiplexed = any(each.multiplexer for each in spec.signals)
+        self._units: Mapping[str, str] = {
+            column.name: column.spec.unit for column in signal_columns if column.spec.unit
+        }
+        self._multiplexed = any(signal.multiplexer for signal in spec.signals)
         self._last: MessageRows | None = None
         self._last_count: int | None = None
 
@@ -147,17 +149,17 @@ class MessageReader:
 
     def _values(self, rows: MessageRows) -> dict[str, FloatArray]:
         if not self._multiplexed:
-            return {each.name: self._inspected(each, rows.raw(each.place)) for each in self._columns}
+            return {column.name: self._inspected(column, rows.raw(column.place)) for column in self._columns}
         presence = Presence(self.spec, lambda signal: whole(field_of(signal), rows.raw(field_of(signal))))
         add(self._statistics.multiplexers, self.spec.name, presence.unknown)
         values = {}
-        for each in self._columns:
-            there, raw = presence.of(each.spec), rows.raw(each.place)
+        for column in self._columns:
+            there, raw = presence.of(column.spec), rows.raw(column.place)
             if there is None:
-                values[each.name] = self._inspected(each, raw)
+                values[column.name] = self._inspected(column, raw)
             else:
-                values[each.name] = np.full(len(rows), np.nan)
-                values[each.name][there] = self._inspected(each, raw[there])
+                values[column.name] = np.full(len(rows), np.nan)
+                values[column.name][there] = self._inspected(column, raw[there])
         return values
 
     def _inspected(self, channel: SignalColumn, raw: bits.Words) -> FloatArray:

@@ -95,7 +95,7 @@ class MessageWriter:
 def _turns(spec: MessageSpec, sent: Mapping[str, str]) -> list[dict[str, float]]:
     """Values of the multiplexers that are not sent, in turn, so that every sent signal is in a frame."""
     turns: list[dict[str, float]] = []
-    for signal in (each for each in spec.signals if each.name in sent):
+    for signal in (signal for signal in spec.signals if signal.name in sent):
         turn: dict[str, float] = {}
         above = signal
         while above.multiplexer:
@@ -104,4 +104,4 @@ def _turns(spec: MessageSpec, sent: Mapping[str, str]) -> list[dict[str, float]]
             above = spec.signal(above.multiplexer)
         if turn and turn not in turns:
             turns.append(turn)
-    return [each for each in turns if not any(each.items() < other.items() for other in turns)] or [{}]
+    return [turn for turn in turns if not any(turn.items() < other.items() for other in turns)] or [{}]

@@ -68,16 +68,18 @@ class _Reader:
 
     def _inspected(self, decoded: Mapping[str, float]) -> dict[str, float]:
         values = {}
-        for each in self._wanted:
-            value = decoded.get(each.spec.name)
+        for column in self._wanted:
+            value = decoded.get(column.spec.name)
             if value is None:
                 continue
             if not math.isfinite(value):
-                self._statistics.not_finite[each.name] += 1
+                self._statistics.not_finite[column.name] += 1
                 continue
-            outside = (each.low is not None and value < each.low) or (each.high is not None and value > each.high)
-            add(self._statistics.out_of_range, each.name, int(outside))
-            values[each.name] = float(value)
+            outside = (column.low is not None and value < column.low) or (
+                column.high is not None and value > column.high
+            )
+            add(self._statistics.out_of_range, column.name, int(outside))
+            values[column.name] = float(value)
         return values
 
     def _check(self, message: can.Message, decoded: Mapping[str, float]) -> None:

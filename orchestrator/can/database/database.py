@@ -88,9 +88,9 @@ class MessageSpec:
 
     def signal(self, name: str) -> SignalSpec:
         """The signal of that name."""
-        found = next((each for each in self.signals if each.name == name), None)
+        found = next((signal for signal in self.signals if signal.name == name), None)
         if found is None:
-            known = [each.name for each in self.signals]
+            known = [signal.name for signal in self.signals]
             raise DatabaseError(f"message {self.name}", f"has no signal '{name}'", _instead(name, known))
         return found
 
@@ -136,7 +136,7 @@ class Database:
             return self._by_name[owner], _own(self.path, self._by_name[owner], own)
         owners = self._owners.get(name, [])
         if len(owners) > 1:
-            full = " or ".join(f"'{each.name}.{name}'" for each in owners[:5])
+            full = " or ".join(f"'{owner.name}.{name}'" for owner in owners[:5])
             raise DatabaseError(self.path, f"signal '{name}' is in {len(owners)} messages", f"write {full}")
         if not owners:
             known = [*self._owners, *(f"{m.name}.{s.name}" for m in self.messages for s in m.signals)]
@@ -153,8 +153,10 @@ class Database:
         Raises:
             DatabaseError: a message lacks the signal, or it cannot serve.
         """
-        known = {name: _checked(self.path, self.message(name), each) for name, each in protections.items()}
-        changed = (replace(each, protection=known.get(each.name, each.protection)) for each in self.messages)
+        known = {name: _checked(self.path, self.message(name), protection) for name, protection in protections.items()}
+        changed = (
+            replace(message, protection=known.get(message.name, message.protection)) for message in self.messages
+        )
         return Database(self.path, changed)
 
     def _add(self, message: MessageSpec) -> None:
@@ -182,11 +184,11 @@ def load(path: Path, *, encoding: str | None = None) -> Database:
     raw = reading.read(path, encoding)
     if not getattr(raw, "messages", None):
         raise DatabaseError(path, "defines no messages", "export it again")
-    return Database(path, [_message(path, each) for each in raw.messages])
+    return Database(path, [_message(path, message) for message in raw.messages])
 
 
 def _message(path: Path, raw: Any) -> MessageSpec:
-    usable = {each.name for each in raw.signals if _is_number(each)}
+    usable = {signal.name for signal in raw.signals if _is_number(signal)}
     message = MessageSpec(
         name=raw.name,
         id=raw.frame_id,
@@ -194,8 +196,8 @@ def _message(path: Path, raw: Any) -> MessageSpec:
         fd=bool(raw.is_fd or raw.length > 8),
         length=raw.length,
         cycle=_seconds(raw.cycle_time),
-        signals=tuple(_signal(path, raw.name, each) for each in raw.signals if each.name in usable),
-        left_out=tuple(each.name for each in raw.signals if each.name not in usable),
+        signals=tuple(_signal(path, raw.name, signal) for signal in raw.signals if signal.name in usable),
+        left_out=tuple(signal.name for signal in raw.signals if signal.name not in usable),
         raw=raw,
     )
     protection = _declared(path, message) or _by_convention(message)
@@ -323,5 +325,5 @@ def _instead(name: str, known: Iterable[str]) -> str:
     names = list(known)
     near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
     if near:
-        return f"did you mean {' or '.join(repr(each) for each in near)}?"
+        return f"did you mean {' or '.join(repr(known) for known in near)}?"
     return f"it has {', '.join(names[:10])}" + (", ..." if len(names) > 10 else "")

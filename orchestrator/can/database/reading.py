@@ -93,7 +93,7 @@ def _refuse_hostile(path: Path, suffix: str, text: str) -> None:
     if suffix in (".dbc", ".sym"):
         text = _SKIPPED.sub(lambda skipped: "\n" * skipped[0].count("\n"), text)
     for found in _SIZES[suffix].finditer(text):
-        size = next((each for each in found.groups("0") if len(each) > 6 or int(each) > LARGEST_SIZE), None)
+        size = next((number for number in found.groups("0") if len(number) > 6 or int(number) > LARGEST_SIZE), None)
         if size:
             raise _at(
                 path, text, found.start(), f"{size[:20]} bits or bytes are more than any frame has", "check the length"

@@ -58,9 +58,9 @@ def generate(signals: Sequence[Declared], path: Path | None = None, fd: bool = F
     Raises:
         DatabaseError: a declaration is wrong, or there are more messages than identifiers.
     """
-    names = signal_names([each.name for each in signals])
-    for each in signals:
-        _check(each)
+    names = signal_names([signal.name for signal in signals])
+    for signal in signals:
+        _check(signal)
     loads = list(_loads(signals, LONGEST if fd else CLASSIC, sender))
     if not loads or len(loads) > LAST_ID - FIRST_ID + 1:
         raise DatabaseError(
@@ -73,7 +73,7 @@ def generate(signals: Sequence[Declared], path: Path | None = None, fd: bool = F
         _message(FIRST_ID + number, title, load, names, whole, fd)
         for number, (title, load) in enumerate(zip(_titles(loads), loads, strict=True))
     ]
-    nodes = [Node(each) for each in dict.fromkeys([*(load.sender for load in loads), _RECEIVER])]
+    nodes = [Node(node) for node in dict.fromkeys([*(load.sender for load in loads), _RECEIVER])]
     definitions: Any = _definitions(loads, whole, fd)
     text = Database(messages, nodes, dbc_specifics=DbcSpecifics(attribute_definitions=definitions)).as_dbc_string()
     if path is not None:
@@ -105,8 +105,8 @@ class _Load:
 
 
 def _check(signal: Declared) -> None:
-    given = [each for each in (signal.minimum, signal.maximum, signal.nominal, signal.every) if each is not None]
-    if not all(abs(each) < _LARGEST for each in given):
+    given = [value for value in (signal.minimum, signal.maximum, signal.nominal, signal.every) if value is not None]
+    if not all(abs(value) < _LARGEST for value in given):
         raise DatabaseError(f"signal {signal.name}", f"has a bound that is not below {_LARGEST:g}", "leave it out")
     if signal.minimum is not None and signal.maximum is not None and signal.minimum >= signal.maximum:
         raise DatabaseError(
@@ -169,7 +169,7 @@ def _message(identifier: int, title: str, load: _Load, names: dict[str, str], wh
     for signal in load.signals:
         placed.append(_signal(signal, names[signal.name], start))
         start += 8 * _bytes(signal)
-    size = next(each for each in (*range(9), 12, 16, 20, 24, 32, 48, 64) if 8 * each >= start)
+    size = next(size for size in (*range(9), 12, 16, 20, 24, 32, 48, 64) if 8 * size >= start)
     milliseconds: Any = _milliseconds(load.every)
     cycle = None if load.every is None else int(milliseconds) if whole else milliseconds
     return Message(

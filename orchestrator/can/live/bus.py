@@ -75,7 +75,7 @@ class BusSettings:
 
 def _check(place: str, what: str, value: int | None, known: Mapping[str, int]) -> None:
     if value is not None and value not in known.values():
-        rates = ", ".join(str(each) for each in sorted(known.values()))
+        rates = ", ".join(str(rate) for rate in sorted(known.values()))
         raise InputError(place, f"no serial adapter has the {what} {value}", f"choose among {rates}")
 
 

@@ -108,17 +108,17 @@ class _Counts:
         if nominal is not None:
             self.busy += sum(
                 frame_time.seconds(
-                    each.dlc,
-                    each.is_extended_id,
-                    each.is_remote_frame,
-                    each.is_fd,
+                    message.dlc,
+                    message.is_extended_id,
+                    message.is_remote_frame,
+                    message.is_fd,
                     nominal,
-                    data if each.bitrate_switch else None,
+                    data if message.bitrate_switch else None,
                 )
-                for each in messages
-                if not each.is_error_frame
+                for message in messages
+                if not message.is_error_frame
             )
-        self.bus_off += [each.timestamp for each in messages if is_bus_off(each)][: _MOST - len(self.bus_off)]
+        self.bus_off += [message.timestamp for message in messages if is_bus_off(message)][: _MOST - len(self.bus_off)]
 
     def document(self) -> dict[str, Any]:
         """The statistics; frames by identifier where there is no database."""
@@ -129,11 +129,11 @@ class _Counts:
 
     def _count_identifiers(self, messages: Sequence[can.Message]) -> None:
         self.statistics.frames += len(messages)
-        for each in messages:
-            if each.is_error_frame:
+        for message in messages:
+            if message.is_error_frame:
                 self.statistics.errors += 1
             else:
-                self.statistics.add_unknown(each.arbitration_id, each.is_extended_id)
+                self.statistics.add_unknown(message.arbitration_id, message.is_extended_id)
 
 
 def record(

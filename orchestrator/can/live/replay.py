@@ -108,7 +108,7 @@ def replay(
             time.sleep(_ECHO)
         _check(receiver, settings, done)
     done.stopped = stop.requested
-    done.damage = [str(each) for each in reader.damage]
+    done.damage = [str(damage) for damage in reader.damage]
     return done
 
 

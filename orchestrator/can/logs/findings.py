@@ -51,7 +51,7 @@ class Findings:
 
     def lines(self, most: int = 5) -> list[str]:
         """For people: nothing where nothing was found, else the first places and the counts."""
-        told = [f"could not be read: {each}" for each in self.damage[:most]]
+        told = [f"could not be read: {damage}" for damage in self.damage[:most]]
         if self.damaged > len(told):
             told.append(f"could not be read: {self.damaged - len(told)} more places")
         if self.skipped:

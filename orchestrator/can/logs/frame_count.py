@@ -64,7 +64,8 @@ class FrameCount:
     def document(self) -> dict[str, Any]:
         """All of it as plain values."""
         entries = [
-            {"id": name, "frames": each.count, "period": each.period} for name, each in sorted(self.identifiers.items())
+            {"id": name, "frames": frames.count, "period": frames.period}
+            for name, frames in sorted(self.identifiers.items())
         ]
         return {
             "frames": self.frames,

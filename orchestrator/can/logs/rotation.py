@@ -63,7 +63,7 @@ def writer_of(suffix: str) -> Any:
         raise InputError(
             f"--format {suffix.lstrip('.')}",
             "cannot be written frame by frame and without loss",
-            f"choose {', '.join(each.lstrip('.') for each in WRITERS)}; `servotwin trace convert` makes "
+            f"choose {', '.join(suffix.lstrip('.') for suffix in WRITERS)}; `servotwin trace convert` makes "
             "other formats of it",
         )
     return WRITERS[suffix]

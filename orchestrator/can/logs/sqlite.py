@@ -115,7 +115,7 @@ def _take(database: sqlite3.Connection, first: int, taken: list[can.Message], fi
 
 def _message(values: list[Any]) -> tuple[can.Message | None, str]:
     time, identifier, extended, remote, error, length, data = values
-    numbers = all(isinstance(each, int) for each in (identifier, extended, remote, error, length))
+    numbers = all(isinstance(value, int) for value in (identifier, extended, remote, error, length))
     if not (numbers and isinstance(time, int | float) and isinstance(data, bytes | None)):
         return None, "a value of another type"
     message = can.Message(

@@ -211,8 +211,8 @@ class AdapterBus:
         if not first:
             return False
         begin = max(self._free, min(frame.arrived for frame in first))
-        waiting = [each for each in self.adapters if each.queue and each.queue[0].arrived <= begin]
-        sender = min(waiting, key=lambda each: each.queue[0].priority)
+        waiting = [adapter for adapter in self.adapters if adapter.queue and adapter.queue[0].arrived <= begin]
+        sender = min(waiting, key=lambda adapter: adapter.queue[0].priority)
         frame = sender.queue.popleft()
         self._now = begin + frame.duration, sender, frame
         return True
@@ -226,6 +226,6 @@ class AdapterBus:
         self.frames += 1
         self.busy += frame.duration
         sender.sent += 1
-        for each in self.adapters:
-            if each is not sender:
-                each.hear(frame)
+        for adapter in self.adapters:
+            if adapter is not sender:
+                adapter.hear(frame)

@@ -123,11 +123,11 @@ class _Hub:
             patience = 1.0 if end is None else max(0.0, end - time.monotonic())
             readable, writable, _ = select.select(readable + orders, writable, [], patience)
             now = time.monotonic()
-            for each in readable:
-                if each == self._orders:
+            for number in readable:
+                if number == self._orders:
                     self._obey()
                 else:
-                    by_number[each].read(now)
+                    by_number[number].read(now)
             if not readable and self._orders is not None and os.getppid() != self._parent:
                 self.running = False
 
@@ -151,8 +151,8 @@ class _Hub:
 
     def _statistics(self) -> dict[str, Any]:
         ports = [
-            {"sent": each.sent, "heard": each.heard, "lost": each.lost, "refused": each.ignored}
-            for each in self._bus.adapters
+            {"sent": adapter.sent, "heard": adapter.heard, "lost": adapter.lost, "refused": adapter.ignored}
+            for adapter in self._bus.adapters
         ]
         elapsed = time.monotonic() - self._started
         return {"frames": self._bus.frames, "busy": self._bus.busy, "elapsed": elapsed, "ports": ports}
@@ -165,8 +165,8 @@ def serve(settings: HubSettings, orders: int | None = None) -> None:
     def end(number: int, frame: FrameType | None) -> None:
         hub.running = False
 
-    for each in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(each, end)
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, end)
     try:
         _tell({"ports": [str(settings.folder / str(number)) for number in range(settings.ports)]})
         hub.run()

@@ -144,7 +144,7 @@ def test_messages_go_out_at_their_periods_with_what_is_seen_at_that_time(
     bus = ScriptedBus().plug_in(monkeypatch)
     trace = trace_of(go(folder, tmp_path, can={"every": {"State": 0.01}}))
     *cyclic, last = bus.identified(STATE)
-    assert [angle_of(each) for each in cyclic] == pytest.approx(trace["hand.angle"][0:200:10], abs=0.5001e-4)
+    assert [angle_of(message) for message in cyclic] == pytest.approx(trace["hand.angle"][0:200:10], abs=0.5001e-4)
     assert angle_of(last) == angle_of(cyclic[-1])  # it has no safe value
     assert struct.unpack_from("<h", last.data, 4)[0] == 0
 
@@ -367,7 +367,7 @@ def test_an_expectation_that_fails_or_looks_beyond_the_record_is_judged_so(
         tmp_path,
         expect=[{"signal": "hand.angle", "below": 0.1}, {"signal": "hand.angle", "below": 0.6, "after": 9}],
     )
-    assert [each.held for each in coupled.result.cases[0].checks] == [False, False]
+    assert [check.held for check in coupled.result.cases[0].checks] == [False, False]
     assert coupled.result.cases[0].checks[1].found == "there is no sample from 9 to 0.2 s"
 
 
@@ -445,7 +445,7 @@ def test_a_peer_in_another_thread_is_heard_over_a_virtual_bus(folder: Path, tmp_
 def test_the_command_judges_and_leaves_a_folder(folder: Path, tmp_path: Path) -> None:
     path = written(folder, expect=[{"signal": "hand.angle", "below": 0.1}])
     arguments = ["can", "bridge", path, "--interface", "virtual", "--channel", "c", "--out", tmp_path / "out", "--json"]
-    done = CliRunner().invoke(app, [str(each) for each in arguments])
+    done = CliRunner().invoke(app, [str(argument) for argument in arguments])
     assert done.exit_code == 1
     document = json.loads(done.stdout)
     assert document["can"]["mode"] == "bridge" and not document["passed"]
@@ -459,7 +459,7 @@ def test_the_command_keeps_the_result_of_a_bus_that_fails(
     bus = ScriptedBus().plug_in(monkeypatch)
     bus.failure = can.CanOperationError("gone")
     arguments = ["can", "bridge", written(folder), "--interface", "virtual", "--channel", "c", "--out", tmp_path / "o"]
-    done = CliRunner().invoke(app, [str(each) for each in arguments])
+    done = CliRunner().invoke(app, [str(argument) for argument in arguments])
     assert done.exit_code == 3
     assert "(gone); the result up to there is in" in done.stderr
     assert json.loads((tmp_path / "o" / "manifest.json").read_text())["ended"] == "failed"

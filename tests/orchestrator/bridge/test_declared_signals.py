@@ -33,7 +33,7 @@ def scenario(tmp_path: Path) -> Path:
 
 
 def test_recorded_outputs_and_driven_inputs_are_sent_at_their_components_steps(scenario: Path) -> None:
-    found = {each.name: (each.unit, each.every, each.sender) for each in declared(scenario)}
+    found = {wanted.name: (wanted.unit, wanted.every, wanted.sender) for wanted in declared(scenario)}
     assert found == {
         "hand.angle": ("rad", 0.005, "Rig"),
         "motor.torque": ("N.m", 0.01, "Rig"),
@@ -42,7 +42,7 @@ def test_recorded_outputs_and_driven_inputs_are_sent_at_their_components_steps(s
 
 
 def test_a_period_for_all_goes_over_the_steps(scenario: Path) -> None:
-    assert {each.every for each in declared(scenario, 0.02)} == {0.02}
+    assert {wanted.every for wanted in declared(scenario, 0.02)} == {0.02}
 
 
 def test_what_is_not_recorded_is_refused_where_nothing_is_left(scenario: Path) -> None:
@@ -56,8 +56,8 @@ def test_the_command_writes_a_database_that_reads_back_and_never_over_one(scenar
     arguments = ["can", "database", str(scenario), "--out", str(target), "--json"]
     answer = CliRunner().invoke(app, arguments)
     assert answer.exit_code == 0, answer.stderr
-    messages = {each.name: [signal.name for signal in each.signals] for each in load(target).messages}
-    assert messages == {name: each["signals"] for name, each in json.loads(answer.stdout)["messages"].items()}
+    messages = {message.name: [signal.name for signal in message.signals] for message in load(target).messages}
+    assert messages == {name: message["signals"] for name, message in json.loads(answer.stdout)["messages"].items()}
     assert messages["Rig_5ms"] == ["hand_angle"]
     again = CliRunner().invoke(app, arguments)
     assert again.exit_code == 2

@@ -105,9 +105,9 @@ def test_frames_of_others_change_nothing_and_are_counted(rig: Database) -> None:
 def test_the_sender_of_a_message_fills_in_what_protects_it(rig: Database) -> None:
     (message,) = couple(rig, send={"torque": "rig.torque"}).sent
     frames = [message.frame([0.001 * k]) for k in range(18)]
-    assert [each.data[2] & 15 for each in frames] == [(k + 1) % 16 for k in range(18)]
+    assert [sent.data[2] & 15 for sent in frames] == [(k + 1) % 16 for k in range(18)]
     receiver = couple(rig, receive={"rig.page": {"signal": "torque", "safe": 0}})
-    received(receiver, *((259, bytes(each.data)) for each in frames))
+    received(receiver, *((259, bytes(sent.data)) for sent in frames))
     assert receiver.reception.statistics.clean
 
 
@@ -126,20 +126,20 @@ def test_any_value_goes_into_any_message_as_the_nearest_that_it_holds(made: Any,
     with tempfile.TemporaryDirectory() as folder:
         rig = load_database(written(made, Path(folder)))
     for message in rig.messages:
-        if any(each.is_multiplexer for each in message.signals):
+        if any(signal.is_multiplexer for signal in message.signals):
             continue
         statistics = FrameStatistics()
-        sent = [SentSignal(each, "rig.any", place, 1.0, None) for place, each in enumerate(message.signals)]
+        sent = [SentSignal(signal, "rig.any", place, 1.0, None) for place, signal in enumerate(message.signals)]
         values = data.draw(st.lists(st.floats(), min_size=len(sent), max_size=len(sent)))
         found = message.raw.decode(bytes(SentMessage(message, sent, 1, statistics).frame(values).data))
         assert sum(statistics.not_finite.values()) == sum(map(math.isnan, values))
-        for each, value in zip(message.signals, values, strict=True):
-            low, high = raw_limits(each)
-            raw = min(max((value - each.offset) / each.scale, low), high)
-            slack = 1e-6 * abs(raw) + 1e-37 if each.is_float else 0.5 + 1e-12 * abs(raw)
+        for signal, value in zip(message.signals, values, strict=True):
+            low, high = raw_limits(signal)
+            raw = min(max((value - signal.offset) / signal.scale, low), high)
+            slack = 1e-6 * abs(raw) + 1e-37 if signal.is_float else 0.5 + 1e-12 * abs(raw)
             if not math.isnan(value):
-                nearest, slack = raw * each.scale + each.offset, slack * abs(each.scale)
-                assert found[each.name] == pytest.approx(nearest, abs=slack + 1e-9 * abs(each.offset), rel=1e-12)
+                nearest, slack = raw * signal.scale + signal.offset, slack * abs(signal.scale)
+                assert found[signal.name] == pytest.approx(nearest, abs=slack + 1e-9 * abs(signal.offset), rel=1e-12)
 
 
 @given(angle=st.floats(allow_nan=False), before=st.floats(-100, 100))
@@ -185,7 +185,7 @@ def test_a_can_fd_frame_is_filled_up_to_a_length_that_there_is(rig: Database) ->
 
 def test_periods_come_from_the_block_or_else_from_the_database(rig: Database) -> None:
     coupling = couple(rig, send={"angle": "rig.angle", "torque": "rig.torque"}, every={"Guarded": "0.004"})
-    assert [each.every for each in coupling.sent] == [1, 4]
+    assert [message.every for message in coupling.sent] == [1, 4]
 
 
 VOLTAGE = {"rig.voltage": SAFE}

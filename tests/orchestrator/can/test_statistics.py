@@ -92,7 +92,7 @@ def by_hand(stream: list[tuple[int, str, float]]) -> list[tuple[float, float, fl
     """Rows of the two signals at all stamps, walking through the stream in time."""
     held = {"A": math.nan, "B": math.nan}
     rows: dict[int, tuple[float, float, float]] = {}
-    for stamp, name, value in sorted(stream, key=lambda each: each[0]):
+    for stamp, name, value in sorted(stream, key=lambda sample: sample[0]):
         held[name] = held[name] if math.isnan(value) else value
         rows[stamp] = (float(stamp), held["A"], held["B"])
     return [row for row in rows.values() if not math.isnan(row[1] + row[2])]
@@ -101,14 +101,14 @@ def by_hand(stream: list[tuple[int, str, float]]) -> list[tuple[float, float, fl
 def series(stream: list[tuple[int, str, float]]) -> dict[str, Series]:
     found = {}
     for name in "AB":
-        own = [each for each in stream if each[1] == name]
-        values = {name: np.array([each[2] for each in own])}
-        found[name] = Series(np.array([float(each[0]) for each in own]), values, {name: "V"})
+        own = [sample for sample in stream if sample[1] == name]
+        values = {name: np.array([sample[2] for sample in own])}
+        found[name] = Series(np.array([float(sample[0]) for sample in own]), values, {name: "V"})
     return found
 
 
 def rows_of(traces: list[Trace]) -> list[tuple[float, float, float]]:
-    return [row for each in traces for row in zip(each.time, each["A"], each["B"], strict=True)]
+    return [row for trace in traces for row in zip(trace.time, trace["A"], trace["B"], strict=True)]
 
 
 @settings(max_examples=150, deadline=None)
@@ -148,7 +148,7 @@ def test_rows_that_are_kept_back_do_not_pile_up() -> None:
     for begin in range(200):
         time = np.arange(begin, begin + 1, 0.01)
         merger.feed({"A": Series(time, {"A": time}, {})})
-        most = max(most, sum(len(each) for each in merger._kept.values()))
+        most = max(most, sum(len(series) for series in merger._kept.values()))
     assert most <= 12
 
 

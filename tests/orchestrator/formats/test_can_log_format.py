@@ -29,7 +29,7 @@ WRITABLE = [form for form in logs.SUFFIXES if form != ".mf4" or find_spec("asamm
 
 
 def servotwin(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(each) for each in arguments])
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
 def answer_of(*arguments: object) -> dict[str, Any]:
@@ -223,9 +223,10 @@ def test_info_tells_frames_without_and_signals_with_a_database(rig: Path) -> Non
         document = answer_of(*command)
         document = document.get("traces", [document])[0]
         assert (document["frames"], document["start"]) == (1000, "2023-11-14T22:13:20.250Z")
-        assert [(each["id"], each["frames"]) for each in document["identifiers"]] == [("100", 500), ("101", 500)]
+        frames = {identifier["id"]: identifier["frames"] for identifier in document["identifiers"]}
+        assert frames == {"100": 500, "101": 500}
     document = answer_of("trace", "info", rig / "rig.blf", "--dbc", rig / "rig.dbc")["traces"][0]
-    assert [each["name"] for each in document["signals"]] == ["angle", "speed", "voltage"]
+    assert [signal["name"] for signal in document["signals"]] == ["angle", "speed", "voltage"]
     assert document["found"]["messages"] == {"State": 500, "Command": 500}
     (rig / "cut.blf").write_bytes((rig / "rig.blf").read_bytes()[:-100])
     assert "could not be read: byte 144" in servotwin("trace", "info", rig / "cut.blf").stdout
@@ -242,7 +243,7 @@ def test_plot_shows_signals_and_what_was_found(rig: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", [lambda raw: raw[: len(raw) // 2], lambda raw: b"\0" * len(raw), lambda raw: b"x"])
-@pytest.mark.parametrize("suffix", [each for each in logs.SUFFIXES if each != ".mf4"])
+@pytest.mark.parametrize("suffix", [suffix for suffix in logs.SUFFIXES if suffix != ".mf4"])
 def test_commands_on_damaged_logs_end_with_a_message(rig: Path, suffix: str, damage: Callable[[bytes], bytes]) -> None:
     path = rig / f"rig{suffix}"
     path.write_bytes(damage(path.read_bytes()))

@@ -42,7 +42,7 @@ def payloads(message: MessageSpec, seed: int, count: int = 40) -> Frames:
     data[0], data[1] = 0, 255
     for signal in message.signals:
         if signal.is_multiplexer:
-            known = [id for each in message.signals for id in each.selected_by]
+            known = [id for signal in message.signals for id in signal.selected_by]
             data[2:, 0] = rng.choice(known, count - 2)
     data[:, message.length :] = 0
     flags = Flag.EXTENDED * message.extended | Flag.FD * message.fd
@@ -88,8 +88,8 @@ def test_one_frame_at_a_time_gives_the_same_as_many(random: Any, seed: int) -> N
         batch = payloads(message, seed)
         many, single = Decoder(base), SingleDecoder(base)
         series = many.feed(batch)[message.name]
-        for row, each in enumerate(batch.messages()):
-            values = single.decode(each)
+        for row, frame in enumerate(batch.messages()):
+            values = single.decode(frame)
             assert values is None or all(same(float(series.values[name][row]), v) for name, v in values.items())
             assert values is None or len(values) == sum(np.isfinite(v[row]) for v in series.values.values())
         for name in ("frames", "messages", "unknown", "short", "multiplexers", "counters", "checksums", "missing"):
@@ -102,15 +102,15 @@ def test_encoding_gives_the_bytes_of_cantools_and_decodes_to_what_was_sent(rando
     base = loaded(random)
     rng = np.random.default_rng(seed)
     for message in base.messages:
-        sent = [each for each in message.signals if not each.multiplexer]
-        raws = {each.name: np.rint(rng.uniform(*span(each), 20)) for each in sent}
+        sent = [signal for signal in message.signals if not signal.multiplexer]
+        raws = {signal.name: np.rint(rng.uniform(*span(signal), 20)) for signal in sent}
         if "_mux" in sent[0].name:
-            raws[sent[0].name] = rng.choice([id for each in message.signals for id in each.selected_by], 20)
-        values = {each.name: raws[each.name] * float(each.scale) + each.offset for each in sent}
+            raws[sent[0].name] = rng.choice([id for signal in message.signals for id in signal.selected_by], 20)
+        values = {signal.name: raws[signal.name] * float(signal.scale) + signal.offset for signal in sent}
         out = Encoder(base, list(values)).encode(Trace(np.arange(20.0), values))
         assert len(out) == 20
         for row in range(20):
-            others = {each.name: 0 for each in message.signals if each.multiplexer}
+            others = {signal.name: 0 for signal in message.signals if signal.multiplexer}
             given = others | {name: float(column[row]) for name, column in values.items()}
             assert out.data[row, : message.length].tobytes() == expected(message, given, list(others))
         back = Decoder(base).feed(out)[message.name]
@@ -249,7 +249,7 @@ def test_no_frame_is_lost_when_the_clock_is_set_back(base: Database) -> None:
     decoded = decoding.trace([frames.concatenated([first, later])], base, ["voltage"])
     np.testing.assert_allclose(decoded.trace["voltage"], [1, 2, 3, 4, 5, 6])
     np.testing.assert_allclose(decoded.trace.time, [0, 1, 2, 2, 3, 4], atol=1e-5)
-    assert [str(each) for each in decoded.statistics.setbacks] == ["at frame 3 from 5002.000000 s to 40.000000 s"]
+    assert [str(setback) for setback in decoded.statistics.setbacks] == ["at frame 3 from 5002.000000 s to 40.000000 s"]
 
 
 def test_a_float_signal_that_is_no_number_is_counted_and_the_last_value_held(base: Database) -> None:
@@ -301,9 +301,9 @@ def test_no_frame_is_refused_with_an_exception_and_each_is_accounted_for(
     statistics = decoder.statistics
     accounted = statistics.errors + statistics.remotes + statistics.unknown.total() + statistics.messages.total()
     assert accounted == statistics.frames == count
-    decoded = sum(len(each) for part in parts for each in part.values())
+    decoded = sum(len(series) for part in parts for series in part.values())
     assert decoded == statistics.messages.total() - statistics.short.total() - statistics.duplicates.total()
     merger = decoding.Merger(["angle", "voltage"])
     rows = [merger.feed(part) for part in parts] + [merger.finish()]
-    assert all(np.isfinite(each[name]).all() for each in rows for name in each.names)
+    assert all(np.isfinite(trace[name]).all() for trace in rows for name in trace.names)
     assert statistics.lines() and statistics.document()

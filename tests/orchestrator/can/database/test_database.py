@@ -237,4 +237,4 @@ def test_a_signal_that_is_no_number_is_left_out(tmp_path: Path) -> None:
     cantools.database.dump_file(cantools.database.can.Database([message]), str(path))
     read = database.load(path).message("Long")
     assert read.left_out == ("name",)
-    assert [each.name for each in read.signals] == ["value"]
+    assert [signal.name for signal in read.signals] == ["value"]

@@ -121,7 +121,7 @@ def test_a_frame_logged_twice_is_dropped_and_counted(base: Database) -> None:
     twice = frames[np.repeat(np.arange(20), 2)]
     decoder = Decoder(base)
     parts = [decoder.feed(twice[begin : begin + 7]).get("State") for begin in range(0, 40, 7)]
-    assert sum(len(each) for each in parts if each) == 20
+    assert sum(len(part) for part in parts if part) == 20
     assert decoder.statistics.duplicates == {"State": 20}
     assert not decoder.statistics.counters
 

@@ -54,17 +54,17 @@ def read(declared: list[Declared], fd: bool = False) -> Database:
 @settings(max_examples=60, deadline=None)
 @given(declarations(), st.booleans())
 def test_reading_a_generated_database_gives_what_was_declared(declared: list[Declared], fd: bool) -> None:
-    base, names = read(declared, fd), signal_names([each.name for each in declared])
+    base, names = read(declared, fd), signal_names([wanted.name for wanted in declared])
     assert len({*names.values()}) == len(declared)
-    for each in declared:
-        message, signal = base.signal(names[each.name])
-        assert (signal.unit, signal.comment, message.cycle) == (each.unit, each.name, each.every)
+    for wanted in declared:
+        message, signal = base.signal(names[wanted.name])
+        assert (signal.unit, signal.comment, message.cycle) == (wanted.unit, wanted.name, wanted.every)
         assert message.fd == fd and message.length <= (64 if fd else 8)
-        assert message.raw.senders == [each.sender or "Servotwin"]
+        assert message.raw.senders == [wanted.sender or "Servotwin"]
         assert len(signal.name) <= 32 and signal.name.isidentifier() and signal.name.isascii()
         if not signal.is_float:
-            assert (signal.minimum, signal.maximum) == (each.minimum, each.maximum)
-    assert sum(len(each.signals) for each in base.messages) == len(declared)
+            assert (signal.minimum, signal.maximum) == (wanted.minimum, wanted.maximum)
+    assert sum(len(message.signals) for message in base.messages) == len(declared)
 
 
 @settings(max_examples=60, deadline=None)
@@ -73,29 +73,29 @@ def test_reading_a_generated_database_gives_what_was_declared(declared: list[Dec
 @example([Declared("subnormal", minimum=2e-310, maximum=3e-310, nominal=1.0)])
 @example([Declared("narrow", minimum=1e-20, maximum=1.0000000001e-20)])
 def test_bounds_are_sent_to_within_a_step_and_nominal_values_to_a_thousandth(declared: list[Declared]) -> None:
-    base, names = read(declared), signal_names([each.name for each in declared])
-    for each in (each for each in declared if each.minimum is not None and each.maximum is not None):
-        name = names[each.name]
+    base, names = read(declared), signal_names([wanted.name for wanted in declared])
+    for wanted in (one for one in declared if one.minimum is not None and one.maximum is not None):
+        name = names[wanted.name]
         signal = base.signal(name)[1]
         sent = Encoder(base, [name])
-        out = sent.encode(Trace(np.array([0.0, 1.0]), {name: np.array([each.minimum, each.maximum])}))
+        out = sent.encode(Trace(np.array([0.0, 1.0]), {name: np.array([wanted.minimum, wanted.maximum])}))
         values = Decoder(base).feed(out)[base.signal(name)[0].name].values[name]
-        step = 1e-7 * max(abs(each.minimum), abs(each.maximum)) if signal.is_float else signal.scale
-        assert abs(values[0] - each.minimum) <= step
-        assert abs(values[-1] - each.maximum) <= step
-        assert signal.is_float or signal.scale == 1e-30 or (each.maximum - each.minimum) / signal.scale > 65535 / 13
-        assert signal.is_float or not each.nominal or signal.scale <= each.nominal / 1000
+        step = 1e-7 * max(abs(wanted.minimum), abs(wanted.maximum)) if signal.is_float else signal.scale
+        assert abs(values[0] - wanted.minimum) <= step
+        assert abs(values[-1] - wanted.maximum) <= step
+        assert signal.is_float or signal.scale == 1e-30 or (wanted.maximum - wanted.minimum) / signal.scale > 65535 / 13
+        assert signal.is_float or not wanted.nominal or signal.scale <= wanted.nominal / 1000
 
 
 def test_faster_messages_have_lower_identifiers_and_are_full_before_the_next_begins() -> None:
     declared = [Declared(f"s{n}", "", -1, 1, every=(0.1, 0.001)[n < 5]) for n in range(7)]
     base = read(declared)
-    assert [(each.name, each.id, each.length) for each in base.messages] == [
+    assert [(message.name, message.id, message.length) for message in base.messages] == [
         ("Servotwin_1ms", 0x100, 8),
         ("Servotwin_1ms_2", 0x101, 2),
         ("Servotwin_100ms", 0x102, 4),
     ]
-    assert [len(each.signals) for each in read(declared, fd=True).messages] == [5, 2]
+    assert [len(message.signals) for message in read(declared, fd=True).messages] == [5, 2]
 
 
 def test_a_signal_far_from_zero_gets_an_offset_and_one_without_bounds_is_a_float() -> None:

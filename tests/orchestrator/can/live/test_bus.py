@@ -193,7 +193,7 @@ def test_an_adapter_that_takes_nothing_ends_in_a_timeout_and_later_lines_are_who
     time.sleep(0.01)
     lines = (data + os.read(adapter, 65536)).split(b"\r")
     assert lines.pop() == b""
-    assert all(protocol.parse(each) for each in lines)
+    assert all(protocol.parse(line) for line in lines)
     assert len(lines) - sent in (1, 2)  # the one that timed out may have been begun
 
 

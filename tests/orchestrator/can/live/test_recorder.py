@@ -48,7 +48,7 @@ def manifest(folder: Path) -> dict[str, Any]:
 
 def recorded(folder: Path) -> list[can.Message]:
     """All frames of a recording, in the order of its files."""
-    files = [folder / each["file"] for each in manifest(folder)["files"]]
+    files = [folder / file["file"] for file in manifest(folder)["files"]]
     return [message for file in files for batch in logs.read(file) for message in batch.messages()]
 
 
@@ -84,7 +84,7 @@ def virtual(channel: str, folder: Path, sent: Callable[[can.BusABC], None], **op
 
 
 def stream(count: int) -> Callable[[can.BusABC], None]:
-    return lambda bus: [bus.send(frame(each)) for each in range(count)] and None
+    return lambda bus: [bus.send(frame(k)) for k in range(count)] and None
 
 
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
@@ -92,8 +92,8 @@ def test_every_frame_that_was_received_is_on_disk_after_a_signal(hub: Hub, tmp_p
     folder, count = tmp_path / "run", 1500
     with recording(hub, folder, "--json") as process, joined(hub.paths[0]) as sender:
         heard = hub.statistics()["ports"][1]["heard"] + count
-        for each in range(count):
-            send(sender, frame(each))
+        for k in range(count):
+            send(sender, frame(k))
         wait_for(lambda: hub.statistics()["ports"][1]["heard"] == heard)
         process.send_signal(end)
         answer, said = process.communicate(timeout=10)
@@ -111,8 +111,8 @@ def test_every_frame_that_was_received_is_on_disk_after_a_signal(hub: Hub, tmp_p
 def test_a_killed_recorder_leaves_all_but_the_last_second(hub: Hub, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     with recording(hub, folder) as process, joined(hub.paths[0]) as sender:
-        for each in range(200):
-            send(sender, frame(each))
+        for k in range(200):
+            send(sender, frame(k))
         time.sleep(1.2)
         process.kill()
         process.communicate()
@@ -127,8 +127,8 @@ def test_an_unplugged_adapter_ends_the_recording_with_what_it_has(tmp_path: Path
         recording(hub, folder) as process,
         joined(hub.paths[0]) as sender,
     ):
-        for each in range(100):
-            send(sender, frame(each))
+        for k in range(100):
+            send(sender, frame(k))
         time.sleep(0.2)
         hub.unplug(1)
         _, said = process.communicate(timeout=10)
@@ -146,8 +146,8 @@ def test_at_the_wrong_bit_rate_nothing_is_heard_and_it_is_said(hub: Hub, tmp_pat
         with joined(hub.paths[0]) as sender:
             wait_for((tmp_path / "run" / "manifest.json").exists)
             time.sleep(0.1)
-            for each in range(150):
-                send(sender, frame(each))
+            for k in range(150):
+                send(sender, frame(k))
             time.sleep(0.3)
 
     thread = threading.Thread(target=work)
@@ -179,27 +179,27 @@ def test_a_flood_fills_the_queue_and_no_more(tmp_path: Path, monkeypatch: pytest
 @pytest.mark.parametrize("suffix", [".blf", ".asc", ".log"])
 def test_frames_are_recorded_in_the_format_that_is_asked_for(tmp_path: Path, suffix: str) -> None:
     found = virtual(f"format{suffix}", tmp_path / "run", stream(300), suffix=suffix)
-    assert [each["file"] for each in found["files"]] == [f"run_0001{suffix}"]
+    assert [file["file"] for file in found["files"]] == [f"run_0001{suffix}"]
     assert numbers(tmp_path / "run") == list(range(300))
 
 
 def test_a_new_file_begins_at_the_size_asked_for_and_nothing_is_lost_between(tmp_path: Path) -> None:
     def slowly(bus: can.BusABC) -> None:
-        for each in range(600):
-            bus.send(frame(each))
+        for k in range(600):
+            bus.send(frame(k))
             time.sleep(0.0005)
 
     found = virtual("rotated", tmp_path / "run", slowly, rotate_size=6000, duration=0.9)
     assert len(found["files"]) > 2
     assert numbers(tmp_path / "run") == list(range(600))
-    assert sum(each["frames"] for each in found["files"]) == 600
-    assert all(each["sha256"] for each in found["files"])
+    assert sum(file["frames"] for file in found["files"]) == 600
+    assert all(file["sha256"] for file in found["files"])
 
 
 def test_a_new_file_begins_at_the_age_asked_for(tmp_path: Path) -> None:
     def slowly(bus: can.BusABC) -> None:
-        for each in range(10):
-            bus.send(frame(each))
+        for k in range(10):
+            bus.send(frame(k))
             time.sleep(0.05)
 
     found = virtual("aged", tmp_path / "run", slowly, rotate_seconds=0.2, duration=0.8)
@@ -211,13 +211,13 @@ def test_a_clock_that_is_set_back_begins_a_new_file_and_keeps_its_stamps(tmp_pat
     stamps = [1.7e9, 1.7e9 + 0.5, 1.7e9 + 1, 1.6e9, 1.6e9 + 0.5]
 
     def jump(bus: can.BusABC) -> None:
-        for each, stamp in enumerate(stamps):
-            bus.send(can.Message(arbitration_id=0x100, is_extended_id=False, data=bytes([each]), timestamp=stamp))
+        for k, stamp in enumerate(stamps):
+            bus.send(can.Message(arbitration_id=0x100, is_extended_id=False, data=bytes([k]), timestamp=stamp))
 
     bus = BusSettings("virtual", "clock", options={"preserve_timestamps": "true"})
     with opened(bus) as sender:
         found = record(BusRecording(bus, tmp_path / "run", duration=0.6), ready=lambda: jump(sender))
-    assert [each["frames"] for each in found["files"]] == [3, 2]
+    assert [file["frames"] for file in found["files"]] == [3, 2]
     assert [message.timestamp for message in recorded(tmp_path / "run")] == pytest.approx(stamps, abs=1e-6, rel=0.0)
 
 

@@ -36,9 +36,9 @@ def written(path: Path, messages: list[can.Message]) -> Path:
 
 
 def stamped(count: int, stamp: Callable[[int], float]) -> list[can.Message]:
-    messages = [frame(each) for each in range(count)]
-    for each, message in enumerate(messages):
-        message.timestamp = START + stamp(each)
+    messages = [frame(k) for k in range(count)]
+    for k, message in enumerate(messages):
+        message.timestamp = START + stamp(k)
     return messages
 
 
@@ -58,18 +58,18 @@ def test_frames_come_at_the_distances_they_were_recorded_with(
 ) -> None:
     random.seed(1)
     gaps = [random.uniform(0.0, 0.01) for _ in range(100)]
-    log = written(tmp_path / "log.blf", stamped(100, lambda each: sum(gaps[:each])))
+    log = written(tmp_path / "log.blf", stamped(100, lambda k: sum(gaps[:k])))
     done = replay(BUS, log, speed)
     found = heard(listener, 0.1)
     assert [number(message) for message in found] == list(range(100))
-    late = [m.timestamp - found[0].timestamp - sum(gaps[:each]) / speed for each, m in enumerate(found)]
+    late = [m.timestamp - found[0].timestamp - sum(gaps[:k]) / speed for k, m in enumerate(found)]
     assert statistics.median(map(abs, late)) < 2e-3
     assert done.duration == pytest.approx(sum(gaps[:99]) / speed, abs=0.05)
     assert done.sent == done.lateness.count == 100
 
 
 def test_a_late_frame_does_not_delay_those_after_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    log = written(tmp_path / "log.blf", stamped(50, lambda each: 0.005 * each))
+    log = written(tmp_path / "log.blf", stamped(50, lambda k: 0.005 * k))
     sent: list[float] = []
 
     def send(bus: can.BusABC, message: can.Message) -> None:
@@ -84,14 +84,14 @@ def test_a_late_frame_does_not_delay_those_after_it(tmp_path: Path, monkeypatch:
 
 
 def test_error_frames_are_left_out_and_counted(tmp_path: Path, listener: can.BusABC) -> None:
-    messages = [*stamped(3, lambda each: 0.0), can.Message(is_error_frame=True, timestamp=START)]
+    messages = [*stamped(3, lambda k: 0.0), can.Message(is_error_frame=True, timestamp=START)]
     done = replay(BUS, written(tmp_path / "log.asc", messages))
     assert (done.sent, done.skipped) == (3, 1)
     assert len(heard(listener, 0.1)) == 3
 
 
 def test_after_a_clock_that_jumped_back_frames_keep_their_distances(tmp_path: Path, listener: can.BusABC) -> None:
-    text = "".join(f"({START + stamp:f}) can0 100#{each:016X}\n" for each, stamp in enumerate((50.0, 50.1, 0.0, 0.1)))
+    text = "".join(f"({START + stamp:f}) can0 100#{k:016X}\n" for k, stamp in enumerate((50.0, 50.1, 0.0, 0.1)))
     log = tmp_path / "log.log"
     log.write_text(text)
     done = replay(BUS, log)
@@ -110,7 +110,7 @@ def test_can_fd_frames_are_refused_on_a_bus_that_is_opened_without(tmp_path: Pat
 
 
 def test_what_a_damaged_log_still_holds_is_sent_and_the_rest_is_named(tmp_path: Path, listener: can.BusABC) -> None:
-    log = written(tmp_path / "log.blf", stamped(20_000, lambda each: 0.0))
+    log = written(tmp_path / "log.blf", stamped(20_000, lambda k: 0.0))
     log.write_bytes(log.read_bytes()[:-3000])
     done = replay(BUS, log)
     assert 0 < done.sent < 20_000
@@ -129,7 +129,7 @@ def test_a_log_that_is_not_there_is_refused_before_the_bus_is_opened(tmp_path: P
 
 
 def test_an_adapter_that_goes_away_ends_the_replay_with_the_count(tmp_path: Path) -> None:
-    log = written(tmp_path / "log.blf", stamped(500, lambda each: 0.005 * each))
+    log = written(tmp_path / "log.blf", stamped(500, lambda k: 0.005 * k))
     with hub_process(tmp_path / "ports", 2) as hub:
         timer = threading.Timer(0.5, hub.unplug, [0])
         timer.start()
@@ -139,13 +139,13 @@ def test_an_adapter_that_goes_away_ends_the_replay_with_the_count(tmp_path: Path
 
 
 def test_at_the_wrong_bit_rate_the_replay_fails_instead_of_sending_into_nothing(tmp_path: Path) -> None:
-    log = written(tmp_path / "log.blf", stamped(100, lambda each: 0.001 * each))
+    log = written(tmp_path / "log.blf", stamped(100, lambda k: 0.001 * k))
     with hub_process(tmp_path / "ports", 2) as hub, pytest.raises(BusError, match=r"bus off.*bit rate"):
         replay(BusSettings("slcan", str(hub.paths[0]), 250_000), log)
 
 
 def test_ctrl_c_ends_the_command_with_the_count_and_130(tmp_path: Path) -> None:
-    log = written(tmp_path / "log.blf", stamped(10_000, lambda each: 0.005 * each))
+    log = written(tmp_path / "log.blf", stamped(10_000, lambda k: 0.005 * k))
     with hub_process(tmp_path / "ports", 2) as hub, joined(hub.paths[1]) as other:
         arguments = ["--interface", "slcan", "--channel", hub.paths[0], "--bitrate", "500000", "--json"]
         with command("can", "replay", log, *arguments) as process:

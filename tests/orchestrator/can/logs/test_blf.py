@@ -90,7 +90,7 @@ def test_frames_equal_those_of_python_can_one_by_one(
 @quick
 @given(sent=st.lists(messages(), min_size=1, max_size=60))
 def test_python_can_reads_the_frames_that_are_written_here(tmp_path: Path, sent: list[can.Message]) -> None:
-    frames = from_messages(sorted(sent, key=lambda each: each.timestamp))
+    frames = from_messages(sorted(sent, key=lambda message: message.timestamp))
     path = tmp_path / "a.blf"
     logs.write(path, [frames[:20], frames[20:]], lost=Counter())
     reader = can.BLFReader(path)
@@ -288,7 +288,7 @@ def test_whatever_a_file_holds_reading_ends(
     except TraceError:
         return
     assert np.isfinite(frames.time).all() and len(frames) <= 60
-    assert all(0 <= (each.offset or 0) <= path.stat().st_size for each in log.damage)
+    assert all(0 <= (damage.offset or 0) <= path.stat().st_size for damage in log.damage)
 
 
 @quick

@@ -80,7 +80,7 @@ def test_what_a_format_can_hold_comes_back_and_the_rest_is_counted(tmp_path: Pat
     assert different(back, expected) == []
     assert latest_difference(back, expected) <= RESOLUTION[suffix]
     assert set(lost) == LOSES[suffix] and log.damage == [] and log.findings.skipped == 0
-    assert count == len(expected) == len(frames) - sum(lost[each] for each in (*LOSES[".trc"],))
+    assert count == len(expected) == len(frames) - sum(lost[what] for what in (*LOSES[".trc"],))
 
 
 def test_what_a_format_cannot_hold_is_refused_unless_it_is_counted(tmp_path: Path, suffix: str) -> None:
@@ -209,7 +209,7 @@ def test_a_broken_line_is_located_and_costs_no_other(tmp_path: Path, form: str) 
     back = all_of(log)
     missing = set(np.round(frames.time * 1e4).tolist()) - set(np.round(back.time * 1e4).tolist())
     assert len(back) == 39 and len(missing) in (1, 2)  # rounding
-    assert [(each.offset, each.line) for each in log.damage] == [(len(b"".join(lines[:place])), place + 1)]
+    assert [(damage.offset, damage.line) for damage in log.damage] == [(len(b"".join(lines[:place])), place + 1)]
 
 
 @pytest.mark.parametrize("form", TEXT)
@@ -227,7 +227,7 @@ def test_a_line_without_end_is_passed_over_in_bounded_memory(tmp_path: Path, for
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 4 << 20
-    assert [each.offset for each in log.damage] == [len(content)] and "bytes is no frame" in log.damage[0].problem
+    assert [damage.offset for damage in log.damage] == [len(content)] and "bytes is no frame" in log.damage[0].problem
 
 
 @pytest.mark.parametrize("form", TEXT)
@@ -334,7 +334,7 @@ def test_a_database_with_odd_values_is_read_as_far_as_it_goes(tmp_path: Path) ->
     with closing(sqlite3.connect(path)) as database, database:
         database.executemany("INSERT INTO messages VALUES (?, ?, ?, ?, ?, ?, ?)", odd)
     log = logs.read(path)
-    assert len(all_of(log)) == 2 and [each.line for each in log.damage] == [3, 4, 5, 6, 7]
+    assert len(all_of(log)) == 2 and [damage.line for damage in log.damage] == [3, 4, 5, 6, 7]
 
 
 def test_a_database_that_computes_is_not_asked(tmp_path: Path) -> None:
@@ -356,7 +356,7 @@ def test_a_log_is_there_as_a_whole_or_not_at_all(tmp_path: Path, suffix: str) ->
     (tmp_path / f"a{suffix}").write_bytes(b"before")
     with pytest.raises(RuntimeError):
         logs.write(tmp_path / f"a{suffix}", failing())
-    assert [each.read_bytes() for each in tmp_path.iterdir()] == [b"before"]
+    assert [file.read_bytes() for file in tmp_path.iterdir()] == [b"before"]
 
 
 @pytest.mark.parametrize("form", [".asc", ".blf", ".trc", MF4])

@@ -174,8 +174,8 @@ def test_a_full_bus_is_carried_without_a_loss_or_a_change_of_order(hub: Hub) -> 
     count, before = 4000, hub.statistics()
     with joined(hub.paths[0]) as one, joined(hub.paths[1]) as other:
         begun = time.monotonic()
-        for each in range(count):
-            send(one, frame(each))
+        for k in range(count):
+            send(one, frame(k))
         found = [other.recv(1.0) for _ in range(count)]
         elapsed = time.monotonic() - begun
     after = hub.statistics()
@@ -210,7 +210,7 @@ def test_python_cans_own_serial_bus_and_ours_understand_each_other(hub: Hub) -> 
         with joined(hub.paths[1]) as ours:
             send(ours, frame(1, 0x7FF))
             theirs.send(frame(2, 0x001))
-            pairs = [(each[0].arbitration_id, number(each[0])) for each in (heard(theirs, 0.1), heard(ours, 0.1))]
+            pairs = [(frames[0].arbitration_id, number(frames[0])) for frames in (heard(theirs, 0.1), heard(ours, 0.1))]
     finally:
         theirs.shutdown()
     assert pairs == [(0x7FF, 1), (0x001, 2)]
