@@ -6,13 +6,13 @@ import json
 import math
 import struct
 import zlib
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fmus.errors import InputError, TraceError
 from fmus.packaging import archive, defaults
 from orchestrator.can.log_suffixes import is_log
+from orchestrator.progress import Progress, silent
 from orchestrator.results import MARKS
 
 if TYPE_CHECKING:
@@ -62,9 +62,7 @@ def about_fmu(path: Path) -> dict[str, Any]:
     return document
 
 
-def about_trace(
-    path: Path, layout: formats.Layout | None = None, progress: Callable[[float], None] | None = None
-) -> dict[str, Any]:
+def about_trace(path: Path, layout: formats.Layout | None = None, progress: Progress = silent) -> dict[str, Any]:
     """Signals and time stamps of a recording; of a matrix without names what a layout has to say.
 
     Of a CAN log without a database its frames.
@@ -107,15 +105,15 @@ def _about_decoding(recording: formats.Recording, start: float) -> dict[str, Any
     return {"start": moment(start), "notes": list(recording.notes), "found": dict(recording.found)}
 
 
-def about_log(path: Path, progress: Callable[[float], None] | None = None) -> dict[str, Any]:
+def about_log(path: Path, progress: Progress = silent) -> dict[str, Any]:
     """Frames of a CAN log by identifier, and what could not be read."""
     from orchestrator.can import logs  # noqa: PLC0415 (it brings python-can along)
     from orchestrator.can.logs.frame_count import FrameCount  # noqa: PLC0415
 
-    log, tally = logs.read(path, progress), FrameCount()
+    log, count = logs.read(path, progress), FrameCount()
     for batch in log:
-        tally.feed(batch)
-    return {"name": path.stem, **tally.document(), **({"notes": found} if (found := log.findings.lines()) else {})}
+        count.feed(batch)
+    return {"name": path.stem, **count.document(), **({"notes": found} if (found := log.findings.lines()) else {})}
 
 
 def about_result(folder: Path) -> dict[str, Any]:

@@ -59,7 +59,7 @@ def record(
     format_: Annotated[str, typer.Option("--format", help="blf, asc or log.")] = "blf",
 ) -> Answer:
     """Write all frames of a bus to log files, with a manifest; Ctrl-C or SIGTERM ends it."""
-    from orchestrator.can.live.recorder import BusRecording, Status
+    from orchestrator.can.live.manifest import BusRecording
     from orchestrator.can.live.recorder import record as record_bus
 
     folder = out or Path("out") / f"recording_{datetime.now():%Y-%m-%d_%H%M%S}"
@@ -67,12 +67,9 @@ def record(
     size = None if rotate_size is None else rotate_size * 1e6
     recording = BusRecording(bus, folder, dbc, duration, size, rotate_after, f".{format_.lower()}")
     with terminal.bar(bus.place) as move:
-
-        def show(status: Status) -> None:
-            move(min(status.elapsed / duration, 1.0) if duration else 0.0, _line(status))
-
-        document = record_bus(recording, show, lambda: terminal.say(f"recording {bus.place}"))
-    return Answer(document, [_counts(document), *document["remarks"], f"recorded into {folder}"])
+        manifest = record_bus(recording, move, lambda: terminal.say(f"recording {bus.place}"))
+    document = manifest.document()
+    return Answer(document, [_counts(document), *manifest.remarks(), f"recorded into {folder}"])
 
 
 @command(app)
@@ -89,10 +86,10 @@ def replay(
 
     bus = adapter.bus(interface, channel)
     with terminal.bar(log.name) as move:
-        done = replay_log(bus, log, speed, lambda share, sent: move(share, f"{sent:,} frames"))
+        done = replay_log(bus, log, speed, move)
     document = {"log": str(log), "speed": speed} | done.document()
     stopped = f"interrupted after {done.sent:,} frames" if done.stopped else ""
-    return Answer(document, [*_replayed(document), *done.damage], interrupted=stopped)
+    return Answer(document, done.lines(), interrupted=stopped)
 
 
 @command(app)
@@ -132,28 +129,6 @@ def database(
     ]
     table = Listing(("message", "identifier", "bytes", "period [s]", "signals"), rows)
     return Answer({"database": str(out), "messages": document}, [table, f"written to {out}"])
-
-
-def _line(status: Any) -> str:
-    load = "" if status.load is None else f", load {100 * status.load:.0f} %"
-    lost = f", {status.dropped:,} dropped" if status.dropped else ""
-    errors = f", {status.errors:,} error frames" if status.errors else ""
-    return f"{status.frames:,} frames, {status.rate:,.0f}/s{load}{lost}{errors}"
-
-
-def _replayed(document: dict[str, Any]) -> list[str]:
-    late = document["lateness"]
-    lines = [
-        f"{document['sent']:,} frames in {document['duration']:.3f} s; late by {1e3 * late['median']:.2f} ms "
-        f"(median), {1e3 * late['p99']:.2f} ms (99 %), {1e3 * late['worst']:.2f} ms (most)"
-    ]
-    if document["skipped"]:
-        lines.append(f"{document['skipped']:,} error frames of the log were not sent")
-    if document["error_frames"]:
-        lines.append(f"{document['error_frames']:,} error frames came from the bus meanwhile")
-    if document["setbacks"]:
-        lines.append(f"the log's clock jumped backwards {document['setbacks']:,} times; later frames follow on")
-    return lines
 
 
 def _counts(document: dict[str, Any]) -> Listing:

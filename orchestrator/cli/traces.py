@@ -15,6 +15,7 @@ from orchestrator.cli.terminal import Answer, Terminal, command, facts
 
 if TYPE_CHECKING:
     from orchestrator.formats import Layout
+    from orchestrator.progress import Progress
 
 Result = TypeVar("Result")
 app = typer.Typer(no_args_is_help=True, help="Look at recordings, convert and plot them.")
@@ -103,10 +104,10 @@ def trace_plot(
     return Answer({"report": str(out)}, [f"plotted into {out}"])
 
 
-def _with_bar(terminal: Terminal, file: Path, work: Callable[[Path, Callable[[float], None]], Result]) -> Result:
+def _with_bar(terminal: Terminal, file: Path, work: Callable[[Path, Progress], Result]) -> Result:
     """What the work on a file gives, while a bar shows how much of it is read."""
     with terminal.bar(file.name) as move:
-        return work(file, lambda share: move(share, ""))
+        return work(file, move)
 
 
 def _layout_of(file: Path) -> Layout:

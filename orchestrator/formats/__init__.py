@@ -5,7 +5,6 @@ Files come from outside: whatever is wrong with one ends in a `TraceError` that 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import BinaryIO, Protocol
@@ -17,6 +16,7 @@ from orchestrator.formats import csv, mat, parquet, text
 from orchestrator.formats.layout import Layout
 from orchestrator.formats.recording import Recording
 from orchestrator.plugins import plugins
+from orchestrator.progress import Progress, silent
 from orchestrator.trace import Trace, check_file
 
 __all__ = ["FORMATS", "Layout", "Recording", "read", "write"]
@@ -34,7 +34,7 @@ FORMATS: dict[str, Format] = {".csv": csv, ".mat": mat, ".parquet": parquet, ".t
 """Those that come along; other packages add theirs as entry points `SUFFIX = module` of `servotwin.formats`."""
 
 
-def read(path: str | Path, layout: Layout | None = None, progress: Callable[[float], None] | None = None) -> Recording:
+def read(path: str | Path, layout: Layout | None = None, progress: Progress = silent) -> Recording:
     """The recording in a file; its trace is named after the file where the file does not name it.
 
     Args:

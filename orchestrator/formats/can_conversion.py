@@ -22,9 +22,8 @@ from orchestrator.can.database.database import Database, load
 from orchestrator.can.logs.frame_count import moment
 from orchestrator.formats import can_log, csv, parquet
 from orchestrator.formats.layout import Layout
+from orchestrator.progress import Progress
 from orchestrator.trace import Trace
-
-Progress = Callable[[float], None]
 
 STREAMED: dict[str, Callable[[Path], AbstractContextManager[Callable[[Trace], None]]]] = {
     ".csv": csv.appending,
@@ -123,8 +122,8 @@ def streamed(source: Path, target: Path, layout: Layout, progress: Progress) -> 
     The log is read twice: first to know which signals are in it, from when on rows are complete.
     """
     database = can_log.database_of(source, layout)
-    start, units = _survey(source, database, layout, lambda share: progress(share / 2))
-    log = logs.read(source, lambda share: progress(0.5 + share / 2))
+    start, units = _survey(source, database, layout, lambda share, doing: progress(share / 2, doing))
+    log = logs.read(source, lambda share, doing: progress(0.5 + share / 2, doing))
     decoder = Decoder(database, list(units))
     merger = Merger(list(units), start=start, name=source.stem, statistics=decoder.statistics)
     known = {name: unit for name, unit in units.items() if unit}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -15,10 +15,11 @@ from orchestrator.can.frames import Frames
 from orchestrator.can.logs.frame_count import FrameCount
 from orchestrator.formats.layout import Layout
 from orchestrator.formats.recording import Recording
+from orchestrator.progress import Progress, silent
 from orchestrator.trace import Trace, ordered
 
 
-def read(path: Path, layout: Layout, progress: Callable[[float], None] | None = None) -> Recording:
+def read(path: Path, layout: Layout, progress: Progress = silent) -> Recording:
     """The recording in a log: the signals that the layout chooses, all of the database by default.
 
     Raises:

@@ -18,7 +18,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from orchestrator.can.slcan.hub import hub_process
+from orchestrator.can.slcan.hub import HubStatistics, hub_process
 from orchestrator.realtime.deadlines import Deadlines
 from orchestrator.realtime.pacing import Pace, quiet
 from orchestrator.realtime.stopping import Stop
@@ -119,7 +119,7 @@ def start(mode: str, folder: Path, name: str, port: int, *options: str) -> subpr
     raise RuntimeError(f"{name} did not get on the bus")
 
 
-def judged(about: dict[str, dict[str, Any]], wire: dict[str, Any], seconds: int) -> list[Figure]:
+def judged(about: dict[str, dict[str, Any]], wire: HubStatistics, seconds: int) -> list[Figure]:
     """The figures."""
     found = []
     for name, title in (("law", f"bridge at 1 kHz for {seconds} s"), ("rig", "bench, others starting meanwhile")):
@@ -135,9 +135,9 @@ def judged(about: dict[str, dict[str, Any]], wire: dict[str, Any], seconds: int)
             )
         )
     sent, taken = about["law"]["sent"]["messages"]["Command"], about["rig"]["received"]["messages"]["Command"]
-    lost = sent - taken + sum(port["lost"] + port["refused"] for port in wire["ports"])
-    found.append(Figure("frames lost on the wire", "0", f"{lost} of {wire['frames']:,}", lost == 0))
-    return [*found, Figure("time the wire was busy", "-", f"{100 * wire['busy'] / wire['elapsed']:.0f} %")]
+    lost = sent - taken + sum(port.lost + port.refused for port in wire.ports)
+    found.append(Figure("frames lost on the wire", "0", f"{lost} of {wire.frames:,}", lost == 0))
+    return [*found, Figure("time the wire was busy", "-", f"{100 * wire.busy / wire.elapsed:.0f} %")]
 
 
 def _stolen() -> float:

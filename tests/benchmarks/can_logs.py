@@ -23,6 +23,7 @@ from orchestrator.can import logs
 from orchestrator.can.codec.decoding import trace
 from orchestrator.can.database.database import load
 from orchestrator.can.frames import Frames
+from orchestrator.progress import silent
 
 from .figure import Figure
 
@@ -142,7 +143,7 @@ def print_conversion(folder: Path) -> None:
     from orchestrator.formats.can_conversion import convert
 
     begun = perf_counter()
-    convert(folder / "long.blf", folder / "long.parquet", Layout(database=folder / "rig.dbc"), lambda share: None)
+    convert(folder / "long.blf", folder / "long.parquet", Layout(database=folder / "rig.dbc"), silent)
     print(perf_counter() - begun, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
 
 

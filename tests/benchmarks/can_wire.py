@@ -98,16 +98,16 @@ def _recording(hub: Hub, folder: Path, seconds: float = 5.0) -> Figure:
     sender = threading.Thread(target=fill)
     sender.start()
     try:
-        document = record(BusRecording(_settings(hub, 1), folder, duration=seconds))
+        manifest = record(BusRecording(_settings(hub, 1), folder, duration=seconds))
     finally:
         ending.set()
         sender.join()
-    lost = document["dropped"] + hub.statistics()["ports"][1]["lost"]
-    rate = document["frames"] / seconds
+    lost = manifest.dropped + hub.statistics().ports[1].lost
+    rate = manifest.frames / seconds
     return Figure(
         "a full bus of 500 kbit/s recorded as BLF: frames lost",
         "0",
-        f"{lost} of {document['frames']:,} ({rate:,.0f}/s)",
+        f"{lost} of {manifest.frames:,} ({rate:,.0f}/s)",
         lost == 0 and rate > 3000,
     )
 

@@ -14,6 +14,7 @@ from typing import Any
 import can
 
 from orchestrator.can.live.bus import BusSettings, opened
+from orchestrator.can.slcan.bus import SlcanBus
 
 ROOT = Path(__file__).parents[2]
 COMMAND = [sys.executable, "-c", "from identification.cli import main; main()"]
@@ -35,10 +36,10 @@ def number(message: can.Message) -> int:
     return int.from_bytes(message.data, "big")
 
 
-def heard(bus: can.BusABC, timeout: float = 1.0) -> list[can.Message]:
-    """Frames until none comes for so long."""
-    messages = []
-    while (message := bus.recv(timeout)) is not None:
+def heard(bus: can.BusABC, count: int) -> list[can.Message]:
+    """The next frames, however long so many take to come, and any that come right behind them."""
+    messages: list[can.Message] = []
+    while (message := bus.recv(HANG if len(messages) < count else 0.05)) is not None:
         messages.append(message)
     return messages
 
@@ -81,8 +82,11 @@ def until_said(process: subprocess.Popen[str], words: str) -> None:
 
 
 @contextmanager
-def joined(port: Path) -> Iterator[can.BusABC]:
-    """An adapter that is on the bus by now: what it has been told is done."""
-    with opened(settings(port)) as bus:
-        time.sleep(0.05)
+def joined(port: Path, **others: Any) -> Iterator[SlcanBus]:
+    """An adapter that is on the bus by now: what it has been told is done, as it has answered to what came after it."""
+    with opened(settings(port, **others)) as bus:
+        assert isinstance(bus, SlcanBus)
+        bus._write("V")
+        while not (answer := bus._read(HANG)).startswith("V"):
+            assert answer, "the adapter says nothing"
         yield bus

@@ -1,4 +1,4 @@
-"""BusRecording a bus: log files and a manifest in a folder, with everything that was received, however it ends.
+"""Recording a bus: log files and a manifest in a folder, with everything that was received, however it ends.
 
 A thread receives; frames are written every few hundredths of a second, and are on disk within a second.
 """
@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import can
 
@@ -20,67 +19,20 @@ from fmus.errors import BusError, InputError
 from orchestrator.can import frame_time, frames
 from orchestrator.can.codec.decoding import Decoder
 from orchestrator.can.database.database import Database, load
-from orchestrator.can.live.bus import BusSettings, is_bus_off, opened
+from orchestrator.can.live.bus import is_bus_off, opened
+from orchestrator.can.live.manifest import BusRecording, RecordingManifest, moment
 from orchestrator.can.live.receiver import Receiver
-from orchestrator.can.logs.rotation import LogFiles, writer_of
+from orchestrator.can.logs.rotation import LogFiles
 from orchestrator.can.statistics import FrameStatistics
+from orchestrator.progress import Progress, silent
 from orchestrator.realtime.pacing import quiet
 from orchestrator.realtime.stopping import Stop, stop_requests
-from orchestrator.results import versions, write_json
+from orchestrator.results import write_json
 
 LOG = logging.getLogger("servotwin.can")
-QUEUE = 65536  # frames that wait to be written at most
 _MOST = 100  # times at which the adapter left the bus that are kept
 _PERIOD = 0.05  # between two writes [s]
 _SYNC = 0.5  # between two times that the file is made whole [s]
-
-
-@dataclass(frozen=True)
-class BusRecording:
-    """What is recorded, where to, and for how long.
-
-    Attributes:
-        out: folder of the log files and of the manifest.
-        database: of the bus, for counts by message.
-        duration: None: until it is told to end [s].
-        rotate_size, rotate_seconds: when a new file begins [bytes], [s].
-        suffix: names the format.
-        queue: frames that may wait to be written; more are dropped and counted.
-
-    Raises:
-        InputError: the format cannot be written while frames come.
-    """
-
-    bus: BusSettings
-    out: Path
-    database: Path | None = None
-    duration: float | None = None
-    rotate_size: float | None = None
-    rotate_seconds: float | None = None
-    suffix: str = ".blf"
-    queue: int = QUEUE
-
-    def __post_init__(self) -> None:
-        writer_of(self.suffix)
-
-
-@dataclass(frozen=True)
-class Status:
-    """How a recording is going: over all, and over the latest second or so.
-
-    Attributes:
-        elapsed: since it began [s].
-        frames, dropped, errors: so far.
-        rate: [frames/s].
-        load: share of the time in which the bus was busy, at most; None where no bit rate is given.
-    """
-
-    elapsed: float
-    frames: int
-    dropped: int
-    errors: int
-    rate: float
-    load: float | None
 
 
 @dataclass
@@ -120,13 +72,6 @@ class _Counts:
             )
         self.bus_off += [message.timestamp for message in messages if is_bus_off(message)][: _MOST - len(self.bus_off)]
 
-    def document(self) -> dict[str, Any]:
-        """The statistics; frames by identifier where there is no database."""
-        found = self.statistics.document()
-        if self.decoder is None:
-            found["identifiers"] = found.pop("unknown", {})
-        return found
-
     def _count_identifiers(self, messages: Sequence[can.Message]) -> None:
         self.statistics.frames += len(messages)
         for message in messages:
@@ -138,12 +83,13 @@ class _Counts:
 
 def record(
     recording: BusRecording,
-    progress: Callable[[Status], None] = lambda status: None,
+    progress: Progress = silent,
     ready: Callable[[], None] = lambda: None,
-) -> dict[str, Any]:
-    """Record until the duration is over, Ctrl-C or SIGTERM comes, or the bus fails; the manifest's document.
+) -> RecordingManifest:
+    """Record until the duration is over, Ctrl-C or SIGTERM comes, or the bus fails; how it went.
 
     Args:
+        progress: told the share of the duration (0 where there is none), and how it is going.
         ready: called when every frame from now on will be recorded.
 
     Raises:
@@ -161,14 +107,14 @@ def record(
         _make(recording.out)
         session = _BusRecorder(recording, bus, receiver, database)
         ready()
-        document = session.run(stop, progress)
+        manifest = session.run(stop, progress)
     if session.failure is not None:
         raise BusError(
             recording.bus.place,
-            f"failed after {document['frames']:,} frames ({session.failure})",
+            f"failed after {manifest.frames:,} frames ({session.failure})",
             f"they are kept in {recording.out}",
         )
-    return document
+    return manifest
 
 
 class _BusRecorder:
@@ -193,15 +139,15 @@ class _BusRecorder:
         self._recent: deque[tuple[float, int, float]] = deque(maxlen=25)  # when, frames, busy: the latest second or so
         self.failure: Exception | None = None
 
-    def run(self, stop: Stop, progress: Callable[[Status], None]) -> dict[str, Any]:
-        """Record; the manifest's document, which is on disk."""
+    def run(self, stop: Stop, progress: Progress) -> RecordingManifest:
+        """Record; the manifest, which is on disk."""
         ended = "unfinished"
         try:
             self._write_manifest(ended)
             while not stop.requested and not self._over() and self._receiver.failure is None:
                 stop.sleep_until(time.monotonic() + _PERIOD)
                 self._work()
-                progress(self._status())
+                self._tell(progress)
             self._receiver.finish()
             self._work()
             ended = self._ending()
@@ -209,9 +155,9 @@ class _BusRecorder:
             try:
                 self._log.close()
             finally:
-                document = self._write_manifest(ended)
+                manifest = self._write_manifest(ended)
         self.failure = self._receiver.failure
-        return document
+        return manifest
 
     def _over(self) -> bool:
         duration = self._recording.duration
@@ -230,75 +176,45 @@ class _BusRecorder:
         known = len(off)
         self._counts.add(messages)
         for stamp in off[known:]:
-            LOG.warning("%s: the adapter has left the bus (bus off) at %s", self._recording.bus.place, _iso(stamp))
+            LOG.warning("%s: the adapter has left the bus (bus off) at %s", self._recording.bus.place, moment(stamp))
         now = time.monotonic()
         if now - self._synced >= _SYNC:
             self._log.sync()
             self._synced = now
 
-    def _status(self) -> Status:
-        now, counts = time.monotonic(), self._counts
+    def _tell(self, progress: Progress) -> None:
+        """Tell how it is going: over all, and over the latest second or so."""
+        now, counts, duration = time.monotonic(), self._counts, self._recording.duration
         self._recent.append((now, counts.frames, counts.busy))
         then, frames_then, busy_then = self._recent[0]
         past = max(now - then, _PERIOD)
-        load = None if counts.bitrates[0] is None else (counts.busy - busy_then) / past
-        return Status(
-            now - self._begin,
-            counts.frames,
-            self._receiver.dropped,
-            counts.statistics.errors,
-            (counts.frames - frames_then) / past,
-            load,
+        parts = [f"{counts.frames:,} frames", f"{(counts.frames - frames_then) / past:,.0f}/s"]
+        if counts.bitrates[0] is not None:
+            parts.append(f"load {100 * (counts.busy - busy_then) / past:.0f} %")
+        for count, what in ((self._receiver.dropped, "dropped"), (counts.statistics.errors, "error frames")):
+            parts += [f"{count:,} {what}"] if count else []
+        progress(min((now - self._begin) / duration, 1.0) if duration else 0.0, ", ".join(parts))
+
+    def _write_manifest(self, ended: str) -> RecordingManifest:
+        recording, counts, failure = self._recording, self._counts, self._receiver.failure
+        manifest = RecordingManifest(
+            recording=recording,
+            started=self._started,
+            stopped=None if ended == "unfinished" else datetime.now(UTC),
+            ended=ended,
+            failure=None if failure is None else str(failure),
+            frames=counts.frames,
+            dropped=self._receiver.dropped,
+            bus_off=tuple(counts.bus_off),
+            malformed=getattr(self._bus, "malformed", 0),
+            refused=getattr(self._bus, "refused", 0),
+            files=tuple(self._log.files),
+            statistics=counts.statistics,
         )
-
-    def _write_manifest(self, ended: str) -> dict[str, Any]:
-        recording, bus, counts = self._recording, self._recording.bus, self._counts
-        document = {
-            "kind": "CAN recording",
-            "interface": bus.interface,
-            "channel": bus.channel,
-            "bitrate": bus.bitrate,
-            "fd": bus.fd,
-            "data_bitrate": bus.data_bitrate,
-            "options": dict(bus.options),
-            "database": None if recording.database is None else recording.database.name,
-            "started": self._started.isoformat(),
-            "stopped": None if ended == "unfinished" else datetime.now(UTC).isoformat(),
-            "ended": ended,
-            "failure": None if self._receiver.failure is None else str(self._receiver.failure),
-            "frames": counts.frames,
-            "dropped": self._receiver.dropped,
-            "error_frames": counts.statistics.errors,
-            "bus_off": [_iso(stamp) for stamp in counts.bus_off],
-            "malformed_lines": getattr(self._bus, "malformed", 0),
-            "refused_lines": getattr(self._bus, "refused", 0),
-            "files": [file.document() for file in self._log.files],
-            "found": counts.document(),
-            "versions": versions(),
-        }
-        document["remarks"] = _remarks(document, counts.statistics)
         fresh = recording.out / ".manifest.json"
-        write_json(fresh, document)
+        write_json(fresh, manifest.document())
         fresh.replace(recording.out / "manifest.json")
-        return document
-
-
-def _remarks(document: dict[str, Any], found: FrameStatistics) -> list[str]:
-    """What somebody should know about a recording: a line each."""
-    lines = {
-        "{dropped:,} frames were dropped: they came faster than they could be written": document["dropped"],
-        "the adapter has left the bus (bus off), first at {bus_off[0]}": document["bus_off"],
-        "{malformed_lines:,} lines from the adapter were no frames: noise, or another baud rate of the port": document[
-            "malformed_lines"
-        ],
-        "the adapter refused {refused_lines:,} commands": document["refused_lines"],
-        "no frame came: see that the bit rate is that of the bus, and that somebody sends": document["frames"]
-        == document["error_frames"],
-    }
-    said = [text.format(**document) for text, holds in lines.items() if holds]
-    if document["database"] is not None:
-        return said + [f"decoded with {document['database']}: {line}" for line in found.lines()]
-    return said + ([f"{found.errors:,} error frames"] if found.errors else [])
+        return manifest
 
 
 def _check_free(out: Path) -> None:
@@ -325,7 +241,3 @@ def _make(out: Path) -> None:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(out, f"cannot be written ({error.strerror})", "give another --out") from error
-
-
-def _iso(stamp: float) -> str:
-    return datetime.fromtimestamp(stamp, UTC).isoformat()

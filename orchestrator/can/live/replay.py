@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,6 +21,7 @@ from orchestrator.can import logs
 from orchestrator.can.frames import Frames
 from orchestrator.can.live.bus import BusSettings, is_bus_off, opened, send
 from orchestrator.can.live.receiver import Receiver
+from orchestrator.progress import Progress, silent
 from orchestrator.realtime.lateness import Lateness
 from orchestrator.realtime.pacing import quiet
 from orchestrator.realtime.stopping import Stop, stop_requests
@@ -70,18 +71,33 @@ class Replayed:
             "damage": self.damage,
         }
 
+    def lines(self) -> list[str]:
+        """For people."""
+        late = self.lateness.document()
+        told = {
+            f"{self.skipped:,} error frames of the log were not sent": self.skipped,
+            f"{self.errors:,} error frames came from the bus meanwhile": self.errors,
+            f"the log's clock jumped backwards {self.setbacks:,} times; later frames follow on": self.setbacks,
+        }
+        return [
+            f"{self.sent:,} frames in {self.duration:.3f} s; late by {1e3 * late['median']:.2f} ms (median), "
+            f"{1e3 * late['p99']:.2f} ms (99 %), {1e3 * late['worst']:.2f} ms (most)",
+            *(line for line, count in told.items() if count),
+            *self.damage,
+        ]
+
 
 def replay(
     settings: BusSettings,
     log: Path,
     speed: float = 1.0,
-    progress: Callable[[float, int], None] = lambda share, sent: None,
+    progress: Progress = silent,
 ) -> Replayed:
     """Send the frames of a log with their original timing; Ctrl-C or SIGTERM ends it.
 
     Args:
         speed: how many times faster than recorded.
-        progress: told the share of the log that has been read, and the number of frames sent.
+        progress: told the share of the log that has been read, and how many frames have been sent.
 
     Raises:
         InputError: the speed is not possible, the log cannot be read, or holds CAN FD frames for a classic bus.
@@ -91,7 +107,7 @@ def replay(
         raise InputError("--speed", f"is {speed:g}", "give a number over 0")
     share = 0.0
 
-    def read(fraction: float) -> None:
+    def read(fraction: float, doing: str) -> None:
         nonlocal share
         share = fraction
 
@@ -102,7 +118,7 @@ def replay(
         with Receiver(bus, _HEARD) as receiver:
             for sent in _sent(bus, settings, batches, speed, stop, done):
                 if sent - told >= _PERIOD:
-                    progress(share, done.sent)
+                    progress(share, f"{done.sent:,} frames")
                     _check(receiver, settings, done)
                     told = sent
             time.sleep(_ECHO)

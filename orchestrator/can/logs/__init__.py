@@ -14,21 +14,21 @@ from orchestrator.can.log_suffixes import CSV_HEADER, SUFFIXES, is_log
 from orchestrator.can.logs import blf, mf4, sqlite, text, text_formats
 from orchestrator.can.logs.findings import Damage, Findings
 from orchestrator.can.logs.writing import write
+from orchestrator.progress import Progress, silent
 from orchestrator.trace import check_file
 
 __all__ = ["SUFFIXES", "Damage", "LogReader", "is_log", "read", "write"]
 
-Progress = Callable[[float], None]
-Reading = Callable[[Path, Findings, Progress], Iterator[Frames]]
+ReadFrames = Callable[[Path, Findings], Iterator[tuple[Frames, float]]]  # batches, and the share read by then
 
 BATCH = 1 << 16  # frames that are handed out at once, at most
 
 
-def _lines(text_format: text.TextFormat) -> Reading:
-    return lambda path, findings, progress: text.frames(path, text_format, findings, progress)
+def _lines(text_format: text.TextFormat) -> ReadFrames:
+    return lambda path, findings: text.frames(path, text_format, findings)
 
 
-READERS: dict[str, Reading] = {
+READERS: dict[str, ReadFrames] = {
     ".asc": _lines(text_formats.ASC),
     ".blf": blf.frames,
     ".csv": _lines(text_formats.CSV),
@@ -47,9 +47,9 @@ class LogReader:
         findings: what came up in the last iteration, complete at its end.
     """
 
-    def __init__(self, path: Path, reading: Reading, progress: Progress | None = None) -> None:
+    def __init__(self, path: Path, read_frames: ReadFrames, progress: Progress = silent) -> None:
         self.path, self.findings = path, Findings()
-        self._reading, self._progress = reading, progress or (lambda fraction: None)
+        self._read_frames, self._progress = read_frames, progress
 
     @property
     def damage(self) -> list[Damage]:
@@ -64,20 +64,22 @@ class LogReader:
         """
         self.findings = findings = Findings()
         count = 0
-        for batch in self._reading(self.path, findings, self._progress):
+        doing = f"reading {self.path.name}"
+        for batch, share in self._read_frames(self.path, findings):
             count += len(batch)
             for first in range(0, len(batch), BATCH):
                 yield batch[first : first + BATCH]
+            self._progress(share, doing)
         if count == 0 and findings.damaged:
             raise TraceError(
                 self.path,
                 f"holds no frame that can be read ({findings.damage[0]})",
                 f"check that it is a {self.path.suffix} log",
             )
-        self._progress(1.0)
+        self._progress(1.0, doing)
 
 
-def read(path: str | Path, progress: Progress | None = None) -> LogReader:
+def read(path: str | Path, progress: Progress = silent) -> LogReader:
     """The frames of a log, as they are needed.
 
     Args:

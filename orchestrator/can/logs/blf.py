@@ -36,16 +36,17 @@ class Content(NamedTuple):
     broken: bool
 
 
-def frames(path: Path, findings: Findings, progress: Callable[[float], None]) -> Iterator[Frames]:
-    """The frames in batches of any size, in the order of the file."""
+def frames(path: Path, findings: Findings) -> Iterator[tuple[Frames, float]]:
+    """The frames in batches of any size, in the order of the file, and the share of it that is read by then."""
     size = path.stat().st_size
     with path.open("rb") as file:
         head = _header(file, findings)
         stream = Stream(head.origin, findings)
         for content in _contents(file, head.size, size, findings):
-            yield from stream.feed(content)
-            progress(min(1.0, file.tell() / size))
-        yield from stream.end()
+            for batch in stream.feed(content):
+                yield batch, min(1.0, file.tell() / size)
+        for batch in stream.end():
+            yield batch, 1.0
     if head.file_size > size and not findings.damaged:
         findings.add(size, f"the file ends here, its header says after {head.file_size} bytes")
 

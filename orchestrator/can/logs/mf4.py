@@ -7,7 +7,7 @@ import os
 import select
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
@@ -23,8 +23,8 @@ MOST = 1 << 28  # bytes of a message
 _BOOT = "import sys; sys.path[:] = {path!r}; from orchestrator.can.logs.mf4_worker import *; serve(Path(sys.argv[1]))"
 
 
-def frames(path: Path, findings: Findings, progress: Callable[[float], None]) -> Iterator[Frames]:
-    """The frames in batches, the groups of the file merged by time.
+def frames(path: Path, findings: Findings) -> Iterator[tuple[Frames, float]]:
+    """The frames in batches, the groups of the file merged by time, and the share of it that is read by then.
 
     Raises:
         TraceError: asammdf is not there, or cannot open the file.
@@ -37,8 +37,7 @@ def frames(path: Path, findings: Findings, progress: Callable[[float], None]) ->
             kind, body = _message(pipe)
             if kind == messages.FRAMES:
                 batch, share = messages.unpacked(body)
-                yield batch
-                progress(share)
+                yield batch, share
             elif kind == messages.DAMAGE:
                 findings.add(**json.loads(body))
             elif kind == messages.REFUSAL:

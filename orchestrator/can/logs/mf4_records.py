@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
@@ -27,8 +27,8 @@ DLC = np.repeat(np.arange(16, dtype=np.uint8), [1] * 9 + [4, 4, 4, 4, 8, 16, 16]
 BITS = {"IDE": Flag.EXTENDED, "EDL": Flag.FD, "BRS": Flag.BITRATE_SWITCH, "ESI": Flag.ERROR_STATE}
 
 
-def read(path: Path, findings: Findings, progress: Callable[[float], None]) -> Iterator[Frames]:
-    """The frames in batches, the groups of the file merged by time.
+def read(path: Path, findings: Findings) -> Iterator[tuple[Frames, float]]:
+    """The frames in batches, the groups of the file merged by time, and the share of it that is read by then.
 
     Raises:
         TraceError: asammdf is not there, or cannot open the file.
@@ -43,9 +43,8 @@ def read(path: Path, findings: Findings, progress: Callable[[float], None]) -> I
         total = sum(mdf.groups[number].channel_group.cycles_nr for number, _ in groups)
         done = 0
         for batch in merged([_group(mdf, number, name, findings) for number, name in groups]):
-            yield batch
             done += len(batch)
-            progress(min(1.0, done / total))
+            yield batch, min(1.0, done / total)
 
 
 def merged(streams: Iterable[Iterator[Frames]]) -> Iterator[Frames]:

@@ -32,14 +32,8 @@ def serve(path: Path) -> None:
     pipe = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what asammdf prints is no message
     findings = _Telling(pipe)
-    share = 0.0
-
-    def progress(fraction: float) -> None:
-        nonlocal share
-        share = fraction
-
     try:
-        for batch in mf4_records.read(path, findings, progress):
+        for batch, share in mf4_records.read(path, findings):
             _send(pipe, FRAMES, packed(batch, share))
     except ServotwinError as error:
         _send(pipe, REFUSAL, json.dumps([error.problem, error.fix]).encode())

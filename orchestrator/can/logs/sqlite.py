@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -28,8 +28,8 @@ MAX_VALUE = 1 << 16  # bytes of a row
 LEAP = 64  # rows that are passed over behind a broken page; doubled while it stays broken
 
 
-def frames(path: Path, findings: Findings, progress: Callable[[float], None]) -> Iterator[Frames]:
-    """The frames in batches, in the order of their rows.
+def frames(path: Path, findings: Findings) -> Iterator[tuple[Frames, float]]:
+    """The frames in batches, in the order of their rows, and the share of those that is read by then.
 
     Raises:
         TraceError: it is no such database.
@@ -41,7 +41,7 @@ def frames(path: Path, findings: Findings, progress: Callable[[float], None]) ->
             taken: list[can.Message] = []
             row, problem = _take(database, first, taken, findings)
             if taken:
-                yield from_messages(taken)
+                yield from_messages(taken), min(1.0, (row - begin + 1) / (last - begin + 1))
             if not problem and row < first:
                 return
             leap = LEAP if row >= first else 2 * leap
@@ -49,7 +49,6 @@ def frames(path: Path, findings: Findings, progress: Callable[[float], None]) ->
             if problem:
                 findings.add(None, f"rows from here on are damaged ({problem}); going on {leap} rows later", first)
                 first += leap
-            progress(min(1.0, (first - begin) / (last - begin + 1)))
 
 
 def fill(path: Path, batches: Iterable[Frames]) -> int:

@@ -150,10 +150,8 @@ class Feed:
         self.findings.add(self._start, f"a line of {length} bytes is no frame", self.number)
 
 
-def frames(
-    path: Path, text_format: TextFormat, findings: Findings, progress: Callable[[float], None]
-) -> Iterator[Frames]:
-    """The frames in batches, in the order of the file."""
+def frames(path: Path, text_format: TextFormat, findings: Findings) -> Iterator[tuple[Frames, float]]:
+    """The frames in batches, in the order of the file, and the share of it that is read by then."""
     silence()
     size = path.stat().st_size
     with path.open("rb") as file:
@@ -162,10 +160,9 @@ def frames(
         for message in _messages(feed):
             taken.append(message)
             if len(taken) == BATCH:
-                yield from_messages(taken)
-                progress(min(1.0, feed.offset / size))
+                yield from_messages(taken), min(1.0, feed.offset / size)
                 taken = []
-        yield from_messages(taken)
+        yield from_messages(taken), 1.0
 
 
 def _messages(feed: Feed) -> Iterator[can.Message]:

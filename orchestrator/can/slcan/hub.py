@@ -17,7 +17,7 @@ import termios
 import time
 import tty
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import FrameType
 from typing import IO, Any
@@ -46,6 +46,26 @@ class HubSettings:
     bitrate: int = 500_000
     data_bitrate: int = 2_000_000
     paced: bool = True
+
+
+@dataclass(frozen=True)
+class PortStatistics:
+    """Frames of an adapter: sent, heard, lost as its port was too slow, and refused."""
+
+    sent: int
+    heard: int
+    lost: int
+    refused: int
+
+
+@dataclass(frozen=True)
+class HubStatistics:
+    """Frames that have passed, how long they kept the bus busy and the hub has run [s], and counts of its ports."""
+
+    frames: int
+    busy: float
+    elapsed: float
+    ports: tuple[PortStatistics, ...]
 
 
 class _Port:
@@ -147,15 +167,14 @@ class _Hub:
             ports = [self._ports[int(number)] for number in numbers]
             for port in ports:
                 port.unplug() if word == "unplug" else port.adapter.go_off()
-            _tell(self._statistics())
+            _tell(asdict(self._statistics()))
 
-    def _statistics(self) -> dict[str, Any]:
-        ports = [
-            {"sent": adapter.sent, "heard": adapter.heard, "lost": adapter.lost, "refused": adapter.ignored}
-            for adapter in self._bus.adapters
-        ]
+    def _statistics(self) -> HubStatistics:
+        ports = (
+            PortStatistics(adapter.sent, adapter.heard, adapter.lost, adapter.ignored) for adapter in self._bus.adapters
+        )
         elapsed = time.monotonic() - self._started
-        return {"frames": self._bus.frames, "busy": self._bus.busy, "elapsed": elapsed, "ports": ports}
+        return HubStatistics(self._bus.frames, self._bus.busy, elapsed, tuple(ports))
 
 
 def serve(settings: HubSettings, orders: int | None = None) -> None:
@@ -200,9 +219,11 @@ class Hub:
         """Let an adapter leave the bus as after too many errors."""
         self._ask(f"off {port}")
 
-    def statistics(self) -> dict[str, Any]:
-        """Frames that have passed, how long they kept the bus busy [s], and counts of each port."""
-        return self._ask("tell")
+    def statistics(self) -> HubStatistics:
+        """What has passed until now."""
+        document = self._ask("tell")
+        ports = tuple(PortStatistics(**port) for port in document.pop("ports"))
+        return HubStatistics(**document, ports=ports)
 
     def _ask(self, order: str) -> dict[str, Any]:
         orders, answers = self._process.stdin, self._process.stdout

@@ -19,6 +19,7 @@ from orchestrator import formats
 from orchestrator.can import logs
 from orchestrator.can.frames import Flag, Frames, concatenated
 from orchestrator.formats import Layout, can_conversion
+from orchestrator.progress import silent
 from orchestrator.trace import Trace
 from tests.support.can_samples import START, all_of, any_frames, database, different, rig_frames
 
@@ -101,7 +102,7 @@ def test_a_log_of_other_identifiers_lists_them(rig: Path) -> None:
         formats.read(rig / "other.blf", Layout(database=rig / "rig.dbc"))
     layout = Layout(database=rig / "rig.dbc", signals=["angle"])
     with pytest.raises(TraceError, match=r"no frame with the signal angle .*identifiers in the log"):
-        can_conversion.convert(rig / "other.blf", rig / "x.parquet", layout, lambda share: None)
+        can_conversion.convert(rig / "other.blf", rig / "x.parquet", layout, silent)
     with pytest.raises(DatabaseError, match="angel"):
         formats.read(rig / "rig.blf", Layout(database=rig / "rig.dbc", signals=["angel"]))
     with pytest.raises(TraceError, match="units are given for 'x'"):
@@ -158,7 +159,7 @@ def test_converting_takes_no_more_memory_for_a_longer_log(rig: Path, suffix: str
         path = rig / f"{blocks}.blf"
         path.write_bytes(content + blocks * content[144:])  # its clock jumps back each time
         tracemalloc.start()
-        can_conversion.convert(path, rig / f"x{suffix}", Layout(database=rig / "rig.dbc"), lambda share: None)
+        can_conversion.convert(path, rig / f"x{suffix}", Layout(database=rig / "rig.dbc"), silent)
         highest = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         return highest

@@ -90,24 +90,24 @@ def test_quiet_gives_everything_back() -> None:
     assert (sys.getswitchinterval(), gc.get_freeze_count()) == (interval, 0)
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="Linux has turns of chosen length")
-def test_short_turns_leave_priority_and_policy_as_they_are() -> None:
+@pytest.mark.skipif(sys.platform != "linux", reason="Linux has time slices of chosen length")
+def test_short_time_slices_leave_priority_and_policy_as_they_are() -> None:
     def about() -> tuple[int, int]:
         return os.getpriority(os.PRIO_PROCESS, 0), os.sched_getscheduler(0)
 
-    before, usual = about(), turn()
+    before, usual = about(), time_slice()
     with short_time_slices():
         inside: list[int] = []
-        thread = threading.Thread(target=lambda: inside.append(turn()))
+        thread = threading.Thread(target=lambda: inside.append(time_slice()))
         thread.start()
         thread.join()
         assert about() == before
-        assert turn() == inside[0] <= max(usual, 100_000)
-    assert (about(), turn()) == (before, usual)
+        assert time_slice() == inside[0] <= max(usual, 100_000)
+    assert (about(), time_slice()) == (before, usual)
 
 
-def turn() -> int:
-    """Length of this thread's turns [ns], 0 where Linux does not say."""
+def time_slice() -> int:
+    """Length of this thread's time slices [ns], 0 where Linux does not say."""
     attributes = ctypes.create_string_buffer(48)
     ctypes.CDLL(None).syscall({"x86_64": 315, "aarch64": 275}[platform.machine()], 0, attributes, 48, 0)
     return int(struct.unpack_from("=Q", attributes, 24)[0])

@@ -369,11 +369,18 @@ def test_progress_rises_to_one(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"a{suffix}"
     logs.write(path, [rig_frames(9_000)])
     told: list[float] = []
-    all_of(logs.read(path, told.append))
+    doing: set[str] = set()
+
+    def tell(fraction: float, words: str) -> None:
+        told.append(fraction)
+        doing.add(words)
+
+    all_of(logs.read(path, tell))
     assert told == sorted(told) and told[-1] == 1.0 and len(told) > 1
+    assert doing == {f"reading a{suffix}"}
 
 
-def test_a_tally_counts_identifiers_and_their_periods() -> None:
+def test_a_frame_count_has_identifiers_and_their_periods() -> None:
     frame_count = FrameCount()
     frames = rig_frames(1000)
     for first in range(0, 2000, 300):
@@ -438,13 +445,16 @@ def test_reading_a_changed_mf4_log_ends_with_frames_or_a_message(tmp_path: Path,
 
 
 @pytest.mark.needs("mf4")
-@pytest.mark.parametrize(("does", "problem"), [("os._exit(1)", "broke down"), ("time.sleep(60)", "gave no answer")])
+@pytest.mark.parametrize(
+    ("does", "patience", "problem"),
+    [("os._exit(1)", 300.0, "broke down"), ("time.sleep(300)", 0.3, "gave no answer")],
+)
 def test_an_mf4_log_on_which_asammdf_dies_or_hangs_is_given_up(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, does: str, problem: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, does: str, patience: float, problem: str
 ) -> None:
     (tmp_path / "a.mf4").write_bytes(b"MDF     4.10")
     monkeypatch.setattr(mf4, "_BOOT", f"import os, time; {does}")
-    monkeypatch.setattr(mf4, "PATIENCE", 0.3)
+    monkeypatch.setattr(mf4, "PATIENCE", patience)
     with pytest.raises(TraceError, match=f"no frame that can be read .*{problem}"):
         all_of(logs.read(tmp_path / "a.mf4"))
 
