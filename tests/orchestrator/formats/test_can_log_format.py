@@ -142,7 +142,9 @@ def test_a_log_of_many_batches_streams_as_it_is_read(rig: Path) -> None:
     logs.write(rig / "long.blf", [frames[order]])
     layout = Layout(database=rig / "rig.dbc")
     told: list[float] = []
-    done = can_conversion.convert(rig / "long.blf", rig / "long.parquet", layout, lambda share, doing: told.append(share))
+    done = can_conversion.convert(
+        rig / "long.blf", rig / "long.parquet", layout, lambda share, doing: told.append(share)
+    )
     one, other = formats.read(rig / "long.blf", layout).trace, formats.read(rig / "long.parquet").trace
     assert done.count == len(one) == len(other) and told == sorted(told) and told[-1] == 1.0
     np.testing.assert_allclose(one.time, other.time, atol=1e-7)
