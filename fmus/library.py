@@ -33,7 +33,8 @@ def find(name: str) -> Model:
         return _from_file(Path(name))
     if name not in names():
         raise ModelError(f"model '{name}'", "is not in the library", f"choose one of {', '.join(names())}")
-    return import_module(f"fmus.models.{name}").MODEL
+    model: Model = import_module(f"fmus.models.{name}").MODEL
+    return model
 
 
 def source_file(model: Model) -> Path:
@@ -60,9 +61,10 @@ def _from_file(path: Path) -> Model:
         raise
     except Exception as error:
         raise ModelError(path, f"cannot be loaded ({type(error).__name__}: {error})", "correct the file") from error
-    if not isinstance(getattr(module, "MODEL", None), Model):
+    model = getattr(module, "MODEL", None)
+    if not isinstance(model, Model):
         raise ModelError(path, "defines no MODEL", "end the file with MODEL = Model(...)")
-    return module.MODEL
+    return model
 
 
 def _refuse_foreign_imports(path: Path, tree: ast.Module) -> None:

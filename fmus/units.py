@@ -81,7 +81,7 @@ def _product(text: str) -> Unit | None:
         if one is None:
             return None
         factor *= one.factor**power
-        exponents = [total + power * each for total, each in zip(exponents, one.exponents, strict=True)]
+        exponents = [total + power * exponent for total, exponent in zip(exponents, one.exponents, strict=True)]
     return Unit(factor, tuple(exponents))
 
 

@@ -6,6 +6,7 @@ that instant, with the inputs of that instant; continuous states are integrated 
 """
 
 import math
+from typing import Any
 
 from .model import Model, Table, assign, namespace, start_values
 
@@ -19,7 +20,9 @@ class StepError(RuntimeError):
 class Instance:
     """State, inputs and parameters of one model, and the operations of a co-simulation slave on them."""
 
-    def __init__(self, model: Model, defaults: dict | None = None, tables: dict[str, Table] | None = None) -> None:
+    def __init__(
+        self, model: Model, defaults: dict[str, float] | None = None, tables: dict[str, Table] | None = None
+    ) -> None:
         self.model = model
         values = start_values(model)
         for name, value in (defaults or {}).items():
@@ -32,7 +35,7 @@ class Instance:
             setattr(self.p, name, (tables or {}).get(name) or Table(name))
         self.x = namespace({})
         self._continuous = [state.name for state in model.continuous]
-        self._results: dict | None = None
+        self._results: dict[str, float] | None = None
         self.begin(0.0)
 
     def begin(self, time: float) -> None:
@@ -71,7 +74,8 @@ class Instance:
         """
         for place in (self.u, self.p, self.x):
             if name in place.__dict__ and name not in self.model.arrays:
-                return place.__dict__[name]
+                value: float = place.__dict__[name]
+                return value
         if self._results is None:
             outputs = self.model.outputs
             self._results = dict(outputs(self.time, self.x, self.u, self.p)) if outputs else {}
@@ -100,7 +104,7 @@ class Instance:
         self.time = end
         self._check_finite()
 
-    def snapshot(self) -> dict:
+    def snapshot(self) -> dict[str, Any]:
         """Everything that changes while running, for `restore`."""
         return {
             "x": dict(self.x.__dict__),
@@ -112,7 +116,7 @@ class Instance:
             "p": {v.name: getattr(self.p, v.name) for v in self.model.of("parameter")},
         }
 
-    def restore(self, state: dict) -> None:
+    def restore(self, state: dict[str, Any]) -> None:
         """Go back to a snapshot."""
         for place in "xup":
             for name, value in state[place].items():

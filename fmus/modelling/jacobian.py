@@ -113,7 +113,7 @@ class _Differentiation:
             products = zip(node.args[:half], node.args[half:], strict=True)
             return reduce(_plus, (self._product(factors) for factors in products), _ZERO)
         inner = [self(argument) for argument in node.args]
-        if name in _STEPS or all(each == 0 for each in inner):
+        if name in _STEPS or all(derivative == 0 for derivative in inner):
             return _ZERO
         if name.startswith("playback_"):
             slope = sympy.Function(name.replace("playback_", "playback_slope_", 1))

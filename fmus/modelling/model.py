@@ -226,9 +226,9 @@ def array(
     name: str, unit: str, shape: Sequence[int], description: str, start: Sequence[float] = ()
 ) -> tuple[Variable, ...]:
     """The elements of an array of real parameters; `start` has them row by row, zeros by default."""
-    starts = [float(each) for each in start] or [0.0] * math.prod(shape)
-    names = element_names(name, shape)
-    return tuple(parameter(each, unit, first, description) for each, first in zip(names, starts, strict=True))
+    starts = [float(value) for value in start] or [0.0] * math.prod(shape)
+    elements = zip(element_names(name, shape), starts, strict=True)
+    return tuple(parameter(element_name, unit, first, description) for element_name, first in elements)
 
 
 def parameter(name: str, unit: str, start: Number, description: str, **limits: Any) -> Variable:

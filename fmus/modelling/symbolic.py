@@ -68,7 +68,7 @@ def _trace(model: Model) -> Traced:
         _evaluate(model, "update", model.update, arguments, {s.name for s in model.sampled}),
         _evaluate(model, "outputs", model.outputs, arguments, results),
         _single(model, "solver_step", model.solver_step, (p,)) if model.continuous and model.solver_step else None,
-        tuple(_single(model, "requirements", each.holds, arguments) for each in model.requirements),
+        tuple(_single(model, "requirements", requirement.holds, arguments) for requirement in model.requirements),
     )
 
 

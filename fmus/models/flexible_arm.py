@@ -75,7 +75,7 @@ def accelerations(hub, modal, p):
     a, q = arrow_solve(hub, modal, p)
     turn, bend = arrow_solve(p.length, AT_TIP, p)
     inertial = tip_mass(p) * at_tip(a, q, p) / (1 + tip_mass(p) * at_tip(turn, bend, p))
-    return a - inertial * turn, [free - inertial * each for free, each in zip(q, bend, strict=True)]
+    return a - inertial * turn, [free - inertial * bent for free, bent in zip(q, bend, strict=True)]
 
 
 def at_tip(angle, modal, p):
@@ -92,7 +92,7 @@ def deflection_rates(x):
 
 
 def modal_stiffness(p):
-    return [p.bending_stiffness / p.length**3 * each for each in BENDING]
+    return [p.bending_stiffness / p.length**3 * factor for factor in BENDING]
 
 
 def modal_forces(x, p):

@@ -23,7 +23,7 @@ DEFAULTS = ((2.5, 0.8243, 1.380), (15.7, 0.1315, -1.380), (43.9, 0.0470, 1.380))
 RESOLVED = 20.0  # times the frequency of the hub on its bristles: the fastest rate at which they follow
 
 
-def each(name, values):
+def all_modes(name, values):
     """The values of one name for all modes."""
     return [getattr(values, f"{name}_{i}") for i in MODES]
 
@@ -35,7 +35,7 @@ def total(factors, others):
 
 def remainder(p):
     """The part of the inertia that the modes leave to the hub; a link that is one has some."""
-    return 1 - sum(c**2 for c in each("participation", p))
+    return 1 - sum(c**2 for c in all_modes("participation", p))
 
 
 def free_share(p):
@@ -79,14 +79,15 @@ def large(x, p):
 
 def modal_forces(x, p):
     """Acceleration of each mode with the hub held."""
-    rates = [2 * math.pi * frequency for frequency in each("frequency", p)]
-    moving = zip(rates, each("damping", p), each("deflection", x), each("deflection_rate", x), large(x, p), strict=True)
+    rates = [2 * math.pi * frequency for frequency in all_modes("frequency", p)]
+    q, q_rate = all_modes("deflection", x), all_modes("deflection_rate", x)
+    moving = zip(rates, all_modes("damping", p), q, q_rate, large(x, p), strict=True)
     return [more - 2 * zeta * w * rate - w**2 * q for w, zeta, q, rate, more in moving]
 
 
 def accelerations(x, p):
     """(a'', [q_i''])."""
-    forces, participation = modal_forces(x, p), each("participation", p)
+    forces, participation = modal_forces(x, p), all_modes("participation", p)
     driving = (x.torque + p.torque_bias + cogging(x, p) - friction(x, p)) / p.inertia
     hub = (driving - total(participation, forces)) / free_share(p)
     return hub, [force - c * hub for force, c in zip(forces, participation, strict=True)]
@@ -94,7 +95,7 @@ def accelerations(x, p):
 
 def derivatives(t, x, u, p):
     hub, modal = accelerations(x, p)
-    rates = {f"deflection_{i}": rate for i, rate in zip(MODES, each("deflection_rate", x), strict=True)}
+    rates = {f"deflection_{i}": rate for i, rate in zip(MODES, all_modes("deflection_rate", x), strict=True)}
     rates |= {f"deflection_rate_{i}": rate for i, rate in zip(MODES, modal, strict=True)}
     torque = (p.torque_gain * saturated(u.command, p) - x.torque) / p.drive_time
     return rates | {"angle": x.speed, "speed": hub, "bristle": bristle_rate(x, p), "torque": torque}
@@ -102,7 +103,7 @@ def derivatives(t, x, u, p):
 
 def outputs(t, x, u, p):
     hub, modal = accelerations(x, p)
-    at_tip = p.length * (hub + total(each("tip", p), modal))
+    at_tip = p.length * (hub + total(all_modes("tip", p), modal))
     reading = p.accelerometer_gain * at_tip + p.accelerometer_offset
     return {
         "tip_acceleration": at_tip,
@@ -114,8 +115,8 @@ def outputs(t, x, u, p):
 def solver_step(p):
     """A quarter radian of a frequency above all modes, the root of the trace of M^-1 K; half of the drive's lag; a
     fifth of the damped hub's; all of the bristles'."""
-    couplings = [1 + c**2 / free_share(p) for c in each("participation", p)]
-    of_modes = 4 * math.pi**2 * total(couplings, [f**2 for f in each("frequency", p)])
+    couplings = [1 + c**2 / free_share(p) for c in all_modes("participation", p)]
+    of_modes = 4 * math.pi**2 * total(couplings, [f**2 for f in all_modes("frequency", p)])
     detent = 2 * math.pi * ops.absolute(p.cogging_torque) / p.cogging_period
     of_hub = (p.bristle_stiffness + detent) / (p.inertia * free_share(p))
     highest = ops.sqrt(of_modes + of_hub)

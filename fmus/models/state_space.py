@@ -23,10 +23,10 @@ def state_space(order, inputs, outputs, direct=False):
 
 def matrices(a, b, c, d=None, start=None):
     """Parameter -> value of these matrices (rows of numbers) and the state at the start."""
-    values = {f"x_start[{i}]": float(each) for i, each in enumerate([] if start is None else start, start=1)}
+    values = {f"x_start[{i}]": float(value) for i, value in enumerate([] if start is None else start, start=1)}
     for name, matrix in (("A", a), ("B", b), ("C", c), ("D", [] if d is None else d)):
         for i, row in enumerate(matrix, start=1):
-            values |= {f"{name}[{i},{j}]": float(each) for j, each in enumerate(row, start=1)}
+            values |= {f"{name}[{i},{j}]": float(value) for j, value in enumerate(row, start=1)}
     return values
 
 
@@ -51,7 +51,7 @@ def _state_space(order, inputs, outputs, direct):
     def shown(t, x, u, p):
         reached = t - x.sampled_at > (1 - EARLY) * p.sample_time
         kept = [getattr(x, name) for name in held]
-        values = [ops.where(reached, ops.dot(c, state(x)), each) for c, each in zip(p.C, kept, strict=True)]
+        values = [ops.where(reached, ops.dot(c, state(x)), value) for c, value in zip(p.C, kept, strict=True)]
         if direct:
             driving = [getattr(u, name) for name in names_in]
             values = [value + ops.dot(d, driving) for value, d in zip(values, p.D, strict=True)]
@@ -66,7 +66,7 @@ def _state_space(order, inputs, outputs, direct):
             *(input_(name, unit, "Input") for name, unit in inputs),
             *(output(name, unit, "Output") for name, unit in outputs),
             parameter("sample_time", "s", 0.01, "Sample period", minimum=1e-6),
-            *(each for name, shape in sizes.items() for each in array(name, "1", shape, f"Matrix {name}")),
+            *(element for name, shape in sizes.items() for element in array(name, "1", shape, f"Matrix {name}")),
             *array("x_start", "1", (order,), "State at the start"),
         ),
         states=(

@@ -4,17 +4,19 @@ The FMU reads its start values from there when it is instantiated, so changing t
 changes what the FMU does in every tool.
 """
 
+from collections.abc import Mapping
+
 RESOURCE = "resources/defaults.txt"
 
 
-def dump(values: dict) -> str:
+def dump(values: Mapping[str, float]) -> str:
     """The lines for these values, in their order."""
     return "".join(f"{name} = {value!r}\n" for name, value in values.items())
 
 
-def load(text: str) -> dict:
+def load(text: str) -> dict[str, float]:
     """Values by name: bool for True and False, int without a decimal point or exponent, else float."""
-    values = {}
+    values: dict[str, float] = {}
     for line in text.splitlines():
         name, separator, number = (part.strip() for part in line.partition("="))
         if not separator:
@@ -23,7 +25,7 @@ def load(text: str) -> dict:
     return values
 
 
-def _number(text: str) -> float | int | bool:
+def _number(text: str) -> float:
     if text in ("True", "False"):
         return text == "True"
     return int(text) if text.lstrip("+-").isdigit() else float(text)

@@ -9,7 +9,7 @@ from xml.etree import ElementTree as ET
 from fmus.errors import FmuFileError
 from fmus.modelling.model import Number
 from fmus.packaging import archive
-from fmus.packaging.description.xml import base_unit, xml_number
+from fmus.packaging.description.xml import base_unit, document, xml_number
 
 SSV = "http://ssp-standard.org/SSP1/SystemStructureParameterValues"
 SSD = "http://ssp-standard.org/SSP1/SystemStructureDescription"
@@ -32,7 +32,7 @@ _KINDS = {bool: "Boolean", int: "Integer", Item: "Enumeration", str: "String"}
 
 def parameter_set(name: str, values: Mapping[str, SetValue], units: Mapping[str, str] | None = None) -> bytes:
     """The SSV document with these values; `units` names the unit of those that have one."""
-    return _document(_parameter_set(name, values, units or {}))
+    return document(_parameter_set(name, values, units or {}))
 
 
 def write_ssp(path: Path, fmu: Path, connectors: Mapping[str, str], values: Mapping[str, SetValue]) -> None:
@@ -56,7 +56,7 @@ def write_ssp(path: Path, fmu: Path, connectors: Mapping[str, str], values: Mapp
     binding = ET.SubElement(ET.SubElement(component, f"{{{SSD}}}ParameterBindings"), f"{{{SSD}}}ParameterBinding")
     inline = ET.SubElement(binding, f"{{{SSD}}}ParameterValues")
     inline.append(_parameter_set(f"{fmu.stem}_calibrated", values, {}))
-    archive.write(path, {"SystemStructure.ssd": _document(root), f"resources/{fmu.name}": fmu.read_bytes()})
+    archive.write(path, {"SystemStructure.ssd": document(root), f"resources/{fmu.name}": fmu.read_bytes()})
 
 
 def read_values(path: Path) -> dict[str, SetValue]:
@@ -93,13 +93,13 @@ def _value(path: Path, name: str, kind: str, text: str) -> SetValue:
 def _parameter_set(name: str, values: Mapping[str, SetValue], units: Mapping[str, str]) -> ET.Element:
     root = ET.Element(f"{{{SSV}}}ParameterSet", {"version": "1.0", "name": name})
     parameters = ET.SubElement(root, f"{{{SSV}}}Parameters")
-    for each, value in values.items():
-        parameter = ET.SubElement(parameters, f"{{{SSV}}}Parameter", {"name": each})
+    for variable, value in values.items():
+        parameter = ET.SubElement(parameters, f"{{{SSV}}}Parameter", {"name": variable})
         kind = _KINDS.get(type(value), "Real")
         typed = ET.SubElement(parameter, f"{{{SSV}}}{kind}", {"value": _text(value)})
-        if each in units and kind == "Real":
-            typed.set("unit", units[each])
-    _unit_definitions(root, {units[each] for each in values if each in units})
+        if variable in units and kind == "Real":
+            typed.set("unit", units[variable])
+    _unit_definitions(root, {units[variable] for variable in values if variable in units})
     return root
 
 
@@ -116,8 +116,3 @@ def _unit_definitions(root: ET.Element, names: set[str]) -> None:
     for name in sorted(names):
         entry = ET.SubElement(parent, f"{{{SSC}}}Unit", {"name": name})
         ET.SubElement(entry, f"{{{SSC}}}BaseUnit", base_unit(name) or {})
-
-
-def _document(root: ET.Element) -> bytes:
-    ET.indent(root)
-    return ET.tostring(root, encoding="UTF-8", xml_declaration=True)

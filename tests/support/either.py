@@ -100,11 +100,11 @@ class Either:
         """The array of an element, and its number there from 0."""
         array, _, place = name.rstrip("]").partition("[")
         shape = [int(size.start) for size in self.variables[array].dimensions]
-        return array, int(np.ravel_multi_index([int(each) - 1 for each in place.split(",")], shape))
+        return array, int(np.ravel_multi_index([int(number) - 1 for number in place.split(",")], shape))
 
     def _array(self, name: str) -> list[float]:
         variable = self.variables[name]
-        size = int(np.prod([int(each.start) for each in variable.dimensions]))
+        size = int(np.prod([int(dimension.start) for dimension in variable.dimensions]))
         values: list[float] = self.fmu.getFloat64([variable.valueReference], size)
         return values
 

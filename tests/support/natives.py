@@ -86,7 +86,7 @@ def value_of(name: str, variable: Variable) -> st.SearchStrategy[Any]:
 def in_arrays(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
     """Start values as FMI 3.0 has them: arrays whole, their elements row by row."""
     starts = start_values(model) | values
-    arrays = {name: [starts[each] for each in element_names(name, shape)] for name, shape in model.arrays.items()}
+    arrays = {name: [starts[part] for part in element_names(name, shape)] for name, shape in model.arrays.items()}
     return {name: value for name, value in values.items() if element(name) is None} | arrays
 
 

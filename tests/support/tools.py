@@ -231,8 +231,8 @@ def one_by_one(tool: Callable[[Job], Rows]) -> Callable[[list[Job]], list[Rows]]
 
 
 TOOLS: dict[str, Callable[[list[Job]], list[Rows]]] = {
-    each.__name__: one_by_one(each) for each in (fmuloader, fmuloader_exchange, ecos, libcosim, casadi)
-} | {each.__name__: each for each in (fmi4j, fmi4j_exchange)}
+    tool.__name__: one_by_one(tool) for tool in (fmuloader, fmuloader_exchange, ecos, libcosim, casadi)
+} | {tool.__name__: tool for tool in (fmi4j, fmi4j_exchange)}
 
 
 def main() -> None:

@@ -64,7 +64,7 @@ def fmi2(interface: Interface, guid: str, offers: Sequence[Offer], extras: Extra
         if unknowns:
             section = ET.SubElement(structure, name)
             _unknowns(section, "Unknown", "index", unknowns, _position(interface))
-    return _document(root)
+    return document(root)
 
 
 def fmi3(interface: Interface, token: str, offers: Sequence[Offer], extras: Extras = PLAIN) -> bytes:
@@ -104,7 +104,7 @@ def fmi3(interface: Interface, token: str, offers: Sequence[Offer], extras: Extr
     )
     for name, unknowns in sections:
         _unknowns(structure, name, "valueReference", unknowns, _reference(interface))
-    return _document(root)
+    return document(root)
 
 
 FMI3_TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean", "Enumeration": "Enumeration"}
@@ -251,7 +251,7 @@ def _grouped(interface: Interface) -> Iterator[tuple[Exposed, str | None]]:
 def _array(parent: ET.Element, interface: Interface, name: str, of_first: Mapping[str, str]) -> None:
     """The variable of an array; `of_first` are the attributes that its first element would have."""
     shape = interface.model.arrays[name]
-    starts = (interface.by_name[each].start or 0.0 for each in element_names(name, shape))
+    starts = (interface.by_name[element_name].start or 0.0 for element_name in element_names(name, shape))
     attributes = {**of_first, "name": name, "start": " ".join(map(xml_number, starts))}
     entry = ET.SubElement(parent, "Float64", attributes)
     for size in shape:
@@ -262,10 +262,11 @@ def _unknowns(
     parent: ET.Element, tag: str, key: str, unknowns: Mapping[str, tuple[str, ...]], places: Mapping[str, str]
 ) -> None:
     for name, dependencies in unknowns.items():
-        numbers = sorted({places[each] for each in dependencies}, key=int)
+        numbers = sorted({places[dependency] for dependency in dependencies}, key=int)
         ET.SubElement(parent, tag, {key: places[name], "dependencies": " ".join(numbers)})
 
 
-def _document(root: ET.Element) -> bytes:
+def document(root: ET.Element) -> bytes:
+    """The file of an XML document, indented."""
     ET.indent(root)
-    return ET.tostring(root, encoding="UTF-8", xml_declaration=True)
+    return bytes(ET.tostring(root, encoding="UTF-8", xml_declaration=True))

@@ -140,5 +140,4 @@ def _build_description(model: Model, code: _Code) -> bytes:
     files = ET.SubElement(configuration, "SourceFileSet", language="C99")
     for name in code.units:
         ET.SubElement(files, "SourceFile", name=name)
-    ET.indent(root)
-    return ET.tostring(root, encoding="UTF-8", xml_declaration=True)
+    return xml.document(root)

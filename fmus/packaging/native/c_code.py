@@ -110,8 +110,8 @@ class _Writer:
         """The node's C, once its longest operands have got names if it would be a long line without."""
         text = self._compose(node)
         parts = sorted(
-            (each for each in _operands(node) if not isinstance(each, Boolean) and not each.is_Atom),
-            key=lambda each: len(self.text(each)[0]),
+            (operand for operand in _operands(node) if not isinstance(operand, Boolean) and not operand.is_Atom),
+            key=lambda operand: len(self.text(operand)[0]),
             reverse=True,
         )
         for part in parts:
@@ -206,12 +206,12 @@ class _Writer:
     def _call(self, node: sympy.Basic) -> Text:
         name = type(node).__name__
         if name in _JOINED:
-            return _JOINED[name].join(f"({self.text(each)[0]})" for each in node.args), _TERNARY
+            return _JOINED[name].join(f"({self.text(condition)[0]})" for condition in node.args), _TERNARY
         if name == "dot":
             return self._dot(node.args), _ATOM
-        arguments = [self.text(each)[0] for each in node.args]
+        arguments = [self.text(argument)[0] for argument in node.args]
         if name in _FOLDED:
-            return reduce(lambda so_far, each: f"{_FOLDED[name]}({so_far}, {each})", arguments), _ATOM
+            return reduce(lambda so_far, argument: f"{_FOLDED[name]}({so_far}, {argument})", arguments), _ATOM
         function = self._table(name) or f"{self._function(node, name)}("
         return f"{function}{', '.join(arguments)})", _ATOM
 
@@ -222,11 +222,11 @@ class _Writer:
 
     def _vector(self, parts: tuple[sympy.Basic, ...]) -> str:
         """C of a pointer to these values: into `v` where they lie there side by side, else to an array of their own."""
-        places = [self._references.get(each, -1) for each in parts]
+        places = [self._references.get(part, -1) for part in parts]
         if places[0] >= 0 and places == list(range(places[0], places[0] + len(parts))):
             return "&" + self.text(parts[0])[0]
         if parts not in self._vectors:
-            values = textwrap.wrap(", ".join(self.text(each)[0] for each in parts), 100)
+            values = textwrap.wrap(", ".join(self.text(part)[0] for part in parts), 100)
             name = self._vectors[parts] = f"w{len(self.lines)}"
             self.lines.append(f"const double {name}[] = {{" + "\n        ".join(values) + "};")
         return self._vectors[parts]

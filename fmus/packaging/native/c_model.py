@@ -165,7 +165,7 @@ class _Source:
         return f"vr_{found[0]} + {self.places[name] - self.places[_first(self.model, found[0])]}"
 
     def _variables(self) -> list[str]:
-        entries = [self._variable(each) for each in self.interface.variables if each.name in self.places]
+        entries = [self._variable(variable) for variable in self.interface.variables if variable.name in self.places]
         rates = (f"{{{c_code.string(rate_name(s.name))}, REAL, RATE, 0.0, 1}}" for s in self.model.continuous)
         return [*entries, *rates, '{"time", REAL, TIME, 0.0, 1}']
 

@@ -26,7 +26,7 @@ def read_table(folder: Path, name: str) -> Table:
     return Table(name, tuple(float(row[0]) for row in rows), tuple(float(row[1]) for row in rows))
 
 
-def hold_module(namespace: dict) -> None:
+def hold_module(namespace: dict[str, Any]) -> None:
     """Add one reference to a module's namespace: pythonfmu 0.7 drops one that is not its own with every instance."""
     ctypes.pythonapi.Py_IncRef(ctypes.py_object(namespace))
 
@@ -78,7 +78,7 @@ class ModelSlave(Fmi2Slave):
     def get_boolean(self, vrs: list[int]) -> list[bool]:
         return [bool(self.instance.get(self.names[vr])) for vr in vrs]
 
-    def set_real(self, vrs: list[int], values: list) -> None:
+    def set_real(self, vrs: list[int], values: list[float]) -> None:
         set_, names = self.instance.set, self.names
         try:
             for vr, value in zip(vrs, values, strict=True):
@@ -89,10 +89,10 @@ class ModelSlave(Fmi2Slave):
     set_integer = set_real
     set_boolean = set_real
 
-    def _get_fmu_state(self) -> dict:
+    def _get_fmu_state(self) -> dict[str, Any]:
         return self.instance.snapshot()
 
-    def _set_fmu_state(self, state: dict) -> None:
+    def _set_fmu_state(self, state: dict[str, Any]) -> None:
         try:
             self.instance.restore(state)
             self.failed = False

@@ -70,7 +70,7 @@ def test_a_sum_of_products_has_the_derivative_of_the_sum_written_out() -> None:
     found = jacobian("here", [written], [a, b])
     point = {a: 0.7, b: 1.9}
     exact = [(a * b + a**2 * b + 2 * a**2).diff(symbol).subs(point) for symbol in (a, b)]
-    assert [float(entry.subs(point)) for entry in found.values()] == pytest.approx([float(each) for each in exact])
+    assert [float(entry.subs(point)) for entry in found.values()] == pytest.approx([float(value) for value in exact])
 
 
 def test_a_function_whose_derivative_is_not_known_is_named() -> None:

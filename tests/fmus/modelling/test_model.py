@@ -147,7 +147,7 @@ def test_the_number_of_an_element_is_its_place_among_the_names(shape: list[int])
     places = [element(name) for name in element_names("A", shape)]
     assert [element_number(place[1], shape) for place in places if place] == list(range(math.prod(shape)))
     assert element_number([1] * (len(shape) + 1), shape) is None
-    assert element_number([each + 1 for each in shape], shape) is None
+    assert element_number([size + 1 for size in shape], shape) is None
 
 
 @pytest.mark.parametrize(

@@ -63,7 +63,7 @@ def state_matrix(**values: float) -> FloatArray:
         for offset in (1e-3, -1e-3):
             x = rest | {name: offset} | ({"motor_speed": offset} if name == "speed" else {})
             found = flexible_arm.derivatives(0.0, namespace(x), namespace({"torque": 0.0}), p)
-            sides.append(np.array([found[each] for each in names]))
+            sides.append(np.array([found[name] for name in names]))
         columns.append((sides[0] - sides[1]) / 2e-3)
     return np.array(columns).T
 

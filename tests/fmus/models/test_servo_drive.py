@@ -36,7 +36,7 @@ def test_a_command_beyond_the_limit_gives_no_more(voltage: float, sign: int) -> 
 
 @given(st.floats(-20, 20))
 def test_a_clockwise_drive_is_the_other_one_with_the_sign_changed(voltage: float) -> None:
-    assert driven(voltage, direction=2) == tuple(-each for each in driven(voltage))
+    assert driven(voltage, direction=2) == tuple(-value for value in driven(voltage))
 
 
 def test_a_gear_multiplies_the_torque_and_not_the_current() -> None:

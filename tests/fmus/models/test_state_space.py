@@ -146,8 +146,8 @@ def test_an_element_can_be_set_and_written_back_by_its_name(tmp_path: Path, targ
     values: dict[str, float | str] = {"A[2,3]": 0.125, "C[1,1]": -2.0, "x_start[3]": 1.0}
     [written] = write_back.write_back(path, {**values}, tmp_path / "w.fmu", {"from": "a test"})
     rows = []
-    for each, given_ in ((path, values), (written, {})):
-        with FmuFile(each) as file:
+    for fmu, given_ in ((path, values), (written, {})):
+        with FmuFile(fmu) as file:
             slave = Slave(file, "plant")
             slave.set(given_)
             slave.begin(0.0, None)

@@ -64,8 +64,8 @@ def of_file(folder: Path, **changes: str) -> str:
 def test_values_have_one_fingerprint_where_they_are_written_alike(one: Any, other: Any) -> None:
     def listed(value: Any) -> Any:  # lists and tuples are not told apart
         if isinstance(value, dict):
-            return {key: listed(each) for key, each in value.items()}
-        return [listed(each) for each in value] if isinstance(value, list | tuple) else value
+            return {key: listed(part) for key, part in value.items()}
+        return [listed(part) for part in value] if isinstance(value, list | tuple) else value
 
     assert (fingerprint(one) == fingerprint(other)) == (repr(listed(one)) == repr(listed(other)))
 

@@ -72,7 +72,7 @@ def test_description_carries_what_the_model_declares(native_fmu: Built, name: st
         if fmi == 2 or element(variable.name) is None:
             assert_described(found[variable.name], variable, fmi)
     for array, shape in model.arrays.items() if fmi == 3 else ():
-        starts = [start_values(model)[each] for each in element_names(array, shape)]
+        starts = [start_values(model)[part] for part in element_names(array, shape)]
         assert [int(size.start) for size in found[array].dimensions] == list(shape)
         assert [float(start) for start in found[array].start.split()] == starts
 

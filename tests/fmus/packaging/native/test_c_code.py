@@ -104,7 +104,7 @@ def possible(function: Callable[[Any, Any], Any]) -> bool:
 
 def compiled(functions: list[Callable[[Any, Any], Any]]) -> Callable[[float, float], list[float]]:
     """The functions, traced, written as C, compiled, and loaded."""
-    lines, values = c_code.statements("here", DIALECT, [traced(each) for each in functions])
+    lines, values = c_code.statements("here", DIALECT, [traced(function) for function in functions])
     body = "\n".join([*lines, *(f"y[{i}] = {value};" for i, value in enumerate(values))])
     sources = {name: (RUNTIME / name).read_text() for name in ("ops.h", "ops.c")}
     head = '#include "ops.h"\n__attribute__((visibility("default"))) void run(double a, double b, double *y)'

@@ -19,7 +19,7 @@ from fmus.packaging.native import compiler
 
 HERE = compiler.host() if compiler.available() else next(iter(compiler.PLATFORMS.values()))
 SOURCES = {"one.c": "int one(void) { return 1; }\n"}
-OTHER = next(each for each in compiler.PLATFORMS.values() if each != HERE)
+OTHER = next(machine for machine in compiler.PLATFORMS.values() if machine != HERE)
 
 needs_compiler = pytest.mark.skipif(not compiler.available(), reason="no C compiler here")
 
@@ -110,7 +110,7 @@ def test_one_fmu_holds_the_binaries_of_all_platforms(tmp_path: Path, fmi: int) -
     path = native.build(library.find("pendulum"), tmp_path / "p.fmu", fmi=fmi, platforms=("all",))
     with zipfile.ZipFile(path) as archive:
         found = {name: archive.read(name)[:4] for name in archive.namelist() if name.startswith("binaries/")}
-    folders = {(each.folder2 if fmi == 2 else each.name) for each in compiler.PLATFORMS.values()}
+    folders = {(machine.folder2 if fmi == 2 else machine.name) for machine in compiler.PLATFORMS.values()}
     assert {name.split("/")[1] for name in found} == folders
     magic = {".so": b"\x7fELF", ".dll": b"MZ", ".dylib": b"\xca\xfe\xba\xbe" if fmi == 2 else b"\xcf\xfa\xed\xfe"}
     for name, start in found.items():

@@ -133,8 +133,8 @@ def test_model_exchange_with_cvode_gives_the_trajectory_of_the_instance(native_f
 def test_the_python_fmu_and_the_native_one_are_equal_bit_by_bit(native_fmu: Built, tmp_path: Path, fmi: int) -> None:
     path = python.build(library.find("daq"), tmp_path / "daq.fmu")
     results = []
-    for each in (path, native_fmu("daq", fmi)):
-        with opened(each) as fmu:
+    for packaged in (path, native_fmu("daq", fmi)):
+        with opened(packaged) as fmu:
             fmu.start(**RICH["daq"])
             rows = []
             for k in range(40):
@@ -173,9 +173,9 @@ def test_a_step_of_any_length_and_a_start_at_any_time_are_stepped_as_the_instanc
         fmu.start(at=2.5, **values)
         time = 2.5
         for duration in (1e-9, 0.0, 7.0, 0.0131, 1e-3, 300.0):
-            for each in (fmu, instance):
-                each.set("signal", duration + 1)
-                each.step(time, duration)
+            for running in (fmu, instance):
+                running.set("signal", duration + 1)
+                running.step(time, duration)
             time += duration
             assert fmu.get("measured", "filtered") == [instance.get("measured"), instance.get("filtered")]
 
@@ -278,10 +278,10 @@ def test_damaged_states_are_refused(native_fmu: Built, fmi: int, data: st.DataOb
         at = data.draw(st.integers(0, len(good) - 1))
         noise = data.draw(st.binary(min_size=1, max_size=len(good) - at))
         bad = good[:at] + noise + good[at + len(noise) :]
-        for each in (bad, good[:at]):
-            if each != good:
+        for wrong in (bad, good[:at]):
+            if wrong != good:
                 with pytest.raises(FMICallException):
-                    fmu.deserialize(each)
+                    fmu.deserialize(wrong)
         fmu.restore(fmu.deserialize(good))
 
 
@@ -291,14 +291,14 @@ def test_a_hundred_interleaved_instances_do_not_know_of_each_other(native_fmu: B
     values = [{"inertia": 0.001 * (k + 1), "angle_start": 0.01 * k} for k in range(100)]
     contexts = [opened(path) for _ in values]
     fmus = [context.__enter__() for context in contexts]
-    for fmu, each in zip(fmus, values, strict=True):
-        fmu.start(**each)
+    for fmu, start in zip(fmus, values, strict=True):
+        fmu.start(**start)
     time = grid(0.2, 0.01)
     for now, after in pairwise(time):
         for fmu in fmus:
             fmu.step(now, after - now)
-    for fmu, each in zip(fmus, values, strict=True):
-        expected = stepped(PENDULUM, each, ["angle", "speed"], time)[-1]
+    for fmu, start in zip(fmus, values, strict=True):
+        expected = stepped(PENDULUM, start, ["angle", "speed"], time)[-1]
         assert fmu.get("angle", "speed") == expected.tolist()
     for context in contexts:
         context.__exit__(None, None, None)
@@ -321,7 +321,7 @@ def test_instances_in_threads_step_as_they_do_alone(native_fmu: Built) -> None:
     for number in range(8):
         run(number)
     assert together == results
-    assert len({tuple(each) for each in results.values()}) == 8
+    assert len({tuple(result) for result in results.values()}) == 8
 
 
 @pytest.mark.parametrize("fmi", VERSIONS)
@@ -332,8 +332,8 @@ def test_every_function_computes_in_c_what_it_computes_in_python(tmp_path: Path,
         fmu.start()
         instance = Instance(model, tables=tables)
         for k in range(30):
-            for each in (fmu, instance):
-                each.set("a", 0.5 + 0.4 * math.sin(k))
-                each.set("b", 0.4 * math.cos(3 * k))
-                each.step(0.1 * k, 0.1)
+            for running in (fmu, instance):
+                running.set("a", 0.5 + 0.4 * math.sin(k))
+                running.set("b", 0.4 * math.cos(3 * k))
+                running.step(0.1 * k, 0.1)
             assert fmu.get(*names) == pytest.approx([instance.get(name) for name in names], rel=1e-12, abs=1e-14)

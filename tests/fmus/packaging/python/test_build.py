@@ -98,7 +98,7 @@ def test_units_are_defined_by_their_si_base_units(fmu: Built, name: str) -> None
         assert base is not None
         assert unit is not None
         assert float(base.get("factor", "1")) == unit.factor
-        assert tuple(int(base.get(each, "0")) for each in units.BASES) == unit.exponents
+        assert tuple(int(base.get(unit_base, "0")) for unit_base in units.BASES) == unit.exponents
 
 
 @pytest.mark.parametrize("name", NAMES)
