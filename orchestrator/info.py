@@ -6,8 +6,9 @@ import json
 import math
 import struct
 import zlib
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NotRequired, TypedDict
 
 from fmus.errors import InputError, TraceError
 from fmus.packaging import archive, defaults
@@ -17,9 +18,73 @@ from orchestrator.results import MARKS
 
 if TYPE_CHECKING:
     from orchestrator import formats
+    from orchestrator.fmi.interface import Interface, Value
+
+Facts = Mapping[str, object]  # a JSON document
 
 
-def about(path: Path) -> dict[str, Any]:
+class PortFacts(TypedDict):
+    """A variable of an FMU."""
+
+    name: str
+    start: Value | None
+    unit: str
+    description: str
+
+
+FmuFacts = TypedDict(
+    "FmuFacts",
+    {
+        "name": str,
+        "fmi": str,
+        "interfaces": str,
+        "description": str,
+        "tool": str,
+        "defaults from resources": bool,
+        "state can be saved": bool,
+        "inputs": list[PortFacts],
+        "outputs": list[PortFacts],
+        "parameters": list[PortFacts],
+        "calibrated by": NotRequired[str],
+    },
+)
+
+
+class SignalFacts(TypedDict):
+    """A signal of a recording, with its lowest and highest sample; null where that is not finite."""
+
+    name: str
+    unit: str
+    min: float | None
+    max: float | None
+
+
+class DecodingFacts(TypedDict, total=False):
+    """When a CAN log began, and what was found in it."""
+
+    start: str
+    notes: list[str]
+    found: dict[str, object]
+
+
+TraceFacts = TypedDict(
+    "TraceFacts",
+    {
+        "name": str,
+        "samples": int,
+        "from": float,
+        "to": float,
+        "stamps": str,
+        "start": NotRequired[str],
+        "notes": NotRequired[list[str]],
+        "found": NotRequired[dict[str, object]],
+        "sha256": str,
+        "signals": list[SignalFacts],
+    },
+)
+
+
+def about(path: Path) -> Facts:
     """The contents of an FMU, a trace, or a folder of results.
 
     Raises:
@@ -34,7 +99,7 @@ def about(path: Path) -> dict[str, Any]:
     return about_trace(path)
 
 
-def about_fmu(path: Path) -> dict[str, Any]:
+def about_fmu(path: Path) -> FmuFacts:
     """Version, abilities and variables of an FMU; for one of ours also what its values come from."""
     from fmus.parameters.write_back import PROVENANCE  # noqa: PLC0415 (it brings lxml along)
     from orchestrator.fmi.file import FmuFile  # noqa: PLC0415 (it brings FMPy along)
@@ -42,7 +107,7 @@ def about_fmu(path: Path) -> dict[str, Any]:
     with FmuFile(path) as fmu:
         interface = fmu.interface
         files = archive.read(path)
-        document: dict[str, Any] = {
+        document: FmuFacts = {
             "name": interface.model_name,
             "fmi": interface.fmi_version,
             "interfaces": ", ".join(fmu.kinds),
@@ -50,19 +115,24 @@ def about_fmu(path: Path) -> dict[str, Any]:
             "tool": fmu.description.generationTool or "",
             "defaults from resources": defaults.RESOURCE in files,
             "state can be saved": interface.has_state,
+            "inputs": _ports(interface, "input"),
+            "outputs": _ports(interface, "output"),
+            "parameters": _ports(interface, "parameter"),
         }
-        for causality in ("input", "output", "parameter"):
-            document[f"{causality}s"] = [
-                {"name": port.name, "start": port.start, "unit": port.unit or "", "description": port.description}
-                for port in interface.of(causality)
-            ]
     if PROVENANCE in files:
         provenance = _document(path, files[PROVENANCE])
         document["calibrated by"] = f"{provenance.get('title', '')} ({provenance.get('method', '')})"
     return document
 
 
-def about_trace(path: Path, layout: formats.Layout | None = None, progress: Progress = silent) -> dict[str, Any]:
+def _ports(interface: Interface, causality: str) -> list[PortFacts]:
+    return [
+        {"name": port.name, "start": port.start, "unit": port.unit or "", "description": port.description}
+        for port in interface.of(causality)
+    ]
+
+
+def about_trace(path: Path, layout: formats.Layout | None = None, progress: Progress = silent) -> Facts:
     """Signals and time stamps of a recording; of a matrix without names what a layout has to say.
 
     Of a CAN log without a database its frames.
@@ -77,6 +147,10 @@ def about_trace(path: Path, layout: formats.Layout | None = None, progress: Prog
         if path.suffix.lower() != ".mat" or not path.is_file() or layout is not None:
             raise
         return _about_matrices(path, error)
+    return _about_recording(recording)
+
+
+def _about_recording(recording: formats.Recording) -> TraceFacts:
     trace = recording.trace
     return {
         "name": trace.name,
@@ -84,7 +158,7 @@ def about_trace(path: Path, layout: formats.Layout | None = None, progress: Prog
         "from": float(trace.time[0]),
         "to": float(trace.time[-1]),
         "stamps": str(recording.stamps),
-        **({} if recording.start is None else _about_decoding(recording, recording.start)),
+        **_about_decoding(recording),
         "sha256": recording.sha256,
         "signals": [
             {
@@ -98,14 +172,16 @@ def about_trace(path: Path, layout: formats.Layout | None = None, progress: Prog
     }
 
 
-def _about_decoding(recording: formats.Recording, start: float) -> dict[str, Any]:
+def _about_decoding(recording: formats.Recording) -> DecodingFacts:
     """When a log began, and what was found while it was read and decoded."""
+    if recording.start is None:
+        return {}
     from orchestrator.can.logs.frame_count import moment  # noqa: PLC0415
 
-    return {"start": moment(start), "notes": list(recording.notes), "found": dict(recording.found)}
+    return {"start": moment(recording.start), "notes": list(recording.notes), "found": dict(recording.found)}
 
 
-def about_log(path: Path, progress: Progress = silent) -> dict[str, Any]:
+def about_log(path: Path, progress: Progress = silent) -> Facts:
     """Frames of a CAN log by identifier, and what could not be read."""
     from orchestrator.can import logs  # noqa: PLC0415 (it brings python-can along)
     from orchestrator.can.logs.frame_count import FrameCount  # noqa: PLC0415
@@ -116,13 +192,13 @@ def about_log(path: Path, progress: Progress = silent) -> dict[str, Any]:
     return {"name": path.stem, **count.document(), **({"notes": found} if (found := log.findings.lines()) else {})}
 
 
-def about_result(folder: Path) -> dict[str, Any]:
+def about_result(folder: Path) -> Facts:
     """Title, figures and files of a result folder."""
     mark = next((folder / mark for mark in MARKS if (folder / mark).is_file()), None)
     if mark is None:
         raise InputError(folder, "holds no result", f"give a folder with {' or '.join(MARKS)}")
     document = _document(mark, mark.read_bytes())
-    facts: dict[str, Any] = {"name": document.get("title", "")}
+    facts: dict[str, object] = {"name": document.get("title", "")}
     facts |= {key: document[key] for key in ("method", "passed", "interrupted", "held") if key in document}
     parameters = document.get("parameters", {})
     if not isinstance(parameters, dict) or not all(isinstance(entry, dict) for entry in parameters.values()):
@@ -133,7 +209,7 @@ def about_result(folder: Path) -> dict[str, Any]:
     return facts
 
 
-def _about_matrices(path: Path, error: TraceError) -> dict[str, Any]:
+def _about_matrices(path: Path, error: TraceError) -> Facts:
     from orchestrator.formats import mat5  # noqa: PLC0415 (see above)
 
     try:
@@ -143,12 +219,12 @@ def _about_matrices(path: Path, error: TraceError) -> dict[str, Any]:
         raise error from None
     return {
         "name": path.stem,
-        "variables": [{"name": each.name, "shape": str(each.shape)} for each in variables],
+        "variables": [{"name": variable.name, "shape": str(variable.shape)} for variable in variables],
         "note": "columns have no names: say in the study's `layout` which is which",
     }
 
 
-def _document(place: Path, text: bytes) -> dict[str, Any]:
+def _document(place: Path, text: bytes) -> dict[str, object]:
     """A JSON object that we once wrote, or what somebody made of it."""
     try:
         document = json.loads(text)

@@ -20,7 +20,8 @@ from orchestrator.fmi.component import Component
 from orchestrator.fmi.exchange_slave import ExchangeSlave
 from orchestrator.fmi.file import FmuFile, Kind
 from orchestrator.fmi.interface import Value
-from orchestrator.fmi.isolation import IsolatedSlave, Isolation, Make
+from orchestrator.fmi.isolation import IsolatedSlave, Isolation
+from orchestrator.fmi.isolation_worker import Make
 from orchestrator.fmi.slave import Slave
 from orchestrator.rational import seconds
 from orchestrator.solvers.base import SolverSettings

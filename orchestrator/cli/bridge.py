@@ -122,13 +122,13 @@ def _coupled(job: BridgeJob, folder: Path, terminal: Terminal) -> tuple[BridgeRe
 
 def _answer(coupled: BridgeResult, folder: Path, interrupted: bool) -> Answer:
     from orchestrator.bridge.results import document_of
-    from orchestrator.scenario.results import rows_of
+    from orchestrator.scenario.run import HEADERS
 
     result, document = coupled.result, document_of(coupled, folder)
     if interrupted:
         line = f"interrupted after {coupled.ending.elapsed:.3f} s; the result up to there is in {folder}"
         return Answer(document, held=False, interrupted=line)
-    checks = Listing(("case", "expectation", "held", "found"), rows_of(result), result.scenario.title)
+    checks = Listing(HEADERS, result.rows(), result.scenario.title)
     counts = [(way, name, f"{count:,}", f"{rate:,.1f}") for way, name, count, rate in coupled.account.traffic()]
     passed = Listing(("direction", "message", "frames", "frames/s"), counts)
     return Answer(document, [checks, passed, *coupled.account.remarks(), f"results in {folder}"], result.passed)

@@ -95,8 +95,8 @@ def run(
 ) -> Answer:
     """Run one scenario; exit code 1 when an expectation fails."""
     from orchestrator.scenario import accounts
-    from orchestrator.scenario.results import document_of, interruption, rows_of, write_run
-    from orchestrator.scenario.run import Keeping, ScenarioInterrupted, run_scenario
+    from orchestrator.scenario.results import document_of, interruption, write_run
+    from orchestrator.scenario.run import HEADERS, Keeping, ScenarioInterrupted, run_scenario
 
     values, isolation, folder = overrides(set_), isolate.isolation(), out or Path("out") / scenario.stem
     with terminal.bar(scenario.stem) as move, beside(folder) as aside:
@@ -111,7 +111,7 @@ def run(
     if result.interrupted:
         line = f"{interruption(result)}; the result up to there is in {folder}"
         return Answer(document, held=False, interrupted=line)
-    checks = Listing(("case", "expectation", "held", "found"), rows_of(result), result.scenario.title)
+    checks = Listing(HEADERS, result.rows(), result.scenario.title)
     shown: list[Listing | str] = [checks, f"results in {folder}"]
     if terminal.verbose:
         rows = [

@@ -203,7 +203,7 @@ def _err() -> Console:
     return Console(stderr=True, highlight=False, markup=False)
 
 
-def facts(document: dict[str, Any]) -> Listing:
+def facts(document: Mapping[str, object]) -> Listing:
     """A document of one level of lists in two columns."""
     rows = []
     for key, value in document.items():

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import plotly.graph_objects as go
-from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from orchestrator.display import look
-from orchestrator.display.thinning import thin
+from orchestrator.display.thinning import Samples, thin
 
 ROW = 210  # height of a window [px]
 
@@ -20,8 +19,8 @@ class TimeCurve:
     """Samples (K,) over time (K,) [s], and how they are drawn."""
 
     label: str
-    time: NDArray
-    values: NDArray
+    time: Samples
+    values: Samples
     colour: str
     width: float
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+Samples = NDArray[np.float64]
 
-def thin(time: NDArray, values: NDArray, limit: int = 2000) -> tuple[NDArray, NDArray]:
+
+def thin(time: Samples, values: Samples, limit: int = 2000) -> tuple[Samples, Samples]:
     """At most `limit` of the points (K,): both ends, and of every stretch the lowest and the highest.
 
     A NaN survives where a whole stretch consists of them, so that a gap in the curve stays a gap.

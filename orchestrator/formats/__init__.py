@@ -71,7 +71,7 @@ def _format(path: Path) -> Format:
     suffix = path.suffix.lower()
     if suffix in FORMATS:
         return FORMATS[suffix]
-    added = {f".{name}": form for name, form in plugins("servotwin.formats", _is_format).items()}
+    added: dict[str, Format] = {f".{name}": form for name, form in plugins("servotwin.formats", _is_format).items()}
     if suffix not in added:
         known = ", ".join(dict.fromkeys((*FORMATS, *SUFFIXES, *added)))
         raise TraceError(path, f"format '{path.suffix}' is not known", f"use {known}")

@@ -207,7 +207,8 @@ def _bins(values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _decibel(magnitude: ArrayLike) -> FloatArray:
-    return 20 * np.log10(np.asarray(magnitude, dtype=float))
+    decibel: FloatArray = 20 * np.log10(np.asarray(magnitude, dtype=float))
+    return decibel
 
 
 def _axis_title(trace: Trace, signal: str) -> str:

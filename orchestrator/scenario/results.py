@@ -15,8 +15,7 @@ from orchestrator.fmi.interface import Value
 from orchestrator.report import Report, Section, figures
 from orchestrator.results import CaseDocument, FileDocument, result_folder, versions, write_json
 from orchestrator.scenario import accounts
-from orchestrator.scenario.run import CaseResult, ScenarioResult, State
-from orchestrator.trace import Trace
+from orchestrator.scenario.run import HEADERS, CaseResult, ScenarioResult, State
 
 PLOTTED_CASES = 12
 PLOTTED_SIGNALS = 8
@@ -78,21 +77,11 @@ def document_of(result: ScenarioResult, overrides: Mapping[str, Value], folder: 
     }
 
 
-def rows_of(result: ScenarioResult) -> list[tuple[str, str, str, str]]:
-    """(case, expectation, held, found) of every check; a case without expectations has a row too."""
-    rows = []
-    for case in result.cases:
-        rows += [(case.name, check.text, "yes" if check.held else "NO", check.found) for check in case.checks]
-        if not case.checks:
-            rows.append((case.name, "-", "-", _how_far(case)))
-    return rows
-
-
 def interruption(result: ScenarioResult) -> str:
     """Where a run was interrupted."""
     last = [case for case in result.cases if case.state is not State.NOT_RUN][-1]
     done = last.state is State.DONE
-    return f"interrupted after case {last.name}" if done else f"{_how_far(last)} of case {last.name}"
+    return f"interrupted after case {last.name}" if done else f"{last.how_far} of case {last.name}"
 
 
 def report(result: ScenarioResult) -> Report:
@@ -103,7 +92,7 @@ def report(result: ScenarioResult) -> Report:
         section.callout("warning", f"The run was {interruption(result)}.")
     else:
         section.callout("ok" if result.passed else "error", "All held." if result.passed else "Not all held.")
-    section.table(["case", "expectation", "held", "found"], rows_of(result))
+    section.table(HEADERS, result.rows())
     if not result.interrupted:
         _draw(result, page.section("Traces"))
     stepping = page.section("Step statistics")
@@ -117,15 +106,7 @@ def _draw(result: ScenarioResult, section: Section) -> None:
     if len(shown) > PLOTTED_CASES:
         section.paragraph(f"The first {PLOTTED_CASES} of {len(shown)} cases.")
     for case in shown[:PLOTTED_CASES]:
-        trace = _trace(case)
-        section.figure(figures.overlay(trace, (), trace.names[:PLOTTED_SIGNALS]), case.name)
-
-
-def _how_far(case: CaseResult) -> str:
-    if case.state is State.INTERRUPTED:
-        assert case.result is not None
-        return f"interrupted at t = {case.result.account.reached:g} s"
-    return "ran through" if case.state is State.DONE else str(case.state)
+        section.figure(figures.overlay(case.trace, (), case.trace.names[:PLOTTED_SIGNALS]), case.name)
 
 
 def _stems(cases: Sequence[CaseResult]) -> list[str]:
@@ -152,10 +133,5 @@ def _case(result: ScenarioResult, case: CaseResult) -> RunCaseDocument:
     if case.result is not None:
         document["trace"] = trace_file(result, case)
         document["warnings"] = dict(case.result.warnings)
-        document.update(accounts.document_of(case.result))
+        return {**document, **accounts.document_of(case.result)}
     return document
-
-
-def _trace(case: CaseResult) -> Trace:
-    assert case.result is not None
-    return case.result.trace

@@ -10,6 +10,7 @@ from pathlib import Path
 from fmus.errors import ScenarioError, ServotwinError, WiringError
 from orchestrator import formats
 from orchestrator.assembly.assembly import Assembled, OpenSystem, assemble
+from orchestrator.display.table import table
 from orchestrator.engine import Interrupted, Result, Run, Simulation
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.isolation import Isolation, scratch
@@ -38,6 +39,9 @@ class Keeping:
     def file(self, number: int) -> Path | None:
         """Where the record of the case with this number is written while it runs."""
         return None if self.stream is None else self.stream / f"{number}.parquet"
+
+
+HEADERS = ("case", "expectation", "held", "found")
 
 
 class State(StrEnum):
@@ -69,6 +73,24 @@ class CaseResult:
         held = all(check.held for check in self.checks) and (self.error is None or bool(self.checks))
         return held and self.state is State.DONE
 
+    @property
+    def trace(self) -> Trace:
+        """What was recorded.
+
+        Raises:
+            ServotwinError: the case ended in this error, or did not run.
+        """
+        if self.result is None:
+            raise self.error or ScenarioError(f"case {self.name}", "did not run", "run the scenario again")
+        return self.result.trace
+
+    @property
+    def how_far(self) -> str:
+        """How far it came, in words."""
+        if self.state is State.INTERRUPTED and self.result is not None:
+            return f"interrupted at t = {self.result.account.reached:g} s"
+        return "ran through" if self.state is State.DONE else str(self.state)
+
 
 @dataclass(frozen=True)
 class ScenarioResult:
@@ -84,11 +106,22 @@ class ScenarioResult:
     def passed(self) -> bool:
         return all(case.passed for case in self.cases)
 
+    def rows(self) -> list[tuple[str, str, str, str]]:
+        """A row under `HEADERS` of every check; a case without expectations has a row too."""
+        rows = []
+        for case in self.cases:
+            rows += [(case.name, check.text, "yes" if check.held else "NO", check.found) for check in case.checks]
+            if not case.checks:
+                rows.append((case.name, "-", "-", case.how_far))
+        return rows
+
+    def _repr_html_(self) -> str:
+        return table(HEADERS, self.rows(), caption=self.scenario.title)
+
     def recorded(self, case: CaseResult) -> Trace:
         """What a case leaves as its recording: the recorder's samples, or else the whole trace."""
-        assert case.result is not None
         logger = self.scenario.logger
-        return case.result.trace if logger is None else logger.sample(case.result.trace, self.cases.index(case))
+        return case.trace if logger is None else logger.sample(case.trace, self.cases.index(case))
 
 
 class ScenarioInterrupted(KeyboardInterrupt):
@@ -185,11 +218,12 @@ def _run_case(
     except ServotwinError as failure:
         if requested():  # an FMU's answer to an interrupt
             raise KeyboardInterrupt from failure
-        if not any(isinstance(each, Refusal) for each in case.expected):
+        if not any(isinstance(expectation, Refusal) for expectation in case.expected):
             raise failure if len(scenario.cases) == 1 else _of_case(case, failure) from failure
         error = failure
     trace = result.trace if result is not None else None
-    return CaseResult(case.name, result, error, tuple(each.check(trace, error) for each in case.expected), file)
+    checks = tuple(expectation.check(trace, error) for expectation in case.expected)
+    return CaseResult(case.name, result, error, checks, file)
 
 
 def _of_case(case: Case, failure: ServotwinError) -> ServotwinError:

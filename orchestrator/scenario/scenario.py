@@ -63,7 +63,7 @@ class Case:
     @property
     def looked_at(self) -> dict[str, None]:
         """The signals that expectations look at."""
-        return {each.signal: None for each in self.expected if isinstance(each, Expectation)}
+        return {expected.signal: None for expected in self.expected if isinstance(expected, Expectation)}
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from fmus.files import sha256
 from orchestrator import formats
 from orchestrator.engine import compiled
 from orchestrator.scenario import accounts
-from orchestrator.scenario.results import document_of, interruption, rows_of, trace_file, write_run
+from orchestrator.scenario.results import document_of, interruption, trace_file, write_run
 from orchestrator.scenario.run import Keeping, ScenarioInterrupted, ScenarioResult, run_scenario
 
 SCENARIO: dict[str, Any] = {
@@ -176,7 +176,7 @@ def test_a_second_run_replaces_the_first(tmp_path: Path) -> None:
 def test_every_check_and_every_case_without_one_has_a_row(tmp_path: Path) -> None:
     expect = [{"signal": "hand.angle", "below": 1}, {"signal": "hand.angle", "above": 0.49}]
     result = run(tmp_path, cases=[{"name": "a", "expect": expect}, {"name": "b"}])
-    assert [row[:3] for row in rows_of(result)] == [
+    assert [row[:3] for row in result.rows()] == [
         ("a", "hand.angle stays below 1", "yes"),
         ("a", "hand.angle stays above 0.49", "NO"),
         ("b", "-", "-"),
@@ -214,7 +214,7 @@ def test_an_interrupted_run_leaves_what_it_has_and_says_how_far_it_came(tmp_path
     last = formats.read(tmp_path / "out" / "b.csv").trace.time[-1]
     assert reached - 5 < last < reached <= 300
     assert interruption(stopped.value.result) == f"interrupted at t = {reached:g} s of case b"
-    assert [row[3] for row in rows_of(stopped.value.result)] == [
+    assert [row[3] for row in stopped.value.result.rows()] == [
         "ran through",
         f"interrupted at t = {reached:g} s",
         "not run",
