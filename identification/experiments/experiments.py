@@ -6,15 +6,11 @@ Data sets do not know of each other, so each goes to a process of its own; `set_
 from __future__ import annotations
 
 import itertools
-import signal
-from collections.abc import Iterator
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from multiprocessing import active_children, get_context
+from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Any
 
 from fmus.errors import FmuError, ScenarioError
 from identification.experiments.data_set import DataSet, data_set
@@ -22,11 +18,11 @@ from identification.experiments.physical_modes import PhysicalMode, physical_mod
 from identification.experiments.reduction import Reduction
 from identification.experiments.schema import ExampleBlock, ExperimentsBlock, NamedConditioningBlock
 from identification.experiments.set_result import SetResult, identified
-from identification.output_error.calibration import processes
 from identification.recordings.campaign import StudyTrace, TraceSource, load_campaign
+from orchestrator.processes import Died, Processes, calling, processors
 from orchestrator.progress import Progress
 
-Value = TypeVar("Value")
+Pool = Processes[Callable[[], Any], Any]
 SIMULATED, IDENTIFIED = 0.35, 0.97  # of the whole when the one and the other are done, roughly
 
 
@@ -76,7 +72,7 @@ def run(study: ExperimentsBlock, base: Path, data: Path | None, progress: Progre
         payload: _physical(study, payload) for payload in sorted({known.payload for known in study.sets.values()})
     }
     preparations = [study.preparation, *([study.compare] if study.compare else [])]
-    with _workers() as pool:
+    with Pool(calling, processors(), [__name__]) as pool:
         recorded = _read(study, base, data) if data else _simulated(pool, study, base, progress)
         sets = [_data_sets(study, preparation, recorded, physical) for preparation in preparations]
         results = _identified(pool, list(itertools.chain(*sets)), progress)
@@ -87,13 +83,12 @@ def run(study: ExperimentsBlock, base: Path, data: Path | None, progress: Progre
     return replace(made[0], compared=made[1] if study.compare else None)
 
 
-def _identified(pool: ProcessPoolExecutor, sets: list[DataSet], progress: Progress) -> dict[DataSet, SetResult]:
-    tasks = {pool.submit(identified, own): own for own in sets}
-    results = {}
-    for number, task in enumerate(as_completed(tasks), start=1):
-        results[tasks[task]] = _result(task)
-        done = SIMULATED + (IDENTIFIED - SIMULATED) * number / len(tasks)
-        progress(done, f"{number} of {len(tasks)} identified, {tasks[task].label}")
+def _identified(pool: Pool, sets: list[DataSet], progress: Progress) -> dict[DataSet, SetResult]:
+    results: dict[DataSet, SetResult] = {}
+    for number, result in _answers(pool, [partial(identified, own) for own in sets]):
+        results[sets[number]] = result
+        done = SIMULATED + (IDENTIFIED - SIMULATED) * len(results) / len(sets)
+        progress(done, f"{len(results)} of {len(sets)} identified, {sets[number].label}")
     return results
 
 
@@ -121,15 +116,12 @@ def _read(study: ExperimentsBlock, base: Path, data: Path) -> list[StudyTrace]:
     return _wanted(study, load_campaign(TraceSource(base, files="**/*.csv"), data))
 
 
-def _simulated(pool: ProcessPoolExecutor, study: ExperimentsBlock, base: Path, progress: Progress) -> list[StudyTrace]:
+def _simulated(pool: Pool, study: ExperimentsBlock, base: Path, progress: Progress) -> list[StudyTrace]:
     found: list[StudyTrace] = []
-    tasks: dict[Future[list[StudyTrace]], Path] = {
-        pool.submit(_simulate, base / path): path for path in study.scenarios
-    }
-    for number, task in enumerate(as_completed(tasks), start=1):
-        cases: list[StudyTrace] = _result(task)
+    scenarios = [base / path for path in study.scenarios]
+    for done, (number, cases) in enumerate(_answers(pool, [partial(_simulate, path) for path in scenarios]), start=1):
         found += cases
-        progress(SIMULATED * number / len(tasks), f"simulated {tasks[task].stem}")
+        progress(SIMULATED * done / len(scenarios), f"simulated {scenarios[number].stem}")
     return _wanted(study, found)
 
 
@@ -152,26 +144,9 @@ def _wanted(study: ExperimentsBlock, found: list[StudyTrace]) -> list[StudyTrace
     )
 
 
-@contextmanager
-def _workers() -> Iterator[ProcessPoolExecutor]:
-    """Processes that end with the study, however it ends; what still runs then is stopped."""
-    with ProcessPoolExecutor(processes(), get_context("spawn"), _ignore_interrupts) as pool:
-        try:
-            yield pool
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for process in active_children():
-                process.terminate()
-            raise
-
-
-def _ignore_interrupts() -> None:
-    """A terminal interrupts all processes; only the main one shall answer."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-def _result(task: Future[Value]) -> Value:
-    try:
-        return task.result()
-    except BrokenProcessPool:
-        raise FmuError("study", "a process died", "look for a crash in the FMUs, or for too little memory") from None
+def _answers(pool: Pool, tasks: Sequence[Callable[[], Any]]) -> Iterator[tuple[int, Any]]:
+    """(number of the task, what it gives), as they come."""
+    for number, answer in pool.answers(tasks):
+        if isinstance(answer, Died):
+            raise FmuError("study", "a process died", "look for a crash in the FMUs, or for too little memory")
+        yield number, answer

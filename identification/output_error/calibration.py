@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,6 +20,7 @@ from identification.output_error.study import OutputErrorStudy
 from identification.output_error.windows import FreeRunWindow, cut_windows
 from identification.recordings.campaign import StudyTrace, load_campaign, recording_warnings, split
 from orchestrator.assembly.assembly import Assembled, OpenSystem
+from orchestrator.processes import processors
 from orchestrator.progress import Progress, silent
 from orchestrator.system import Endpoint, check_values, must_be
 from orchestrator.trace import FloatArray
@@ -99,11 +99,6 @@ class Calibration:
         return [*self.estimate.warnings, *recording_warnings(self.recorded)]
 
 
-def processes() -> int:
-    """Worker processes to use: one a processor."""
-    return os.cpu_count() or 1
-
-
 def calibrate(study: OutputErrorStudy, data: Path | None = None, progress: Progress = silent) -> Calibration:
     """Fit the study's parameters to its traces and judge them on the traces kept aside.
 
@@ -151,7 +146,7 @@ def _fit(
     parameters = tuple(replace(parameter, unit=units[parameter.name]) for parameter in declared.parameters)
     problem = _problem(study, weighed(study, windows), replace(declared, parameters=parameters), study.loss)
     factory = SystemFactory(assembled, windows, study.outputs, assembled.system.values())
-    return estimate(problem, factory, replace(study.options, processes=processes()), watch)
+    return estimate(problem, factory, replace(study.options, processes=processors()), watch)
 
 
 def judge(
@@ -160,7 +155,7 @@ def judge(
     """Free runs over these windows, with these values over the study's; estimated initial states are fitted."""
     fixed = ParameterSet(tuple(Parameter(name, value, fixed=True) for name, value in values.items()))
     factory = SystemFactory(assembled, windows, study.outputs, assembled.system.values())
-    options = replace(study.options, processes=processes())
+    options = replace(study.options, processes=processors())
     found = predict(_problem(study, evenly_weighed(windows), fixed, Loss()), factory, options)
     return Judged(study.outputs, tuple(windows), found.simulated, found.fit)
 

@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-import shutil
-import signal
-import tempfile
-import threading
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from multiprocessing import active_children, get_context, parent_process
-from multiprocessing.util import Finalize
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 
 from fmus.errors import FmuError, ScenarioError, ServotwinError
 from orchestrator.batch.procedure import run_procedure
 from orchestrator.fmi.isolation import Isolation
+from orchestrator.processes import Died, Processes, calling
 from orchestrator.results import FileDocument
 from orchestrator.scenario.results import document_of, write_run
 from orchestrator.scenario.run import run_scenario
@@ -87,60 +80,19 @@ def run_suite(
         judges: key at the top of a file that is neither a scenario nor a procedure -> who runs it.
     """
     verdicts: dict[Path, Verdict] = {}
-    with ThreadPoolExecutor(processes) as pool, _ending(pool):
-        tasks = [pool.submit(_apart, file, out / file.parent.name / file.stem, judges, isolation) for file in files]
-        for task in as_completed(tasks):
-            verdict = task.result()
+    tasks = [partial(_run, file, out / file.parent.name / file.stem, judges, isolation) for file in files]
+    with Processes[Callable[[], Verdict], Verdict](calling, processes, [__name__], fresh=True) as pool:
+        for number, answer in pool.answers(tasks):
+            verdict = _crashed(files[number], answer) if isinstance(answer, Died) else answer
             verdicts[verdict.file] = verdict
             if done is not None:
                 done(verdict)
     return [verdicts[file] for file in files]
 
 
-@contextmanager
-def _ending(pool: ThreadPoolExecutor) -> Iterator[None]:
-    """Have nothing else run, and what runs end, when an error comes in between."""
-    try:
-        yield
-    except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
-        for process in active_children():
-            process.terminate()
-        raise
-
-
-def _obey(scratch: str) -> None:
-    """Have this process keep its temporary files there, and be interrupted by the main process, and by its end, but not
-    by a terminal: that would be twice.
-
-    An interrupt cleans up; a second one would cut that short.
-    """
-    tempfile.tempdir = scratch
-    Finalize(None, shutil.rmtree, (scratch, True), exitpriority=1)  # where the main process is killed, nobody else does
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    threading.Thread(target=_await_end, daemon=True).start()
-
-
-def _await_end() -> None:
-    main_process, main_thread = parent_process(), threading.main_thread().ident
-    assert main_process is not None and main_thread is not None
-    main_process.join()
-    signal.pthread_kill(main_thread, signal.SIGTERM)
-
-
-def _apart(file: Path, out: Path, judges: Mapping[str, Judge], isolation: Isolation | None) -> Verdict:
-    """The verdict of a file that is run in a process of its own."""
-    begun = perf_counter()
-    try:
-        with (
-            tempfile.TemporaryDirectory(prefix="servotwin-") as scratch,  # gone with all in it also after a crash
-            ProcessPoolExecutor(1, get_context("spawn"), _obey, (scratch,), max_tasks_per_child=1) as process,
-        ):
-            return process.submit(_run, file, out, judges, isolation).result()
-    except BrokenProcessPool:
-        crash = FmuError(file, "an FMU crashed the process that ran it", "give --isolate to learn which one and where")
-        return Verdict(file, perf_counter() - begun, None, str(crash))
+def _crashed(file: Path, died: Died) -> Verdict:
+    crash = FmuError(file, "an FMU crashed the process that ran it", "give --isolate to learn which one and where")
+    return Verdict(file, died.seconds, None, str(crash))
 
 
 def _run(file: Path, out: Path, judges: Mapping[str, Judge], isolation: Isolation | None) -> Verdict:

@@ -28,7 +28,7 @@ needs_compiler = pytest.mark.skipif(not compiler.available(), reason="there is n
 
 @pytest.fixture(autouse=True)
 def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(calibration, "processes", lambda: 1)
+    monkeypatch.setattr(calibration, "processors", lambda: 1)
 
 
 @pytest.fixture(scope="module")
@@ -210,7 +210,7 @@ def fragile(folder: Path, stop: float) -> Change:
 def test_an_fmu_that_fails_in_a_step_is_told_from_bad_input_by_the_exit_code(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, processes: int, packaging: str, reason: str
 ) -> None:
-    monkeypatch.setattr(calibration, "processes", lambda: processes)
+    monkeypatch.setattr(calibration, "processors", lambda: processes)
     monkeypatch.setattr(targets, "preferred", lambda: packaging)
     line = refused(tmp_path, tmp_path, 3, **fragile(tmp_path, 0.8))
     assert line.startswith(
@@ -230,7 +230,7 @@ def result(tmp_path_factory: pytest.TempPathFactory, data: Path) -> Path:
     """A calibration of one parameter."""
     folder = tmp_path_factory.mktemp("result")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(calibration, "processes", lambda: 1)
+        patch.setattr(calibration, "processors", lambda: 1)
         study_file = write_study(folder / "study.yaml", **parameters(hand__inertia={"start": 0.004, "min": 0.001}))
         calibrate_study(study_file, data, folder / "out", lambda at, remark: None)
     return folder / "out"

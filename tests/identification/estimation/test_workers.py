@@ -82,7 +82,7 @@ def test_a_bug_in_a_worker_is_raised_here_with_its_trace_and_leaves_nothing():
 def test_an_interrupt_ends_workers_in_the_middle_of_a_run():
     with pytest.raises(KeyboardInterrupt), ProcessPool(Moody, 1) as pool:
         pids = pool.pids
-        pool._workers[0].send(Task(0, SLEEP))
+        pool._processes._processes[0].send(Task(0, SLEEP))
         raise KeyboardInterrupt
     assert _gone(pids)
 

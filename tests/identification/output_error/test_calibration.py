@@ -30,7 +30,7 @@ PLAIN_HAND: dict[str, Any] = {"model": "pendulum", "parameters": {"added_length"
 @pytest.fixture(autouse=True)
 def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Simulate here: starting processes takes longer than these calibrations."""
-    monkeypatch.setattr(calibration, "processes", lambda: 1)
+    monkeypatch.setattr(calibration, "processors", lambda: 1)
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ def result(tmp_path_factory: pytest.TempPathFactory, data: Path) -> Path:
     folder = tmp_path_factory.mktemp("result")
     compare = {"the start": {name: block["start"] for name, block in study()["parameters"].items()}}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(calibration, "processes", lambda: 1)
+        patch.setattr(calibration, "processors", lambda: 1)
         calibrated(write_study(folder / "small.yaml", compare=compare), data, folder / "out")
     return folder / "out"
 
@@ -159,7 +159,7 @@ def test_the_number_of_processes_changes_no_bit(data: Path, tmp_path: Path, monk
     traces = study()["traces"] | {"hold_out": []}
     study_file = write_study(tmp_path / "study.yaml", traces=traces, options={"max_evaluations": 4})
     for processes in (1, 2):
-        monkeypatch.setattr(calibration, "processes", lambda number=processes: number)
+        monkeypatch.setattr(calibration, "processors", lambda number=processes: number)
         calibrated(study_file, data, tmp_path / str(processes))
     assert_same_result(tmp_path / "1", tmp_path / "2")
 

@@ -39,7 +39,7 @@ FREE = {"start": 0.002, "min": -0.01, "max": 0.02}
 
 @pytest.fixture(autouse=True)
 def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(calibration, "processes", lambda: 1)
+    monkeypatch.setattr(calibration, "processors", lambda: 1)
 
 
 def command(seed: int, time: FloatArray) -> FloatArray:
@@ -106,7 +106,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def result(tmp_path_factory: pytest.TempPathFactory, data: Path) -> Path:
     folder = tmp_path_factory.mktemp("delayed")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(calibration, "processes", lambda: 1)
+        patch.setattr(calibration, "processors", lambda: 1)
         calibrate_study(late_study(folder / "study.yaml"), data, folder / "out", lambda fraction, remark: None)
     return folder / "out"
 

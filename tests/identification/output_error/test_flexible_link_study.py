@@ -99,7 +99,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("link")
     study, data = small_study(folder / "study.yaml"), record(folder / "data")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(calibration, "processes", lambda: 1)
+        patch.setattr(calibration, "processors", lambda: 1)
         answer = CliRunner().invoke(app, ["calibrate", str(study), "--data", str(data), "--out", str(folder / "out")])
     assert answer.exit_code == 0, answer.stderr
     (folder / "printed").write_text(answer.stdout)
@@ -134,7 +134,7 @@ def test_fit_is_told_by_output_in_summary_and_report_and_on_the_terminal(folder:
 def test_validating_the_result_gives_each_output_the_same_fit(
     folder: Path, summary: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(calibration, "processes", lambda: 1)
+    monkeypatch.setattr(calibration, "processors", lambda: 1)
     judged = validate_result(folder / "out", folder / "data", tmp_path / "v", lambda fraction, remark: None)
     for name, fit in summary["fit"]["validation"]["outputs"].items():
         assert judged["fit"]["unseen"]["outputs"][name] == pytest.approx(fit, abs=1e-9)

@@ -31,7 +31,7 @@ def records(tmp_path: Path) -> Path:
 def test_hub_stiffness_payload_friction_and_drive_lie_inside_narrow_intervals(
     records: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(calibration, "processes", lambda: 1)
+    monkeypatch.setattr(calibration, "processors", lambda: 1)
     document = calibrate_study(SCENARIOS / "physical.yaml", records, tmp_path / "out", lambda fraction, remark: None)
     assert len(document["parameters"]) == 5
     for name, entry in document["parameters"].items():

@@ -32,7 +32,7 @@ CYCLE, COUNT = 0.01, 601  # [s], frames of a message in a recording
 @pytest.fixture(scope="module", autouse=True)
 def in_this_process() -> Any:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(calibration, "processes", lambda: 1)
+        patch.setattr(calibration, "processors", lambda: 1)
         yield
 
 

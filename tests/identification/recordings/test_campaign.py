@@ -212,7 +212,7 @@ def refused(folder: Path, data: Path, **changes: Any) -> str:
 
 
 def test_the_same_campaign_without_faults_is_calibrated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(calibration, "processes", lambda: 1)
+    monkeypatch.setattr(calibration, "processors", lambda: 1)
     for number, grams in enumerate((0, 50)):
         save(tmp_path / "data", f"rig_{grams}__a", columns(grams / 1000, number))
     result = calibrate(tmp_path, tmp_path / "data", "--json")

@@ -81,7 +81,7 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("rig")
     record(folder / "data")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(calibration, "processes", lambda: 1)
+        patch.setattr(calibration, "processors", lambda: 1)
         document = only_json(
             servotwin(
                 "calibrate",
@@ -100,7 +100,7 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def in_this_process(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Simulate here, and leave nothing in the working directory."""
-    monkeypatch.setattr(calibration, "processes", lambda: 1)
+    monkeypatch.setattr(calibration, "processors", lambda: 1)
     monkeypatch.chdir(tmp_path)
 
 

@@ -1,0 +1,283 @@
+"""Processes that work side by side for this one and end with it: when it is done, by an interrupt, or its death.
+
+They are forked from a server that has loaded the modules they need, once for all pools of a command.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import pickle
+import shutil
+import signal
+import tempfile
+import threading
+import traceback
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from multiprocessing import parent_process, resource_tracker
+from multiprocessing.connection import Connection, wait
+from multiprocessing.context import BaseContext
+from multiprocessing.util import Finalize
+from time import perf_counter
+from types import TracebackType
+from typing import Any, Generic, Self, TypeVar
+
+T = TypeVar("T")
+A = TypeVar("A")
+
+_PATIENCE = 5.0  # with a process that is to end by itself [s]
+_CLEANING = 15.0  # with one that was interrupted and cleans up [s]
+
+
+def processors() -> int:
+    """How many processes to use: one a processor."""
+    return os.cpu_count() or 1
+
+
+@dataclass(frozen=True)
+class Died:
+    """What is there instead of an answer: the process that worked on the task died.
+
+    Attributes:
+        ending: how, by the name of a signal or an exit code.
+        seconds: wall time since it was given the task [s].
+    """
+
+    ending: str
+    seconds: float
+
+
+def calling() -> Callable[[Callable[[], Any]], Any]:
+    """A worker whose tasks are functions: it calls them."""
+    return _called
+
+
+def _called(task: Callable[[], A]) -> A:
+    return task()
+
+
+class Processes(Generic[T, A]):
+    """Processes that each have a worker of their own; a context manager that leaves neither them nor files behind.
+
+    Args:
+        make: called in each process; what it gives answers tasks, and is closed in the end where it has a `close`.
+        count: how many work at the same time.
+        modules: what they need, to be loaded ahead.
+        fresh: whether each task gets a process of its own.
+    """
+
+    def __init__(
+        self, make: Callable[[], Callable[[T], A]], count: int, modules: Sequence[str] = (), *, fresh: bool = False
+    ) -> None:
+        self._make, self._count, self._fresh = make, count, fresh
+        self._context = _context(modules)
+        self._processes: list[_Process] = []
+
+    @property
+    def pids(self) -> list[int | None]:
+        """Process ids of those alive now."""
+        return [process.pid for process in self._processes if process.alive]
+
+    def answers(self, tasks: Iterable[T]) -> Iterator[tuple[int, A | Died]]:
+        """(number of the task, its answer), as they come.
+
+        Raises:
+            Exception: what `make` or a worker raised; as a note it has where.
+        """
+        waiting = deque(enumerate(tasks))
+        busy: dict[_Process, int] = {}
+        while waiting or busy:
+            while waiting and len(busy) < self._count:
+                process = next((idle for idle in self._processes if idle not in busy), None) or self._start()
+                busy[process], task = waiting.popleft()
+                process.send(task)
+            for process in _speaking(busy):
+                answer = process.answer()
+                if self._fresh or isinstance(answer, Died):
+                    process.dismiss()
+                    process.stop(_PATIENCE)
+                    self._processes.remove(process)
+                    if not self._fresh:
+                        self._start()
+                yield busy.pop(process), answer
+
+    def _start(self) -> _Process:
+        self._processes.append(_Process(self._context, self._make))
+        return self._processes[-1]
+
+    def __enter__(self) -> Self:
+        try:
+            while not self._fresh and len(self._processes) < self._count:
+                self._start()
+        except BaseException:
+            self._stop(patience=0.0)
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stop(_PATIENCE if kind is None else 0.0)
+
+    def _stop(self, patience: float) -> None:
+        for process in self._processes:
+            process.dismiss()
+            if not patience:
+                process.interrupt()
+        for process in self._processes:
+            process.stop(patience)
+        self._processes = []
+
+
+class _Process:
+    """One process, the connection to it, and the folder for its temporary files."""
+
+    def __init__(self, context: BaseContext, make: Callable[[], Callable[[Any], Any]]) -> None:
+        self._folder = tempfile.mkdtemp(prefix="servotwin-")
+        self.connection, theirs = context.Pipe()
+        self._process: Any = context.Process(  # type: ignore[attr-defined]
+            target=_serve, args=(theirs, make, self._folder, dict(os.environ)), daemon=False
+        )
+        self._begun = 0.0
+        try:
+            with _uninterrupted():
+                self._process.start()
+        except BaseException:
+            shutil.rmtree(self._folder, ignore_errors=True)
+            raise
+        theirs.close()
+
+    @property
+    def pid(self) -> int | None:
+        pid: int | None = self._process.pid
+        return pid
+
+    @property
+    def alive(self) -> bool:
+        return bool(self._process.is_alive())
+
+    def send(self, task: Any) -> None:
+        """Hand over a task; a process that is gone is noticed when its answer is read."""
+        self._begun = perf_counter()
+        with contextlib.suppress(OSError):
+            self.connection.send(task)
+
+    def answer(self) -> Any:
+        """The answer to the task."""
+        try:
+            answer = self.connection.recv()
+        except (EOFError, OSError):
+            self.stop(_PATIENCE)
+            code = self._process.exitcode
+            ending = signal.Signals(-code).name if code is not None and code < 0 else f"exit code {code}"
+            return Died(ending, perf_counter() - self._begun)
+        if isinstance(answer, _Raised):
+            answer.error.add_note(answer.trace)
+            raise answer.error
+        return answer
+
+    def dismiss(self) -> None:
+        """Ask it to close its worker and end."""
+        with contextlib.suppress(OSError):
+            self.connection.send(None)
+
+    def interrupt(self) -> None:
+        """Ask it to end at once; it cleans up."""
+        if self.alive:
+            self._process.terminate()
+
+    def stop(self, patience: float) -> None:
+        """See that it ends: after `patience` [s] it is interrupted, and killed where that does not help."""
+        if patience:
+            self._process.join(patience)
+            self.interrupt()
+        self._process.join(_CLEANING)
+        if self.alive:
+            self._process.kill()
+            self._process.join()
+        self.connection.close()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+
+@dataclass(frozen=True)
+class _Raised:
+    """An error on its way from a process."""
+
+    error: BaseException
+    trace: str
+
+
+def _context(modules: Sequence[str]) -> BaseContext:
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["__main__", *modules])  # nothing where the server runs already
+    return context
+
+
+def _speaking(processes: Iterable[_Process]) -> list[_Process]:
+    """Those with an answer or an end to read, at least one."""
+    known = {process.connection: process for process in processes}
+    return [known[connection] for connection in wait(list(known)) if isinstance(connection, Connection)]
+
+
+@contextlib.contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """SIGINT waits, and a process started here never sees it: a terminal sends it to all, and only we shall answer."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    resource_tracker.ensure_running()  # it would unblock the signal when it is started along with the first process
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _serve(connection: Connection, make: Callable[[], Any], folder: str, environment: Mapping[str, str]) -> None:
+    """The life of a process: one worker, tasks until None or until the other side is gone.
+
+    The main process interrupts it by SIGTERM, and so does its end; a second one would cut the cleaning up short.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    if hasattr(signal, "pthread_sigmask"):  # for those that are started from here
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+        threading.Thread(target=_await_end, daemon=True).start()
+    os.environ.clear()
+    os.environ.update(environment)
+    tempfile.tempdir = folder
+    Finalize(None, shutil.rmtree, (folder, True), exitpriority=1)  # where the main process is killed, nobody else does
+    with contextlib.suppress(KeyboardInterrupt, EOFError, OSError):
+        try:
+            worker = make()
+        except Exception as error:
+            _complain(connection, error)
+            return
+        with contextlib.closing(worker) if hasattr(worker, "close") else contextlib.nullcontext():
+            while (task := connection.recv()) is not None:
+                try:
+                    connection.send(worker(task))
+                except Exception as error:
+                    _complain(connection, error)
+
+
+def _await_end() -> None:
+    """Interrupt this process when the main one is gone."""
+    main_process, main_thread = parent_process(), threading.main_thread().ident
+    assert main_process is not None and main_thread is not None
+    main_process.join()
+    signal.pthread_kill(main_thread, signal.SIGTERM)
+
+
+def _complain(connection: Connection, error: Exception) -> None:
+    trace = traceback.format_exc()
+    try:
+        pickle.loads(pickle.dumps(error))
+        connection.send(_Raised(error, trace))
+    except Exception:
+        connection.send(_Raised(RuntimeError(f"{type(error).__name__}: {error}"), trace))
