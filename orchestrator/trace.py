@@ -38,6 +38,27 @@ def read_only(values: ArrayLike) -> FloatArray:
     return array
 
 
+class ReadOnlyArrays:
+    """Base of frozen dataclasses over arrays: nobody can write these, alone or in tuples and mappings.
+
+    Such a dataclass is equal to itself alone (`eq=False`), since arrays have no one answer to `==`.
+    """
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            object.__setattr__(self, name, _read_only(value))
+
+
+def _read_only(value: object) -> object:
+    if isinstance(value, np.ndarray) and value.dtype == float:
+        return read_only(value)
+    if type(value) is tuple and any(isinstance(entry, np.ndarray) for entry in value):
+        return tuple(map(_read_only, value))
+    if isinstance(value, dict) and any(isinstance(entry, np.ndarray) for entry in value.values()):
+        return {key: _read_only(entry) for key, entry in value.items()}
+    return value
+
+
 def _fixed(array: object) -> bool:
     while isinstance(array, np.ndarray):
         if array.flags.writeable:

@@ -24,7 +24,7 @@ _NO_DAMPING = 1e-12
 _MOST_DAMPING = 1e12
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Point:
     """parameters : (n,) and states : (W, s), both scaled."""
 
@@ -62,7 +62,7 @@ class Box:
         return Box(self.lower - point, self.upper - point)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class WindowBlock:
     """One window linearised: residual : (N,), its derivatives parameters : (N, n) and states : (N, s)."""
 
@@ -237,7 +237,7 @@ class Limits:
     step: float = 1e-7
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Iterate:
     """A point that could be evaluated."""
 

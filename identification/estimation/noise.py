@@ -24,7 +24,7 @@ class Noise(Protocol):
         """Covariance of a window's noise times columns (K m, c), rows ordered instant by instant."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class White:
     """No correlation in time; `covariance` (m, m) between the outputs at one instant."""
 
@@ -37,7 +37,7 @@ class White:
         return np.asarray((self.covariance @ instants).reshape(columns.shape))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Coloured:
     """Correlated in time; `autocovariance` (m, K) of each output, the outputs independent of each other."""
 

@@ -19,7 +19,7 @@ from identification.estimation.arrow_least_squares import Loss, WindowBlock
 from identification.estimation.noise import Noise, coloured, white
 from identification.estimation.parameters import Parameter
 from identification.estimation.validation import Whiteness, whiteness
-from orchestrator.trace import FloatArray
+from orchestrator.trace import FloatArray, ReadOnlyArrays
 
 Method = Literal["white", "coloured", "window"]
 UNSEEN, WEAK = 1e-4, 1e-2
@@ -40,8 +40,8 @@ class Combination:
     message: str
 
 
-@dataclass(frozen=True)
-class Identifiability:
+@dataclass(frozen=True, eq=False)
+class Identifiability(ReadOnlyArrays):
     """What the Jacobian at the estimate can and cannot tell apart.
 
     Attributes:
@@ -67,8 +67,8 @@ class Identifiability:
         return float(self.singular_values[0]) / smallest if smallest > 0 else float("inf")
 
 
-@dataclass(frozen=True)
-class Covariance:
+@dataclass(frozen=True, eq=False)
+class Covariance(ReadOnlyArrays):
     """Uncertainty of an estimate in z.
 
     Attributes:
@@ -102,7 +102,7 @@ class Covariance:
         return float(student.ppf(0.975, self.freedom))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Rows:
     """A window's share of the estimating equations, the states projected out.
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from scipy.stats import chi2, norm
 
 from fmus.errors import IdentificationError
-from orchestrator.trace import FloatArray
+from orchestrator.trace import FloatArray, ReadOnlyArrays
 
 _BAND = float(norm.ppf(0.995))
 
@@ -50,8 +50,8 @@ def delta(measured: ArrayLike, simulated: ArrayLike) -> FloatArray:
     return _ratio(rms(measured, simulated), np.sqrt(np.mean(y**2, axis=0)))
 
 
-@dataclass(frozen=True)
-class Whiteness:
+@dataclass(frozen=True, eq=False)
+class Whiteness(ReadOnlyArrays):
     """Result of a portmanteau test: small `p_value` means the residuals are correlated.
 
     Attributes:

@@ -28,7 +28,7 @@ from fmus.errors import IdentificationError
 from identification.estimation.estimated_value import EstimatedValue, estimate, propagated
 from identification.estimation.validation import whiteness
 from identification.signals.processing import differentiate, mean_step, resampled_evenly
-from orchestrator.trace import FloatArray, Trace, usable
+from orchestrator.trace import FloatArray, ReadOnlyArrays, Trace, usable
 
 RATES = np.geomspace(0.3, 300, 40)  # decays over the recording, tried as starts
 FASTEST = 1e4  # decays over the recording, beyond which the search is lost
@@ -38,8 +38,8 @@ SEEN = 3.0  # standard errors by which the first sample has to be off the orbit
 UNITS = {"ratio": "1/s^2", "level": "rad^2/s^2", "rate": "s/rad^2", "p1": "kg m^2", "p3": "N m", "p4": "N m/V"}
 
 
-@dataclass(frozen=True)
-class Motion:
+@dataclass(frozen=True, eq=False)
+class Motion(ReadOnlyArrays):
     """A recorded motion.
 
     Attributes:
@@ -203,7 +203,7 @@ def _positive(**numbers: float) -> None:
             raise IdentificationError(f"recalibration.{name}", f"{number:g} is not positive", "give its true value")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Fit:
     """Values (4,) of ratio, level, rate and offset, their covariance (4, 4), and variances of angle and speed (2,)."""
 
@@ -269,7 +269,7 @@ def _lost(motion: Motion, values: FloatArray, variances: FloatArray) -> bool:
     return bool(drowned or not 0 < values[2] * action < FASTEST)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Line:
     """Eq. 114 linearised.
 

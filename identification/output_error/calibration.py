@@ -23,13 +23,13 @@ from orchestrator.assembly.assembly import Assembled, OpenSystem
 from orchestrator.processes import processors
 from orchestrator.progress import Progress, silent
 from orchestrator.system import Endpoint, check_values, must_be
-from orchestrator.trace import FloatArray
+from orchestrator.trace import FloatArray, ReadOnlyArrays
 
 LOADED = 0.05  # of the whole when the traces are there, roughly
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class Judged(ReadOnlyArrays):
     """Free runs over some windows.
 
     Attributes:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from scipy.interpolate import CubicHermiteSpline
 
-from orchestrator.trace import FloatArray
+from orchestrator.trace import FloatArray, ReadOnlyArrays
 
 _ROUNDING = 1e-9  # of a step
 
@@ -85,7 +85,7 @@ def _steps(duration: float, step: Fraction) -> int:
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
+class Held(ReadOnlyArrays):
     """A command that keeps the value of each sample until the next; before the first stamp it has the first value.
 
     Attributes:

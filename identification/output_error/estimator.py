@@ -19,7 +19,7 @@ from identification.estimation.validation import fit
 from identification.estimation.workers import Factory, Pool, Simulator, open_pool
 from identification.output_error.free_run import FreeRun, Tally
 from identification.output_error.problem import Problem, Window, spread_weights
-from orchestrator.trace import FloatArray
+from orchestrator.trace import FloatArray, ReadOnlyArrays
 
 __all__ = [
     "Estimate",
@@ -107,7 +107,7 @@ class StartReport:
 
 
 @dataclass(frozen=True, eq=False)
-class Estimate:
+class Estimate(ReadOnlyArrays):
     """Parameters that match the windows, what they are worth, and what it took.
 
     Attributes:
@@ -150,7 +150,7 @@ class Estimate:
 
 
 @dataclass(frozen=True, eq=False)
-class Prediction:
+class Prediction(ReadOnlyArrays):
     """Free runs with given parameters.
 
     Attributes:

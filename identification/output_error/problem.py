@@ -11,11 +11,11 @@ import numpy as np
 from fmus.errors import IdentificationError
 from identification.estimation.arrow_least_squares import LEAST_SQUARES, Box, Loss, Point
 from identification.estimation.parameters import InitialState, ParameterSet, refuse_duplicates
-from orchestrator.trace import FloatArray
+from orchestrator.trace import FloatArray, ReadOnlyArrays
 
 
 @dataclass(frozen=True, eq=False)
-class Window:
+class Window(ReadOnlyArrays):
     """A stretch of one trace that is simulated freely from its first instant.
 
     Attributes:
@@ -31,8 +31,7 @@ class Window:
     weight: FloatArray
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "measured", np.asarray(self.measured, dtype=float))
-        object.__setattr__(self, "weight", np.asarray(self.weight, dtype=float))
+        super().__post_init__()
         if self.measured.ndim != 2 or len(self.measured) < 2 or not self.measured.size:
             raise IdentificationError(
                 self.name, f"measured has shape {self.measured.shape}, not (K, m)", "give two instants or more"

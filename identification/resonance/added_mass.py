@@ -15,13 +15,13 @@ from scipy import optimize
 from fmus.errors import IdentificationError
 from identification.estimation.estimated_value import EstimatedValue, estimate
 from identification.resonance.resonance import GRAVITY
-from orchestrator.trace import FloatArray
+from orchestrator.trace import FloatArray, ReadOnlyArrays
 
 UNITS = {"p1": "kg m^2", "p2": "N m s/rad", "p3": "N m"}
 
 
-@dataclass(frozen=True)
-class Resonances:
+@dataclass(frozen=True, eq=False)
+class Resonances(ReadOnlyArrays):
     """Resonance frequencies found with K added masses.
 
     Attributes:

@@ -2,29 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from fmus.errors import ScenarioError
 from identification.built_system import BuiltSystem
 from identification.estimation.estimated_value import EstimatedValue
 from identification.method import Calibrated
 from identification.recordings.campaign import StudyTrace, load_campaign, recording_warnings
-from identification.resonance.added_mass import Bounds
-from identification.resonance.schema import ResonanceBlock, SineBlock
-from identification.resonance.steps import (
-    RECORDINGS_SCRIPT,
-    SYNTHETIC_SCRIPT,
-    Experiment,
-    LoadResult,
-    Processing,
-    ResonanceStudy,
-    study,
-    study_as_published,
-)
+from identification.resonance import steps
+from identification.resonance.steps import LoadResult, ResonanceStudy
+from identification.resonance.study import CampaignStudy
 from identification.results import ParameterSummary, Summary, data_summary, finite, provenance
 from orchestrator.assembly.assembly import OpenSystem
 from orchestrator.progress import Progress, silent
@@ -33,14 +22,12 @@ from orchestrator.results import versions
 from orchestrator.system import check_values, must_be
 from orchestrator.trace import FloatArray
 
-SCRIPTS: dict[str, Processing] = {"synthetic": SYNTHETIC_SCRIPT, "recordings": RECORDINGS_SCRIPT}
-
 
 @dataclass(frozen=True, eq=False)
 class ResonanceCalibration:
     """What a study gave by either method."""
 
-    block: ResonanceBlock
+    study: CampaignStudy
     recorded: tuple[StudyTrace, ...]
     published: ResonanceStudy
     corrected: ResonanceStudy
@@ -49,53 +36,35 @@ class ResonanceCalibration:
     @property
     def taken(self) -> ResonanceStudy:
         """The one whose parameters are written back."""
-        return self.published if self.block.take == "published" else self.corrected
+        return self.published if self.study.take == "published" else self.corrected
 
 
-def calibrate(
-    block: ResonanceBlock, base: Path, data: Path | None = None, progress: Progress = silent
-) -> ResonanceCalibration:
+def calibrate(study: CampaignStudy, data: Path | None = None, progress: Progress = silent) -> ResonanceCalibration:
     """Steps 1-4 on the study's traces.
+
+    Args:
+        data: the recordings, over the study's own.
 
     Raises:
         InputError: traces are missing, too short or too few, or a field is not known.
     """
-    system = BuiltSystem(block.system(base))
-    _check_targets(block, system)
-    recorded = load_campaign(block.source(base), data, progress)
-    experiments = [experiment(block.campaign, each) for each in recorded]
-    processing = SCRIPTS[block.script]
-    lower, upper = np.array(block.bounds.lower), np.array(block.bounds.upper)
-    start = block.bounds.start or tuple((lower + upper) / 2)
-    bounds = Bounds(start, block.bounds.lower, block.bounds.upper)
-    return ResonanceCalibration(
-        block,
-        tuple(recorded),
-        study_as_published(experiments, processing, bounds, block.campaign.signal),
-        study(experiments, processing.window, block.campaign.signal),
-        system,
-    )
+    system = BuiltSystem(study.system)
+    _check_targets(study, system)
+    recorded = load_campaign(study.traces, data, progress)
+    experiments = [study.campaign.experiment(trace) for trace in recorded]
+    signal, processing = study.campaign.signal, study.processing
+    published = steps.study_as_published(experiments, processing, study.bounds, signal)
+    corrected = steps.study(experiments, processing.window, signal)
+    return ResonanceCalibration(study, tuple(recorded), published, corrected, system)
 
 
-def _check_targets(block: ResonanceBlock, system: BuiltSystem) -> None:
+def _check_targets(study: CampaignStudy, system: BuiltSystem) -> None:
     """See that the parameters that the study writes, and their truths, are in its system."""
     with OpenSystem(system.assembled) as opened:
-        check_values(opened.system, block.values())
-        for key, names in (("write", list(block.write.values())), ("truth", list(block.truth))):
+        check_values(opened.system, study.system.values())
+        for key, names in (("write", list(study.write.values())), ("truth", list(study.truth))):
             for name in names:
                 must_be(opened.system, name, "parameter", key)
-
-
-def experiment(campaign: SineBlock, recorded: StudyTrace) -> Experiment:
-    """A trace with what its name tells about it."""
-    turn = 2 * math.pi if campaign.frequency_in == "Hz" else 1.0
-    return Experiment(
-        recorded.trace,
-        _value(campaign.added_mass, recorded),
-        _value(campaign.added_length, recorded),
-        _value(campaign.amplitude, recorded),
-        turn * _value(campaign.frequency, recorded),
-    )
 
 
 class LoadSummary(ParameterSummary):
@@ -122,12 +91,12 @@ def summary(result: ResonanceCalibration) -> ResonanceSummary:
     fits = _agreement(result)
     both = (result.published, result.corrected)
     return {
-        "title": result.block.title,
+        "title": result.study.title,
         "method": f"resonance ({result.taken.method})",
         "parameters": _parameters(result),
-        "resonance": {study.method: [_load(load) for load in study.loads] for study in both},
+        "resonance": {found.method: [_load(load) for load in found.loads] for found in both},
         "lumped": {
-            study.method: {name: _estimate(value) for name, value in study.parameters.items()} for study in both
+            found.method: {name: _estimate(value) for name, value in found.parameters.items()} for found in both
         },
         "fit": {
             "train": {"median": float(np.median(list(fits.values()))), "traces": {**fits}},
@@ -143,8 +112,8 @@ def _parameters(result: ResonanceCalibration) -> dict[str, ParameterSummary]:
     """component.variable -> estimate of each parameter that the study writes."""
     found = result.taken.parameters
     return {
-        variable: _estimate(found[name], result.block.truth.get(variable))
-        for name, variable in result.block.write.items()
+        variable: _estimate(found[name], result.study.truth.get(variable))
+        for name, variable in result.study.write.items()
         if name in found
     }
 
@@ -157,7 +126,7 @@ def calibrated(result: ResonanceCalibration, folder: Path) -> Calibrated:
 
 def report(result: ResonanceCalibration) -> Report:
     """Frequency responses, resonances and parameters by both methods."""
-    page = Report(result.block.title, result.block.description)
+    page = Report(result.study.title, result.study.description)
     section = page.section("Result")
     for warning in result.taken.warnings:
         section.callout("warning", warning)
@@ -172,18 +141,6 @@ def report(result: ResonanceCalibration) -> Report:
     )
     provenance(page.section("Provenance"), data_summary(result.recorded))
     return page
-
-
-def _value(given: str | float, recorded: StudyTrace) -> float:
-    if not isinstance(given, str):
-        return float(given)
-    if given not in recorded.fields:
-        raise ScenarioError(
-            f"campaign, {recorded.trace.name}",
-            f"no field '{given}'",
-            f"there are {', '.join(recorded.fields) or 'none'}",
-        )
-    return recorded.fields[given]
 
 
 def _estimate(value: EstimatedValue, truth: float | None = None) -> ParameterSummary:

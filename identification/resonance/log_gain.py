@@ -18,7 +18,7 @@ from scipy import optimize
 from fmus.errors import IdentificationError
 from identification.estimation.estimated_value import EstimatedValue, estimate, estimates, propagated
 from identification.resonance.resonance import GRAVITY
-from orchestrator.trace import FloatArray
+from orchestrator.trace import FloatArray, ReadOnlyArrays
 
 ROUNDING = 1e-12  # relative misfits below this are taken for arithmetic
 LARGEST_LOGARITHM = 50.0  # a parameter this far from its start is lost
@@ -32,8 +32,8 @@ PARAMETER_UNITS = {"p1": "kg m^2", "p2": "N m s/rad", "p3": "N m", "p4": "N m/in
 LogModel = Callable[[FloatArray], tuple[FloatArray, FloatArray]]  # parameters to log|G| and its derivatives
 
 
-@dataclass(frozen=True)
-class GainData:
+@dataclass(frozen=True, eq=False)
+class GainData(ReadOnlyArrays):
     """Gains measured at K frequencies, each with the mass added in its experiment.
 
     Attributes:
@@ -72,8 +72,8 @@ def gain_data(
     return GainData(w, g, s, m, length)
 
 
-@dataclass(frozen=True)
-class MagnitudeFit:
+@dataclass(frozen=True, eq=False)
+class MagnitudeFit(ReadOnlyArrays):
     """G(s) = b0 / (s^2 + a1 s + a0) fitted to gains.
 
     Attributes:
@@ -133,8 +133,8 @@ def _magnitude_start(squared: float, gain: float) -> FloatArray:
     return np.array([squared, damping, gain * damping * math.sqrt(squared)])
 
 
-@dataclass(frozen=True)
-class PendulumFit:
+@dataclass(frozen=True, eq=False)
+class PendulumFit(ReadOnlyArrays):
     """The grey box p1 a + p2 w + p3 q = p4 v fitted to gains measured with several added masses.
 
     Attributes:

@@ -2,8 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from identification.method import Method
 from identification.resonance.calibration import ResonanceCalibration, calibrate, calibrated, report, summary
 from identification.resonance.schema import ResonanceBlock
+from orchestrator.progress import Progress
 
-METHOD: Method[ResonanceBlock, ResonanceCalibration] = Method(ResonanceBlock, calibrate, summary, report, calibrated)
+
+def _run(block: ResonanceBlock, base: Path, data: Path | None, progress: Progress) -> ResonanceCalibration:
+    return calibrate(block.study(base), data, progress)
+
+
+METHOD: Method[ResonanceBlock, ResonanceCalibration] = Method(ResonanceBlock, _run, summary, report, calibrated)

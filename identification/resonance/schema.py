@@ -2,29 +2,30 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Literal
 
 from pydantic import model_validator
 
 from identification.recordings.schema import RecordedStudyBlock, UsedSignals
+from identification.resonance.added_mass import Bounds
+from identification.resonance.steps import RECORDINGS_SCRIPT, SYNTHETIC_SCRIPT, Processing
+from identification.resonance.study import CampaignStudy, Lumped, SineCampaign, Taken
 from orchestrator.assembly.schema import SystemBlock
 from orchestrator.yaml_file import Block
 
+SCRIPTS: dict[str, Processing] = {"synthetic": SYNTHETIC_SCRIPT, "recordings": RECORDINGS_SCRIPT}
+
 
 class SineBlock(Block):
-    """What each trace of a sine campaign was made with: constants, or fields of the file's name.
-
-    Attributes:
-        signal: the measured angle.
-        added_length: [m].
-    """
+    """What each trace of a sine campaign was made with; see `SineCampaign`."""
 
     signal: str
     added_mass: str | float
     added_length: str | float
     amplitude: str | float
     frequency: str | float
-    frequency_in: Literal["rad/s", "Hz"] = "rad/s"
+    frequency_in: Literal["rad/s", "Hz"] = SineCampaign.frequency_in
 
 
 class BoundsBlock(Block):
@@ -34,22 +35,24 @@ class BoundsBlock(Block):
     lower: tuple[float, float, float]
     upper: tuple[float, float, float]
 
+    def bounds(self) -> Bounds:
+        first, second, third = ((low + high) / 2 for low, high in zip(self.lower, self.upper, strict=True))
+        return Bounds(self.start or (first, second, third), self.lower, self.upper)
+
 
 class ResonanceBlock(RecordedStudyBlock, SystemBlock):
-    """A study of sine recordings by Steps 1-4 of the pendulum thesis.
+    """A study of sine recordings by Steps 1-4 of the pendulum thesis; see `CampaignStudy`.
 
     Attributes:
         script: which script's treatment of the recordings the published method repeats.
-        write: p1, p2, p3 and p4 -> the FMU's parameter that takes it.
-        take: whose estimates are written back.
     """
 
     method: Literal["resonance"]
     campaign: SineBlock
     script: Literal["synthetic", "recordings"]
     bounds: BoundsBlock
-    write: dict[Literal["p1", "p2", "p3", "p4"], str]
-    take: Literal["published", "corrected"] = "corrected"
+    write: dict[Lumped, str]
+    take: Taken = CampaignStudy.take
     truth: dict[str, float] = {}
 
     @property
@@ -62,3 +65,18 @@ class ResonanceBlock(RecordedStudyBlock, SystemBlock):
         if self.traces.hold_out or self.traces.values:
             raise ValueError("`traces.hold_out` and `traces.values` mean nothing here; remove them")
         return self
+
+    def study(self, base: Path) -> CampaignStudy:
+        """The study as plain values; `base` is the folder of its file."""
+        return CampaignStudy(
+            self.title,
+            self.system(base),
+            self.source(base),
+            SineCampaign(**dict(self.campaign)),
+            SCRIPTS[self.script],
+            self.bounds.bounds(),
+            self.write,
+            self.description,
+            self.take,
+            self.truth,
+        )

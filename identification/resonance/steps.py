@@ -34,7 +34,7 @@ from identification.signals.processing import (
     mid_range,
     resampled_evenly,
 )
-from orchestrator.trace import FloatArray, Trace, usable
+from orchestrator.trace import FloatArray, ReadOnlyArrays, Trace, usable
 
 LINEAR = 0.01  # relative misfit of the gains up to which a linear model is taken to hold
 
@@ -80,8 +80,8 @@ SYNTHETIC_SCRIPT = Processing(decimation=4, window=45.0, sums_decimated=False)
 RECORDINGS_SCRIPT = Processing(decimation=25, window=30.0, sums_decimated=True)
 
 
-@dataclass(frozen=True)
-class LoadResult:
+@dataclass(frozen=True, eq=False)
+class LoadResult(ReadOnlyArrays):
     """What the experiments with one added mass give.
 
     Attributes:

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from identification.recordings.campaign import load_campaign
-from identification.resonance.calibration import SCRIPTS, experiment
 from identification.resonance.schema import ResonanceBlock
 from identification.resonance.steps import Experiment, study
+from identification.resonance.study import CampaignStudy
 from identification.study import load_study
 
 from .figure import Figure, Interval, coverage
@@ -26,28 +26,28 @@ DRAWS, MANY = 100, 400
 SIGNAL = "hand.angle"
 
 
-def campaign() -> tuple[ResonanceBlock, list[Experiment]]:
+def campaign() -> tuple[CampaignStudy, list[Experiment]]:
     """The study file and its experiments without noise, simulated."""
     block = load_study(STUDY).block
     assert isinstance(block, ResonanceBlock)
-    recorded = load_campaign(block.source(STUDY.parent))
-    return block, [experiment(block.campaign, each) for each in recorded]
+    asked = block.study(STUDY.parent)
+    return asked, [asked.campaign.experiment(trace) for trace in load_campaign(asked.traces)]
 
 
 def noisy(experiments: Sequence[Experiment], rng: np.random.Generator) -> list[Experiment]:
     """The experiments with white noise on the angle."""
     return [
         replace(
-            each,
-            trace=replace(each.trace, signals={SIGNAL: each.trace[SIGNAL] + NOISE * rng.normal(size=len(each.trace))}),
+            one,
+            trace=replace(one.trace, signals={SIGNAL: one.trace[SIGNAL] + NOISE * rng.normal(size=len(one.trace))}),
         )
-        for each in experiments
+        for one in experiments
     ]
 
 
-def intervals(block: ResonanceBlock, experiments: Sequence[Experiment], draws: int) -> list[dict[str, Interval]]:
+def intervals(asked: CampaignStudy, experiments: Sequence[Experiment], draws: int) -> list[dict[str, Interval]]:
     """p1..p4 -> 95 % interval, for each draw of the noise."""
-    window = SCRIPTS[block.script].window
+    window = asked.processing.window
     found = []
     for draw in range(draws):
         result = study(noisy(experiments, np.random.default_rng([0, draw])), window, SIGNAL)
@@ -55,15 +55,15 @@ def intervals(block: ResonanceBlock, experiments: Sequence[Experiment], draws: i
     return found
 
 
-def truth(block: ResonanceBlock) -> dict[str, float]:
+def truth(asked: CampaignStudy) -> dict[str, float]:
     """p1..p4 of the simulated rig."""
-    return {name: block.truth[variable] for name, variable in block.write.items()}
+    return {name: asked.truth[variable] for name, variable in asked.write.items()}
 
 
 def figures(draws: int = DRAWS) -> list[Figure]:
     """Coverage of p1, p2, p3 and p4."""
-    block, experiments = campaign()
-    return coverage("resonance study", intervals(block, experiments, draws), truth(block))
+    asked, experiments = campaign()
+    return coverage("resonance study", intervals(asked, experiments, draws), truth(asked))
 
 
 def endurance() -> list[Figure]:

@@ -255,9 +255,12 @@ def test_a_robust_loss_resists_outliers(kind):
     def spoiled(loss):
         problem = decays(count=6, noise=0.02, loss=loss)
         rng = np.random.default_rng(9)
+        windows = []
         for window in problem.windows:
-            window.measured[rng.choice(len(INSTANTS), 8, replace=False)] += 2.0
-        return problem
+            measured = window.measured.copy()
+            measured[rng.choice(len(INSTANTS), 8, replace=False)] += 2.0
+            windows.append(replace(window, measured=measured))
+        return replace(problem, windows=tuple(windows))
 
     robust = estimate(spoiled(Loss(kind, 0.05)), Oscillator)
     plain = estimate(spoiled(Loss()), Oscillator)

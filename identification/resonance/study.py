@@ -1,0 +1,88 @@
+"""What a study by the pendulum thesis' Steps 1-4 is asked, as plain values."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from fmus.errors import ScenarioError
+from identification.recordings.campaign import StudyTrace, TraceSource
+from identification.resonance.added_mass import Bounds
+from identification.resonance.steps import Experiment, Processing
+from orchestrator.assembly.assembly import SystemSpec
+
+Lumped = Literal["p1", "p2", "p3", "p4"]
+Taken = Literal["published", "corrected"]
+
+
+@dataclass(frozen=True)
+class SineCampaign:
+    """What each trace of a sine campaign was made with: constants, or fields of the file's name.
+
+    Attributes:
+        signal: the measured angle.
+        added_mass: [kg].
+        added_length: [m].
+        amplitude: [input unit].
+        frequency: in the unit of `frequency_in`.
+    """
+
+    signal: str
+    added_mass: str | float
+    added_length: str | float
+    amplitude: str | float
+    frequency: str | float
+    frequency_in: Literal["rad/s", "Hz"] = "rad/s"
+
+    def experiment(self, recorded: StudyTrace) -> Experiment:
+        """A trace with what its name tells about it.
+
+        Raises:
+            ScenarioError: its name does not tell a field.
+        """
+        turn = 2 * math.pi if self.frequency_in == "Hz" else 1.0
+        return Experiment(
+            recorded.trace,
+            _value(self.added_mass, recorded),
+            _value(self.added_length, recorded),
+            _value(self.amplitude, recorded),
+            turn * _value(self.frequency, recorded),
+        )
+
+
+def _value(given: str | float, recorded: StudyTrace) -> float:
+    if not isinstance(given, str):
+        return float(given)
+    if given not in recorded.fields:
+        raise ScenarioError(
+            f"campaign, {recorded.trace.name}",
+            f"no field '{given}'",
+            f"there are {', '.join(recorded.fields) or 'none'}",
+        )
+    return recorded.fields[given]
+
+
+@dataclass(frozen=True)
+class CampaignStudy:
+    """A sine campaign whose parameters are to be found, and where they go.
+
+    Attributes:
+        processing: the script whose treatment of the recordings the published method repeats.
+        bounds: of p1, p2 and p3 for the regression of Eq. 102.
+        write: p1, p2, p3 and p4 -> component.parameter that takes it.
+        take: whose estimates are written back.
+        truth: values behind synthetic traces, shown beside the estimates.
+    """
+
+    title: str
+    system: SystemSpec
+    traces: TraceSource
+    campaign: SineCampaign
+    processing: Processing
+    bounds: Bounds
+    write: Mapping[Lumped, str]
+    description: str = ""
+    take: Taken = "corrected"
+    truth: Mapping[str, float] = field(default_factory=dict)
