@@ -1,1 +1,56 @@
-"""From traces to parameters: signals, resonance, output error, validation."""
+"""From recordings to parameters: calibration of FMUs, linear models, frequency responses.
+
+    from identification import calibrate, load_study, validate                  # studies, as the commands do them
+    from identification import estimate, predict, subspace, frequency_response  # the methods on their own
+
+`calibrate` fits what a study leaves free and writes the result back into FMUs; `validate` judges a result on other
+recordings. `estimate` fits windows by free runs and `predict` runs them; `subspace` finds a linear model in records;
+`frequency_response` compares sines. What is named here is loaded when it is used.
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from identification.calibrate import calibrate, validate
+    from identification.output_error.estimator import estimate, predict
+    from identification.signals.frequency_response import frequency_response
+    from identification.study import load_study
+    from identification.subspace.subspace import subspace
+
+__all__ = ["calibrate", "estimate", "frequency_response", "load_study", "predict", "subspace", "validate"]
+
+_PLACES = {
+    "calibrate": "calibrate",
+    "estimate": "output_error.estimator",
+    "frequency_response": "signals.frequency_response",
+    "load_study": "study",
+    "predict": "output_error.estimator",
+    "subspace": "subspace.subspace",
+    "validate": "calibrate",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PLACES:
+        raise AttributeError(f"module 'identification' has no attribute '{name}'")
+    return getattr(import_module(f"identification.{_PLACES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
+class _Vocabulary(ModuleType):
+    """Keeps its names for functions: to import a module or room of such a name would put that here."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name not in _PLACES:
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Vocabulary

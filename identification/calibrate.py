@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
@@ -12,11 +13,12 @@ from fmus.errors import IdentificationError, ScenarioError
 from fmus.parameters import ssv
 from fmus.parameters.write_back import write_back
 from identification.method import Calibrated
-from identification.output_error import validate
+from identification.output_error import validate as output_error_validation
 from identification.output_error.schema import OutputErrorBlock
-from identification.output_error.validate import ValidationSummary
-from identification.results import STUDY, SUMMARY, ClaimsSummary, ClaimSummary, Summary, result_file
+from identification.output_error.validate import Validation, ValidationSummary
+from identification.results import STUDY, SUMMARY, ClaimsSummary, ClaimSummary, ParameterSummary, Summary, result_file
 from identification.study import Study, load_study
+from orchestrator.display.table import Cell, table
 from orchestrator.formats import Layout
 from orchestrator.progress import Progress, silent
 from orchestrator.results import CaseDocument, CheckDocument, FileDocument, check_target, result_folder, write_json
@@ -26,8 +28,72 @@ PROVENANCE = ("title", "method", "parameters", "models", "data", "versions")
 """What of a summary travels inside the FMUs, where it says something."""
 
 
+@dataclass(frozen=True, eq=False)
+class CalibratedStudy:
+    """A study and what came of it.
+
+    Attributes:
+        result: what the study's method gave, with all arrays: `Calibration` of output error, `SubspaceCalibration`, ...
+        summary: the same in plain values, as `summary.json` holds it.
+    """
+
+    study: Study
+    result: Any
+    summary: Summary
+
+    @property
+    def parameters(self) -> dict[str, ParameterSummary]:
+        """component.variable -> `value`, `std` and `ci95`, the ends of the 95 % interval, in `unit`."""
+        return self.summary["parameters"]
+
+    def write(self, folder: str | Path) -> Path:
+        """Write FMUs with the estimates in them, parameters.ssv, summary.json and report.html; the folder comes back.
+
+        Raises:
+            InputError: the folder holds something else, or an FMU does not take a value.
+        """
+        calibrated = self.study.method.calibrated
+        known = {key: self.summary.get(key) for key in PROVENANCE}
+        with tempfile.TemporaryDirectory(prefix="servotwin-") as built, result_folder(Path(folder)) as fresh:
+            _write_fmus(
+                calibrated(self.result, Path(built)), fresh, {key: value for key, value in known.items() if value}
+            )
+            _keep(self.study, fresh)
+            self.study.method.report(self.result).write(fresh / "report.html")
+            write_json(fresh / SUMMARY, self.summary)
+        return Path(folder)
+
+    def __repr__(self) -> str:
+        names = ", ".join(self.parameters)
+        return f"<CalibratedStudy '{self.summary['title']}' by {self.summary['method']}: {names or 'no parameters'}>"
+
+    def _repr_html_(self) -> str:
+        rows = [_row(name, parameter) for name, parameter in self.parameters.items()]
+        headers = ("parameter", "estimate", "95 % from", "to", "unit")
+        return table(headers, rows, caption=self.summary["title"])
+
+
+def calibrate(
+    study: Study | str | Path, data: str | Path | None = None, progress: Progress = silent
+) -> CalibratedStudy:
+    """Fit what a study leaves free, by the study's method.
+
+    Args:
+        study: a study file, or what `load_study` made of one.
+        data: folder or file of recordings, over the study's own.
+
+    Raises:
+        InputError: the study and the recordings do not fit together.
+        FmuError: the FMUs fail.
+    """
+    known = study if isinstance(study, Study) else load_study(study)
+    with naming(known.file):
+        result = known.method.run(known.block, known.base, None if data is None else Path(data), progress)
+    return CalibratedStudy(known, result, known.method.summary(result))
+
+
 def calibrate_study(study_file: Path, data: Path | None, target: Path, progress: Progress) -> Summary:
-    """Calibrate by the study's method and write the result folder; the summary comes back.
+    """Calibrate and write the result folder; the summary comes back.
 
     Raises:
         InputError: the study, its traces or the target do not fit.
@@ -35,27 +101,11 @@ def calibrate_study(study_file: Path, data: Path | None, target: Path, progress:
     """
     study = load_study(study_file)
     check_target(target)
+    found = calibrate(study, data, progress)
+    progress(1.0, "writing")
     with naming(study_file):
-        result = study.method.run(study.block, study.base, data, progress)
-        progress(1.0, "writing")
-        return write_result(study, result, target)
-
-
-def write_result(study: Study, result: Any, target: Path) -> Summary:
-    """Write the folder of what a study's method gave: FMUs, parameters.ssv, summary.json, report.html and the study.
-
-    Raises:
-        InputError: the target holds something else, or an FMU does not take a value.
-    """
-    summary = study.method.summary(result)
-    known = {key: summary.get(key) for key in PROVENANCE}
-    with tempfile.TemporaryDirectory(prefix="servotwin-") as built, result_folder(target) as folder:
-        calibrated = study.method.calibrated(result, Path(built))
-        _write_fmus(calibrated, folder, {key: value for key, value in known.items() if value})
-        _keep(study, folder)
-        study.method.report(result).write(folder / "report.html")
-        write_json(folder / SUMMARY, summary)
-    return summary
+        found.write(target)
+    return found.summary
 
 
 def _write_fmus(calibrated: Calibrated, folder: Path, provenance: Mapping[str, Any]) -> None:
@@ -77,24 +127,37 @@ def _keep(study: Study, folder: Path) -> None:
         shutil.copyfile(database, folder / database.name)
 
 
-def validate_result(folder: Path, data: Path, target: Path, progress: Progress) -> ValidationSummary:
-    """Free runs of a result's calibrated FMUs on recordings, with nothing set but what the recordings tell.
+def validate(folder: str | Path, data: str | Path, progress: Progress = silent) -> Validation:
+    """Free runs of the calibrated FMUs in a folder that `CalibratedStudy.write` made, on recordings.
 
-    Recordings that the fit used (by their hash) count apart from the others.
+    Recordings that the fit used count apart from the others; FIT is 1 - |y - ŷ| / |y - mean y|.
+
+    Args:
+        data: folder or file of recordings.
 
     Raises:
         InputError: the folder holds no output-error result, or the recordings do not fit its study.
+        FmuError: the FMUs fail.
     """
-    study = load_study(result_file(folder, STUDY))
-    result_file(folder, SUMMARY)
+    study = load_study(result_file(Path(folder), STUDY))
     if not isinstance(study.block, OutputErrorBlock) or study.block.traces.files is None:
         raise IdentificationError(study.file, "is no output-error study of recordings", "calibrate one")
+    result, block = Path(folder), study.block
+    calibrated = output_error_validation.calibrated_system(block, result)
+    return output_error_validation.validate(block.study(calibrated, block.source(result)), result, Path(data), progress)
+
+
+def validate_result(folder: Path, data: Path, target: Path, progress: Progress) -> ValidationSummary:
+    """Validate and write the folder of that; the summary comes back.
+
+    Raises:
+        InputError, FmuError: as in `validate`, or the target holds something else.
+    """
     check_target(target)
-    plain = study.block.study(validate.calibrated_system(study.block, folder), study.block.source(folder))
-    validation = validate.validate(plain, folder, data, progress)
-    summary = validate.summary(validation)
+    validation = validate(folder, data, progress)
+    summary = output_error_validation.summary(validation)
     with result_folder(target) as fresh:
-        validate.report(validation).write(fresh / "report.html")
+        output_error_validation.report(validation).write(fresh / "report.html")
         write_json(fresh / SUMMARY, summary)
     return summary
 
@@ -127,3 +190,8 @@ def layout_of(study_file: Path) -> Layout:
     study = load_study(study_file)
     layout: Layout = study.block.layout(study.base)
     return layout
+
+
+def _row(name: str, parameter: ParameterSummary) -> tuple[Cell, ...]:
+    low, high = parameter["ci95"] or (None, None)
+    return name, parameter["value"], low, high, parameter["unit"]

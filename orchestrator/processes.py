@@ -11,6 +11,7 @@ import os
 import pickle
 import shutil
 import signal
+import sys
 import tempfile
 import threading
 import traceback
@@ -22,7 +23,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.context import BaseContext
 from multiprocessing.util import Finalize
 from time import perf_counter
-from types import TracebackType
+from types import ModuleType, TracebackType
 from typing import Any, Generic, Self, TypeVar
 
 T = TypeVar("T")
@@ -143,7 +144,7 @@ class _Process:
         )
         self._begun = 0.0
         try:
-            with _uninterrupted():
+            with _uninterrupted(), _without_main(make):
                 self._process.start()
         except BaseException:
             shutil.rmtree(self._folder, ignore_errors=True)
@@ -222,6 +223,21 @@ def _speaking(processes: Iterable[_Process]) -> list[_Process]:
     """Those with an answer or an end to read, at least one."""
     known = {process.connection: process for process in processes}
     return [known[connection] for connection in wait(list(known)) if isinstance(connection, Connection)]
+
+
+@contextlib.contextmanager
+def _without_main(make: Callable[[], Any]) -> Iterator[None]:
+    """A process started here does not run the main script again, unless it makes what is defined there.
+
+    A script that does not keep its work under `if __name__ == "__main__"` would start processes without end.
+    """
+    main = sys.modules["__main__"]
+    if b"__main__" not in pickle.dumps(make):
+        sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
 
 
 @contextlib.contextmanager

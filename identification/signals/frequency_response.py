@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from fmus.errors import IdentificationError
 from identification.estimation.estimated_value import propagated
-from orchestrator.trace import FloatArray
+from orchestrator.trace import FloatArray, Trace
 
 REFINEMENTS = 50  # Gauss-Newton steps allowed for the frequency
 
@@ -253,3 +254,21 @@ def frequency_point(
         cause.amplitude_std / cause.amplitude, effect.amplitude_std / max(effect.amplitude, 1e-300)
     )
     return FrequencyPoint(frequency, response, gain_std, math.hypot(cause.phase_std, effect.phase_std))
+
+
+def frequency_response(
+    trace: Trace, driven: str, answer: str, frequencies: Iterable[float]
+) -> tuple[FrequencyPoint, ...]:
+    """G(j frequency) from one signal of a recording to another, at each frequency that the first holds.
+
+    Args:
+        driven, answer: names of the input and the output.
+        frequencies: [rad/s].
+
+    Raises:
+        TraceError: there is no such signal.
+        IdentificationError: as `frequency_point`.
+
+    Source: the pendulum thesis, Eq. 68, with phase.
+    """
+    return tuple(frequency_point(trace.time, trace[driven], trace[answer], frequency) for frequency in frequencies)
