@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -18,7 +18,7 @@ from orchestrator.scenario.run import run_scenario
 from orchestrator.scenario.schema import ScenarioBlock
 from orchestrator.yaml_file import keys, load
 
-Judge = Callable[[Path, Path], FileDocument]
+FileJudge = Callable[[Path, Path], FileDocument]
 """Runs a file into a folder and says whether all came out as the file states; another process can import it."""
 
 
@@ -36,54 +36,63 @@ class Verdict:
         return self.document is not None and bool(self.document["passed"])
 
 
-def find_scenarios(paths: Sequence[Path], judged: Collection[str]) -> list[Path]:
-    """The files to be judged among and under these paths: YAML files with `run`, `procedure` or a key of `judged`, but
-    those with a `can` block only where they are named.
+def find_scenarios(
+    paths: Sequence[Path], judges: Mapping[str, FileJudge], isolation: Isolation | None = None
+) -> dict[Path, FileJudge]:
+    """The files to be judged among and under these paths, with who judges each: YAML files with `run`, `procedure` or a
+    key of `judges`, but those with a `can` block only where they are named.
+
+    Args:
+        judges: key at the top of a file that is neither a scenario nor a procedure -> who judges it.
+        isolation: how FMUs that scenarios give as files are isolated, None where they are not.
 
     Raises:
         ScenarioError: a path is not there, a file given by name is no such file, or there is none at all.
     """
-    found: list[Path] = []
+    run = partial(_run_scenario, isolation=isolation)
+    known: dict[str, FileJudge] = {"run": run, "procedure": run_procedure, **judges}
+    found: dict[Path, FileJudge] = {}
     for path in paths:
         if path.is_file():
-            if not _kind(path, judged):
+            judge = _judge(path, known)
+            if judge is None:
                 load(path, ScenarioBlock)  # says what is missing
-            found.append(path)
+            found[path] = judge or run
         elif path.is_dir():
-            found += [file for file in sorted(path.rglob("*.yaml")) if _kind(file, judged)]
+            found |= {file: judge for file in sorted(path.rglob("*.yaml")) if (judge := _judge(file, known))}
         else:
             raise ScenarioError(path, "no such file or folder", "check the path")
     if not found:
         raise ScenarioError(", ".join(map(str, paths)), "there is no scenario", "give a folder that holds some")
-    return list(dict.fromkeys(found))
+    return found
 
 
-def _kind(file: Path, judged: Collection[str]) -> str:
-    """The key that tells what the file is, nothing where it is not for the suite: one side of a bus needs the other."""
+def _judge(file: Path, known: Mapping[str, FileJudge]) -> FileJudge | None:
+    """Who judges a file, by its keys; nobody where it is not for the suite: one side of a bus needs the other."""
     found = keys(file)
-    return "" if "can" in found else next((key for key in found if key in ("run", "procedure", *judged)), "")
+    return None if "can" in found else next((known[key] for key in found if key in known), None)
 
 
 def run_suite(
-    files: Sequence[Path],
+    files: Mapping[Path, FileJudge],
     out: Path,
     processes: int,
-    judges: Mapping[str, Judge],
     done: Callable[[Verdict], None] | None = None,
-    isolation: Isolation | None = None,
 ) -> list[Verdict]:
     """Run each file in a process of its own, at most `processes` at a time; verdicts in the order of the files.
 
     An FMU that crashes its process fails that file alone. An interrupt ends those that run, too.
 
     Args:
-        judges: key at the top of a file that is neither a scenario nor a procedure -> who runs it.
+        files: file -> who judges it.
+        done: told each verdict when it is there.
     """
     verdicts: dict[Path, Verdict] = {}
-    tasks = [partial(_run, file, out / file.parent.name / file.stem, judges, isolation) for file in files]
+    order = list(files)
+    tasks = [partial(_judged, judge, file, out / file.parent.name / file.stem) for file, judge in files.items()]
     with Processes[Callable[[], Verdict], Verdict](calling, processes, [__name__], fresh=True) as pool:
         for number, answer in pool.answers(tasks):
-            verdict = _crashed(files[number], answer) if isinstance(answer, Died) else answer
+            verdict = _crashed(order[number], answer) if isinstance(answer, Died) else answer
             verdicts[verdict.file] = verdict
             if done is not None:
                 done(verdict)
@@ -95,19 +104,14 @@ def _crashed(file: Path, died: Died) -> Verdict:
     return Verdict(file, died.seconds, None, str(crash))
 
 
-def _run(file: Path, out: Path, judges: Mapping[str, Judge], isolation: Isolation | None) -> Verdict:
+def _judged(judge: FileJudge, file: Path, out: Path) -> Verdict:
     begun = perf_counter()
+    document, problem = None, ""
     try:
-        return Verdict(file, perf_counter() - begun, _document(file, out, judges, isolation))
+        document = judge(file, out)
     except ServotwinError as error:
-        return Verdict(file, perf_counter() - begun, None, str(error))
-
-
-def _document(file: Path, out: Path, judges: Mapping[str, Judge], isolation: Isolation | None) -> FileDocument:
-    kind = _kind(file, judges)
-    if kind == "procedure":
-        return run_procedure(file, out)
-    return judges[kind](file, out) if kind in judges else _run_scenario(file, out, isolation)
+        problem = str(error)
+    return Verdict(file, perf_counter() - begun, document, problem)
 
 
 def _run_scenario(file: Path, out: Path, isolation: Isolation | None) -> FileDocument:

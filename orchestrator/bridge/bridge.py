@@ -30,7 +30,7 @@ from orchestrator.realtime.background import Background
 from orchestrator.realtime.pacing import quiet
 from orchestrator.realtime.stopping import Stop, stop_requests
 from orchestrator.scenario.expectations import Check, Expectation, Refusal
-from orchestrator.scenario.run import CaseResult, Keeping, ScenarioResult, State
+from orchestrator.scenario.run import CaseResult, CaseState, Keeping, ScenarioResult
 from orchestrator.trace import Trace
 
 LOG = logging.getLogger("servotwin.can")
@@ -124,7 +124,7 @@ def _judged(job: BridgeJob, system: PreparedBridge, result: Result, ending: Endi
     looked_at = {} if job.stand_in else case.looked_at
     result = replace(result, trace=_read(file, job.every, tuple(names), looked_at, result))
     checks = () if early else tuple(_check(expectation, result.trace) for expectation in expected)
-    state = State.INTERRUPTED if early else State.DONE
+    state = CaseState.INTERRUPTED if early else CaseState.DONE
     judged = CaseResult(case.name, result, ending.failure, checks, file if file.exists() else None, state)
     keeping = Keeping(job.every, file.parent)
     return ScenarioResult(system.scenario, system.assembled, (judged,), keeping, interrupted=early)

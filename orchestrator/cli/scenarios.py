@@ -143,8 +143,7 @@ def test(
     from orchestrator.batch.procedure import outputs_of
     from orchestrator.batch.suite import Verdict, find_scenarios, run_suite
 
-    isolation = isolate.isolation()
-    files = find_scenarios(paths or [Path("scenarios")], JUDGES)
+    files = find_scenarios(paths or [Path("scenarios")], JUDGES, isolate.isolation())
     finished: list[Path] = []
     with terminal.bar("scenarios") as move:
 
@@ -152,7 +151,7 @@ def test(
             finished.append(verdict.file)
             move(len(finished) / len(files), verdict.file.stem)
 
-        verdicts = run_suite(files, out or Path("out/test"), jobs, JUDGES, done, isolation)
+        verdicts = run_suite(files, out or Path("out/test"), jobs, done)
     if junit is not None:
         write_junit(verdicts, junit)
     rows = [

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from orchestrator.batch.suite import Judge
+    from orchestrator.batch.suite import FileJudge
     from orchestrator.formats import Layout
 
-JUDGES: dict[str, Judge] = {}
+JUDGES: dict[str, FileJudge] = {}
 """Who judges such a file as a case of the suite: given the file and a folder for results, whether all came out as
 stated, and the cases. Other processes import the function by its name."""
 

@@ -97,7 +97,7 @@ class Expectation:
         return " ".join([self.signal, str(self.condition), *between])
 
     def check(self, trace: Trace | None, error: ServotwinError | None) -> Check:
-        """Judge the trace of a run, or the error that ended it.
+        """FileJudge the trace of a run, or the error that ended it.
 
         Raises:
             ScenarioError: there is no sample between the times.
@@ -133,6 +133,6 @@ class Refusal:
         return f"refused because of '{self.reason}'"
 
     def check(self, trace: Trace | None, error: ServotwinError | None) -> Check:
-        """Judge the error that ended a run, None where it went through."""
+        """FileJudge the error that ended a run, None where it went through."""
         found = str(error) if error is not None else "the run went through"
         return Check(str(self), error is not None and self.reason in found, found)

@@ -15,7 +15,7 @@ from orchestrator.fmi.interface import Value
 from orchestrator.report import Report, Section, figures
 from orchestrator.results import CaseDocument, FileDocument, result_folder, versions, write_json
 from orchestrator.scenario import accounts
-from orchestrator.scenario.run import HEADERS, CaseResult, ScenarioResult, State
+from orchestrator.scenario.run import HEADERS, CaseResult, CaseState, ScenarioResult
 
 PLOTTED_CASES = 12
 PLOTTED_SIGNALS = 8
@@ -79,8 +79,8 @@ def document_of(result: ScenarioResult, overrides: Mapping[str, Value], folder: 
 
 def interruption(result: ScenarioResult) -> str:
     """Where a run was interrupted."""
-    last = [case for case in result.cases if case.state is not State.NOT_RUN][-1]
-    done = last.state is State.DONE
+    last = [case for case in result.cases if case.state is not CaseState.NOT_RUN][-1]
+    done = last.state is CaseState.DONE
     return f"interrupted after case {last.name}" if done else f"{last.how_far} of case {last.name}"
 
 

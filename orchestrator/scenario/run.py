@@ -44,7 +44,7 @@ class Keeping:
 HEADERS = ("case", "expectation", "held", "found")
 
 
-class State(StrEnum):
+class CaseState(StrEnum):
     """How far a case came; only one that is done is judged."""
 
     DONE = "done"
@@ -65,13 +65,13 @@ class CaseResult:
     error: ServotwinError | None
     checks: tuple[Check, ...]
     file: Path | None = None
-    state: State = State.DONE
+    state: CaseState = CaseState.DONE
 
     @property
     def passed(self) -> bool:
         """It is done, all expectations held, and no error came that none of them expected."""
         held = all(check.held for check in self.checks) and (self.error is None or bool(self.checks))
-        return held and self.state is State.DONE
+        return held and self.state is CaseState.DONE
 
     @property
     def trace(self) -> Trace:
@@ -87,9 +87,9 @@ class CaseResult:
     @property
     def how_far(self) -> str:
         """How far it came, in words."""
-        if self.state is State.INTERRUPTED and self.result is not None:
+        if self.state is CaseState.INTERRUPTED and self.result is not None:
             return f"interrupted at t = {self.result.account.reached:g} s"
-        return "ran through" if self.state is State.DONE else str(self.state)
+        return "ran through" if self.state is CaseState.DONE else str(self.state)
 
 
 @dataclass(frozen=True)
@@ -178,7 +178,7 @@ def run_scenario(
                     cases.append(_run_case(scenario, number, simulation, values, stimuli, keeping, told))
         except KeyboardInterrupt as stop:
             cases += _unfinished(scenario, len(cases), stop, keeping)
-            if all(case.state is State.NOT_RUN for case in cases):
+            if all(case.state is CaseState.NOT_RUN for case in cases):
                 raise
             result = ScenarioResult(scenario, assembled, tuple(cases), keeping, interrupted=True)
             raise ScenarioInterrupted(result) from None
@@ -192,9 +192,9 @@ def _stimuli(scenario: Scenario, simulation: Simulation) -> dict[str, FloatArray
 
 def _unfinished(scenario: Scenario, done: int, stop: KeyboardInterrupt, keeping: Keeping) -> list[CaseResult]:
     """The cases that are not done: the one that was interrupted where one was, and those that have not begun."""
-    cases = [CaseResult(case.name, None, None, (), state=State.NOT_RUN) for case in scenario.cases[done:]]
+    cases = [CaseResult(case.name, None, None, (), state=CaseState.NOT_RUN) for case in scenario.cases[done:]]
     if isinstance(stop, Interrupted) and stop.result.account.reached > stop.result.account.start:
-        cases[0] = CaseResult(cases[0].name, stop.result, None, (), keeping.file(done), State.INTERRUPTED)
+        cases[0] = CaseResult(cases[0].name, stop.result, None, (), keeping.file(done), CaseState.INTERRUPTED)
     return cases
 
 

@@ -86,7 +86,7 @@ class Feed:
         self._waits = False
 
     def settle(self) -> None:
-        """Judge the line where no frame came from it."""
+        """FileJudge the line where no frame came from it."""
         if not self._waits:
             return
         self._waits = False

@@ -447,3 +447,15 @@ def test_the_error_with_which_an_fmu_answers_an_interrupt_is_no_refusal(tmp_path
 
 def interrupt_now(*_: object) -> None:
     raise KeyboardInterrupt
+
+
+def test_a_notebook_shows_the_checks_of_a_run(tmp_path: Path) -> None:
+    result = run(tmp_path, FALLING + "expect: [{signal: hand.angle, below: 1}]\ncases: [{name: <a>}]")
+    html = result._repr_html_()
+    assert "A pendulum falls" in html and "<td>&lt;a&gt;</td><td>hand.angle stays below 1</td><td>yes</td>" in html
+
+
+def test_a_case_without_a_trace_says_why(tmp_path: Path) -> None:
+    result = run(tmp_path, FALLING + "cases: [{name: a, set: {hand.inertia: -1}, expect: [{refused: bounds}]}]")
+    with pytest.raises(WiringError, match="outside its bounds"):
+        result.cases[0].trace  # noqa: B018 - it raises

@@ -1,0 +1,109 @@
+"""The suite judges each file by its keys, in a process of its own, and says so in JUnit's words."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import pytest
+
+from fmus.errors import InputError, ScenarioError
+from orchestrator.batch.junit import write_junit
+from orchestrator.batch.procedure import run_procedure
+from orchestrator.batch.suite import Verdict, find_scenarios, run_suite
+from orchestrator.results import FileDocument
+
+RUN = """
+title: falling
+components: {hand: {model: pendulum}}
+run: {stop: 0.1, step: 0.01}
+"""
+
+
+def judge(file: Path, out: Path) -> FileDocument:
+    """Takes 50 ms; refuses, crashes, or passes where the file says so."""
+    time.sleep(0.05)
+    text = file.read_text()
+    if "refuse" in text:
+        raise InputError(file, "is refused")
+    if "crash" in text:
+        os._exit(3)
+    check = {"text": "it passes", "held": "pass" in text, "found": f"in process {os.getpid()}"}
+    case = {"name": "only", "passed": check["held"], "error": None, "checks": [check]}
+    return {"title": "judged", "passed": check["held"], "out": str(out), "cases": [case]}  # type: ignore[typeddict-item]
+
+
+def written(folder: Path, **texts: str) -> dict[str, Path]:
+    files = {name: folder / f"{name}.yaml" for name in texts}
+    for name, text in texts.items():
+        files[name].write_text(text)
+    return files
+
+
+def test_a_file_is_judged_by_its_keys_and_one_side_of_a_bus_only_where_it_is_named(tmp_path: Path) -> None:
+    bus = RUN + "can: {database: rig.dbc, receive: {hand.torque: {signal: t, safe: 0}}}"
+    files = written(
+        tmp_path,
+        run=RUN,
+        steps="title: a\nprocedure: [{run: [info x]}]",
+        claims="claims: []",
+        bus=bus,
+        other="title: nothing",
+    )
+    found = find_scenarios([tmp_path], {"claims": judge})
+    assert list(found) == [files[name] for name in ("claims", "run", "steps")]
+    assert (found[files["claims"]], found[files["steps"]]) == (judge, run_procedure)
+    assert list(find_scenarios([files["bus"], files["bus"]], {})) == [files["bus"]]
+    assert files["claims"] not in find_scenarios([tmp_path], {})
+
+
+def test_what_is_nothing_for_the_suite_is_refused_where_it_is_named(tmp_path: Path) -> None:
+    files = written(tmp_path, other="title: nothing")
+    with pytest.raises(ScenarioError, match=r"other\.yaml:1: .*field required"):
+        find_scenarios([files["other"]], {})
+    with pytest.raises(ScenarioError, match="there is no scenario"):
+        find_scenarios([tmp_path], {})
+    with pytest.raises(ScenarioError, match="no such file or folder"):
+        find_scenarios([tmp_path / "missing"], {})
+
+
+@pytest.mark.slow
+def test_every_file_has_a_verdict_of_its_own_and_the_time_it_took(tmp_path: Path) -> None:
+    texts = ("pass", "miss", "refuse", "crash")
+    files = written(tmp_path, **{text: f"claims: {text}" for text in texts})
+    told: list[Path] = []
+    judged = {files[text]: judge for text in texts}
+    verdicts = run_suite(judged, tmp_path / "out", 2, lambda verdict: told.append(verdict.file))
+    assert [verdict.file for verdict in verdicts] == list(judged) and sorted(told) == sorted(judged)
+    assert [verdict.passed for verdict in verdicts] == [True, False, False, False]
+    assert [verdict.error.partition(": ")[2].partition(";")[0] for verdict in verdicts] == [
+        "",
+        "",
+        "is refused",
+        "an FMU crashed the process that ran it",
+    ]
+    assert all(verdict.seconds >= 0.05 for verdict in verdicts)
+    processes = {verdict.document["cases"][0]["checks"][0]["found"] for verdict in verdicts if verdict.document}
+    assert len(processes) == 2 and f"in process {os.getpid()}" not in processes
+
+
+def test_junit_has_a_suite_a_file_and_tells_failures_from_errors(tmp_path: Path) -> None:
+    checks = [{"text": "y < 1", "held": False, "found": "largest 2"}, {"text": "y > 0", "held": True, "found": "1"}]
+    cases = [
+        {"name": "a", "passed": True, "error": None, "checks": []},
+        {"name": "<b>", "passed": False, "error": None, "checks": checks},
+    ]
+    document: FileDocument = {"title": "t", "passed": False, "out": "out", "cases": cases}  # type: ignore[typeddict-item]
+    verdicts = [
+        Verdict(Path("x/one.yaml"), 1.25, document),
+        Verdict(Path("x/two.yaml"), 0.5, None, "two.yaml: is refused"),
+    ]
+    write_junit(verdicts, tmp_path / "junit.xml")
+    one, two = ET.parse(tmp_path / "junit.xml").getroot()
+    assert one.attrib == {"name": "x/one.yaml", "tests": "2", "failures": "1", "errors": "0", "time": "1.250"}
+    assert [entry.get("name") for entry in one] == ["a", "<b>"]
+    assert one[1][0].tag == "failure" and one[1][0].get("message") == "y < 1: largest 2"
+    assert two.get("errors") == "1" and two[0][0].tag == "error"
+    assert two[0][0].get("message") == "two.yaml: is refused"
