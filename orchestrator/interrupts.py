@@ -32,6 +32,7 @@ class Interrupts:
         self.requested = False
         self._former: Any = None
         self._last_resort: threading.Timer | None = None
+        self._given_up = False
 
     def __enter__(self) -> Interrupts:
         if threading.current_thread() is threading.main_thread():
@@ -46,6 +47,9 @@ class Interrupts:
             signal.signal(signal.SIGINT, self._former)
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
+        given_up, self._given_up = self._given_up, False
+        if given_up and self._last_resort is None:
+            return  # the FMU has come back meanwhile: what is being cleaned up now must not be torn
         caller = _caller_of_fmu(frame)
         if self.requested or caller is None:
             self.requested = True
@@ -53,9 +57,14 @@ class Interrupts:
         self.requested = True
         caller.f_trace = self._interrupt
         sys.settrace(lambda frame, event, argument: None)  # without one the caller's own is not called
-        self._last_resort = threading.Timer(PATIENCE, signal.raise_signal, [signal.SIGINT])
+        self._last_resort = threading.Timer(PATIENCE, self._give_up)
         self._last_resort.daemon = True
         self._last_resort.start()
+
+    def _give_up(self) -> None:
+        """The FMU has not come back: the interrupt breaks it off."""
+        self._given_up = True
+        signal.raise_signal(signal.SIGINT)
 
     def _interrupt(self, frame: FrameType, event: str, argument: Any) -> NoReturn:
         """The trace function of the frame that called an FMU: it is back there."""

@@ -105,6 +105,16 @@ def test_it_is_known_that_an_interrupt_was_requested_until_the_command_is_over()
     assert not requested()
 
 
+def test_a_last_resort_that_comes_too_late_does_not_interrupt_again() -> None:
+    """The FMU came back while the timer's signal was on its way: what follows is the cleaning up."""
+    with Interrupts() as interrupts:
+        with pytest.raises(KeyboardInterrupt):
+            interrupt()
+        interrupts._give_up()
+        with pytest.raises(KeyboardInterrupt):  # a second one of the user's does
+            interrupt()
+
+
 @pytest.mark.parametrize("at", [0, 3, 7])
 def test_a_sink_that_is_interrupted_gets_every_row_once(at: int) -> None:
     pieces: list[Trace] = []
