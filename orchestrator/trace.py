@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 ComplexArray = NDArray[np.complex128]
+Bytes = NDArray[np.uint8]
 
 LATEST = 1e15  # [s]; stamps beyond it are no times, whatever the file says
 

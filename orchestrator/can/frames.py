@@ -13,7 +13,7 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 
-from orchestrator.trace import FloatArray
+from orchestrator.trace import BoolArray, Bytes, FloatArray
 
 CLASSIC, LONGEST = 8, 64  # data bytes of a classic and of a CAN FD frame
 
@@ -45,23 +45,23 @@ class Frames:
 
     time: FloatArray
     id: NDArray[np.uint32]
-    flags: NDArray[np.uint8]
-    channel: NDArray[np.uint8]
-    length: NDArray[np.uint8]
-    data: NDArray[np.uint8]
+    flags: Bytes
+    channel: Bytes
+    length: Bytes
+    data: Bytes
 
     def __len__(self) -> int:
         return len(self.time)
 
-    def __getitem__(self, rows: slice | NDArray[np.bool_] | NDArray[np.intp]) -> Frames:
+    def __getitem__(self, rows: slice | BoolArray | NDArray[np.intp]) -> Frames:
         """The frames of these rows."""
         return Frames(
             self.time[rows], self.id[rows], self.flags[rows], self.channel[rows], self.length[rows], self.data[rows]
         )
 
-    def has(self, flag: Flag) -> NDArray[np.bool_]:
+    def has(self, flag: Flag) -> BoolArray:
         """(K,) which frames carry the flag."""
-        return (self.flags & np.uint8(flag)) != 0
+        return np.asarray(self.flags & np.uint8(flag), np.bool_)
 
     def messages(self) -> Iterator[can.Message]:
         """The frames one by one, as python-can has them."""

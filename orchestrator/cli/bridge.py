@@ -26,7 +26,7 @@ Scenario = Annotated[Path, typer.Argument(help="A scenario file with a `can` blo
 
 
 @dataclass(frozen=True)
-class Coupling:
+class CouplingOptions:
     """What of a scenario is coupled, and how long."""
 
     case: Annotated[str | None, typer.Option("--case", help="The case to take; the first by default.")] = None
@@ -52,7 +52,7 @@ def bridge(
     interface: Interface,
     channel: Channel,
     adapter: Adapter,
-    coupling: Coupling,
+    coupling: CouplingOptions,
     out: Out = None,
 ) -> Answer:
     """Couple a scenario to a bus in real time; exit code 1 when an expectation fails."""
@@ -73,7 +73,7 @@ def bench(
         Path | None, typer.Option("--serve", metavar="DIR", help="Make a bus: serial adapters (slcan) DIR/0, 1, ...")
     ] = None,
     ports: Annotated[int, typer.Option(min=2, help="With --serve: how many; this bench is on DIR/0.")] = 3,
-    coupling: Coupling,
+    coupling: CouplingOptions,
     out: Out = None,
 ) -> Answer:
     """Stand in for hardware behind a bus, until Ctrl-C or SIGTERM; silent peers and a lost bus do not end it."""

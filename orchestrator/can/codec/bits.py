@@ -11,11 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from orchestrator.trace import FloatArray
+from orchestrator.trace import BoolArray, Bytes, FloatArray
 
 Words = NDArray[np.uint64]
-Bytes = NDArray[np.uint8]
-
 LITTLE, BIG = "<u8", ">u8"
 
 _FLOATS = {16: ("u2", "f2"), 32: ("u4", "f4"), 64: ("u8", "f8")}
@@ -69,7 +67,7 @@ class Field:
         high = (1 << self.length - self.is_signed) - 1
         return float(-high - 1 if self.is_signed else 0), float(high if high <= _EXACT else high & -2048)
 
-    def encoded(self, values: FloatArray, low: float, high: float) -> tuple[Words, NDArray[np.bool_]]:
+    def encoded(self, values: FloatArray, low: float, high: float) -> tuple[Words, BoolArray]:
         """(K,) bits of the finite values, the nearest raw numbers from `low` to `high`; and which did not fit."""
         with np.errstate(over="ignore"):
             raw = (values - self.offset) / self.scale

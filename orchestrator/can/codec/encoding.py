@@ -71,7 +71,7 @@ def _instants(trace: Trace, cycle: float) -> FloatArray:
     count = (trace.duration + _slack(trace)) / cycle + 1
     if count > MOST_FRAMES:
         raise TraceError(trace.name, f"takes {count:.0f} frames of {cycle:g} s", "cut it")
-    return trace.time[0] + cycle * np.arange(int(count))
+    return np.asarray(trace.time[0] + cycle * np.arange(int(count)))
 
 
 def _slack(trace: Trace) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from orchestrator.can.statistics import FrameStatistics
-from orchestrator.trace import FloatArray, Trace
+from orchestrator.trace import BoolArray, FloatArray, Trace
 
 PATIENCE = 0.1  # [s]: by how much frames of different batches may be out of order
 
@@ -31,7 +31,7 @@ class Series:
     def __len__(self) -> int:
         return len(self.time)
 
-    def __getitem__(self, rows: slice | NDArray[np.intp] | NDArray[np.bool_]) -> Series:
+    def __getitem__(self, rows: slice | NDArray[np.intp] | BoolArray) -> Series:
         return Series(self.time[rows], {name: column[rows] for name, column in self.values.items()}, self.units)
 
 
@@ -140,7 +140,8 @@ class Merger:
 
     def _between(self, name: str, values: FloatArray, at: FloatArray, time: FloatArray) -> FloatArray:
         distinct = np.append(at[1:] > at[:-1], True)
-        return np.interp(time, at[distinct], values[distinct], left=self._held.get(name, np.nan))
+        left = self._held.get(name, np.nan)
+        return np.asarray(np.interp(time, at[distinct], values[distinct], left=left), np.float64)
 
     def _begun(self, time: FloatArray, columns: dict[str, FloatArray]) -> Trace:
         """The trace from the row on where every signal has been seen."""

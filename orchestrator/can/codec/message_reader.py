@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from orchestrator.can.codec import bits
 from orchestrator.can.codec.fields import field_of, longest
@@ -16,7 +15,7 @@ from orchestrator.can.codec.multiplexing import Presence, whole
 from orchestrator.can.database import protection as checks
 from orchestrator.can.database.database import Database, MessageSpec, SignalSpec, checksum_byte
 from orchestrator.can.statistics import FrameStatistics, add
-from orchestrator.trace import FloatArray
+from orchestrator.trace import BoolArray, Bytes, FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,12 +23,12 @@ class MessageRows:
     """Frames of one message: stamps (K,) and data (K, n), and the data as words in either order."""
 
     time: FloatArray
-    data: NDArray[np.uint8]
+    data: Bytes
 
     def __len__(self) -> int:
         return len(self.time)
 
-    def __getitem__(self, rows: NDArray[np.bool_]) -> MessageRows:
+    def __getitem__(self, rows: BoolArray) -> MessageRows:
         return MessageRows(self.time[rows], self.data[rows])
 
     @cached_property
@@ -97,7 +96,7 @@ class MessageReader:
         self._last: MessageRows | None = None
         self._last_count: int | None = None
 
-    def read(self, time: FloatArray, length: NDArray[np.uint8], data: NDArray[np.uint8]) -> Series:
+    def read(self, time: FloatArray, length: Bytes, data: Bytes) -> Series:
         """The signals of these frames: stamps (K,), data bytes (K,), data (K, n)."""
         name = self.spec.name
         self._statistics.messages[name] += len(time)
@@ -176,6 +175,6 @@ class MessageReader:
         return values
 
 
-def _trimmed(data: NDArray[np.uint8]) -> bytes:
+def _trimmed(data: Bytes) -> bytes:
     """Data without the zeros after it, of which batches have different numbers."""
     return data.tobytes().rstrip(b"\0")

@@ -14,7 +14,7 @@ from orchestrator.can.database import protection as checks
 from orchestrator.can.database.database import MessageSpec, SignalSpec, checksum_byte
 from orchestrator.can.frames import CLASSIC, LONGEST, Flag, Frames
 from orchestrator.can.statistics import FrameStatistics, add
-from orchestrator.trace import FloatArray
+from orchestrator.trace import Bytes, FloatArray
 
 
 class MessageWriter:
@@ -38,7 +38,7 @@ class MessageWriter:
             if signal.scale == 0:
                 raise DatabaseError(f"{spec.name}.{signal.name}", "cannot be sent: its scale is 0", "correct the scale")
         self._width = CLASSIC if longest(spec) <= CLASSIC else LONGEST
-        self._turns = _turns(spec, self._sent)
+        self._pages = _pages(spec, self._sent)
         self._count = 0  # frames so far
 
     def write(self, time: FloatArray, columns: Mapping[str, FloatArray]) -> Frames:
@@ -79,10 +79,10 @@ class MessageWriter:
             add(self._statistics.saturated, self._sent[signal.name], int(np.count_nonzero(limited)))
             return raw
         rest = resting(signal)
-        values = np.array([turn.get(signal.name, rest) for turn in self._turns], dtype=np.float64)
-        return field_of(signal).encoded(values, *raw_limits(signal))[0][number % len(self._turns)]
+        values = np.array([page.get(signal.name, rest) for page in self._pages], dtype=np.float64)
+        return field_of(signal).encoded(values, *raw_limits(signal))[0][number % len(self._pages)]
 
-    def _seal(self, data: bits.Bytes) -> None:
+    def _seal(self, data: Bytes) -> None:
         """Fill in the checksums."""
         protection = self.spec.protection
         if protection and protection.checksum:
@@ -92,16 +92,16 @@ class MessageWriter:
             data[:, byte] = checks.checksums(held, protection.algorithm, byte, protection.data_id)
 
 
-def _turns(spec: MessageSpec, sent: Mapping[str, str]) -> list[dict[str, float]]:
+def _pages(spec: MessageSpec, sent: Mapping[str, str]) -> list[dict[str, float]]:
     """Values of the multiplexers that are not sent, in turn, so that every sent signal is in a frame."""
-    turns: list[dict[str, float]] = []
+    pages: list[dict[str, float]] = []
     for signal in (signal for signal in spec.signals if signal.name in sent):
-        turn: dict[str, float] = {}
+        page: dict[str, float] = {}
         above = signal
         while above.multiplexer:
             if above.multiplexer not in sent and above.selected_by:
-                turn[above.multiplexer] = float(above.selected_by[0])
+                page[above.multiplexer] = float(above.selected_by[0])
             above = spec.signal(above.multiplexer)
-        if turn and turn not in turns:
-            turns.append(turn)
-    return [turn for turn in turns if not any(turn.items() < other.items() for other in turns)] or [{}]
+        if page and page not in pages:
+            pages.append(page)
+    return [page for page in pages if not any(page.items() < other.items() for other in pages)] or [{}]

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from orchestrator.can.codec.bits import Field, Words
 from orchestrator.can.database.database import MessageSpec, SignalSpec
+from orchestrator.trace import BoolArray
 
-Mask = NDArray[np.bool_]
 Whole = NDArray[np.int64]
 
 
@@ -25,9 +25,9 @@ class Presence:
     def __init__(self, spec: MessageSpec, values: Callable[[SignalSpec], Whole]) -> None:
         self._spec, self._values = spec, values
         self._read: dict[str, Whole] = {}
-        self._masks: dict[tuple[str, tuple[int, ...]], Mask | None] = {}
+        self._masks: dict[tuple[str, tuple[int, ...]], BoolArray | None] = {}
 
-    def of(self, signal: SignalSpec) -> Mask | None:
+    def of(self, signal: SignalSpec) -> BoolArray | None:
         """(K,) in which frames the signal is; None for all."""
         key = (signal.multiplexer, signal.selected_by)
         if key not in self._masks:
@@ -37,7 +37,7 @@ class Presence:
     @cached_property
     def unknown(self) -> int:
         """Number of frames with a multiplexer's value that no signal belongs to, nor any name of its table."""
-        wrong: Mask | None = None
+        wrong: BoolArray | None = None
         for name, known in selections(self._spec).items():
             signal = self._spec.signal(name)
             there, odd = self.of(signal), ~np.isin(self._value(name), known)
@@ -45,7 +45,7 @@ class Presence:
             wrong = odd if wrong is None else wrong | odd
         return 0 if wrong is None else int(np.count_nonzero(wrong))
 
-    def _found(self, multiplexer: str, selected_by: tuple[int, ...]) -> Mask | None:
+    def _found(self, multiplexer: str, selected_by: tuple[int, ...]) -> BoolArray | None:
         if not multiplexer:
             return None
         chosen = np.isin(self._value(multiplexer), selected_by)

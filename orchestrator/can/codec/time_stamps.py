@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from orchestrator.can.frames import Frames
 from orchestrator.can.statistics import FrameStatistics
-from orchestrator.trace import LATEST, FloatArray
+from orchestrator.trace import LATEST, BoolArray, FloatArray
 
 JUMP = 1.0  # [s]: what frames may be out of order by, and more is a jump
 CONTINUED = 1e-6  # [s] from the last stamp before a setback to the first after it
@@ -80,7 +80,7 @@ class StampRepair:
         self.latest = float(highest[-1])
 
 
-def _filled(time: FloatArray, wrong: NDArray[np.bool_], last: float | None) -> FloatArray:
+def _filled(time: FloatArray, wrong: BoolArray, last: float | None) -> FloatArray:
     """Stamps where the wrong ones take the last right one before; at the very beginning the first right one, or 0."""
     rows = np.where(wrong, -1, np.arange(len(time)))
     rows = np.maximum.accumulate(rows)

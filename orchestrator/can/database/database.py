@@ -121,10 +121,6 @@ class Database:
             raise DatabaseError(self.path, f"has no message '{name}'", _instead(name, self._by_name))
         return self._by_name[name]
 
-    def by_id(self, identifier: int, extended: bool) -> MessageSpec | None:
-        """The message of frames with this identifier."""
-        return self._by_id.get((identifier, extended))
-
     def signal(self, name: str) -> tuple[MessageSpec, SignalSpec]:
         """A signal by its own name where that is unique, or as Message.signal.
 

@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-Bytes = NDArray[np.uint8]
+from orchestrator.trace import Bytes, FloatArray
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def lost(counter: NDArray[np.int64], modulus: int, last: int | None) -> tuple[in
     return int(np.sum(np.maximum(steps[wrong] - 1, 0))), int(np.count_nonzero(wrong))
 
 
-def gaps(time: NDArray[np.float64], cycle: float, last: float | None) -> int:
+def gaps(time: FloatArray, cycle: float, last: float | None) -> int:
     """Frames missing where two stamps are more than 1.5 cycles apart [s]; `last` came before the column."""
     steps = np.diff(time if last is None else np.concatenate(([last], time)))
     wide = steps[steps > 1.5 * cycle]

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import cantools
+from cantools.database.errors import UnsupportedDatabaseFormatError
 
 from fmus.errors import DatabaseError
 
@@ -49,7 +50,7 @@ def read(path: Path, encoding: str | None) -> Any:
     _silence()
     try:
         return cantools.database.load_string(text, suffix[1:], prune_choices=False)
-    except cantools.database.UnsupportedDatabaseFormatError as error:
+    except UnsupportedDatabaseFormatError as error:
         cause = error.e_dbc or error.e_arxml or error.e_kcd or error.e_sym or error
         raise _complaint(path, suffix, text, cause) from error
     except (RecursionError, MemoryError) as error:

@@ -28,7 +28,7 @@ GATHERED = 1 << 21  # bytes of objects that are decoded at once
 STEP = 256  # bytes in which a broken container is taken apart
 
 
-class Content(NamedTuple):
+class ContainerContent(NamedTuple):
     """What a container holds; `broken` says that it is not all of it."""
 
     offset: int
@@ -61,7 +61,7 @@ class Stream:
         self._held, self._needed = 0, GATHERED
         self._after_damage = False
 
-    def feed(self, content: Content) -> Iterator[Frames]:
+    def feed(self, content: ContainerContent) -> Iterator[Frames]:
         """The frames that are complete with this content."""
         self._parts.append(content.data)
         self._places.append(content.offset)
@@ -133,7 +133,7 @@ def _posix(time: list[int]) -> float:
         return 0.0
 
 
-def _contents(file: BinaryIO, begin: int, size: int, findings: Findings) -> Iterator[Content]:
+def _contents(file: BinaryIO, begin: int, size: int, findings: Findings) -> Iterator[ContainerContent]:
     """What the containers hold, in a row; objects outside of containers as they are."""
     place = begin
     while place < size:
@@ -150,7 +150,7 @@ def _contents(file: BinaryIO, begin: int, size: int, findings: Findings) -> Iter
         _, _, _, length, kind = OBJECT.unpack(head)
         if not OBJECT.size <= length <= MAX_CONTAINER:
             findings.add(start, f"an object claims {length} bytes")
-            yield Content(start, b"", True)
+            yield ContainerContent(start, b"", True)
             place = start + OBJECT.size
             continue
         place = start + length
@@ -169,25 +169,25 @@ def _contents(file: BinaryIO, begin: int, size: int, findings: Findings) -> Iter
         if kind == LOG_CONTAINER:
             yield _opened(start, body, cut, findings)
         else:
-            yield Content(start, head + body, cut)
+            yield ContainerContent(start, head + body, cut)
 
 
-def _opened(offset: int, body: bytes, cut: bool, findings: Findings) -> Content:
+def _opened(offset: int, body: bytes, cut: bool, findings: Findings) -> ContainerContent:
     if len(body) < CONTAINER.size:
         if not cut:
             findings.add(offset, "a container has no room for its header")
-        return Content(offset, b"", True)
+        return ContainerContent(offset, b"", True)
     method, announced = CONTAINER.unpack_from(body)
     packed = body[CONTAINER.size :]
     if method == STORED:
-        return Content(offset, packed, cut)
+        return ContainerContent(offset, packed, cut)
     if method != DEFLATED:
         findings.add(offset, f"a container is compressed in an unknown way ({method})")
-        return Content(offset, b"", True)
+        return ContainerContent(offset, b"", True)
     data, problem = _inflated(packed)
     if problem and not cut:
         findings.add(offset, f"a container {problem}; {len(data)} of its {announced} bytes could be had")
-    return Content(offset, data, cut or bool(problem))
+    return ContainerContent(offset, data, cut or bool(problem))
 
 
 def _inflated(packed: bytes) -> tuple[bytes, str]:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from orchestrator.can.frames import CLASSIC, LONGEST, Flag, Frames
+from orchestrator.trace import BoolArray, Bytes
 
 SIGNATURE = b"LOBJ"
 PADDING = 4  # bytes that may lie between two objects
@@ -26,7 +27,6 @@ LOG_CONTAINER = 10
 TEN_MICROSECONDS = 1  # the flag of a stamp's unit; any other value means nanoseconds
 LENGTHS = np.array([*range(9), 12, 16, 20, 24, 32, 48, 64], dtype=np.uint8)  # data bytes of a CAN FD length code
 
-Octets = NDArray[np.uint8]
 Positions = NDArray[np.int64]
 
 HEADER = np.dtype([("signature", "<u4"), ("header", "<u2"), ("version", "<u2"), ("size", "<u4"), ("type", "<u4")])
@@ -100,7 +100,7 @@ class Chain:
     needed: int
 
 
-def chain(octets: Octets, total: int) -> Chain:
+def chain(octets: Bytes, total: int) -> Chain:
     """The objects in the first `total` bytes of `octets`, which has `SLACK` more."""
     starts = _signatures(octets[:total])
     if len(starts) == 0:
@@ -133,14 +133,14 @@ def chain(octets: Octets, total: int) -> Chain:
     return _finished(runs, gaps, end, total, starts)
 
 
-def gather(octets: Octets, positions: Positions, kind: np.dtype[Any]) -> NDArray[Any]:
+def gather(octets: Bytes, positions: Positions, kind: np.dtype[Any]) -> NDArray[Any]:
     """(n,) the records of this kind that begin at the positions, wherever these lie."""
     count = len(octets) - kind.itemsize + 1
     everywhere = np.ndarray((count,), np.dtype((np.void, kind.itemsize)), octets, strides=(1,))
     return everywhere[positions].view(kind)
 
 
-def decoded(octets: Octets, starts: Positions, origin: float) -> tuple[Frames, int, Positions]:
+def decoded(octets: Bytes, starts: Positions, origin: float) -> tuple[Frames, int, Positions]:
     """The frames among the objects, how many are none, and the positions of those that are too short for a frame.
 
     Args:
@@ -162,7 +162,7 @@ def decoded(octets: Octets, starts: Positions, origin: float) -> tuple[Frames, i
 class Objects(NamedTuple):
     """Objects of frames: their bytes, where they and their bodies begin, and their heads."""
 
-    octets: Octets
+    octets: Bytes
     starts: Positions
     heads: NDArray[Any]
     bodies: Positions
@@ -179,10 +179,10 @@ class FrameColumns(NamedTuple):
     flags: NDArray[Any]
     channel: NDArray[Any]
     length: NDArray[Any]
-    data: Octets
+    data: Bytes
 
 
-def _signatures(octets: Octets) -> Positions:
+def _signatures(octets: Bytes) -> Positions:
     found = []
     for shift in range(min(4, len(octets))):
         words = octets[shift : shift + (len(octets) - shift) // 4 * 4].view("<u4")
@@ -190,7 +190,7 @@ def _signatures(octets: Octets) -> Positions:
     return np.sort(np.concatenate(found), kind="stable") if found else np.empty(0, np.int64)
 
 
-def _broken(heads: NDArray[Any]) -> NDArray[np.bool_]:
+def _broken(heads: NDArray[Any]) -> BoolArray:
     most = np.where(np.isin(heads["type"], list(KINDS)), MAX_FRAME, MAX_OBJECT)
     return (heads["size"] < HEADER.itemsize) | (heads["size"] > most)
 
@@ -215,7 +215,7 @@ def _least(types: NDArray[Any]) -> NDArray[np.int64]:
     least = np.zeros(256, np.int64)
     for number, (layout, _) in KINDS.items():
         least[number] = layout.itemsize
-    return least[types]
+    return np.asarray(least[types])
 
 
 def _frames(objects: Objects, origin: float) -> Frames:
@@ -302,8 +302,8 @@ def _fd_64(objects: Objects) -> FrameColumns:
     return FrameColumns(raw["id"], flags, raw["channel"], length, data * (np.arange(LONGEST) < there[:, None]))
 
 
-def _where(bits: NDArray[Any], flag: Flag) -> NDArray[np.uint8]:
-    return (bits != 0) * np.uint8(flag)
+def _where(bits: NDArray[Any], flag: Flag) -> Bytes:
+    return np.asarray((bits != 0) * np.uint8(flag))
 
 
 KINDS: dict[int, tuple[np.dtype[Any], Callable[[Objects], FrameColumns]]] = {

@@ -20,6 +20,7 @@ from fmus.errors import TraceError
 from orchestrator.can.frames import CLASSIC, LONGEST, Flag, Frames, concatenated
 from orchestrator.can.logs.findings import Findings
 from orchestrator.can.logs.messages import shortened
+from orchestrator.trace import FloatArray
 
 BATCH = 1 << 16
 KINDS = {"CAN_DataFrame": Flag(0), "CAN_ErrorFrame": Flag.ERROR, "CAN_RemoteFrame": Flag.REMOTE}
@@ -112,7 +113,7 @@ def _opened(file: BinaryIO, path: Path) -> Any:
         raise TraceError(path, f"is no readable .mf4 log ({shortened(problem)})", "record or export it again") from None
 
 
-def _rising(time: NDArray[np.float64], least: float) -> NDArray[np.float64]:
+def _rising(time: FloatArray, least: float) -> FloatArray:
     return np.maximum(np.maximum.accumulate(time), least)
 
 

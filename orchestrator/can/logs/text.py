@@ -38,7 +38,7 @@ class TextFormat:
     Attributes:
         reader: python-can's reader of a file.
         header: under which name a line is kept for further readers, "" for a line that is not of the header.
-        verdict: about a line from which no frame came.
+        kind_of: what a line is from which no frame came.
         adapt: put right in a message what the reader does not take from its line.
         preamble: what a line at the beginning of the file begins with while the header lasts.
         behind_preamble: the line that ends the header for the reader, which would otherwise take the next for it.
@@ -46,7 +46,7 @@ class TextFormat:
 
     reader: Callable[[Feed], Iterable[can.Message]]
     header: Callable[[str], str]
-    verdict: Callable[[str], LineKind]
+    kind_of: Callable[[str], LineKind]
     adapt: Callable[[can.Message, str], None]
     preamble: re.Pattern[str] | None = None
     behind_preamble: str = ""
@@ -90,10 +90,10 @@ class Feed:
         if not self._waits:
             return
         self._waits = False
-        verdict = self.text_format.verdict(self.line)
-        if verdict is LineKind.BROKEN:
+        kind = self.text_format.kind_of(self.line)
+        if kind is LineKind.BROKEN:
             self.complain("this line is no frame")
-        elif verdict is LineKind.EVENT:
+        elif kind is LineKind.EVENT:
             self.findings.skipped += 1
 
     def complain(self, problem: str) -> None:

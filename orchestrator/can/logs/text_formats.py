@@ -55,7 +55,7 @@ def _asc_header(line: str) -> str:
     return " ".join(found[1].lower().split()).removeprefix("no ")
 
 
-def _asc_verdict(line: str) -> LineKind:
+def _asc_kind(line: str) -> LineKind:
     if ASC_NOTHING.match(line):
         return LineKind.NOTHING
     return LineKind.EVENT if ASC_EVENT.match(line) and not ASC_FRAME.match(line) else LineKind.BROKEN
@@ -76,7 +76,7 @@ def _trc_header(line: str) -> str:
     return name if name in (";$FILEVERSION", ";$STARTTIME", ";$COLUMNS") else ""
 
 
-def _trc_verdict(line: str) -> LineKind:
+def _trc_kind(line: str) -> LineKind:
     if line.startswith(";"):
         return LineKind.NOTHING
     return LineKind.EVENT if TRC_EVENT.match(line) else LineKind.BROKEN
@@ -118,7 +118,7 @@ def _csv_header(line: str) -> str:
     return CSV_HEADER if line == CSV_HEADER else ""
 
 
-ASC = TextFormat(_asc_reader, _asc_header, _asc_verdict, _asc, ASC_PREAMBLE, "internal events logged")
+ASC = TextFormat(_asc_reader, _asc_header, _asc_kind, _asc, ASC_PREAMBLE, "internal events logged")
 CANDUMP = TextFormat(_candump_reader, _never, _broken, _candump)
 CSV = TextFormat(_csv_reader, _csv_header, _broken, _long)
-TRC = TextFormat(_trc_reader, _trc_header, _trc_verdict, _channel_from_1)
+TRC = TextFormat(_trc_reader, _trc_header, _trc_kind, _channel_from_1)
