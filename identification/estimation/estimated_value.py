@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy.special import ndtri, stdtrit
 
 from orchestrator.trace import FloatArray
 
@@ -41,7 +41,7 @@ def estimate(value: float, std: float, dof: float = math.inf, unit: str = "") ->
     """The estimate with 95 % interval value +- t(0.975, dof) * std; normal when `dof` is infinite."""
     if not (dof > 0 and math.isfinite(std)):
         return EstimatedValue(float(value), math.inf, (-math.inf, math.inf), unit)
-    half = float(stats.norm.ppf(0.975) if math.isinf(dof) else stats.t.ppf(0.975, dof)) * std
+    half = float(ndtri(0.975) if math.isinf(dof) else stdtrit(dof, 0.975)) * std
     return EstimatedValue(float(value), float(std), (float(value - half), float(value + half)), unit)
 
 

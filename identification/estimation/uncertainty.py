@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import orth, qr
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from identification.estimation.arrow_least_squares import Loss, WindowBlock
 from identification.estimation.noise import Noise, coloured, white
@@ -99,7 +99,7 @@ class Covariance(ReadOnlyArrays):
     @property
     def quantile(self) -> float:
         """t quantile of a two-sided 95 % interval."""
-        return float(student.ppf(0.975, self.freedom))
+        return float(stdtrit(self.freedom, 0.975))
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import chi2, norm
+from scipy.special import chdtrc, ndtri
 
 from fmus.errors import IdentificationError
 from orchestrator.trace import FloatArray, ReadOnlyArrays
 
-_BAND = float(norm.ppf(0.995))
+_BAND = float(ndtri(0.995))
 
 
 def fit(measured: ArrayLike, simulated: ArrayLike) -> FloatArray:
@@ -108,7 +108,7 @@ def whiteness(residuals: Sequence[ArrayLike], lags: int = 20) -> Whiteness:
     total, freedom = float(np.sum(factor * r[:, 1:] ** 2)), used * len(rows)
     pooled = np.average(r, axis=0, weights=counts[:, 0])
     band = _BAND / float(np.sqrt(counts.sum()))
-    return Whiteness(total, freedom, float(chi2.sf(total, freedom)), pooled, band)
+    return Whiteness(total, freedom, float(chdtrc(freedom, total)), pooled, band)
 
 
 def _matched(measured: ArrayLike, simulated: ArrayLike) -> tuple[FloatArray, FloatArray]:

@@ -297,9 +297,10 @@ def _start_vectors(problem: Problem, options: Options) -> list[FloatArray]:
             raise IdentificationError(
                 parameter.name, "has an open bound, but several starts are asked for", f"give {wanted} bounds"
             )
-    rng, count = np.random.default_rng(options.seed), options.starts - 1
-    strata = rng.permuted(np.tile(np.arange(count)[:, None], n), axis=0)
-    return vectors + list(lower + (upper - lower) * (strata + rng.random((count, n))) / count)
+    from scipy.stats import qmc  # noqa: PLC0415 - loads slowly, and most estimations have one start
+
+    shares = qmc.LatinHypercube(n, seed=options.seed).random(options.starts - 1)
+    return vectors + list(lower + (upper - lower) * shares)
 
 
 def _followed(

@@ -297,7 +297,7 @@ def test_several_starts_escape_a_local_optimum():
 
 
 def test_a_start_vector_that_fails_does_not_stop_the_others():
-    parameters = (PARAMETERS[0], Parameter("rig.stiffness", 7.0, 1.0, 100.0))
+    parameters = (PARAMETERS[0], Parameter("rig.stiffness", 7.0, 5.0, 100.0))
     result = estimate(decays(parameters=parameters), lambda: Oscillator(fails_above=30.0), Options(starts=6))
     failed = [report for report in result.starts if math.isinf(report.cost)]
     assert 0 < len(failed) < 6

@@ -1,0 +1,102 @@
+"""Processes that work side by side: their answers, their deaths, and that they end with the one that began them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from orchestrator.processes import Died, Processes, calling
+
+Task = Callable[[], object]
+PARENT = """
+import time
+from functools import partial
+from orchestrator.processes import Processes, calling
+from tests.orchestrator.test_processes import note_and_sleep
+
+if __name__ == "__main__":
+    with Processes(calling, 2) as pool:
+        list(pool.answers([partial(note_and_sleep, {folder!r}, number) for number in range(2)]))
+"""
+
+
+def note_and_sleep(folder: str, number: int) -> None:
+    """Say in a file who works, and where its temporary files are; then work for long."""
+    Path(folder, f"{number}.part").write_text(f"{os.getpid()} {tempfile.gettempdir()}")
+    Path(folder, f"{number}.part").rename(Path(folder, str(number)))
+    time.sleep(60)
+
+
+def alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def wait_until(holds: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 60
+    while not holds() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert holds()
+
+
+@pytest.mark.parametrize("fresh", [False, True])
+def test_each_task_has_its_answer_whoever_gives_it(fresh: bool) -> None:
+    with Processes[Task, object](calling, 2, fresh=fresh) as pool:
+        answers = dict(pool.answers([partial(divmod, number, 3) for number in range(7)]))
+    assert answers == {number: divmod(number, 3) for number in range(7)}
+
+
+def test_a_fresh_process_takes_one_task_and_another_takes_all() -> None:
+    with Processes[Task, object](calling, 1, fresh=True) as pool:
+        fresh = [pid for _, pid in pool.answers([os.getpid] * 3)]
+    with Processes[Task, object](calling, 1) as pool:
+        kept = [pid for _, pid in pool.answers([os.getpid] * 3)]
+    assert len(set(fresh)) == 3 and len(set(kept)) == 1
+
+
+@pytest.mark.parametrize("fresh", [False, True])
+def test_a_death_costs_one_task_and_is_named(fresh: bool) -> None:
+    tasks: list[Task] = [os.getpid, partial(signal.raise_signal, signal.SIGKILL), os.getpid, os.getpid]
+    with Processes[Task, object](calling, 1, fresh=fresh) as pool:
+        answers = dict(pool.answers(tasks))
+    died = answers.pop(1)
+    assert isinstance(died, Died) and died.ending == "SIGKILL"
+    assert all(isinstance(pid, int) for pid in answers.values())
+
+
+def test_a_process_sees_the_environment_of_now(monkeypatch: pytest.MonkeyPatch) -> None:
+    for value in ("one", "two"):
+        monkeypatch.setenv("SERVOTWIN_TEST", value)
+        with Processes[Task, object](calling, 1) as pool:
+            assert dict(pool.answers([partial(os.getenv, "SERVOTWIN_TEST")])) == {0: value}
+
+
+def test_temporary_files_go_with_the_pool() -> None:
+    with Processes[Task, object](calling, 1) as pool:
+        folder = Path(str(dict(pool.answers([tempfile.mkdtemp]))[0]))
+        assert folder.is_dir()
+    assert not folder.exists() and not folder.parent.exists()
+
+
+@pytest.mark.slow
+def test_processes_and_their_files_go_when_the_main_process_is_killed(tmp_path: Path) -> None:
+    script = tmp_path / "parent.py"
+    script.write_text(PARENT.format(folder=str(tmp_path)))
+    with subprocess.Popen([sys.executable, str(script)], cwd=Path(__file__).parents[2]) as parent:
+        wait_until(lambda: all((tmp_path / number).exists() for number in "01"))
+        parent.kill()
+    said = [(tmp_path / number).read_text().split() for number in "01"]
+    wait_until(lambda: not any(alive(int(pid)) for pid, _ in said))
+    assert not any(Path(folder).exists() for _, folder in said)
