@@ -21,7 +21,7 @@ from identification.estimation.parameters import Parameter
 from identification.estimation.validation import Whiteness, whiteness
 from orchestrator.trace import FloatArray, ReadOnlyArrays
 
-Method = Literal["white", "coloured", "window"]
+CovarianceMethod = Literal["white", "coloured", "window"]
 UNSEEN, WEAK = 1e-4, 1e-2
 _FEWEST_WINDOWS = 10
 _NO_EFFECT = 1e-9
@@ -80,8 +80,8 @@ class Covariance(ReadOnlyArrays):
         whiteness: one test an output.
     """
 
-    matrices: Mapping[Method, FloatArray]
-    method: Method
+    matrices: Mapping[CovarianceMethod, FloatArray]
+    method: CovarianceMethod
     freedom: int
     states: FloatArray
     whiteness: tuple[Whiteness, ...]
@@ -144,7 +144,7 @@ def covariance(blocks: Sequence[WindowBlock], loss: Loss, outputs: int) -> Covar
     fitted = [np.column_stack([_basis(row.states), row.jacobian @ transform]) for row in rows]
     flat, correlated = white(influences, outputs, freedom), coloured(influences, outputs, fitted)
     tests = tuple(whiteness([b.residual.reshape(-1, outputs)[:, i] for b in blocks]) for i in range(outputs))
-    matrices: dict[Method, FloatArray] = {
+    matrices: dict[CovarianceMethod, FloatArray] = {
         "white": _marked(_stationary(rows, transform, flat), lost),
         "coloured": _marked(_stationary(rows, transform, correlated), lost),
     }
@@ -152,7 +152,7 @@ def covariance(blocks: Sequence[WindowBlock], loss: Loss, outputs: int) -> Covar
     if jackknife is not None:
         matrices["window"] = _marked(jackknife, lost)
     is_white = all(test.white for test in tests)
-    method: Method = "white" if is_white else "coloured" if jackknife is None else "window"
+    method: CovarianceMethod = "white" if is_white else "coloured" if jackknife is None else "window"
     return Covariance(
         matrices=matrices,
         method=method,
@@ -165,7 +165,7 @@ def covariance(blocks: Sequence[WindowBlock], loss: Loss, outputs: int) -> Covar
 def _curvature(blocks: Sequence[WindowBlock], loss: Loss, outputs: int) -> FloatArray:
     """(m,) mean curvature of the loss for each output, kept positive."""
     curvatures = np.concatenate([loss.curvature(block.residual).reshape(-1, outputs) for block in blocks])
-    return np.maximum(curvatures.mean(axis=0), 0.05)
+    return np.asarray(np.maximum(curvatures.mean(axis=0), 0.05))
 
 
 def _projected(blocks: Sequence[WindowBlock], loss: Loss, outputs: int) -> list[_Rows]:
@@ -188,7 +188,7 @@ def _basis(columns: FloatArray) -> FloatArray:
 
 
 def _lengths(blocks: Sequence[WindowBlock]) -> FloatArray:
-    return np.sqrt(sum(np.sum(block.parameters**2, axis=0) for block in blocks))
+    return np.asarray(np.sqrt(sum(np.sum(block.parameters**2, axis=0) for block in blocks)))
 
 
 def _decomposed(
@@ -357,4 +357,4 @@ def _proportional(values: FloatArray, moves: FloatArray) -> bool:
 
 def _correlation(matrix: FloatArray, lost: NDArray[np.bool_]) -> FloatArray:
     deviations = np.sqrt(np.where(lost, np.nan, np.diag(matrix)))
-    return matrix / np.outer(deviations, deviations)
+    return np.asarray(matrix / np.outer(deviations, deviations))

@@ -38,7 +38,7 @@ def rms(measured: ArrayLike, simulated: ArrayLike) -> FloatArray:
     Source: the flexible-manipulator thesis, Eq. 2-24.
     """
     y, yhat = _matched(measured, simulated)
-    return np.sqrt(np.mean((y - yhat) ** 2, axis=0))
+    return np.asarray(np.sqrt(np.mean((y - yhat) ** 2, axis=0)))
 
 
 def delta(measured: ArrayLike, simulated: ArrayLike) -> FloatArray:
@@ -81,7 +81,7 @@ def autocorrelation(residual: ArrayLike, lags: int) -> FloatArray:
     e = np.asarray(residual, dtype=float)
     _check_lags(len(e), lags)
     products = np.array([e[: len(e) - k] @ e[k:] for k in range(lags + 1)])
-    return products / products[0] if products[0] > 0 else np.eye(1, lags + 1)[0]
+    return np.asarray(products / products[0] if products[0] > 0 else np.eye(1, lags + 1)[0])
 
 
 def whiteness(residuals: Sequence[ArrayLike], lags: int = 20) -> Whiteness:

@@ -227,7 +227,7 @@ def _start(motion: Motion, known: tuple[float, float] | None = None) -> FloatArr
         solution = np.linalg.lstsq(columns, wanted, rcond=None)[0]
         ratio, level = known or solution[:2]
         rated.append((float(np.sum((wanted - columns @ solution) ** 2)), [ratio, level, rate, solution[-1]]))
-    return np.array(min(rated, key=lambda each: each[0])[1])
+    return np.array(min(rated, key=lambda pair: pair[0])[1])
 
 
 def _fit(motion: Motion, start: FloatArray, free: NDArray[np.bool_] | None = None) -> _Fit:

@@ -127,7 +127,7 @@ class Command:
 
 
 @dataclass(frozen=True, eq=False)
-class Reading:
+class StartReading:
     """A start value that is read off a signal with a delay.
 
     Attributes:

@@ -144,4 +144,4 @@ def spread_weights(measured: Sequence[FloatArray]) -> FloatArray:
     if not np.all((spread > 0) & (spread < math.inf)):
         column = int(np.flatnonzero(~(spread > 0) | ~np.isfinite(spread))[0])
         raise IdentificationError(f"output {column}", "is constant or not finite in all windows", "leave it out")
-    return 1.0 / spread
+    return np.asarray(1.0 / spread)

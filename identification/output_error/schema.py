@@ -15,9 +15,9 @@ from identification.output_error.estimator import Options
 from identification.output_error.study import (
     FreeRunSpec,
     OutputErrorStudy,
-    SignalSpec,
+    OutputWeight,
     StartSpec,
-    Weighting,
+    TraceSignal,
     WindowSpec,
 )
 from identification.recordings.campaign import TraceSource
@@ -45,7 +45,7 @@ class SignalBlock(Block):
     """
 
     signal: str
-    factor: float = SignalSpec.factor
+    factor: float = TraceSignal.factor
     delay: DelayEntry | None = None
 
 
@@ -150,7 +150,7 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
     windows: WindowsBlock
     validation: ValidationBlock | None = None
     parameters: dict[str, ParameterBlock] = Field(min_length=1)
-    weight: Weighting = OutputErrorStudy.weight
+    weight: OutputWeight = OutputErrorStudy.weight
     loss: LossBlock = LossBlock()
     options: OptionsBlock = OptionsBlock()
     compare: dict[str, dict[str, float]] = {}
@@ -238,9 +238,9 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
             truth=self.truth,
         )
 
-    def _signal_specs(self, blocks: Mapping[str, SignalBlock]) -> dict[str, SignalSpec]:
+    def _signal_specs(self, blocks: Mapping[str, SignalBlock]) -> dict[str, TraceSignal]:
         return {
-            name: SignalSpec(block.signal, block.factor, self._delay(block.delay)) for name, block in blocks.items()
+            name: TraceSignal(block.signal, block.factor, self._delay(block.delay)) for name, block in blocks.items()
         }
 
     def _delay(self, entry: DelayEntry | None) -> Delay | None:

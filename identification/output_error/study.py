@@ -14,11 +14,11 @@ from identification.output_error.estimator import Options
 from identification.recordings.campaign import TraceSource
 from orchestrator.assembly.assembly import SystemSpec
 
-Weighting = Literal["window", "output", "none"]
+OutputWeight = Literal["window", "output", "none"]
 
 
 @dataclass(frozen=True)
-class SignalSpec:
+class TraceSignal:
     """A signal of the traces, and how much later than the system it is (an output) or reaches it (an input).
 
     Attributes:
@@ -60,8 +60,8 @@ class FreeRunSpec:
     """
 
     step: Fraction
-    outputs: Mapping[str, SignalSpec]
-    inputs: Mapping[str, SignalSpec] = field(default_factory=dict)
+    outputs: Mapping[str, TraceSignal]
+    inputs: Mapping[str, TraceSignal] = field(default_factory=dict)
     initial: Mapping[str, StartSpec] = field(default_factory=dict)
 
     @property
@@ -114,7 +114,7 @@ class OutputErrorStudy:
     parameters: ParameterSet
     at_least: float | None = None
     description: str = ""
-    weight: Weighting = "output"
+    weight: OutputWeight = "output"
     loss: Loss = LEAST_SQUARES
     options: Options = field(default_factory=Options)
     compare: Mapping[str, Mapping[str, float]] = field(default_factory=dict)

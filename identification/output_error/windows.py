@@ -16,13 +16,13 @@ from identification.output_error.delays import (
     Estimated,
     Held,
     Known,
-    Reading,
+    StartReading,
     compared_rows,
     known,
     late_outputs,
 )
 from identification.output_error.problem import Window
-from identification.output_error.study import FreeRunSpec, SignalSpec, StartSpec, WindowSpec
+from identification.output_error.study import FreeRunSpec, StartSpec, TraceSignal, WindowSpec
 from identification.recordings.campaign import StudyTrace
 from orchestrator.fmi.interface import Value
 from orchestrator.rational import multiples
@@ -56,7 +56,7 @@ class FreeRunWindow(Window):
     commands: Mapping[str, Command]
     delays: tuple[Estimated | None, ...]
     initial: Mapping[str, float]
-    readings: Mapping[str, Reading]
+    readings: Mapping[str, StartReading]
     constants: Mapping[str, Value]
 
     @property
@@ -179,22 +179,22 @@ def _window(
     )
 
 
-def _sampled(trace: Trace, spec: SignalSpec, instants: FloatArray, delay: float) -> FloatArray:
+def _sampled(trace: Trace, spec: TraceSignal, instants: FloatArray, delay: float) -> FloatArray:
     """(K,) what the trace shows of a variable at these instants [s], that much later; its ends last."""
     return np.asarray(spec.factor * np.interp(instants + delay, trace.time, trace[spec.signal]))
 
 
-def _command(spec: SignalSpec, delay: Delay, trace: Trace, raster: FloatArray, step: float) -> Command:
+def _command(spec: TraceSignal, delay: Delay, trace: Trace, raster: FloatArray, step: float) -> Command:
     """A delayed command, as far as it matters from the first instant to a step after the last."""
     held = Held(trace.time, spec.factor * trace[spec.signal])
     return Command(delay, held.between(raster[0] - delay.highest, raster[-1] + step - delay.lowest))
 
 
-def _reading(run: FreeRunSpec, trace: Trace, start: float, spec: StartSpec) -> Reading:
+def _reading(run: FreeRunSpec, trace: Trace, start: float, spec: StartSpec) -> StartReading:
     """A start value, by the delay of the output that is read off the same signal."""
     delays = (output.delay for output in run.outputs.values() if output.signal == spec.signal)
     delay = next(delays, None) or Known(0.0)
-    return Reading(delay, start_curve(trace, start + delay.start, spec), start)
+    return StartReading(delay, start_curve(trace, start + delay.start, spec), start)
 
 
 def start_curve(trace: Trace, start: float, spec: StartSpec) -> Polynomial:

@@ -121,7 +121,7 @@ def _design(time: FloatArray, frequency: float, decay: FreeDecay | None) -> Floa
 
 def _slope(time: FloatArray, frequency: float, weights: FloatArray) -> FloatArray:
     """(K,) derivative of the fitted sine with respect to the frequency."""
-    return time * (weights[0] * np.cos(frequency * time) - weights[1] * np.sin(frequency * time))
+    return np.asarray(time * (weights[0] * np.cos(frequency * time) - weights[1] * np.sin(frequency * time)))
 
 
 def _least_squares(design: FloatArray, samples: FloatArray, more: int) -> tuple[FloatArray, FloatArray, float]:

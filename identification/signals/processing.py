@@ -85,7 +85,7 @@ def dft(values: ArrayLike) -> ComplexArray:
     samples = np.asarray(values, dtype=float)
     k = np.arange(1, len(samples) + 1)
     turned = np.fft.fft(samples)[k % len(samples)] * np.exp(-2j * np.pi * k / len(samples))
-    return turned / np.sqrt(len(samples))
+    return np.asarray(turned / np.sqrt(len(samples)))
 
 
 def periodogram(values: ArrayLike) -> FloatArray:
