@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from orchestrator import formats
     from orchestrator.fmi.interface import Interface, Value
 
-Facts = Mapping[str, object]  # a JSON document
+InfoDocument = Mapping[str, object]  # a JSON document
 
 
 class PortFacts(TypedDict):
@@ -84,7 +84,7 @@ TraceFacts = TypedDict(
 )
 
 
-def about(path: Path) -> Facts:
+def about(path: Path) -> InfoDocument:
     """The contents of an FMU, a trace, or a folder of results.
 
     Raises:
@@ -132,7 +132,7 @@ def _ports(interface: Interface, causality: str) -> list[PortFacts]:
     ]
 
 
-def about_trace(path: Path, layout: formats.Layout | None = None, progress: Progress = silent) -> Facts:
+def about_trace(path: Path, layout: formats.Layout | None = None, progress: Progress = silent) -> InfoDocument:
     """Signals and time stamps of a recording; of a matrix without names what a layout has to say.
 
     Of a CAN log without a database its frames.
@@ -181,7 +181,7 @@ def _about_decoding(recording: formats.Recording) -> DecodingFacts:
     return {"start": moment(recording.start), "notes": list(recording.notes), "found": dict(recording.found)}
 
 
-def about_log(path: Path, progress: Progress = silent) -> Facts:
+def about_log(path: Path, progress: Progress = silent) -> InfoDocument:
     """Frames of a CAN log by identifier, and what could not be read."""
     from orchestrator.can import logs  # noqa: PLC0415 (it brings python-can along)
     from orchestrator.can.logs.frame_count import FrameCount  # noqa: PLC0415
@@ -192,7 +192,7 @@ def about_log(path: Path, progress: Progress = silent) -> Facts:
     return {"name": path.stem, **count.document(), **({"notes": found} if (found := log.findings.lines()) else {})}
 
 
-def about_result(folder: Path) -> Facts:
+def about_result(folder: Path) -> InfoDocument:
     """Title, figures and files of a result folder."""
     mark = next((folder / mark for mark in MARKS if (folder / mark).is_file()), None)
     if mark is None:
@@ -209,7 +209,7 @@ def about_result(folder: Path) -> Facts:
     return facts
 
 
-def _about_matrices(path: Path, error: TraceError) -> Facts:
+def _about_matrices(path: Path, error: TraceError) -> InfoDocument:
     from orchestrator.formats import mat5  # noqa: PLC0415 (see above)
 
     try:

@@ -126,7 +126,7 @@ def _step(block: StepBlock, names: Mapping[str, str]) -> list[Done]:
         return done + [process.stopped() for process in reversed(beside)]
 
 
-class _Process:
+class _RunningCommand:
     """A command that runs; its output is taken all the time, so that it never waits for us."""
 
     def __init__(self, command: str, names: Mapping[str, str]) -> None:
@@ -190,8 +190,8 @@ def _installed_command() -> str:
 
 
 @contextmanager
-def _running(command: str, names: Mapping[str, str]) -> Iterator[_Process]:
-    process = _Process(command, names)
+def _running(command: str, names: Mapping[str, str]) -> Iterator[_RunningCommand]:
+    process = _RunningCommand(command, names)
     try:
         yield process
     finally:

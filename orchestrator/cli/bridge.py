@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer()
 
-Scenario = Annotated[Path, typer.Argument(help="A scenario file with a `can` block.")]
+ScenarioFile = Annotated[Path, typer.Argument(help="A scenario file with a `can` block.")]
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class CouplingOptions:
 @command(app)
 def bridge(
     terminal: Terminal,
-    scenario: Scenario,
+    scenario: ScenarioFile,
     interface: Interface,
     channel: Channel,
     adapter: Adapter,
@@ -64,7 +64,7 @@ def bridge(
 @command(app)
 def bench(
     terminal: Terminal,
-    scenario: Scenario,
+    scenario: ScenarioFile,
     *,
     interface: Annotated[str | None, typer.Option("--interface", help="As of `can record`; none with --serve.")] = None,
     channel: Annotated[str | None, typer.Option("--channel", help="What the interface calls the bus.")] = None,
