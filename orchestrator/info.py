@@ -8,7 +8,7 @@ import struct
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, NotRequired, TypedDict
+from typing import TYPE_CHECKING
 
 from fmus.errors import InputError, TraceError
 from fmus.packaging import archive, defaults
@@ -18,70 +18,10 @@ from orchestrator.results import MARKS
 
 if TYPE_CHECKING:
     from orchestrator import formats
-    from orchestrator.fmi.interface import Interface, Value
+    from orchestrator.fmi.interface import Interface
 
-InfoDocument = Mapping[str, object]  # a JSON document
-
-
-class PortFacts(TypedDict):
-    """A variable of an FMU."""
-
-    name: str
-    start: Value | None
-    unit: str
-    description: str
-
-
-FmuFacts = TypedDict(
-    "FmuFacts",
-    {
-        "name": str,
-        "fmi": str,
-        "interfaces": str,
-        "description": str,
-        "tool": str,
-        "defaults from resources": bool,
-        "state can be saved": bool,
-        "inputs": list[PortFacts],
-        "outputs": list[PortFacts],
-        "parameters": list[PortFacts],
-        "calibrated by": NotRequired[str],
-    },
-)
-
-
-class SignalFacts(TypedDict):
-    """A signal of a recording, with its lowest and highest sample; null where that is not finite."""
-
-    name: str
-    unit: str
-    min: float | None
-    max: float | None
-
-
-class DecodingFacts(TypedDict, total=False):
-    """When a CAN log began, and what was found in it."""
-
-    start: str
-    notes: list[str]
-    found: dict[str, object]
-
-
-TraceFacts = TypedDict(
-    "TraceFacts",
-    {
-        "name": str,
-        "samples": int,
-        "from": float,
-        "to": float,
-        "stamps": str,
-        "start": NotRequired[str],
-        "notes": NotRequired[list[str]],
-        "found": NotRequired[dict[str, object]],
-        "sha256": str,
-        "signals": list[SignalFacts],
-    },
-)
+InfoDocument = Mapping[str, object]
+"""A JSON document, to be shown and not to be looked into."""
 
 
 def about(path: Path) -> InfoDocument:
@@ -99,7 +39,7 @@ def about(path: Path) -> InfoDocument:
     return about_trace(path)
 
 
-def about_fmu(path: Path) -> FmuFacts:
+def about_fmu(path: Path) -> InfoDocument:
     """Version, abilities and variables of an FMU; for one of ours also what its values come from."""
     from fmus.parameters.write_back import PROVENANCE  # noqa: PLC0415 (it brings lxml along)
     from orchestrator.fmi.file import FmuFile  # noqa: PLC0415 (it brings FMPy along)
@@ -107,7 +47,7 @@ def about_fmu(path: Path) -> FmuFacts:
     with FmuFile(path) as fmu:
         interface = fmu.interface
         files = archive.read(path)
-        document: FmuFacts = {
+        document: dict[str, object] = {
             "name": interface.model_name,
             "fmi": interface.fmi_version,
             "interfaces": ", ".join(fmu.kinds),
@@ -125,7 +65,7 @@ def about_fmu(path: Path) -> FmuFacts:
     return document
 
 
-def _ports(interface: Interface, causality: str) -> list[PortFacts]:
+def _ports(interface: Interface, causality: str) -> list[InfoDocument]:
     return [
         {"name": port.name, "start": port.start, "unit": port.unit or "", "description": port.description}
         for port in interface.of(causality)
@@ -150,7 +90,7 @@ def about_trace(path: Path, layout: formats.Layout | None = None, progress: Prog
     return _about_recording(recording)
 
 
-def _about_recording(recording: formats.Recording) -> TraceFacts:
+def _about_recording(recording: formats.Recording) -> InfoDocument:
     trace = recording.trace
     return {
         "name": trace.name,
@@ -172,7 +112,7 @@ def _about_recording(recording: formats.Recording) -> TraceFacts:
     }
 
 
-def _about_decoding(recording: formats.Recording) -> DecodingFacts:
+def _about_decoding(recording: formats.Recording) -> InfoDocument:
     """When a log began, and what was found while it was read and decoded."""
     if recording.start is None:
         return {}
