@@ -1,4 +1,4 @@
-"""What the tests of native FMUs share: values that use every part of a model, inputs, and instances kept open."""
+"""What the tests of built FMUs share: values that use every part of a model, inputs, and instances kept open."""
 
 from __future__ import annotations
 
@@ -72,6 +72,15 @@ KEPT: dict[Path, Any] = {}
 
 def drive(t: float) -> float:
     return 0.5 + 0.3 * math.sin(5 * t)
+
+
+def advance(fmu: Any, first: int, last: int) -> list[float]:
+    """Steps first to last of a data acquisition, and what it shows then."""
+    for k in range(first, last):
+        fmu.set("signal", drive(k * 0.01))
+        fmu.step(k * 0.01, 0.01)
+    values: list[float] = fmu.get("measured", "signal")
+    return values
 
 
 def value_of(name: str, variable: Variable) -> st.SearchStrategy[Any]:

@@ -18,8 +18,8 @@ from lxml import etree
 from fmus import library
 from fmus.errors import ModelError
 from fmus.modelling import ops
-from fmus.modelling.model import Model, State, Variable, element, element_names, input_, output, parameter, start_values
-from fmus.packaging import defaults, targets
+from fmus.modelling.model import Model, State, input_, output, parameter
+from fmus.packaging import targets
 from fmus.packaging.native import build as native
 from fmus.packaging.native import compiler
 from tests.support.either import opened, schema
@@ -38,19 +38,6 @@ def description(path: Path) -> ET.Element:
         return ET.fromstring(archive.read("modelDescription.xml"))
 
 
-@pytest.mark.parametrize("fmi", VERSIONS)
-@pytest.mark.parametrize("name", NAMES)
-def test_fmpy_has_no_complaint(native_fmu: Built, name: str, fmi: int) -> None:
-    assert validate_fmu(str(native_fmu(name, fmi))) == []
-
-
-@pytest.mark.parametrize("fmi", VERSIONS)
-@pytest.mark.parametrize("name", NAMES)
-def test_description_fits_the_schema_of_the_standard(native_fmu: Built, name: str, fmi: int) -> None:
-    with zipfile.ZipFile(native_fmu(name, fmi)) as archive:
-        etree.XMLSchema(file=str(schema(fmi))).assertValid(etree.fromstring(archive.read("modelDescription.xml")))
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_build_description_fits_the_schema_of_the_standard(native_fmu: Built, name: str) -> None:
     with zipfile.ZipFile(native_fmu(name, 3)) as archive:
@@ -61,32 +48,6 @@ def test_build_description_fits_the_schema_of_the_standard(native_fmu: Built, na
         }
     etree.XMLSchema(file=str(schema(3).with_name("fmi3BuildDescription.xsd"))).assertValid(document)
     assert listed == units
-
-
-@pytest.mark.parametrize("fmi", VERSIONS)
-@pytest.mark.parametrize("name", NAMES)
-def test_description_carries_what_the_model_declares(native_fmu: Built, name: str, fmi: int) -> None:
-    found = {v.name: v for v in fmpy.read_model_description(str(native_fmu(name, fmi))).modelVariables}
-    model = library.find(name)
-    for variable in model.variables:
-        if fmi == 2 or element(variable.name) is None:
-            assert_described(found[variable.name], variable, fmi)
-    for array, shape in model.arrays.items() if fmi == 3 else ():
-        starts = [start_values(model)[part] for part in element_names(array, shape)]
-        assert [int(size.start) for size in found[array].dimensions] == list(shape)
-        assert [float(start) for start in found[array].start.split()] == starts
-
-
-def assert_described(found: Any, variable: Variable, fmi: int) -> None:
-    kind = "Enumeration" if variable.choices else variable.type
-    assert found.type == (kind if fmi == 2 else {"Real": "Float64", "Integer": "Int32"}.get(kind, kind))
-    assert (found.causality, found.description) == (variable.causality, variable.description)
-    if variable.type == "Real":
-        assert found.unit == (None if variable.unit == "1" else variable.unit)
-    for text, limit in ((found.min, variable.minimum), (found.max, variable.maximum), (found.start, variable.start)):
-        assert (text is None) == (limit is None), variable.name
-        if limit is not None:
-            assert float(text) == limit, variable.name
 
 
 @pytest.mark.parametrize("fmi", VERSIONS)
@@ -149,14 +110,6 @@ def test_model_exchange_is_offered_for_continuous_models_only(native_fmu: Built,
     assert (described.modelExchange is not None) == (name in ("pendulum", "dc_motor", "flexible_arm", "flexible_link"))
 
 
-def test_equal_inputs_give_equal_bytes_and_other_values_another_token(tmp_path: Path) -> None:
-    first, again = (native.build(PENDULUM, tmp_path / name) for name in ("a.fmu", "b.fmu"))
-    assert first.read_bytes() == again.read_bytes()
-    other = native.build(PENDULUM, tmp_path / "c.fmu", {"inertia": 0.004})
-    guids = {description(path).get("guid") for path in (first, other)}
-    assert len(guids) == 2
-
-
 @pytest.mark.parametrize("fmi", VERSIONS)
 def test_sources_in_the_fmu_build_it_again_without_a_warning(native_fmu: Built, tmp_path: Path, fmi: int) -> None:
     for name in NAMES:
@@ -179,32 +132,9 @@ def test_the_page_of_documentation_shows_equations_variables_and_references(nati
     assert "http" not in text.replace("http://www.w3.org/1998/Math/MathML", "")
 
 
-@pytest.mark.parametrize(
-    ("values", "problem"),
-    [({"inertai": 1.0}, "no such variable"), ({"inertia": -1.0}, "outside"), ({"inertia": math.nan}, "no Real value")],
-)
-def test_values_that_do_not_fit_are_refused_before_anything_is_built(
-    tmp_path: Path, values: dict[str, float], problem: str
-) -> None:
-    with pytest.raises(ModelError, match=problem):
-        native.build(PENDULUM, tmp_path / "a.fmu", values)
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_another_version_of_fmi_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ModelError, match="FMI 1 is not offered"):
         targets.build(PENDULUM, tmp_path / "a.fmu", target="native", fmi=1)
-
-
-def test_defaults_in_the_resources_are_the_start_values_of_the_description(native_fmu: Built) -> None:
-    for name in NAMES:
-        with zipfile.ZipFile(native_fmu(name, 3)) as archive:
-            inside = defaults.load(archive.read(defaults.RESOURCE).decode())
-        starts = {}
-        for v in fmpy.read_model_description(str(native_fmu(name, 3))).modelVariables:
-            names = element_names(v.name, [int(size.start) for size in v.dimensions]) if v.dimensions else [v.name]
-            starts |= dict(zip(names, map(float, (v.start or "").split()), strict=True)) if v.start else {}
-        assert starts == inside
 
 
 SELECTING = (input_("a", "1", "A"), parameter("kind", "1", 1, "Kind", minimum=1, maximum=3))

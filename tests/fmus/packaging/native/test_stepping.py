@@ -7,7 +7,6 @@ import threading
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import fmpy
 import numpy as np
@@ -29,10 +28,10 @@ from tests.support.natives import (
     PENDULUM,
     RICH,
     VERSIONS,
+    advance,
     cached,
     drive,
     everything,
-    in_arrays,
     value_of,
 )
 from tests.support.stepping import grid, stepped
@@ -43,31 +42,6 @@ pytestmark = [
     pytest.mark.slow,  # processes, compilers or minutes of work
     pytest.mark.skipif(not compiler.available(), reason="no C compiler here"),
 ]
-
-
-@pytest.mark.parametrize("fmi", VERSIONS)
-@pytest.mark.parametrize("name", NAMES)
-def test_fmpy_simulates_what_an_instance_computes(native_fmu: Built, name: str, fmi: int) -> None:
-    """Bit by bit, on the grid of the communication points, with every input driven."""
-    model = library.find(name)
-    outputs = [variable.name for variable in model.of("output")]
-    inputs = [variable.name for variable in model.of("input")]
-    time = grid(1.0, 0.0625)
-    driven = np.array(
-        [(t, *[drive(t)] * len(inputs)) for t in time], dtype=[("time", float), *((key, float) for key in inputs)]
-    )
-    result = fmpy.simulate_fmu(
-        str(native_fmu(name, fmi)),
-        stop_time=1.0,
-        step_size=0.0625,
-        output_interval=0.0625,
-        start_values=in_arrays(model, RICH[name]) if fmi == 3 else RICH[name],
-        input=driven if inputs else None,
-        output=outputs,
-        fmi_type="CoSimulation",
-    )
-    expected = stepped(model, RICH[name], outputs, time, dict.fromkeys(inputs, drive))
-    assert np.array_equal(np.column_stack([result[key] for key in outputs])[1:], expected[1:])
 
 
 @pytest.mark.parametrize("fmi", VERSIONS)
@@ -216,56 +190,6 @@ def test_a_parameter_cannot_be_set_after_the_initialisation_nor_an_output_ever(n
             fmu.set("inertia", 1.0)
         assert fmu.log[-1] == (3, "logStatusError", "pendulum: 'inertia' is fixed once the initialisation is over")
         assert fmu.get("inertia") == [0.00325]
-
-
-@pytest.mark.parametrize("fmi", VERSIONS)
-def test_reset_brings_the_defaults_and_the_start_back(native_fmu: Built, fmi: int) -> None:
-    with opened(native_fmu("pendulum", fmi)) as fmu:
-        runs = []
-        for values in ({"angle_start": 1.0, "inertia": 0.01}, {}, {"angle_start": 1.0, "inertia": 0.01}, {}):
-            fmu.start(**values)
-            fmu.set("torque", 0.01)
-            fmu.step(0.0, 0.3)
-            runs.append(fmu.get("angle", "speed", "inertia"))
-            fmu.fmu.reset()
-        assert fmu.get("angle", "inertia", "torque") == [0.0, 0.00325, 0.0]
-    assert runs[0] == runs[2]
-    assert runs[1] == runs[3]
-    assert runs[0][0] != runs[1][0]
-
-
-def advance(fmu: Any, first: int, last: int) -> list[float]:
-    for k in range(first, last):
-        fmu.set("signal", drive(k * 0.01))
-        fmu.step(k * 0.01, 0.01)
-    values: list[float] = fmu.get("measured", "signal")
-    return values
-
-
-@pytest.mark.parametrize("fmi", VERSIONS)
-def test_a_saved_state_continues_as_if_nothing_had_come_between(native_fmu: Built, fmi: int) -> None:
-    with opened(native_fmu("daq", fmi)) as daq:
-        daq.start(**RICH["daq"])
-        at_save = advance(daq, 0, 10)
-        state = daq.save()
-        expected = advance(daq, 10, 25)
-        daq.restore(state)
-        assert daq.get("measured", "signal") == at_save
-        assert advance(daq, 10, 25) == expected
-        daq.drop(state)
-        assert not state.value
-
-
-@pytest.mark.parametrize("fmi", VERSIONS)
-def test_a_serialised_state_continues_in_another_instance(native_fmu: Built, fmi: int) -> None:
-    with opened(native_fmu("daq", fmi)) as one, opened(native_fmu("daq", fmi)) as other:
-        one.start(**RICH["daq"])
-        advance(one, 0, 10)
-        data = one.serialize(one.save())
-        assert data == one.serialize(one.save())
-        other.start()
-        other.restore(other.deserialize(data))
-        assert advance(other, 10, 25) == advance(one, 10, 25)
 
 
 @pytest.mark.parametrize("fmi", VERSIONS)

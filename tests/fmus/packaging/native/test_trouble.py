@@ -25,19 +25,6 @@ pytestmark = [
 ]
 
 
-@pytest.mark.parametrize("fmi", VERSIONS)
-def test_a_requirement_that_does_not_hold_fails_the_step_with_its_reason(native_fmu: Built, fmi: int) -> None:
-    with opened(native_fmu("energy_controller", fmi)) as controller:
-        controller.start()
-        for _ in range(2):
-            with pytest.raises(FMICallException):
-                controller.step(0.0, 0.1)
-        assert "start energy is that of the downward equilibrium" in controller.log[0][2]
-        controller.fmu.reset()
-        controller.start(angle=0.5)
-        controller.step(0.0, 0.1)
-
-
 def unstable(**functions: Any) -> Model:
     return Model(
         name="unstable",
