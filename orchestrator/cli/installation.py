@@ -9,13 +9,15 @@ import sys
 from importlib.metadata import requires
 
 from fmus.errors import ModelError
+from fmus.packaging import cache
 from fmus.packaging.native import compiler
 from orchestrator.engine import compiled
 from orchestrator.results import version_of
 
 
 def details() -> list[str]:
-    """Versions of servotwin, Python and the libraries used, platform, compiler, and what steps systems; a line each."""
+    """Versions of servotwin, Python and the libraries used, platform, compiler, what steps systems and where FMUs
+    are kept; a line each."""
     used = (needed for needed in requires("servotwin") or [] if 'extra == "dev"' not in needed)
     names = {re.split(r"[^\w.-]", needed)[0] for needed in used}
     return [
@@ -24,6 +26,7 @@ def details() -> list[str]:
         f"platform: {platform.platform()}, {platform.machine()}",
         f"compiler: {_compiler()}",
         f"stepping loop: {'compiled' if compiled.available() else f'in Python, {compiled.NOT_BUILT}'}",
+        f"cache of FMUs: {kept.folder if (kept := cache.current()) else 'switched off'}",
         *(f"{name}: {version_of(name)}" for name in sorted(names)),
     ]
 

@@ -144,7 +144,17 @@ def test_the_version_is_one_line_and_with_v_what_a_report_of_a_fault_needs() -> 
     answer = servotwin("--version", "-v")
     told = dict(line.split(": ", 1) for line in answer.stdout.splitlines())
     assert answer.exit_code == 0 and answer.stderr == ""
-    assert set(told) >= {"servotwin", "Python", "platform", "compiler", "stepping loop", "numpy", "fmpy", "typer"}
+    assert set(told) >= {
+        "servotwin",
+        "Python",
+        "platform",
+        "compiler",
+        "stepping loop",
+        "cache of FMUs",
+        "numpy",
+        "fmpy",
+        "typer",
+    }
     assert told["numpy"] == np.__version__ and told["Python"].startswith(platform.python_version())
     assert told["stepping loop"].startswith("compiled") == compiled.available()
 
