@@ -75,7 +75,7 @@ class Processes(Generic[T, A]):
     ) -> None:
         self._make, self._count, self._fresh = make, count, fresh
         self._context = _context(modules)
-        self._processes: list[_Process] = []
+        self._processes: list[_Child] = []
 
     @property
     def pids(self) -> list[int | None]:
@@ -89,7 +89,7 @@ class Processes(Generic[T, A]):
             Exception: what `make` or a worker raised; as a note it has where.
         """
         waiting = deque(enumerate(tasks))
-        busy: dict[_Process, int] = {}
+        busy: dict[_Child, int] = {}
         while waiting or busy:
             while waiting and len(busy) < self._count:
                 process = next((idle for idle in self._processes if idle not in busy), None) or self._start()
@@ -105,8 +105,8 @@ class Processes(Generic[T, A]):
                         self._start()
                 yield busy.pop(process), answer
 
-    def _start(self) -> _Process:
-        self._processes.append(_Process(self._context, self._make))
+    def _start(self) -> _Child:
+        self._processes.append(_Child(self._context, self._make))
         return self._processes[-1]
 
     def __enter__(self) -> Self:
@@ -133,7 +133,7 @@ class Processes(Generic[T, A]):
         self._processes = []
 
 
-class _Process:
+class _Child:
     """One process, the connection to it, and the folder for its temporary files."""
 
     def __init__(self, context: BaseContext, make: Callable[[], Callable[[Any], Any]]) -> None:
@@ -219,7 +219,7 @@ def _context(modules: Sequence[str]) -> BaseContext:
     return context
 
 
-def _speaking(processes: Iterable[_Process]) -> list[_Process]:
+def _speaking(processes: Iterable[_Child]) -> list[_Child]:
     """Those with an answer or an end to read, at least one."""
     known = {process.connection: process for process in processes}
     return [known[connection] for connection in wait(list(known)) if isinstance(connection, Connection)]

@@ -60,24 +60,24 @@ def common_divisor(values: Iterable[Fraction]) -> Fraction:
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """From the number of a tick to its time, correctly rounded: (first + number * each) / denominator [s]."""
+    """From the number of a tick to its time, correctly rounded: (first + number * step) / denominator [s]."""
 
     first: int
-    each: int
+    step: int
     denominator: int
 
     def __call__(self, number: int) -> float:
-        return (self.first + number * self.each) / self.denominator
+        return (self.first + number * self.step) / self.denominator
 
     def exact(self, last: int) -> bool:
         """Whether floats can count up to this tick: quotients of whole floats are rounded as those of integers."""
-        return max(abs(self.first), abs(self.first + last * self.each), self.denominator) < 1 << 53
+        return max(abs(self.first), abs(self.first + last * self.step), self.denominator) < 1 << 53
 
     def times(self, first: int, count: int, every: int = 1) -> NDArray[np.float64]:
         """(count,) times of the ticks first, first + every, ... [s]."""
         if not self.exact(first + count * every):
             return np.array([self(first + number * every) for number in range(count)], dtype=float)
-        return (self.first + (first + np.arange(count) * every) * float(self.each)) / self.denominator
+        return (self.first + (first + np.arange(count) * every) * float(self.step)) / self.denominator
 
 
 def clock(start: Fraction, tick: Fraction) -> Clock:

@@ -13,14 +13,14 @@ from typing import ParamSpec, TypeVar
 from threadpoolctl import ThreadpoolController
 
 Arguments = ParamSpec("Arguments")
-Result = TypeVar("Result")
+R = TypeVar("R")
 
 
-def single_threaded(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+def single_threaded(function: Callable[Arguments, R]) -> Callable[Arguments, R]:
     """The function, run while linear algebra has one thread."""
 
     @wraps(function)
-    def limited(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
+    def limited(*args: Arguments.args, **kwargs: Arguments.kwargs) -> R:
         with _controller().limit(limits=1, user_api="blas"):
             return function(*args, **kwargs)
 

@@ -22,7 +22,7 @@ from identification.recordings.campaign import StudyTrace, TraceSource, load_cam
 from orchestrator.processes import Died, Processes, calling, processors
 from orchestrator.progress import Progress
 
-Pool = Processes[Callable[[], Any], Any]
+Workers = Processes[Callable[[], Any], Any]
 SIMULATED, IDENTIFIED = 0.35, 0.97  # of the whole when the one and the other are done, roughly
 
 
@@ -72,7 +72,7 @@ def run(study: ExperimentsBlock, base: Path, data: Path | None, progress: Progre
         payload: _physical(study, payload) for payload in sorted({known.payload for known in study.sets.values()})
     }
     preparations = [study.preparation, *([study.compare] if study.compare else [])]
-    with Pool(calling, processors(), [__name__]) as pool:
+    with Workers(calling, processors(), [__name__]) as pool:
         recorded = _read(study, base, data) if data else _simulated(pool, study, base, progress)
         sets = [_data_sets(study, preparation, recorded, physical) for preparation in preparations]
         results = _identified(pool, list(itertools.chain(*sets)), progress)
@@ -83,7 +83,7 @@ def run(study: ExperimentsBlock, base: Path, data: Path | None, progress: Progre
     return replace(made[0], compared=made[1] if study.compare else None)
 
 
-def _identified(pool: Pool, sets: list[DataSet], progress: Progress) -> dict[DataSet, SetResult]:
+def _identified(pool: Workers, sets: list[DataSet], progress: Progress) -> dict[DataSet, SetResult]:
     results: dict[DataSet, SetResult] = {}
     for number, result in _answers(pool, [partial(identified, own) for own in sets]):
         results[sets[number]] = result
@@ -116,7 +116,7 @@ def _read(study: ExperimentsBlock, base: Path, data: Path) -> list[StudyTrace]:
     return _wanted(study, load_campaign(TraceSource(base, files="**/*.csv"), data))
 
 
-def _simulated(pool: Pool, study: ExperimentsBlock, base: Path, progress: Progress) -> list[StudyTrace]:
+def _simulated(pool: Workers, study: ExperimentsBlock, base: Path, progress: Progress) -> list[StudyTrace]:
     found: list[StudyTrace] = []
     scenarios = [base / path for path in study.scenarios]
     for done, (number, cases) in enumerate(_answers(pool, [partial(_simulate, path) for path in scenarios]), start=1):
@@ -144,7 +144,7 @@ def _wanted(study: ExperimentsBlock, found: list[StudyTrace]) -> list[StudyTrace
     )
 
 
-def _answers(pool: Pool, tasks: Sequence[Callable[[], Any]]) -> Iterator[tuple[int, Any]]:
+def _answers(pool: Workers, tasks: Sequence[Callable[[], Any]]) -> Iterator[tuple[int, Any]]:
     """(number of the task, what it gives), as they come."""
     for number, answer in pool.answers(tasks):
         if isinstance(answer, Died):

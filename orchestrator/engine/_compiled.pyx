@@ -262,7 +262,7 @@ cdef class Core:
     cdef double *stimulus
     cdef int stimulus_count
     cdef int64_t hold
-    cdef int64_t clock_first, clock_each, clock_denominator
+    cdef int64_t clock_first, clock_step, clock_denominator
     cdef const double **record_outputs
     cdef const double **record_inputs
     cdef int output_count
@@ -284,7 +284,7 @@ cdef class Core:
             self.stimulus = <double *><uintptr_t>targets[0]
         self.output_count, self.record_outputs = len(record_outputs), self._addresses(record_outputs)
         self.input_count, self.record_inputs = len(record_inputs), self._addresses(record_inputs)
-        self.clock_first, self.clock_each, self.clock_denominator = clock
+        self.clock_first, self.clock_step, self.clock_denominator = clock
 
     def add_rate(self, int64_t every, list deferred):
         """The next rate: its nodes step every so many ticks; their deferred outputs as (kind, typed, plain)."""
@@ -406,7 +406,7 @@ cdef class Core:
 cdef inline bint _take_tick(Core core) noexcept nogil:
     """Take a tick, to where the values of the next one have arrived; False where a step stopped."""
     cdef Rate *rate
-    cdef double time = <double>(core.clock_first + core.tick * core.clock_each) / <double>core.clock_denominator
+    cdef double time = <double>(core.clock_first + core.tick * core.clock_step) / <double>core.clock_denominator
     cdef bint recorded = core.tick == core.next_record
     cdef int n
     if core.stimulus_count:

@@ -67,13 +67,13 @@ def shares(runs: Iterable[tuple[Account, Mapping[str, Statistics]]]) -> list[Sha
     calls: dict[str | None, int] = defaultdict(int)
     seconds: dict[str | None, float] = defaultdict(float)
     for account, statistics in runs:
-        for name, each in statistics.items():
-            calls[name] += each.calls
-            seconds[name] += each.seconds
+        for name, component in statistics.items():
+            calls[name] += component.calls
+            seconds[name] += component.seconds
         calls[None] += account.steps
         seconds[None] += account.seconds
-    inside = sum(each for name, each in seconds.items() if name is not None)
+    inside = sum(spent for name, spent in seconds.items() if name is not None)
     own = max(seconds.pop(None, 0.0) - inside, 0.0)
     parts = {**seconds, None: own}
     whole = max(inside + own, 1e-9)
-    return [Share(name, calls[name], each, 100 * each / whole) for name, each in parts.items()]
+    return [Share(name, calls[name], spent, 100 * spent / whole) for name, spent in parts.items()]

@@ -111,7 +111,7 @@ class CompiledLoop:
             len(self._nodes),
             slots[loop.first_stimulus :],
             loop.hold,
-            (loop.time.first, loop.time.each, loop.time.denominator),
+            (loop.time.first, loop.time.step, loop.time.denominator),
             [slots[slot] for slot in loop.record_slots],
             [inputs[id(node)][place] for node, place in loop.record_inputs],
         )

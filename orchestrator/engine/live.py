@@ -101,5 +101,5 @@ class LiveRun(Generic[R]):
 
 def _where(outputs: Sequence[tuple[str, int, bool]], instant: bool) -> tuple[list[int], list[int]]:
     """Places among the outputs, and slots, of those that are instant or that are not."""
-    chosen = [(place, slot) for place, (_, slot, each) in enumerate(outputs) if each == instant]
+    chosen = [(place, slot) for place, (_, slot, at_once) in enumerate(outputs) if at_once == instant]
     return [place for place, _ in chosen], [slot for _, slot in chosen]

@@ -68,10 +68,10 @@ def make_plan(system: System, step: Fraction, order: Order, cycles: CycleSetting
             feed-through that is not to be iterated or cannot be (the message prints its path).
     """
     steps = {name: step if part.step is None else part.step for name, part in system.parts.items()}
-    for name, each in steps.items():
-        if each <= 0:
-            raise WiringError(f"{name}.step", f"{written(each)} s is not positive", "give a step")
-        _fits_fixed_step(name, system.parts[name], each)
+    for name, own in steps.items():
+        if own <= 0:
+            raise WiringError(f"{name}.step", f"{written(own)} s is not positive", "give a step")
+        _fits_fixed_step(name, system.parts[name], own)
     tick = common_divisor([*steps.values(), step])
     jacobi = order is Order.JACOBI
     instant = {name: frozenset() if jacobi else part.instant_outputs() for name, part in system.parts.items()}
@@ -80,7 +80,7 @@ def make_plan(system: System, step: Fraction, order: Order, cycles: CycleSetting
     for group in groups:
         if len(group) > 1 or group[0] in before[group[0]]:
             _allow_cycle(system, group, before, cycles)
-    every = {name: multiples(each, tick, f"{name}.step") for name, each in steps.items()}
+    every = {name: multiples(own, tick, f"{name}.step") for name, own in steps.items()}
     return Plan(tick, every, groups, instant)
 
 

@@ -61,7 +61,8 @@ class Recorder:
 
     def row(self, number: int) -> FloatArray:
         """(n,) the memory of a row."""
-        return self.rows[number - self.base]
+        row: FloatArray = self.rows[number - self.base]
+        return row
 
     def full(self, number: int) -> bool:
         """Whether the row of this number has no place until the block is emptied."""

@@ -122,7 +122,7 @@ class ModelExchange(FmiFunctions):
 
     def rate_name(self, number: int) -> str:
         """How a derivative is called."""
-        names = [each.variable.name for each in self.description.derivatives]
+        names = [derivative.variable.name for derivative in self.description.derivatives]
         return names[number] if len(names) == self.rates.values.size else f"derivative {number + 1}"
 
 

@@ -203,7 +203,7 @@ def _feed_through(description: ModelDescription) -> dict[str, frozenset[str] | N
     }
     for unknown in description.outputs:
         if unknown.dependencies is not None:
-            direct[unknown.variable.name] = frozenset(each.name for each in unknown.dependencies) & inputs
+            direct[unknown.variable.name] = frozenset(known.name for known in unknown.dependencies) & inputs
     if not inputs:
         return dict.fromkeys(direct, frozenset())
     return direct

@@ -178,12 +178,13 @@ class FmiFunctions(ABC):
         """Enter initialisation; times in seconds, the relative tolerance of the solver outside. The status."""
 
     def accessor(self, verb: str, kind: str) -> Callable[..., int]:
-        function = getattr(self.fmu.dll, f"{self.prefix}{verb}{kind}")
+        function: Any = getattr(self.fmu.dll, f"{self.prefix}{verb}{kind}")
         pointer = ctypes.POINTER(self.ctype(kind))
         extra = [ctypes.c_size_t] * len(self.count(0))
         function.argtypes = [ctypes.c_void_p, ctypes.POINTER(ctypes.c_uint), ctypes.c_size_t, pointer, *extra]
         function.restype = ctypes.c_int
-        return function
+        accessor: Callable[..., int] = function
+        return accessor
 
     def ctype(self, kind: str) -> Any:
         """C type of a value."""
@@ -208,7 +209,8 @@ class FmiFunctions(ABC):
 
     def call(self, name: str, *arguments: Any) -> int:
         """A function that takes the instance first, by the end of its name."""
-        return getattr(self.fmu.dll, self.prefix + name)(self.handle, *arguments)
+        status: int = getattr(self.fmu.dll, self.prefix + name)(self.handle, *arguments)
+        return status
 
     def state(self, verb: str, argument: Any) -> int:
         """Get, Set or Free a snapshot of the whole state."""
@@ -331,19 +333,20 @@ class Fmi2Logging:
         from fmpy.logging import addLoggerProxy  # noqa: PLC0415 - loads a library
 
         own = fmi2.fmi2CallbackFunctions()
-        own.logger = cls._receive
+        own.logger = cls._receiver
         own.allocateMemory = fmi2.defaultCallbacks.allocateMemory
         own.freeMemory = fmi2.defaultCallbacks.freeMemory
         own.componentEnvironment = ticket
         addLoggerProxy(ctypes.byref(own))  # the library keeps one receiver; whoever was last has it
         return own
 
-    @fmi2.fmi2CallbackLoggerTYPE
     @staticmethod
     def _receive(environment: int, instance: bytes, status: int, category: bytes, message: bytes) -> None:
         log = Fmi2Logging._loggers.get(environment)
         if log is not None:
             log(status, (message or b"").decode(errors="replace").strip())
+
+    _receiver: Any = fmi2.fmi2CallbackLoggerTYPE(_receive)
 
 
 class Version3(FmiFunctions):

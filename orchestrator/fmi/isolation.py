@@ -37,7 +37,7 @@ LONGEST = 1e6  # patience that can be asked for [s]
 _STARTING = 120.0  # patience with a process that has still to load Python's libraries [s]
 _DYING = 5.0  # patience with a process that has closed its pipe [s]
 _ERRORS: dict[str, type[ServotwinError]] = {
-    name: each for name, each in vars(errors).items() if isinstance(each, type) and issubclass(each, ServotwinError)
+    name: kind for name, kind in vars(errors).items() if isinstance(kind, type) and issubclass(kind, ServotwinError)
 }
 _BOOT = "import sys; sys.path[:] = {path!r}; from orchestrator.fmi.isolation_worker import serve; serve({life})"
 _CLEAR = 'read finished || rm -rf -- "$0"'
@@ -322,4 +322,4 @@ def scratch(isolation: Isolation | None) -> Iterator[Path]:
 
 
 def _signal(number: int) -> str:
-    return next((each.name for each in signal.Signals if each == number), str(number))
+    return next((known.name for known in signal.Signals if known == number), str(number))

@@ -44,7 +44,7 @@ def give_back(folder: Path) -> None:
         if _users[folder]:
             return
         del _users[folder]
-        for digest in [each for each, shared in _shared.items() if shared == folder]:
+        for digest in [known for known, shared in _shared.items() if shared == folder]:
             del _shared[digest]
         shutil.rmtree(folder, ignore_errors=True)
 

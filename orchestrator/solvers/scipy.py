@@ -36,9 +36,9 @@ class ScipySolver(Solver):
 
     def at(self, time: float) -> FloatArray:
         if time == self._running.t:
-            return self._running.y
+            return np.asarray(self._running.y)
         self._between = self._between or self._running.dense_output()
-        return self._between(time)
+        return np.asarray(self._between(time))
 
     def _head_for(self, limit: float) -> None:
         if self._running is not None and self.extends:
@@ -63,4 +63,4 @@ def _type(method: Any) -> type[Solver]:
     return type(method.__name__, (ScipySolver,), {"method": method, "extends": method is not LSODA})
 
 
-TYPES = {SolverMethod(each.__name__): _type(each) for each in (RK45, DOP853, Radau, BDF, LSODA)}
+TYPES = {SolverMethod(method.__name__): _type(method) for method in (RK45, DOP853, Radau, BDF, LSODA)}
