@@ -38,6 +38,7 @@ from orchestrator.system import Part, wire
 from orchestrator.trace import FloatArray
 from tests.support import third_party
 
+from .environments import python_with
 from .figure import Figure
 
 ROOT = Path(__file__).parents[2]
@@ -51,7 +52,6 @@ OUTPUTS = (
     "Enumeration_output",
     "Boolean_output",
 )
-COFMUPY = ROOT / ".cache" / "cofmupy"  # its environment: it pins an older FMPy
 C_LIMIT = 1.5
 
 
@@ -213,18 +213,10 @@ def against_peer(tool: str, peer: Peer, fmu: Path, ours: Simulation) -> list[Fig
 
 def measured(tool: str, fmu: Path) -> list[float]:
     """Seconds of each repetition."""
-    python = _cofmupy_python() if tool == "cofmupy" else sys.executable
+    python = python_with("cofmupy", "cofmupy==1.0.0") if tool == "cofmupy" else sys.executable
     command = [python, str(HERE / "peers.py"), tool, str(fmu), str(COUNT), str(STEPS), str(REPEATS)]
     done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=600)
     return [float(each) for each in json.loads(done.stdout)]
-
-
-def _cofmupy_python() -> str:
-    python = COFMUPY / "bin" / "python"
-    if not python.exists():
-        subprocess.run([sys.executable, "-m", "venv", str(COFMUPY)], check=True)
-        subprocess.run([str(python), "-m", "pip", "install", "-q", "cofmupy==1.0.0"], check=True, capture_output=True)
-    return str(python)
 
 
 def described_anew(fmu: Path, copy: Path, change: Callable[[str], str]) -> Path:

@@ -24,11 +24,11 @@ from identification.subspace.range_space import SubspaceSettings
 from identification.subspace.subspace import subspace
 from identification.subspace.weightings import Weighting
 
+from .environments import python_with
 from .figure import Figure
 from .subspace_peers import TOOLS
 
 ROOT = Path(__file__).parents[2]
-PEERS = ROOT / ".cache" / "subspace_peers"  # their environment
 PACKAGES = ("nfoursid==1.0.2", "sippy-unipi==1.0.1")
 STEP, BLOCK, ORDER, SAMPLES, REPEATS = 1 / 300, 40, 18, 12_000, 5
 WEIGHTINGS: tuple[Weighting, ...] = ("orse", "n4sid", "moesp", "cva")
@@ -122,21 +122,18 @@ def peer_measured(tool: str, seen: InputOutputData, unseen: InputOutputData) -> 
     with tempfile.TemporaryDirectory() as folder:
         source, target = Path(folder) / "data.npz", Path(folder) / "model.npz"
         np.savez(source, u=seen.u, y=seen.y, block=BLOCK, order=ORDER)
-        command = [peers_python(), str(Path(__file__).with_name("subspace_peers.py")), tool, str(source), str(target)]
+        command = [
+            python_with("subspace_peers", *PACKAGES),
+            str(Path(__file__).with_name("subspace_peers.py")),
+            tool,
+            str(source),
+            str(target),
+        ]
         done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=1800)
         with np.load(target) as matrices:
             a, b, c, d = (matrices[name] for name in "abcd")
             model = LinearModel(a, b, c, d, STEP, seen.inputs, seen.outputs)
     return Measured(min(map(float, json.loads(done.stdout.splitlines()[-1]))), error(model, unseen))
-
-
-def peers_python() -> str:
-    """The interpreter of the environment with the other tools, made where there is none."""
-    python = PEERS / "bin" / "python"
-    if not python.exists():
-        subprocess.run([sys.executable, "-m", "venv", str(PEERS)], check=True)
-        subprocess.run([str(python), "-m", "pip", "install", "-q", *PACKAGES], check=True, capture_output=True)
-    return str(python)
 
 
 def long_record(weighting: Weighting) -> list[Figure]:
