@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from multiprocessing import parent_process, resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import BaseContext
-from multiprocessing.util import Finalize
+from multiprocessing.util import Finalize, get_temp_dir
 from time import perf_counter
 from types import ModuleType, TracebackType
 from typing import Any, Generic, Self, TypeVar
@@ -140,7 +140,7 @@ class _Child:
         self._folder = tempfile.mkdtemp(prefix="servotwin-")
         self.connection, theirs = context.Pipe()
         self._process: Any = context.Process(  # type: ignore[attr-defined]
-            target=_serve, args=(theirs, make, self._folder, dict(os.environ)), daemon=False
+            target=_serve, args=(theirs, make, self._folder, _litter(), dict(os.environ)), daemon=False
         )
         self._begun = 0.0
         try:
@@ -211,6 +211,11 @@ class _Raised:
     trace: str
 
 
+def _litter() -> str:
+    """Folder with the server's socket, which nobody would remove if this process were killed; nothing below it."""
+    return get_temp_dir() if parent_process() is None else ""
+
+
 def _context(modules: Sequence[str]) -> BaseContext:
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
@@ -254,7 +259,9 @@ def _uninterrupted() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _serve(connection: Connection, make: Callable[[], Any], folder: str, environment: Mapping[str, str]) -> None:
+def _serve(
+    connection: Connection, make: Callable[[], Any], folder: str, litter: str, environment: Mapping[str, str]
+) -> None:
     """The life of a process: one worker, tasks until None or until the other side is gone.
 
     The main process interrupts it by SIGTERM, and so does its end; a second one would cut the cleaning up short.
@@ -263,7 +270,7 @@ def _serve(connection: Connection, make: Callable[[], Any], folder: str, environ
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     if hasattr(signal, "pthread_sigmask"):  # for those that are started from here
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-        threading.Thread(target=_await_end, daemon=True).start()
+        threading.Thread(target=_await_end, args=[litter], daemon=True).start()
     os.environ.clear()
     os.environ.update(environment)
     tempfile.tempdir = folder
@@ -282,11 +289,13 @@ def _serve(connection: Connection, make: Callable[[], Any], folder: str, environ
                     _complain(connection, error)
 
 
-def _await_end() -> None:
-    """Interrupt this process when the main one is gone."""
+def _await_end(litter: str) -> None:
+    """Interrupt this process when the main one is gone, and remove what that left."""
     main_process, main_thread = parent_process(), threading.main_thread().ident
     assert main_process is not None and main_thread is not None
     main_process.join()
+    if litter:
+        shutil.rmtree(litter, ignore_errors=True)
     signal.pthread_kill(main_thread, signal.SIGTERM)
 
 

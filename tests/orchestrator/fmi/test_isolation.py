@@ -25,7 +25,6 @@ from typer.testing import CliRunner
 
 from fmus.errors import FmuError, FmuFileError, InputError, ServotwinError
 from fmus.packaging import targets
-from identification.calibrate import judge_claims
 from identification.cli import app
 from orchestrator.assembly.assembly import ComponentSpec, OpenSystem, SystemSpec, assemble
 from orchestrator.batch import suite
@@ -427,7 +426,7 @@ def test_the_other_scenarios_of_a_suite_go_on(fmus: dict[int, Path], tmp_path: P
 
 def test_a_scenario_with_a_crash_fails_and_leaves_no_result(fmus: dict[int, Path], tmp_path: Path) -> None:
     path = write_scenario(tmp_path, fmus[2], mood=Mood.ABORT)
-    verdict = suite._run(path, tmp_path / "out", judge_claims, Isolation())
+    verdict = suite._judged(partial(suite._run_scenario, isolation=Isolation()), path, tmp_path / "out")
     assert not verdict.passed and verdict.document is None
     assert "wheel: its FMU crashed (signal SIGABRT) in the step from t = 0.5 s by 0.01 s" in verdict.error
     assert not Path("out").exists()
