@@ -152,15 +152,24 @@ def _answered(work: Callable[[], Answer], terminal: Terminal) -> NoReturn:
 
 
 def _log(terminal: Terminal) -> None:
-    from rich.logging import RichHandler
-
     levels = (logging.WARNING, logging.INFO, logging.DEBUG)
-    logging.basicConfig(
-        level=logging.ERROR if terminal.quiet else levels[min(terminal.verbose, 2)],
-        format="%(message)s",
-        force=True,
-        handlers=[RichHandler(console=_err(), show_time=False, show_path=False)],
-    )
+    level = logging.ERROR if terminal.quiet else levels[min(terminal.verbose, 2)]
+    logging.basicConfig(level=level, force=True, handlers=[_Log()])
+
+
+class _Log(logging.Handler):
+    """Log messages as rich shows them; it is loaded with the first one."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._shown().emit(record)
+
+    @cache  # noqa: B019 - there is one
+    def _shown(self) -> logging.Handler:
+        from rich.logging import RichHandler
+
+        handler = RichHandler(console=_err(), show_time=False, show_path=False)
+        handler.setFormatter(logging.Formatter("%(message)s"))
+        return handler
 
 
 def _interrupted(line: str = "interrupted") -> NoReturn:

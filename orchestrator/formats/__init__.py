@@ -6,13 +6,13 @@ Files come from outside: whatever is wrong with one ends in a `TraceError` that 
 from __future__ import annotations
 
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import BinaryIO, Protocol
 
 from fmus.errors import TraceError
 from fmus.files import atomic_write
 from orchestrator.can.log_suffixes import SUFFIXES, is_log
-from orchestrator.formats import csv, mat, parquet, text
 from orchestrator.formats.layout import Layout
 from orchestrator.formats.recording import Recording
 from orchestrator.plugins import plugins
@@ -30,7 +30,7 @@ class Format(Protocol):
     def write(self, trace: Trace, file: BinaryIO) -> None: ...
 
 
-FORMATS: dict[str, Format] = {".csv": csv, ".mat": mat, ".parquet": parquet, ".txt": text}
+FORMATS = {".csv": "csv", ".mat": "mat", ".parquet": "parquet", ".txt": "text"}
 """Those that come along; other packages add theirs as entry points `SUFFIX = module` of `servotwin.formats`."""
 
 
@@ -70,7 +70,8 @@ def write(trace: Trace, path: str | Path) -> None:
 def _format(path: Path) -> Format:
     suffix = path.suffix.lower()
     if suffix in FORMATS:
-        return FORMATS[suffix]
+        form: Format = import_module(f"{__name__}.{FORMATS[suffix]}")
+        return form
     added: dict[str, Format] = {f".{name}": form for name, form in plugins("servotwin.formats", _is_format).items()}
     if suffix not in added:
         known = ", ".join(dict.fromkeys((*FORMATS, *SUFFIXES, *added)))
