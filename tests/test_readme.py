@@ -57,7 +57,7 @@ def command_names() -> set[str]:
     names = set()
     for name, command in get_command(app).commands.items():  # type: ignore[attr-defined]
         inner = getattr(command, "commands", None)
-        names |= {name} if inner is None else {f"{name} {each}" for each in inner}
+        names |= {name} if inner is None else {f"{name} {part}" for part in inner}
     return names
 
 

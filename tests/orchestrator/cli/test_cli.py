@@ -303,7 +303,7 @@ def test_info_answers_about_fmus_traces_and_results(rig: Path) -> None:
     trace = only_json(servotwin("info", rig / "data" / "rig_0__a.csv", "--json"))
     result = only_json(servotwin("info", rig / "out", "--json"))
     assert fmu["calibrated by"] == "A small rig (output-error)"
-    assert [each["name"] for each in trace["signals"]] == ["voltage", "angle"]
+    assert [signal["name"] for signal in trace["signals"]] == ["voltage", "angle"]
     assert "report.html" in result["files"] and result["method"] == "output-error"
     assert "hand.inertia" in servotwin("info", rig / "out").stdout
 
@@ -323,7 +323,7 @@ def test_square_brackets_are_shown_as_they_are(tmp_path: Path) -> None:
 def test_traces_are_described_converted_and_plotted(rig: Path, tmp_path: Path) -> None:
     recordings = sorted((rig / "data").glob("*.csv"))
     document = only_json(servotwin("trace", "info", *recordings, "--json"))
-    assert [each["name"] for each in document["traces"]] == [path.stem for path in recordings]
+    assert [trace["name"] for trace in document["traces"]] == [path.stem for path in recordings]
     copy = tmp_path / "copy.mat"
     document = only_json(servotwin("trace", "convert", recordings[0], copy, "--json"))
     assert document["samples"] == 101
@@ -338,7 +338,7 @@ def test_a_study_tells_how_recordings_are_read(rig: Path, tmp_path: Path) -> Non
     (tmp_path / "bare.csv").write_text(text)
     study = write_study(tmp_path / "s.yaml", traces={"files": "*.csv", "layout": {"time": 0, "columns": {"theta": 2}}})
     document = only_json(servotwin("trace", "info", tmp_path / "bare.csv", "--layout", study, "--json"))
-    assert [each["name"] for each in document["traces"][0]["signals"]] == ["theta"]
+    assert [signal["name"] for signal in document["traces"][0]["signals"]] == ["theta"]
 
 
 def test_a_converted_trace_is_there_as_a_whole_or_not_at_all(rig: Path, tmp_path: Path) -> None:
