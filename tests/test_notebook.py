@@ -57,7 +57,11 @@ def test_the_page_is_a_notebook_that_shows_plots_and_the_estimates(checkout: Pat
     cells = [nbformat.v4.new_code_cell(part) for part in PAGE.split("\n\n")]
     notebook = nbformat.v4.new_notebook(cells=cells)
     NotebookClient(
-        notebook, timeout=None, kernel_name="python3", resources={"metadata": {"path": str(checkout)}}
+        notebook,
+        timeout=None,
+        startup_timeout=600,
+        kernel_name="python3",
+        resources={"metadata": {"path": str(checkout)}},
     ).execute()
     shown = [output["data"] for cell in cells for output in cell.outputs if "data" in output]
     assert sum("application/vnd.plotly.v1+json" in data for data in shown) == 2
