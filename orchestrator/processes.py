@@ -267,26 +267,32 @@ def _serve(
     The main process interrupts it by SIGTERM, and so does its end; a second one would cut the cleaning up short.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    if hasattr(signal, "pthread_sigmask"):  # for those that are started from here
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-        threading.Thread(target=_await_end, args=[litter], daemon=True).start()
-    os.environ.clear()
-    os.environ.update(environment)
     tempfile.tempdir = folder
     Finalize(None, shutil.rmtree, (folder, True), exitpriority=1)  # where the main process is killed, nobody else does
+    os.environ.clear()
+    os.environ.update(environment)
     with contextlib.suppress(KeyboardInterrupt, EOFError, OSError):
-        try:
-            worker = make()
-        except Exception as error:
-            _complain(connection, error)
-            return
-        with contextlib.closing(worker) if hasattr(worker, "close") else contextlib.nullcontext():
-            while (task := connection.recv()) is not None:
-                try:
-                    connection.send(worker(task))
-                except Exception as error:
-                    _complain(connection, error)
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
+        if hasattr(signal, "pthread_sigmask"):  # for those that are started from here
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+            threading.Thread(target=_await_end, args=[litter], daemon=True).start()
+        _work(connection, make)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+
+
+def _work(connection: Connection, make: Callable[[], Any]) -> None:
+    """Answer tasks."""
+    try:
+        worker = make()
+    except Exception as error:
+        _complain(connection, error)
+        return
+    with contextlib.closing(worker) if hasattr(worker, "close") else contextlib.nullcontext():
+        while (task := connection.recv()) is not None:
+            try:
+                connection.send(worker(task))
+            except Exception as error:
+                _complain(connection, error)
 
 
 def _await_end(litter: str) -> None:
