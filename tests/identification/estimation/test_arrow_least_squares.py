@@ -6,8 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares, lsq_linear
 
+from fmus.errors import IdentificationError
 from identification.estimation.arrow_least_squares import (
+    ArrowModel,
     Box,
     Limits,
     Loss,
@@ -42,11 +45,15 @@ def at(x: float) -> Point:
     return Point(np.array([x]), np.zeros((1, 0)))
 
 
-def one_step(system: Bent) -> Minimum:
+def search(system: Bent, limits: Limits, largest: float = 10.0) -> Minimum:
     start = evaluated(system, at(0.0), Loss())
     assert start is not None
-    box = Box(at(-10.0), at(10.0))
-    return minimise(system, start, box, Loss(), limits=Limits(iterations=1), report=lambda iteration, cost: None)
+    box = Box(at(-10.0), at(largest))
+    return minimise(system, start, box, Loss(), limits=limits, report=lambda iteration, cost: None)
+
+
+def one_step(system: Bent) -> Minimum:
+    return search(system, Limits(iterations=1))
 
 
 @pytest.mark.parametrize("share", [0.1, 0.01, 0.001])
@@ -63,6 +70,115 @@ def test_a_point_that_is_worse_is_not_taken() -> None:
     assert found.at.cost < 0.5 and found.at.point.parameters[0] < 0.9
 
 
+@pytest.mark.parametrize(("bend", "damping"), [(0.4, 1e-4), (0.7, 1e-3), (0.95, 3e-3)])
+def test_damping_falls_after_a_step_that_keeps_its_promise_and_grows_after_one_that_hardly_does(
+    bend: float, damping: float
+) -> None:
+    """Gains of 0.84, 0.51 and 0.10 of what was promised; the next step tells the damping it was made with."""
+    system = Bent(bend)
+    search(system, Limits(iterations=2))
+    start, first, second = system.tried[:3]
+    assert first - start == pytest.approx(1 / (1 + 1e-3), rel=1e-12)
+    undamped = (1 - first - bend * first**2) / (1 + 2 * bend * first)
+    assert undamped / (second - first) - 1 == pytest.approx(damping, rel=1e-6)
+
+
+def test_a_search_ends_at_the_minimum_within_the_bounds() -> None:
+    root = (np.sqrt(1 + 4 * 0.3) - 1) / 0.6
+    free, held = search(Bent(0.3), Limits()), search(Bent(0.3), Limits(), largest=0.5)
+    assert free.converged and free.at.point.parameters == pytest.approx([root], rel=1e-7)
+    assert held.converged and held.at.point.parameters == [0.5]
+
+
+def test_a_search_that_is_cut_short_says_so() -> None:
+    cut, spent = search(Bent(0.7), Limits(iterations=2)), search(hopeless := Bent(1.5), Limits(evaluations=3))
+    assert (cut.converged, cut.iterations, cut.message) == (False, 2, "stopped after 2 iterations")
+    assert (spent.converged, spent.iterations, spent.message) == (False, 0, "stopped: no evaluations left")
+    assert spent.at.point.parameters == [0.0] and len(hopeless.tried) == 1 + 3
+
+
+def dense(blocks: list[WindowBlock]) -> tuple[FloatArray, FloatArray]:
+    """The whole Jacobian, columns as in `Point.flat`, and the whole residual."""
+    windows, s = len(blocks), blocks[0].states.shape[1]
+    rows = [
+        np.hstack([block.parameters, *(block.states * (w == v) for v in range(windows))])
+        for w, block in enumerate(blocks)
+    ]
+    assert rows[0].shape[1] == blocks[0].parameters.shape[1] + windows * s
+    return np.vstack(rows), np.concatenate([block.residual for block in blocks])
+
+
+def blocks_of(*samples: int, n: int = 3, s: int = 2) -> list[WindowBlock]:
+    rng = np.random.default_rng(3)
+    return [WindowBlock(rng.normal(size=k), rng.normal(size=(k, n)), 0.3 * rng.normal(size=(k, s))) for k in samples]
+
+
+def everywhere(value: float, windows: int, n: int = 3, s: int = 2) -> Point:
+    return Point(np.full(n, value), np.full((windows, s), value))
+
+
+@pytest.mark.parametrize("samples", [(9, 12, 7), (4, 3, 3)])
+@pytest.mark.parametrize("damping", [1e-12, 1e-3, 10.0])
+def test_a_step_and_its_promise_are_those_of_the_whole_jacobian(samples: tuple[int, ...], damping: float) -> None:
+    blocks = blocks_of(*samples)
+    jacobian, residual = dense(blocks)
+    model, (n, windows) = ArrowModel(blocks), (3, len(samples))
+    scale = Point(np.array([0.5, 1.0, 4.0]), np.arange(1.0, 7.0).reshape(windows, 2))
+    step = model.step(damping, scale, Box(everywhere(-1e3, windows), everywhere(1e3, windows)))
+    damped = np.vstack([jacobian, np.sqrt(damping) * np.diag(scale.flat)])
+    wanted = np.linalg.lstsq(damped, -np.concatenate([residual, np.zeros(len(scale.flat))]), rcond=None)[0]
+    np.testing.assert_allclose(step.parameters, wanted[:n], rtol=1e-8)
+    np.testing.assert_allclose(step.flat, wanted, rtol=1e-8)
+    fall = 0.5 * np.sum(residual**2) - 0.5 * np.sum((residual + jacobian @ wanted) ** 2)
+    assert model.reduction(step) == pytest.approx(fall, rel=1e-8)
+
+
+def test_columns_are_scaled_by_their_length_and_those_without_effect_by_1() -> None:
+    blocks = blocks_of(9, 12)
+    for block in blocks:
+        block.parameters[:, 1] = 0.0
+        block.parameters[:, 2] *= 0.01
+    blocks[1].states[:, 0] = 0.0
+    wanted = np.linalg.norm(dense(blocks)[0], axis=0)
+    np.testing.assert_allclose(ArrowModel(blocks).norms().flat, np.where(wanted > 0, wanted, 1.0), rtol=1e-12)
+
+
+def test_a_bounded_step_is_the_best_one_within_the_bounds_of_the_parameters() -> None:
+    blocks = blocks_of(9, 12)
+    jacobian, residual = dense(blocks)
+    scale, free = Point(np.array([0.5, 1.0, 4.0]), np.ones((2, 2))), Box(everywhere(-9.0, 2), everywhere(9.0, 2))
+    unbounded = ArrowModel(blocks).step(1e-12, scale, free)
+    limit = 0.5 * np.abs(unbounded.parameters[0])
+    lower, upper = everywhere(-9.0, 2), everywhere(9.0, 2)
+    lower.parameters[0], upper.parameters[0] = -limit, limit
+    step = ArrowModel(blocks).step(1e-12, scale, Box(lower, upper))
+    wanted = lsq_linear(jacobian, -residual, bounds=(lower.flat, upper.flat), method="bvls").x
+    assert abs(step.parameters[0]) == limit
+    np.testing.assert_allclose(step.flat, wanted, rtol=1e-6)
+
+
+@pytest.mark.parametrize("outward", [True, False])
+@pytest.mark.parametrize("side", ["lower", "upper"])
+@pytest.mark.parametrize(("window", "state"), [(0, 0), (0, 1), (1, 0), (1, 1)])
+def test_a_state_at_its_bound_stays_when_the_cost_falls_outward_only(
+    outward: bool, side: str, window: int, state: int
+) -> None:
+    blocks = blocks_of(9, 12)
+    sign = -1.0 if side == "lower" else 1.0
+    slope = blocks[window].states[:, state] @ blocks[window].residual
+    if (slope * sign < 0) != outward:
+        blocks[window].states[:, state] *= -1.0
+    room = Box(everywhere(-9.0, 2), everywhere(9.0, 2))
+    (room.lower if side == "lower" else room.upper).states[window, state] = 0.0
+    step = ArrowModel(blocks).step(1e-12, everywhere(1.0, 2), room)
+    jacobian, residual = dense(blocks)
+    if outward:
+        jacobian[:, 3 + 2 * window + state] = 0.0
+    wanted = np.linalg.lstsq(jacobian, -residual, rcond=None)[0]
+    free = Point(wanted[:3], wanted[3:].reshape(2, 2)).clipped(room)
+    np.testing.assert_allclose(step.flat, free.flat, rtol=1e-6, atol=1e-12)
+
+
 RESIDUALS = np.array([0.0, 0.3, -0.9, 1.1, -4.0, 30.0, 1e4])
 
 
@@ -77,3 +193,26 @@ def test_a_scaled_block_has_the_gradient_of_the_loss_and_never_less_than_a_tenth
     curvature = (rows / slopes) ** 2
     np.testing.assert_allclose(curvature, np.maximum(loss.curvature(RESIDUALS), 0.1 * weight), rtol=1e-12)
     assert np.all(curvature >= 0.1 * weight * (1 - 1e-12)) and np.all(curvature > 0)
+
+
+@pytest.mark.parametrize("kind", ["linear", "soft_l1", "huber", "cauchy"])
+def test_a_loss_is_that_of_scipy(kind: LossKind) -> None:
+    found = least_squares(lambda x: RESIDUALS + x, [0.0], loss=kind, f_scale=0.7, max_nfev=1)
+    assert Loss(kind, 0.7).cost([RESIDUALS[:3], RESIDUALS[3:]]) == pytest.approx(found.cost, rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["linear", "soft_l1", "huber", "cauchy"])
+def test_influence_and_curvature_are_the_derivatives_of_the_loss(kind: LossKind) -> None:
+    loss, small = Loss(kind, 0.7), 1e-5
+    for r in RESIDUALS[:6]:
+        before, after = np.array([r - small]), np.array([r + small])
+        slope = (loss.cost([after]) - loss.cost([before])) / (2 * small)
+        bend = (loss.influence(after) - loss.influence(before)) / (2 * small)
+        assert loss.influence(np.array([r])) == pytest.approx([slope], rel=1e-5, abs=1e-6)
+        assert loss.curvature(np.array([r])) == pytest.approx(bend, rel=1e-5, abs=1e-6)
+
+
+@pytest.mark.parametrize(("kind", "scale"), [("square", 1.0), ("huber", 0.0), ("huber", -1.0), ("huber", np.inf)])
+def test_a_loss_that_means_nothing_is_refused(kind: LossKind, scale: float) -> None:
+    with pytest.raises(IdentificationError):
+        Loss(kind, scale)
