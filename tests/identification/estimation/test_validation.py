@@ -48,6 +48,12 @@ def test_an_output_without_a_scale_has_no_figure():
     assert np.isnan(delta(y, y + 1)).tolist() == [True, False]
 
 
+def test_one_output_may_come_without_a_column_of_its_own():
+    y, yhat = np.array([1.0, 2.0, 4.0]), np.array([1.0, 2.5, 3.0])
+    for figure in (fit, rms, delta):
+        np.testing.assert_array_equal(figure(y, yhat), figure(y[:, None], yhat[:, None]))
+
+
 def test_autocorrelation_equals_scipy_correlate():
     e = np.random.default_rng(0).normal(size=50)
     full = correlate(e, e)[49:]

@@ -115,13 +115,23 @@ def calibrated(study_file: Path, data: Path) -> dict[str, Any]:
     return calibrate_study(study_file, data, study_file.parent / "out", lambda fraction, remark: None)
 
 
+STAMPS = np.arange(201) * 0.01
+STAIRS = np.floor(STAMPS / 0.05 + 1e-9)
+
+
+def cuts(**changes: Any) -> list[FreeRunWindow]:
+    """Windows of parabolas and a staircase, recorded every 10 ms for 2 s."""
+    signals = {"voltage": STAIRS, "angle": STAMPS**2, "speed": 1 - STAMPS**2}
+    asked = plain_study(**changes)
+    return cut_windows(
+        asked.run, [StudyTrace(Trace(STAMPS, signals, name="run"), {}, Path("run.csv"), "00", "fine")], asked.windows
+    )
+
+
 def cut(**changes: Any) -> FreeRunWindow:
-    """One window of 1 s after 0.5 s of a parabola and a staircase, recorded every 10 ms for 2 s."""
-    time = np.arange(201) * 0.01
-    trace = Trace(time, {"voltage": np.floor(time / 0.05 + 1e-9), "angle": time**2}, name="run")
-    plain = {"windows": {"length": 1, "skip": 0.5, "most": 1}}
-    asked = plain_study(**plain | changes)
-    return cut_windows(asked.run, [StudyTrace(trace, {}, Path("run.csv"), "00", "fine")], asked.windows)[0]
+    """One window of 1 s after 0.5 s."""
+    (window,) = cuts(**{"windows": {"length": 1, "skip": 0.5, "most": 1}} | changes)
+    return window
 
 
 def late(**more: Any) -> dict[str, Any]:
@@ -246,6 +256,12 @@ def test_late_readings_are_exact_for_parabolas_each_with_its_own_delay(delay: fl
     np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
+def test_late_readings_of_three_instants_are_exact_for_parabolas_and_of_two_for_lines() -> None:
+    time = np.arange(3) * 0.1
+    assert late_outputs((time**2)[:, None], 0.1, [0.05], slice(1, 3)).ravel() == pytest.approx([0.05**2, 0.15**2])
+    assert late_outputs(time[:2, None], 0.1, [0.03], slice(1, 2)).ravel() == pytest.approx([0.07])
+
+
 def test_a_delayed_command_counts_by_its_mean_and_one_without_a_delay_by_its_value() -> None:
     delayed = cut(inputs={"motor.voltage": {"signal": "voltage", "delay": "lag"}}, parameters=late())
     found = delayed.driven({"lag": 0.004})["motor.voltage"]
@@ -255,6 +271,26 @@ def test_a_delayed_command_counts_by_its_mean_and_one_without_a_delay_by_its_val
     plain = cut()
     assert plain.driven({})["motor.voltage"][10] == 12
     assert plain.driven({}) == plain.stimuli
+
+
+@pytest.mark.parametrize("delay", [-0.013, 0.0, 0.004, 0.021])
+def test_a_delayed_command_is_right_to_the_last_instant_for_every_delay_within_the_bounds(delay: float) -> None:
+    inputs = {"motor.voltage": {"signal": "voltage", "delay": "lag", "factor": 2}}
+    window = cut(inputs=inputs, parameters=late())
+    edges = 0.5 + np.arange(102) * 0.01 - delay
+    expected = 2 * Held(STAMPS, STAIRS).means(edges)
+    np.testing.assert_allclose(window.driven({"lag": delay})["motor.voltage"], expected, atol=1e-9)
+
+
+def test_windows_end_where_the_last_corrected_recording_does() -> None:
+    """An output that is 0.25 s late was recorded up to 1.75 s of the rig's time."""
+    outputs = {
+        "hand.angle": {"signal": "angle", "delay": 0.25},
+        "hand.speed": {"signal": "speed", "delay": 0.05},
+    }
+    windows = cuts(outputs=outputs, windows={"length": "0.9"})
+    assert [window.start for window in windows] == pytest.approx([-0.05, 0.85])
+    assert len(cuts(outputs=outputs, windows={"length": "0.91"})) == 1
 
 
 def test_as_many_instants_are_compared_for_every_delay_within_the_bounds() -> None:
@@ -301,6 +337,13 @@ def test_start_values_are_read_where_the_late_signal_shows_them() -> None:
     assert window.initial["hand.angle_start"] == pytest.approx(0.504**2)
     found = window.start_values({"lag": -0.01})
     assert found == pytest.approx({"hand.angle_start": 0.49**2, "hand.speed_start": 0.98})
+
+
+def test_start_values_are_late_as_the_output_of_their_own_signal() -> None:
+    outputs = {**LATE, "hand.speed": {"signal": "speed", "delay": 0.25}}
+    initial = {"hand.speed_start": {"signal": "speed"}}
+    window = cut(outputs=outputs, initial=initial, parameters=late())
+    assert window.initial["hand.speed_start"] == pytest.approx(1 - 0.75**2)
 
 
 def test_estimated_start_values_are_left_to_the_estimation() -> None:
