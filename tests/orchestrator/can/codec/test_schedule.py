@@ -45,6 +45,23 @@ def test_late_and_lost_frames_leave_the_schedule_as_it_was(seed: int, lost: floa
     assert schedule.left == 0
 
 
+def test_in_a_long_log_the_earliest_frames_of_each_part_make_the_line() -> None:
+    """Frames are 1 ms late on average, the earliest of all 10 ns; stamps begin far from 0."""
+    count, rng = np.arange(100_000), np.random.default_rng(4)
+    true = 7000.0 + PERIOD * count
+    stamps = np.maximum.accumulate(true + rng.exponential(1e-3, len(count)))
+    found, schedule = on_schedule(Series(stamps, {}, {}), "State", count % 256.0, 256)
+    assert np.abs(found.time - true).max() < 3e-7
+    assert schedule.late == pytest.approx((np.median(stamps - true), np.max(stamps - true)), abs=3e-7)
+
+
+def test_a_log_of_too_few_frames_keeps_its_stamps_and_says_so() -> None:
+    stamps = 7.0 + PERIOD * np.arange(19)
+    found, schedule = on_schedule(Series(stamps, {}, {}), "State", np.arange(19.0), 256)
+    assert np.array_equal(found.time, stamps)
+    assert (schedule.period, schedule.late, schedule.left) == (0.0, (0.0, 0.0), 19)
+
+
 def test_each_stretch_between_long_gaps_has_a_line_of_its_own_and_few_frames_keep_their_stamps() -> None:
     rng = np.random.default_rng(1)
     stamps = np.concatenate([late(1000, rng), 40.0123 + late(1000, rng), [300.0, 300.5]])
