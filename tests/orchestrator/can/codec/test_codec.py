@@ -238,6 +238,32 @@ def test_values_that_do_not_fit_are_limited_and_counted(base: Database) -> None:
     assert encoder.statistics.saturated == {"voltage": 1, "speed": 2, "current": 2}
 
 
+@pytest.mark.parametrize(("signed", "low", "high"), [(False, 0, 255), (True, -128, 127)])
+def test_a_value_counts_as_limited_when_its_nearest_raw_number_does_not_fit(signed: bool, low: int, high: int) -> None:
+    field = Field(0, 8, False, signed, False, 0.5, 3.0)
+    raw = np.array([low - 0.6, low - 0.4, low, high, high + 0.4, high + 0.6])
+    bits, limited = field.encoded(0.5 * raw + 3.0, *field.limits())
+    assert limited.tolist() == [True, False, False, False, False, True]
+    assert field.values(bits).tolist() == [0.5 * nearest + 3.0 for nearest in [low] * 3 + [high] * 3]
+
+
+def test_a_long_log_is_decoded_in_chunks_with_nothing_lost_between_them(
+    base: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    time, signals = [0.01 * k for k in range(20)], {name: [float(k) for k in range(20)] for name in ("angle", "first")}
+    batch = sent(base, time, **signals)
+    whole = Decoder(base).feed(batch)
+    monkeypatch.setattr(decoding, "CHUNK", 7)
+    decoder = Decoder(base)
+    chunked = decoder.feed(batch)
+    assert decoder.statistics.frames == len(batch) == 40
+    assert chunked.keys() == whole.keys() == {"State", "Muxed"}
+    for name, series in whole.items():
+        np.testing.assert_array_equal(chunked[name].time, series.time)
+        for signal, values in series.values.items():
+            np.testing.assert_array_equal(chunked[name].values[signal], values)
+
+
 def test_a_value_that_is_no_number_is_not_sent(base: Database) -> None:
     with pytest.raises(TraceError, match=r"voltage: is not finite at t = 0.5 s \(1 samples\)"):
         sent(base, [0.0, 0.5], voltage=[1.0, math.nan])
