@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -132,6 +133,19 @@ def test_a_value_that_does_not_exist_is_refused_before_anything_runs() -> None:
     with pytest.raises(WiringError, match=r"clock\.factr: no variable"):
         made.run({"clock.factr": 1.0})
     assert scripted(made, "clock").log == []
+
+
+@pytest.mark.parametrize(("value", "problem"), [(0.5, "is 0.5, outside"), (4.5, "is 4.5, outside"), (np.nan, "is nan")])
+def test_a_value_outside_its_bounds_is_refused_before_anything_runs(value: float, problem: str) -> None:
+    clock = Clock("clock")
+    bounded = replace(clock.interface.ports["factor"], minimum=1.0, maximum=4.0)
+    clock.interface = replace(clock.interface, ports={**clock.interface.ports, "factor": bounded})
+    made = simulation([clock])
+    with pytest.raises(WiringError, match=rf"clock\.factor: {problem}"):
+        made.run({"clock.factor": value})
+    assert clock.log == []
+    for allowed in (1.0, 4.0):
+        assert made.run({"clock.factor": allowed}).trace["clock.y"][-1] == pytest.approx(allowed)
 
 
 def test_a_run_may_stop_early_and_begins_like_the_whole() -> None:
