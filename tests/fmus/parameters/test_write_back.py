@@ -240,6 +240,12 @@ def check_beside(source: Path, before: bytes, written: list[Path], values: Mappi
     assert schema.validate(structure), schema.error_log
     (component,) = read_ssd(str(ssp), validate=True).system.elements
     assert component.source == f"resources/{source.name}"
+    real = {
+        variable.name: variable.causality
+        for variable in read_model_description(str(source)).modelVariables
+        if variable.causality in ("input", "output") and variable.type in ("Real", "Float32", "Float64")
+    }
+    assert {connector.name: connector.kind for connector in component.connectors} == real
     (binding,) = component.parameterBindings
     assert {p.name for p in binding.parameterValues[0].parameters} == set(values)
 
