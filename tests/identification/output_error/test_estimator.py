@@ -305,9 +305,31 @@ def test_a_start_vector_that_fails_does_not_stop_the_others():
     assert result.values["rig.stiffness"] == pytest.approx(9.0, rel=1e-6)
 
 
-def test_several_starts_need_bounds():
+@pytest.mark.parametrize("bounds", [{}, {"lower": 0.0}, {"upper": 2.0}])
+def test_several_starts_need_bounds(bounds):
+    damping = Parameter("rig.damping", 0.2, **bounds)
     with pytest.raises(IdentificationError, match=r"rig\.damping: has an open bound"):
-        estimate(decays(parameters=(Parameter("rig.damping", 0.2), PARAMETERS[1])), Oscillator, Options(starts=2))
+        estimate(decays(parameters=(damping, PARAMETERS[1])), Oscillator, Options(starts=2))
+
+
+def test_starts_after_the_declared_one_share_the_bounds_evenly():
+    """One in each fifth of either range: of the value on a linear scale, of its logarithm on the other."""
+    result = estimate(decays(count=2), Oscillator, Options(starts=6, start_iterations=1))
+    damping, stiffness = ([start.values[name] for start in result.starts[1:]] for name in TRUE)
+    assert sorted(np.floor(5 * np.array(damping) / 2.0)) == [0, 1, 2, 3, 4]
+    assert sorted(np.floor(5 * np.log(stiffness) / np.log(100.0))) == [0, 1, 2, 3, 4]
+
+
+def test_a_start_is_followed_on_windows_from_the_first_to_the_last():
+    simulated = []
+
+    class Watched(Oscillator):
+        def simulate(self, window, values):
+            simulated.append(window)
+            return super().simulate(window, values)
+
+    estimate(decays(count=9), Watched, Options(start_windows=3, start_iterations=1))
+    assert simulated[:3] == [0, 4, 8]
 
 
 def test_many_windows_begin_from_what_a_few_of_them_say():
