@@ -9,8 +9,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.io import loadmat
+from scipy.signal import ss2tf
 
+from fmus import library
 from fmus.errors import IdentificationError, TraceError
+from fmus.modelling.instance import Instance
+from identification.linear.records import InputOutputData
 from identification.resonance.added_mass import TABLE_5_BOUNDS, Bounds, bounds_around, fit_damped, resonances
 from identification.resonance.log_gain import fit_magnitude
 from identification.resonance.resonance import resonance_from_two_largest_as_published
@@ -23,6 +27,8 @@ from identification.resonance.steps import (
     study,
     study_as_published,
 )
+from identification.subspace.range_space import SubspaceSettings
+from identification.subspace.subspace import subspace
 from orchestrator.trace import Trace, ordered
 from tests.support.pendulum_resonance import resonance_frequency
 
@@ -53,6 +59,20 @@ def campaign() -> list[Experiment]:
         Experiment(Trace(time, {"angle": angle}), m, length_, AMPLITUDE, w)
         for m, length_, w, angle in zip(mass, length, omega, run.y[:65], strict=True)
     ]
+
+
+def test_a_model_identified_from_small_swings_has_the_coefficients_of_eq_66() -> None:
+    period, volts = 0.04, 1e-6 * np.random.default_rng(66).uniform(-1, 1, 1500)
+    pendulum, angle = Instance(library.find("pendulum")), np.empty(len(volts))
+    for k, volt in enumerate(volts):
+        angle[k] = pendulum.get("angle")
+        pendulum.set("torque", P4 * volt)
+        pendulum.step(k * period, period)
+    record = InputOutputData(volts, angle, period)
+    model = subspace([record], 2, SubspaceSettings(block=10)).model
+    numerator, denominator = ss2tf(model.a, model.b, model.c, model.d)
+    assert denominator == pytest.approx([1, -1.9638, 0.9878], abs=1e-4)
+    assert numerator[0] == pytest.approx([0, 2.4465, 2.4365], abs=1e-4)
 
 
 def resonances_of(result: ResonanceStudy) -> list[float]:
