@@ -18,6 +18,7 @@ import traceback
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from multiprocessing import parent_process, resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import BaseContext
@@ -140,13 +141,16 @@ class _Child:
         self._folder = tempfile.mkdtemp(prefix="servotwin-")
         self.connection, theirs = context.Pipe()
         self._process: Any = context.Process(  # type: ignore[attr-defined]
-            target=_serve, args=(theirs, make, self._folder, _litter(), dict(os.environ)), daemon=False
+            target=_serve, args=(theirs, _life()[0], make, self._folder, _litter(), dict(os.environ)), daemon=False
         )
         self._begun = 0.0
         try:
             with _uninterrupted(), _without_main(make):
                 self._process.start()
         except BaseException:
+            if self.pid is not None:  # interrupted when it had just begun
+                self.interrupt()
+                self.stop(patience=0.0)
             shutil.rmtree(self._folder, ignore_errors=True)
             raise
         theirs.close()
@@ -211,6 +215,12 @@ class _Raised:
     trace: str
 
 
+@cache
+def _life() -> tuple[Connection, Connection]:
+    """A pipe that this process closes by its end only, however that comes."""
+    return multiprocessing.Pipe(duplex=False)
+
+
 def _litter() -> str:
     """Folder with the server's socket, which nobody would remove if this process were killed; nothing below it."""
     return get_temp_dir() if parent_process() is None else ""
@@ -260,7 +270,12 @@ def _uninterrupted() -> Iterator[None]:
 
 
 def _serve(
-    connection: Connection, make: Callable[[], Any], folder: str, litter: str, environment: Mapping[str, str]
+    connection: Connection,
+    life: Connection,
+    make: Callable[[], Any],
+    folder: str,
+    litter: str,
+    environment: Mapping[str, str],
 ) -> None:
     """The life of a process: one worker, tasks until None or until the other side is gone.
 
@@ -275,7 +290,7 @@ def _serve(
         signal.signal(signal.SIGTERM, signal.default_int_handler)
         if hasattr(signal, "pthread_sigmask"):  # for those that are started from here
             signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-            threading.Thread(target=_await_end, args=[litter], daemon=True).start()
+            threading.Thread(target=_await_end, args=[life, litter], daemon=True).start()
         _work(connection, make)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
 
@@ -295,13 +310,14 @@ def _work(connection: Connection, make: Callable[[], Any]) -> None:
                 _complain(connection, error)
 
 
-def _await_end(litter: str) -> None:
+def _await_end(life: Connection, litter: str) -> None:
     """Interrupt this process when the main one is gone, and remove what that left."""
-    main_process, main_thread = parent_process(), threading.main_thread().ident
-    assert main_process is not None and main_thread is not None
-    main_process.join()
+    with contextlib.suppress(EOFError, OSError):
+        life.recv()
     if litter:
         shutil.rmtree(litter, ignore_errors=True)
+    main_thread = threading.main_thread().ident
+    assert main_thread is not None
     signal.pthread_kill(main_thread, signal.SIGTERM)
 
 
