@@ -90,6 +90,26 @@ def test_a_search_ends_at_the_minimum_within_the_bounds() -> None:
     assert held.converged and held.at.point.parameters == [0.5]
 
 
+@pytest.mark.parametrize(
+    ("bend", "limits", "end"),
+    [
+        (0.7, Limits(), "no step promises a relevant reduction"),
+        (0.95, Limits(cost=0.5), "the cost no longer falls"),
+    ],
+)
+def test_every_step_is_reported_with_its_number_and_a_lower_cost(bend: float, limits: Limits, end: str) -> None:
+    system, told = Bent(bend), []
+    start = evaluated(system, at(0.0), Loss())
+    assert start is not None
+    found = minimise(
+        system, start, Box(at(-9.0), at(9.0)), Loss(), limits=limits, report=lambda *step: told.append(step)
+    )
+    assert found.converged and found.message == end
+    numbers, costs = [number for number, _ in told], [start.cost, *(cost for _, cost in told)]
+    assert numbers == list(range(1, found.iterations + 1))
+    assert costs == sorted(costs, reverse=True) and costs[-1] == found.at.cost
+
+
 def test_a_search_that_is_cut_short_says_so() -> None:
     cut, spent = search(Bent(0.7), Limits(iterations=2)), search(hopeless := Bent(1.5), Limits(evaluations=3))
     assert (cut.converged, cut.iterations, cut.message) == (False, 2, "stopped after 2 iterations")

@@ -54,6 +54,15 @@ def test_a_start_of_zero_takes_its_size_from_the_bounds():
     assert Parameter("a", 0.0).size == 1.0
 
 
+def test_initial_states_move_from_each_windows_start_by_one_size_and_stay_within_their_bounds():
+    state = InitialState("rig.angle", (1, -2.0), -2.5, 2.0)
+    assert state.size == 2.0 and state.start == (1.0, -2.0)
+    assert [state.value(0, z) for z in (0.0, 0.25, -0.25, 3.0)] == [1.0, 1.5, 0.5, 2.0]
+    assert [state.value(1, z) for z in (0.0, 0.25, -3.0)] == [-2.0, -1.5, -2.5]
+    lower, upper = state.z_bounds
+    assert lower.tolist() == [-1.75, -0.25] and upper.tolist() == [0.5, 2.0]
+
+
 def test_tied_and_fixed_parameters_follow_and_stay():
     parameters = ParameterSet(
         (Parameter("hand.coulomb_positive", 1.0), Parameter("hand.inertia", 7.0, fixed=True)),

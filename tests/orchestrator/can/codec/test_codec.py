@@ -20,6 +20,7 @@ from orchestrator.can.codec import decoding
 from orchestrator.can.codec.bits import BIG, LITTLE, Field, words
 from orchestrator.can.codec.decoding import Decoder, SingleDecoder
 from orchestrator.can.codec.encoding import Encoder
+from orchestrator.can.codec.fields import raw_limits
 from orchestrator.can.database import database
 from orchestrator.can.database.database import Database, MessageSpec
 from orchestrator.can.frames import Flag, Frames
@@ -262,6 +263,36 @@ def test_a_long_log_is_decoded_in_chunks_with_nothing_lost_between_them(
         np.testing.assert_array_equal(chunked[name].time, series.time)
         for signal, values in series.values.items():
             np.testing.assert_array_equal(chunked[name].values[signal], values)
+
+
+@pytest.mark.parametrize(
+    ("scale", "span", "limits"),
+    [
+        ("0.5", "0.3|2.2", (1, 4)),  # 0.5 to 2.0
+        ("0.5", "-0.5|1e9", (0, 255)),
+        ("-0.5", "-2.2|-0.3", (1, 4)),
+        ("0.1", "0.3|0.7", (3, 7)),  # whatever 0.3 / 0.1 is in floats
+        ("1", "0.2|0.8", (0, 255)),  # no raw number lies within
+    ],
+)
+def test_raw_numbers_stand_for_values_within_the_range(
+    tmp_path: Path, scale: str, span: str, limits: tuple[float, float]
+) -> None:
+    path = tmp_path / "one.dbc"
+    path.write_text(f'BU_: A B\nBO_ 1 One: 1 A\n SG_ x : 0|8@1+ ({scale},0) [{span}] "" B\n')
+    _, signal = database.load(path).signal("x")
+    assert raw_limits(signal) == limits
+
+
+def test_a_frame_that_comes_twice_counts_once_also_between_two_feeds(base: Database) -> None:
+    decoder, batch = Decoder(base), sent(base, [0.0, 1.0], voltage=[1.0, 2.0])
+    other = sent(base, [0.0, 1.0], voltage=[1.0, 3.0])[1:]  # at the same time, but not the same frame
+    values = [
+        decoder.feed(part)["Command"].values["voltage"].tolist()
+        for part in (batch, batch[1:], frames.concatenated([batch[1:], other]))
+    ]
+    assert values == [pytest.approx([1.0, 2.0]), [], pytest.approx([3.0])]
+    assert decoder.statistics.duplicates == {"Command": 2}
 
 
 def test_a_value_that_is_no_number_is_not_sent(base: Database) -> None:
