@@ -93,7 +93,7 @@ def test_a_search_ends_at_the_minimum_within_the_bounds() -> None:
 @pytest.mark.parametrize(
     ("bend", "limits", "end"),
     [
-        (0.7, Limits(), "no step promises a relevant reduction"),
+        (0.7, Limits(), "steps have become negligible"),
         (0.95, Limits(cost=0.5), "the cost no longer falls"),
     ],
 )
