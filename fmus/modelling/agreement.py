@@ -45,7 +45,7 @@ _OPERATIONS: dict[str, Callable[..., Any]] = {
     "Piecewise": lambda *cases: next(value for value, condition in cases if condition),
 }
 
-Point = tuple[float, dict[str, float], dict[str, float], dict[str, Any]]
+TrialPoint = tuple[float, dict[str, float], dict[str, float], dict[str, Any]]
 
 
 def require_agreement(model: Model) -> None:
@@ -88,7 +88,7 @@ def _compare(place: str, found: Mapping[str, float], expected: Mapping[str, floa
 class _Evaluation:
     """Expressions as numbers at one point; shared parts are computed once."""
 
-    def __init__(self, model: Model, traced: Traced, point: Point) -> None:
+    def __init__(self, model: Model, traced: Traced, point: TrialPoint) -> None:
         t, *values = point
         self._known: dict[sympy.Basic, Any] = {traced.time: t}
         for kind, given in zip("xup", values, strict=True):
@@ -110,7 +110,7 @@ class _Evaluation:
         return operation(*map(self, node.args))
 
 
-def _points(model: Model) -> Iterator[Point]:
+def _points(model: Model) -> Iterator[TrialPoint]:
     """Points at which states and inputs are not 0: one at the defaults, one for each value of each integer."""
     x = {state.name: 0.37 + 0.11 * i for i, state in enumerate(model.states)}
     u = {variable.name: 0.23 + 0.13 * i for i, variable in enumerate(model.of("input"))}

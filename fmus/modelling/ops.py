@@ -12,10 +12,10 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
-Value = Any  # float, NumPy array or SymPy expression
+Quantity = Any  # float, NumPy array or SymPy expression
 
 
-def _foreign(*values: Value) -> Any:
+def _foreign(*values: Quantity) -> Any:
     """The library these values belong to (numpy or sympy), None for plain numbers."""
     for value in values:
         if type(value) in (float, int, bool):
@@ -27,8 +27,8 @@ def _foreign(*values: Value) -> Any:
     return None
 
 
-def _unary(name: str, on_float: Callable[[float], float], in_sympy: str = "") -> Callable[[Value], Value]:
-    def apply(x: Value) -> Value:
+def _unary(name: str, on_float: Callable[[float], float], in_sympy: str = "") -> Callable[[Quantity], Quantity]:
+    def apply(x: Quantity) -> Quantity:
         if type(x) is float:
             return on_float(x)
         library = _foreign(x)
@@ -52,13 +52,13 @@ floor = _unary("floor", lambda x: float(math.floor(x)))
 absolute = _unary("abs", abs, "Abs")
 
 
-def sign(x: Value) -> Value:
+def sign(x: Quantity) -> Quantity:
     """-1, 0 or 1."""
     library = _foreign(x)
     return library.sign(x) if library else float((x > 0) - (x < 0))
 
 
-def where(condition: Value, if_true: Value, if_false: Value) -> Value:
+def where(condition: Quantity, if_true: Quantity, if_false: Quantity) -> Quantity:
     """`if_true` where the condition holds, else `if_false`; both are evaluated."""
     if condition is True or condition is False:
         return if_true if condition else if_false
@@ -70,14 +70,14 @@ def where(condition: Value, if_true: Value, if_false: Value) -> Value:
     return _choice(library, (if_true, condition), (if_false, True))
 
 
-def _choice(sympy: Any, *cases: tuple[Value, Value]) -> Value:
+def _choice(sympy: Any, *cases: tuple[Quantity, Quantity]) -> Quantity:
     """A Piecewise as it is: its own constructor rewrites conditions that hold a choice themselves."""
     pair = sympy.functions.elementary.piecewise.ExprCondPair
     pairs = (sympy.Tuple.__new__(pair, sympy.sympify(value), sympy.sympify(condition)) for value, condition in cases)
     return sympy.Basic.__new__(sympy.Piecewise, *pairs)
 
 
-def minimum(a: Value, b: Value) -> Value:
+def minimum(a: Quantity, b: Quantity) -> Quantity:
     """The smaller of two."""
     library = _foreign(a, b)
     if library is None:
@@ -85,7 +85,7 @@ def minimum(a: Value, b: Value) -> Value:
     return library.where(a < b, a, b) if library.__name__ == "numpy" else library.Min(a, b, evaluate=False)
 
 
-def maximum(a: Value, b: Value) -> Value:
+def maximum(a: Quantity, b: Quantity) -> Quantity:
     """The larger of two."""
     library = _foreign(a, b)
     if library is None:
@@ -93,12 +93,12 @@ def maximum(a: Value, b: Value) -> Value:
     return library.where(a > b, a, b) if library.__name__ == "numpy" else library.Max(a, b, evaluate=False)
 
 
-def clip(x: Value, low: Value, high: Value) -> Value:
+def clip(x: Quantity, low: Quantity, high: Quantity) -> Quantity:
     """x held between low and high."""
     return minimum(maximum(x, low), high)
 
 
-def both(a: Value, b: Value) -> Value:
+def both(a: Quantity, b: Quantity) -> Quantity:
     """Logical and of two conditions."""
     library = _foreign(a, b)
     if library is None:
@@ -106,7 +106,7 @@ def both(a: Value, b: Value) -> Value:
     return library.logical_and(a, b) if library.__name__ == "numpy" else library.And(a, b)
 
 
-def dot(a: Sequence[Value], b: Sequence[Value]) -> Value:
+def dot(a: Sequence[Quantity], b: Sequence[Quantity]) -> Quantity:
     """Sum of the products of two vectors, added from the first on; a row of a matrix stays one in generated C."""
     library = _foreign(*a, *b)
     if library is not None and library.__name__ == "sympy":
@@ -115,7 +115,7 @@ def dot(a: Sequence[Value], b: Sequence[Value]) -> Value:
     return sum(others, first)
 
 
-def uniform(seed: Value, index: Value) -> Value:
+def uniform(seed: Quantity, index: Quantity) -> Quantity:
     """A number in (0, 1) that depends only on seed and index: two rounds of SplitMix64's finaliser.
 
     Counter-based, so a run can be repeated, reset or entered anywhere without a stored generator state.
@@ -130,7 +130,7 @@ def uniform(seed: Value, index: Value) -> Value:
     return library.Function("uniform")(seed, index)
 
 
-def normal(seed: Value, index: Value) -> Value:
+def normal(seed: Quantity, index: Quantity) -> Quantity:
     """A standard normal number that depends only on seed and index (Box-Muller on two uniforms)."""
     radius = sqrt(-2.0 * log(uniform(seed, 2 * index)))
     return radius * cos(2.0 * math.pi * uniform(seed, 2 * index + 1))
@@ -144,7 +144,7 @@ def _mix(z: int) -> int:
     return z ^ (z >> 31)
 
 
-def playback(table: Value, time: Value) -> Value:
+def playback(table: Quantity, time: Quantity) -> Quantity:
     """Value of a `model.Table` at a time, by linear interpolation; its end values outside.
 
     A symbolic time gives an undefined function named after the table, for the code generator to fill in.

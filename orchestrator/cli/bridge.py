@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fmus.errors import InputError
-from orchestrator.cli.can import Adapter, Channel, Interface
+from orchestrator.cli.can import Adapter, BusInterface, Channel
 from orchestrator.cli.scenarios import Overrides, beside, overrides
 from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 from orchestrator.interrupts import whole
@@ -49,7 +49,7 @@ class CouplingOptions:
 def bridge(
     terminal: Terminal,
     scenario: ScenarioFile,
-    interface: Interface,
+    interface: BusInterface,
     channel: Channel,
     adapter: Adapter,
     coupling: CouplingOptions,

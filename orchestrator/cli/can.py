@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 
 app = typer.Typer(no_args_is_help=True, help="Record a CAN bus, play back onto it, couple systems to it.")
 
-Interface = Annotated[str, typer.Option("--interface", help="python-can's name: socketcan, pcan, kvaser, slcan, ...")]
+BusInterface = Annotated[
+    str, typer.Option("--interface", help="python-can's name: socketcan, pcan, kvaser, slcan, ...")
+]
 Channel = Annotated[str, typer.Option("--channel", help="What the interface calls the bus: can0, a serial port, ...")]
 Dbc = Annotated[Path | None, typer.Option("--dbc", help="Database of the bus: DBC, ARXML, KCD or SYM.")]
 
@@ -48,7 +50,7 @@ class Adapter:
 @command(app)
 def record(
     terminal: Terminal,
-    interface: Interface,
+    interface: BusInterface,
     channel: Channel,
     adapter: Adapter,
     dbc: Dbc = None,
@@ -76,7 +78,7 @@ def record(
 def replay(
     terminal: Terminal,
     log: Annotated[Path, typer.Argument(help="A log file of frames.")],
-    interface: Interface,
+    interface: BusInterface,
     channel: Channel,
     adapter: Adapter,
     speed: Annotated[float, typer.Option(metavar="FACTOR", help="How many times faster than recorded.")] = 1.0,

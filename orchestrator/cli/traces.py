@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from orchestrator.formats import Layout
     from orchestrator.progress import Progress
 
-Result = TypeVar("Result")
+Read = TypeVar("Read")
 app = typer.Typer(no_args_is_help=True, help="Look at recordings, convert and plot them.")
 
 Files = Annotated[list[Path], typer.Argument(help="Recordings.")]
@@ -104,7 +104,7 @@ def trace_plot(
     return Answer({"report": str(out)}, [f"plotted into {out}"])
 
 
-def _with_bar(terminal: Terminal, file: Path, work: Callable[[Path, Progress], Result]) -> Result:
+def _with_bar(terminal: Terminal, file: Path, work: Callable[[Path, Progress], Read]) -> Read:
     """What the work on a file gives, while a bar shows how much of it is read."""
     with terminal.bar(file.name) as move:
         return work(file, move)

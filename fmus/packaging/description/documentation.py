@@ -11,7 +11,7 @@ from sympy.printing.mathml import MathMLPresentationPrinter
 
 from fmus.modelling.model import Model, element
 from fmus.modelling.symbolic import trace
-from fmus.packaging.description.interface import Exposed, Interface
+from fmus.packaging.description.interface import Exposed, ModelInterface
 
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
@@ -26,7 +26,7 @@ _SECTIONS = (
 )
 
 
-def page(interface: Interface) -> bytes:
+def page(interface: ModelInterface) -> bytes:
     """The page; it needs nothing from the network."""
     model = interface.model
     parts = [
@@ -118,7 +118,7 @@ class _Printer(MathMLPresentationPrinter):
         return element
 
 
-def _rows(interface: Interface) -> Iterator[list[str]]:
+def _rows(interface: ModelInterface) -> Iterator[list[str]]:
     """One row a variable; an array has one row, with its size as default."""
     for variable in interface.variables:
         name, place = element(variable.name) or ("", ())

@@ -9,26 +9,26 @@ import sympy
 from fmus import units
 from fmus.modelling import symbolic
 from fmus.modelling.model import Model, Number, State, Variable, start_values
-from fmus.packaging.description.interface import Exposed, Interface, exchangeable, hidden_states, rate_name
+from fmus.packaging.description.interface import Exposed, ModelInterface, exchangeable, hidden_states, rate_name
 
 
-def plain(model: Model, defaults: Mapping[str, Number]) -> Interface:
+def plain(model: Model, defaults: Mapping[str, Number]) -> ModelInterface:
     """The variables that the model declares, for co-simulation."""
     starts = start_values(model) | dict(defaults)
-    return Interface(model, _declared(model, starts), symbolic.feed_through(model), {}, _initial(model, False))
+    return ModelInterface(model, _declared(model, starts), symbolic.feed_through(model), {}, _initial(model, False))
 
 
-def complete(model: Model, defaults: Mapping[str, Number]) -> Interface:
+def complete(model: Model, defaults: Mapping[str, Number]) -> ModelInterface:
     """As `plain`, then the states that are no outputs, and the rates of a model that can be exchanged."""
     variables = _declared(model, start_values(model) | dict(defaults))
     variables += tuple(
         _hidden(model, state, reference) for reference, state in enumerate(hidden_states(model), len(variables))
     )
     if not exchangeable(model):
-        return Interface(model, variables, symbolic.feed_through(model), {}, _initial(model, False))
+        return ModelInterface(model, variables, symbolic.feed_through(model), {}, _initial(model, False))
     variables += tuple(_rate(model, state, i) for i, state in enumerate(model.continuous, len(variables)))
     outputs, rates = _structure(model)
-    return Interface(model, variables, outputs, rates, _initial(model, True))
+    return ModelInterface(model, variables, outputs, rates, _initial(model, True))
 
 
 def _declared(model: Model, starts: Mapping[str, Number]) -> tuple[Exposed, ...]:

@@ -35,7 +35,7 @@ class Exposed:
 
 
 @dataclass(frozen=True)
-class Interface:
+class ModelInterface:
     """The variables of an FMU in the order of its description, and its structure: unknown -> what it depends on."""
 
     model: Model

@@ -16,7 +16,7 @@ from fmus.modelling.agreement import require_agreement
 from fmus.modelling.model import Model, Number, Table
 from fmus.packaging import archive, defaults, values
 from fmus.packaging.description import documentation, exposure, interface, xml
-from fmus.packaging.description.interface import Interface
+from fmus.packaging.description.interface import ModelInterface
 from fmus.packaging.description.xml import Extras, Offer
 from fmus.packaging.native import c_model, compiler, sources
 from fmus.packaging.native.compiler import Platform
@@ -120,7 +120,7 @@ def _binaries(model: Model, code: _Code, fmi: int, platforms: Sequence[Platform]
     }
 
 
-def _description(shown: Interface, token: str, fmi: int, code: _Code) -> bytes:
+def _description(shown: ModelInterface, token: str, fmi: int, code: _Code) -> bytes:
     model = shown.model
     flags = _CAPABILITIES[fmi]
     exchangeable = interface.exchangeable(model)

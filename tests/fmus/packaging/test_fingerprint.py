@@ -45,13 +45,27 @@ MODEL = Model("tank", "A tank", (input_("inflow", "m3/s", "Inflow"), output("lev
     (State("level", "start", "m"),), made({closure}), solver_step=lambda p: {step})
 '''
 AS_IT_IS = {
-    "constant": "2.0", "default": "1.0", "cached": "9.81", "inner": "1", "function": "sqrt", "parameter": "0.1",
-    "text": "Level at the start", "closure": "1.0", "step": "0.1",
-}  # fmt: skip
+    "constant": "2.0",
+    "default": "1.0",
+    "cached": "9.81",
+    "inner": "1",
+    "function": "sqrt",
+    "parameter": "0.1",
+    "text": "Level at the start",
+    "closure": "1.0",
+    "step": "0.1",
+}
 CHANGES = {
-    "constant": "2.5", "default": "1", "cached": "9.82", "inner": "1.0", "function": "exp", "parameter": "0.2",
-    "text": "Start", "closure": "1.5", "step": "0.2",
-}  # fmt: skip
+    "constant": "2.5",
+    "default": "1",
+    "cached": "9.82",
+    "inner": "1.0",
+    "function": "exp",
+    "parameter": "0.2",
+    "text": "Start",
+    "closure": "1.5",
+    "step": "0.2",
+}
 
 
 def of_file(folder: Path, **changes: str) -> str:
