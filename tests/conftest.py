@@ -7,6 +7,7 @@ import shutil
 import signal
 import tempfile
 import threading
+from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -39,6 +40,19 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         for need in marker.args:
             if find_spec(NEEDS[need]) is None and shutil.which(NEEDS[need]) is None:
                 pytest.skip(f"{NEEDS[need]} is not there (.ci/run installs what `{need}` names)")
+
+
+@pytest.fixture(autouse=True)
+def same_folder() -> Iterator[None]:
+    """No test leaves the process in another working directory, where the next ones would fail."""
+    here = Path.cwd()
+    yield
+    try:
+        there = Path.cwd()
+    except FileNotFoundError:
+        there = None
+    os.chdir(here)
+    assert there == here, "the test left the process in another working directory"
 
 
 def _recordings(folder: str) -> Path:

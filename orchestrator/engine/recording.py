@@ -74,11 +74,13 @@ class Recorder:
             self._kept = recorded
         elif recorded > self.base:
             with whole():  # interrupted in between, rows would be passed on twice
-                self._sink(self._trace(self._memory[:, : recorded - self.base].copy()))  # the block is used again
+                self._sink(self._trace(self._memory[:, : recorded - self.base]))  # a trace copies what is used again
                 self.base = recorded
 
     def trace(self) -> Trace:
-        """What was kept."""
+        """What was kept, where it was written; no row can be written from now on."""
+        for memory in (self._memory.base, self._memory):
+            memory.flags.writeable = False
         return self._trace(self._memory[:, : self._kept])
 
     def kept(self) -> FloatArray:

@@ -47,7 +47,7 @@ def test_two_components_run_without_a_file_as_they_do_with_one(tmp_path: Path) -
 @pytest.mark.parametrize("text", [True, False])
 def test_a_file_a_model_and_a_name_are_the_same_component(tmp_path: Path, text: bool) -> None:
     model = library.find("pendulum")
-    file = targets.build(targets.preferred(), model, tmp_path / "built.fmu")
+    file = targets.build(model, tmp_path / "built.fmu")
     traces = []
     for source in ("pendulum", model, str(file) if text else file):
         with open_system({"hand": source}) as system:
@@ -95,7 +95,7 @@ def test_what_is_assembled_has_plain_files_only_and_opens_in_another_process(tmp
 
 
 def test_only_components_made_from_models_count_as_built(tmp_path: Path) -> None:
-    file = targets.build(targets.preferred(), library.find("pendulum"), tmp_path / "own.fmu")
+    file = targets.build("pendulum", tmp_path / "own.fmu")
     system = SystemSpec({"one": ComponentSpec(file), "other": ComponentSpec("pendulum", step=Fraction(1, 100))})
     assembled = assemble(system, tmp_path)
     assert assembled.built == {"other"} and assembled.files["one"] == file

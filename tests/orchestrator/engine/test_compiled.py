@@ -25,7 +25,7 @@ from hypothesis import strategies as st
 from fmus.errors import FmuError, WiringError
 from fmus.packaging import targets
 from orchestrator.engine import CycleSettings, Engine, Interrupted, Order, Result, Run, Simulation, Timing, compiled
-from orchestrator.engine.recording import Recorder
+from orchestrator.engine.recording import Columns, Recorder
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.interface import Port, Value
 from orchestrator.fmi.slave import Slave
@@ -225,13 +225,13 @@ def outcome_of_turning_bad(shelf: Shelf, engine: Engine, stage: str, status: int
     system = wire({"c0": Part(shelf["moody"].interface)}, [], ["c0.input"])
     stimuli = {"c0.input": np.arange(11.0)}
     with Simulation(system, {"c0": slave}, Timing(Fraction(1), Fraction(1, 10), engine=engine)) as made:
-        read_all = made._read_all
+        initialise = made._initialise
 
-        def turn_bad(loop: Any) -> None:
-            read_all(loop)
+        def turn_bad(*details: Any) -> None:
+            initialise(*details)
             slave.set({stage: status})
 
-        made._read_all = turn_bad  # type: ignore[method-assign]
+        made._initialise = turn_bad  # type: ignore[method-assign]
         try:
             return bits(made.run(stimuli=stimuli).trace), slave.warnings, None
         except FmuError as error:
@@ -345,13 +345,13 @@ def test_the_pieces_a_sink_is_given_are_the_record(shelf: Shelf, engine: Engine,
 
 @pytest.mark.parametrize("count", [1, 8, 20_000, 20_479])
 def test_columns_of_a_record_do_not_push_each_other_out_of_the_cache(count: int) -> None:
-    recorder = Recorder(["a", "b"], ["b", "a"], {}, clock(Fraction(0), STEP), 1, count, None)
+    recorder = Recorder(Columns(["a", "b"], ["b", "a"], {}), clock(Fraction(0), STEP), 1, count, None)
     assert recorder.rows.strides[1] // 64 % 2 == 1
     assert recorder.rows.strides[1] % 64 == 0
 
 
 def test_a_record_is_kept_where_it_was_written() -> None:
-    recorder = Recorder(["a", "b"], ["b", "a"], {}, clock(Fraction(0), STEP), 1, 3, None)
+    recorder = Recorder(Columns(["a", "b"], ["b", "a"], {}), clock(Fraction(0), STEP), 1, 3, None)
     for number in range(3):
         recorder.row(number)[:] = [number, 10 + number]
     recorder.empty(3)
