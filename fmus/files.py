@@ -7,7 +7,6 @@ import os
 import secrets
 from collections.abc import Callable
 from contextlib import suppress
-from importlib.util import find_spec
 from pathlib import Path
 from typing import BinaryIO
 
@@ -63,7 +62,7 @@ def sha256(path: str | Path) -> str:
 
 
 def package_folder(name: str) -> Path:
-    """The folder of an installed package, which is not imported for it."""
-    found = find_spec(name)
-    assert found is not None and found.origin is not None, name
-    return Path(found.origin).parent
+    """The folder of an installed package, also where an FMU has brought another copy of it into this process."""
+    from importlib.metadata import distribution  # noqa: PLC0415 (slow to load, and wanted only where FMUs are built)
+
+    return Path(str(distribution(name).locate_file(name)))

@@ -6,11 +6,10 @@ lets FMUs of different versions live in one interpreter.
 
 from __future__ import annotations
 
+import sys
 import uuid
 from collections.abc import Mapping
 from pathlib import Path
-
-from pythonfmu.builder import FmuBuilder
 
 from fmus import library
 from fmus.errors import ModelError
@@ -85,7 +84,8 @@ def _code(model: Model) -> dict[str, bytes]:
     shim = f"{package}_slave"
     files[f"resources/{shim}.py"] = _SHIM.format(package=package, module=source.stem, call=model.call).encode()
     files["resources/slavemodule.txt"] = shim.encode()
-    if not FmuBuilder.has_binary():
-        raise ModelError(f"model {model.name}", "pythonfmu has no binary for this platform", "build it natively")
     files |= runtime.files(model.name)
+    here = {"win32": "win64", "darwin": "darwin64"}.get(sys.platform, f"{sys.platform}64")
+    if not any(name.startswith(f"binaries/{here}/") for name in files):
+        raise ModelError(f"model {model.name}", "pythonfmu has no binary for this platform", "build it natively")
     return files

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -32,6 +33,22 @@ PENDULUM = library.find("pendulum")
 def description(path: Path) -> ET.Element:
     with zipfile.ZipFile(path) as archive:
         return ET.fromstring(archive.read("modelDescription.xml"))
+
+
+def test_an_fmu_that_ran_and_is_gone_does_not_lend_its_pythonfmu(fmu: Built, tmp_path: Path) -> None:
+    code = (
+        "import sys\nfrom pathlib import Path\nfrom fractions import Fraction\n"
+        "from fmus import build\nfrom orchestrator import open_system\n"
+        "with open_system({'rig': sys.argv[1]}) as system:\n    system.run(0.1, 0.1)\n"
+        "build('pendulum', sys.argv[2], target='python')\n"
+    )
+    target = tmp_path / "pendulum.fmu"
+    subprocess.run(
+        [sys.executable, "-c", code, str(fmu("excitation")), str(target)],
+        check=True,
+        env={**os.environ, "SERVOTWIN_CACHE": "off"},
+    )
+    assert target.is_file()
 
 
 @pytest.mark.parametrize("name", NAMES)
