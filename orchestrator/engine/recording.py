@@ -79,8 +79,9 @@ class Recorder:
 
     def trace(self) -> Trace:
         """What was kept, where it was written; no row can be written from now on."""
-        for memory in (self._memory.base, self._memory):
-            memory.flags.writeable = False
+        owner = self._memory.base
+        assert owner is not None
+        owner.flags.writeable = self._memory.flags.writeable = False
         return self._trace(self._memory[:, : self._kept])
 
     def kept(self) -> FloatArray:

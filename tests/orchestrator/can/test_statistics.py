@@ -124,7 +124,7 @@ def test_rows_are_those_of_a_walk_through_the_whole_stream(stream: list[tuple[in
 def test_rows_of_batches_are_those_of_the_whole_where_disorder_is_within_patience(
     stream: list[tuple[int, str, float]], batch: int
 ) -> None:
-    merger = Merger(["A", "B"], patience=30.0)
+    merger = Merger(["A", "B"], patience=30.5)
     traces = [merger.feed(series(stream[begin : begin + batch])) for begin in range(0, len(stream), batch)]
     assert rows_of([*traces, merger.finish()]) == by_hand(stream)
 
