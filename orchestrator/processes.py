@@ -23,6 +23,7 @@ from multiprocessing import parent_process, resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import BaseContext
 from multiprocessing.util import Finalize, get_temp_dir
+from pathlib import Path
 from time import perf_counter
 from types import ModuleType, TracebackType
 from typing import Any, Generic, Self, TypeVar
@@ -31,6 +32,7 @@ T = TypeVar("T")
 A = TypeVar("A")
 
 _PATIENCE = 5.0  # with a process that is to end by itself [s]
+_LONGEST = 70  # of a temporary folder's path; a socket's has some 35 bytes more, and 104 at most
 _CLEANING = 15.0  # with one that was interrupted and cleans up [s]
 
 
@@ -226,9 +228,19 @@ def _litter() -> str:
     return get_temp_dir() if parent_process() is None else ""
 
 
+def _shorten_folder() -> None:
+    """Have the server's socket in /tmp where the path of the usual folder is too long for a socket's."""
+    usual = tempfile.tempdir
+    if len(os.fsencode(tempfile.gettempdir())) > _LONGEST and Path("/tmp").is_dir():
+        tempfile.tempdir = "/tmp"
+        get_temp_dir()
+        tempfile.tempdir = usual
+
+
 def _context(modules: Sequence[str]) -> BaseContext:
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
+    _shorten_folder()
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["__main__", *modules])  # nothing where the server runs already
     return context

@@ -91,6 +91,8 @@ def test_what_is_there_is_handed_out_without_compiler(tmp_path: Path) -> None:
 @pytest.mark.slow
 @needs_compiler
 def test_other_values_of_one_model_are_compiled_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SERVOTWIN_CACHE", str(tmp_path / "cache"))
+    compiler._kept.cache_clear()
     targets.build(EXCITATION, tmp_path / "a.fmu", target="native")
     compiler._kept.cache_clear()
     monkeypatch.setattr(compiler, "_run", lambda *_: pytest.fail("compiled again"))

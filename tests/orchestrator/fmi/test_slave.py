@@ -456,14 +456,15 @@ def test_memory_does_not_grow_over_two_thousand_resets(kind: str, tmp_path: Path
 def test_memory_does_not_grow_over_instances(version: int) -> None:
     with FmuFile(third_party.reference(version, "VanDerPol")) as fmu:
 
-        def instances(count: int) -> None:
+        def grown(count: int) -> int:
+            """What so many instances leave behind [bytes]; the heap may grow once for other reasons."""
+            before = resident()
             for _ in range(count):
                 Slave(fmu, "fmu").close()
+            return resident() - before
 
-        instances(200)
-        before = resident()
-        instances(1500)
-        assert resident() - before < 2 << 20
+        grown(200)
+        assert min(grown(1500) for _ in range(3)) < 2 << 20
 
 
 def test_two_instances_of_one_fmu_do_not_share_values(load: Load, tmp_path: Path) -> None:
