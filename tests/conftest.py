@@ -18,17 +18,18 @@ settings.register_profile("any load", deadline=None)
 settings.load_profile("any load")
 
 # What a test may need beyond the extra `dev` -> the module or program that shows that it is there.
-NEEDS = {"mf4": "asammdf", "cross": "ziglang", "tools": "fmuloader", "java": "javac"}
+NEEDS = {"mf4": "asammdf", "formats": "nptdms", "canopen": "canopen", "cross": "ziglang", "tools": "fmuloader", "java": "javac"}
 
 
 def pytest_configure(config: pytest.Config) -> None:
     """Let Ctrl-C interrupt in the processes of pytest-xdist too: they begin with it ignored, and so would theirs.
 
-    All processes of one session share a cache of built FMUs, which begins empty: what is tested is what is here now.
+    All processes of one session share a cache of built FMUs. It begins empty, unless SERVOTWIN_CACHE names one to be
+    used again: what is built anew is tested then.
     """
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    if not hasattr(config, "workerinput"):
+    if not hasattr(config, "workerinput") and "SERVOTWIN_CACHE" not in os.environ:
         folder = tempfile.mkdtemp(prefix="servotwin-tests-")
         os.environ["SERVOTWIN_CACHE"] = folder
         config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
