@@ -18,7 +18,14 @@ settings.register_profile("any load", deadline=None)
 settings.load_profile("any load")
 
 # What a test may need beyond the extra `dev` -> the module or program that shows that it is there.
-NEEDS = {"mf4": "asammdf", "formats": "nptdms", "canopen": "canopen", "cross": "ziglang", "tools": "fmuloader", "java": "javac"}
+NEEDS = {
+    "mf4": "asammdf",
+    "formats": "nptdms",
+    "canopen": "canopen",
+    "cross": "ziglang",
+    "tools": "fmuloader",
+    "java": "javac",
+}
 
 
 def pytest_configure(config: pytest.Config) -> None:
