@@ -22,7 +22,6 @@ BELOW = {"fmus": set(), "orchestrator": {"fmus"}, "identification": {"fmus", "or
 MOST = 15  # files of a folder besides its `__init__.py`: in a fuller one there is a second concept
 FULLER = {
     "fmus/models": "a model is a file, and so is the library",
-    "orchestrator/can/logs": "a format is a file or two",
 }
 
 

@@ -11,8 +11,12 @@ from pathlib import Path
 from fmus.errors import TraceError
 from orchestrator.can.frames import Frames
 from orchestrator.can.log_suffixes import CSV_HEADER, SUFFIXES, is_log
-from orchestrator.can.logs import blf, mf4, sqlite, text, text_formats
+from orchestrator.can.logs import sqlite
+from orchestrator.can.logs.blf import reading as blf
 from orchestrator.can.logs.findings import Damage, Findings
+from orchestrator.can.logs.mf4 import reading as mf4
+from orchestrator.can.logs.text import formats as text_formats
+from orchestrator.can.logs.text import reading as text
 from orchestrator.can.logs.writing import write
 from orchestrator.progress import Progress, silent
 from orchestrator.trace import check_file

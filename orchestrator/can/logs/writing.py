@@ -19,8 +19,10 @@ from can.io.generic import MessageWriter
 from fmus.errors import TraceError
 from fmus.files import atomic_write
 from orchestrator.can.frames import Flag, Frames
-from orchestrator.can.logs import blf_writing, mf4_records, sqlite
+from orchestrator.can.logs import sqlite
+from orchestrator.can.logs.blf import writing as blf_writing
 from orchestrator.can.logs.messages import silence
+from orchestrator.can.logs.mf4 import records as mf4_records
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 
 from orchestrator.can.frames import Frames
-from orchestrator.can.logs.blf_objects import LOG_CONTAINER, PADDING, SIGNATURE, SLACK, chain, decoded
+from orchestrator.can.logs.blf.objects import LOG_CONTAINER, PADDING, SIGNATURE, SLACK, chain, decoded
 from orchestrator.can.logs.findings import Findings
 
 FILE_HEADER = struct.Struct("<4sL8xQ16x8H8H")  # signature, sizes of header and file, first and last time

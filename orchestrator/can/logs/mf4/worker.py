@@ -17,8 +17,8 @@ import numpy as np
 
 from fmus.errors import ServotwinError
 from orchestrator.can.frames import Frames
-from orchestrator.can.logs import mf4_records
 from orchestrator.can.logs.findings import Damage, Findings
+from orchestrator.can.logs.mf4 import records
 
 FRAMES, DAMAGE, REFUSAL, END = b"f", b"d", b"e", b"."
 HEAD = struct.Struct("<cQ")  # kind, bytes of the body
@@ -33,7 +33,7 @@ def serve(path: Path) -> None:
     os.dup2(2, 1)  # what asammdf prints is no message
     findings = _Telling(pipe)
     try:
-        for batch, share in mf4_records.read(path, findings):
+        for batch, share in records.read(path, findings):
             _send(pipe, FRAMES, packed(batch, share))
     except ServotwinError as error:
         _send(pipe, REFUSAL, json.dumps([error.problem, error.fix]).encode())

@@ -12,7 +12,7 @@ from can.io import ASCReader, CanutilsLogReader, CSVReader, TRCReader
 from fmus.errors import TraceError
 from orchestrator.can.frames import CLASSIC
 from orchestrator.can.log_suffixes import CSV_HEADER
-from orchestrator.can.logs.text import LineKind, TextFormat
+from orchestrator.can.logs.text.reading import LineKind, TextFormat
 
 ERROR_FLAG, IDENTIFIER = 0x20000000, 0x1FFFFFFF
 NUMBER = re.compile(r"\d+$")

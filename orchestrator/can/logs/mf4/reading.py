@@ -15,12 +15,12 @@ from time import monotonic
 
 from fmus.errors import TraceError
 from orchestrator.can.frames import Frames
-from orchestrator.can.logs import mf4_worker as messages
 from orchestrator.can.logs.findings import Findings
+from orchestrator.can.logs.mf4 import worker as messages
 
 PATIENCE = 60.0  # with a process that owes an answer [s]
 MOST = 1 << 28  # bytes of a message
-_BOOT = "import sys; sys.path[:] = {path!r}; from orchestrator.can.logs.mf4_worker import *; serve(Path(sys.argv[1]))"
+_BOOT = "import sys; sys.path[:] = {path!r}; from orchestrator.can.logs.mf4.worker import *; serve(Path(sys.argv[1]))"
 
 
 def frames(path: Path, findings: Findings) -> Iterator[tuple[Frames, float]]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from orchestrator.can.frames import CLASSIC, LONGEST, Flag, Frames
-from orchestrator.can.logs import blf_objects as objects
+from orchestrator.can.logs.blf import objects
 
 CONTAINER = 1 << 17  # bytes of objects in one, as Vector's tools make them
 FIRST_CALENDAR = 631152000.0  # [s] 1990; stamps before it are no dates, and count from 0

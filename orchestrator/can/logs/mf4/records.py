@@ -1,6 +1,6 @@
 """MF4 bus logs (ASAM MDF 4) in columns, by asammdf in this very process.
 
-asammdf trusts a file's contents: one that nobody vouches for is read in a process of its own, by `mf4`.
+asammdf trusts a file's contents: one that nobody vouches for is read in a process of its own, by `reading`.
 """
 
 from __future__ import annotations

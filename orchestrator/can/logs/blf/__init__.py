@@ -1,0 +1,1 @@
+"""BLF logs: objects in compressed containers, read and written many frames at once."""
