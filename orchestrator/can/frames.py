@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from orchestrator.trace import BoolArray, Bytes, FloatArray
 
 CLASSIC, LONGEST = 8, 64  # data bytes of a classic and of a CAN FD frame
+LENGTHS = np.array([*range(9), 12, 16, 20, 24, 32, 48, 64], dtype=np.uint8)  # data bytes by length code
 
 
 class Flag(IntFlag):

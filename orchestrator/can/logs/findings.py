@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+NO_ZONE = "the log's start names no time zone and counts as UTC"
 KEPT = 1000  # places that are remembered; those beyond are only counted
 
 
@@ -37,11 +38,13 @@ class Findings:
         damage: the first `KEPT` places that could not be read.
         damaged: how many there are.
         skipped: events that are no CAN frames: markers, statistics, other buses.
+        notes: what was assumed or worked out to read the log, each said once.
     """
 
     damage: list[Damage] = field(default_factory=list)
     damaged: int = 0
     skipped: int = 0
+    notes: list[str] = field(default_factory=list)
 
     def add(self, offset: int | None, problem: str, line: int | None = None) -> None:
         """Note a place."""
@@ -49,11 +52,17 @@ class Findings:
         if len(self.damage) < KEPT:
             self.damage.append(Damage(offset, problem, line))
 
+    def note(self, text: str) -> None:
+        """Say what was assumed."""
+        if text not in self.notes and len(self.notes) < KEPT:
+            self.notes.append(text)
+
     def lines(self, most: int = 5) -> list[str]:
-        """For people: nothing where nothing was found, else the first places and the counts."""
-        told = [f"could not be read: {damage}" for damage in self.damage[:most]]
-        if self.damaged > len(told):
-            told.append(f"could not be read: {self.damaged - len(told)} more places")
+        """For people: nothing where nothing was found, else what was assumed, the first places and the counts."""
+        told = [*self.notes]
+        told += [f"could not be read: {damage}" for damage in self.damage[:most]]
+        if self.damaged > most:
+            told.append(f"could not be read: {self.damaged - most} more places")
         if self.skipped:
             told.append(f"{self.skipped} events that are no CAN frames passed over")
         return told

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from orchestrator.can.frames import CLASSIC, LONGEST, Flag, Frames
+from orchestrator.can.frames import CLASSIC, LENGTHS, LONGEST, Flag, Frames
 from orchestrator.trace import BoolArray, Bytes
 
 SIGNATURE = b"LOBJ"
@@ -23,9 +23,9 @@ SLACK = 256  # zero bytes behind the objects, so that the fields of one at the e
 MAX_OBJECT, MAX_FRAME = 1 << 25, 4096  # bytes; what claims more has a broken size
 
 CAN_MESSAGE, CAN_ERROR, CAN_ERROR_EXT, CAN_MESSAGE2, CAN_FD_MESSAGE, CAN_FD_MESSAGE_64 = 1, 2, 73, 86, 100, 101
+CAN_FD_ERROR_64 = 104
 LOG_CONTAINER = 10
 TEN_MICROSECONDS = 1  # the flag of a stamp's unit; any other value means nanoseconds
-LENGTHS = np.array([*range(9), 12, 16, 20, 24, 32, 48, 64], dtype=np.uint8)  # data bytes of a CAN FD length code
 
 Positions = NDArray[np.int64]
 
@@ -78,6 +78,26 @@ FD_64 = np.dtype(
         ("sent", "u1"),
         ("more", "u1"),
         ("crc", "<u4"),
+    ]
+)
+FD_ERROR_64 = np.dtype(
+    [
+        ("channel", "u1"),
+        ("dlc", "u1"),
+        ("valid", "u1"),
+        ("code", "u1"),
+        ("flags", "<u2"),
+        ("codes", "<u2"),
+        ("more_flags", "<u2"),
+        ("more", "u1"),
+        ("_", "u1"),
+        ("id", "<u4"),
+        ("bits", "<u4"),
+        ("rates", "<u4", 2),
+        ("offsets", "<u4", 2),
+        ("crc", "<u4"),
+        ("position", "<u2"),
+        ("_2", "<u2"),
     ]
 )
 WORD = np.frombuffer(SIGNATURE, "<u4")[0]
@@ -140,23 +160,43 @@ def gather(octets: Bytes, positions: Positions, kind: np.dtype[Any]) -> NDArray[
     return everywhere[positions].view(kind)
 
 
-def decoded(octets: Bytes, starts: Positions, origin: float) -> tuple[Frames, int, Positions]:
-    """The frames among the objects, how many are none, and the positions of those that are too short for a frame.
+class Decoded(NamedTuple):
+    """What some objects are.
+
+    Attributes:
+        frames: those that could be read.
+        skipped: how many objects are no CAN frames.
+        short: positions of those that are too short for a frame.
+        unknown: version of an object's header that is not known -> positions of the frames that have it.
+    """
+
+    frames: Frames
+    skipped: int
+    short: Positions
+    unknown: dict[int, Positions]
+
+
+def decoded(octets: Bytes, starts: Positions, origin: float) -> Decoded:
+    """The frames among the objects.
 
     Args:
         origin: POSIX time of the beginning of the log [s].
     """
     heads = gather(octets, starts, HEADER)
-    frame = np.isin(heads["type"], list(KINDS)) & np.isin(heads["version"], (1, 2))
+    frame, known = np.isin(heads["type"], list(KINDS)), np.isin(heads["version"], (1, 2))
     skipped = len(starts) - int(np.count_nonzero(frame))
-    if skipped:
-        starts, heads = starts[frame], heads[frame]
+    strange = frame & ~known
+    unknown = {
+        int(version): starts[strange & (heads["version"] == version)] for version in set(heads["version"][strange])
+    }
+    if skipped or unknown:
+        starts, heads = starts[frame & known], heads[frame & known]
     bodies = starts + np.where(heads["version"] == 1, 32, 40)
     short = heads["size"] < bodies - starts + _least(heads["type"])
     lost = starts[short]
     if len(lost):
         starts, heads, bodies = starts[~short], heads[~short], bodies[~short]
-    return _frames(Objects(octets, starts, heads, bodies), origin), skipped, lost
+    return Decoded(_frames(Objects(octets, starts, heads, bodies), origin), skipped, lost, unknown)
 
 
 class Objects(NamedTuple):
@@ -296,10 +336,24 @@ def _fd_64(objects: Objects) -> FrameColumns:
     )
     valid = np.minimum(raw["valid"], LONGEST)
     behind = np.where(raw["more"], raw["more"], objects.heads["size"]).astype(np.int64)
-    there = np.clip(behind - objects.heads["header"] - FD_64.itemsize, 0, valid)
-    data = gather(objects.octets, objects.bodies + FD_64.itemsize, np.dtype([("data", "u1", LONGEST)]))["data"]
+    valid, data = _following(objects, FD_64, behind, valid)
     length = np.where(flags & Flag.REMOTE, LENGTHS[np.minimum(raw["dlc"], 15)], valid)
-    return FrameColumns(raw["id"], flags, raw["channel"], length, data * (np.arange(LONGEST) < there[:, None]))
+    return FrameColumns(raw["id"], flags, raw["channel"], length, data)
+
+
+def _fd_error_64(objects: Objects) -> FrameColumns:
+    raw = gather(objects.octets, objects.bodies, FD_ERROR_64)
+    flags = np.full(len(raw), Flag.ERROR, np.uint8)
+    behind = np.where(raw["more"], raw["more"], objects.heads["size"]).astype(np.int64)
+    length, data = _following(objects, FD_ERROR_64, behind, np.minimum(raw["valid"], LONGEST))
+    return FrameColumns(raw["id"], flags, raw["channel"], length, data)
+
+
+def _following(objects: Objects, kind: np.dtype[Any], behind: Positions, valid: Bytes) -> tuple[Bytes, Bytes]:
+    """Lengths and data of what follows the records of a kind, as far as an object goes."""
+    there = np.clip(behind - (objects.bodies - objects.starts) - kind.itemsize, 0, valid)
+    data = gather(objects.octets, objects.bodies + kind.itemsize, np.dtype([("data", "u1", LONGEST)]))["data"]
+    return valid, data * (np.arange(LONGEST) < there[:, None])
 
 
 def _where(bits: NDArray[Any], flag: Flag) -> Bytes:
@@ -313,4 +367,5 @@ KINDS: dict[int, tuple[np.dtype[Any], Callable[[Objects], FrameColumns]]] = {
     CAN_ERROR_EXT: (ERROR_EXT, _error_ext),
     CAN_FD_MESSAGE: (FD, _fd),
     CAN_FD_MESSAGE_64: (FD_64, _fd_64),
+    CAN_FD_ERROR_64: (FD_ERROR_64, _fd_error_64),
 }

@@ -17,7 +17,7 @@ import numpy as np
 
 from orchestrator.can.frames import Frames
 from orchestrator.can.logs.blf.objects import LOG_CONTAINER, PADDING, SIGNATURE, SLACK, chain, decoded
-from orchestrator.can.logs.findings import Findings
+from orchestrator.can.logs.findings import NO_ZONE, Findings
 
 FILE_HEADER = struct.Struct("<4sL8xQ16x8H8H")  # signature, sizes of header and file, first and last time
 OBJECT = struct.Struct("<4sHHLL")  # signature, size of the header, its version, size, type
@@ -88,10 +88,13 @@ class Stream:
             if first or not self._after_damage:  # what follows damage is the rest of an object that was in it
                 self.findings.add(place(first), f"{behind - first} bytes of this container's content are no objects")
         self._after_damage = False
-        taken, skipped, short = decoded(octets, found.starts, self.origin)
+        taken, skipped, short, unknown = decoded(octets, found.starts, self.origin)
         self.findings.skipped += skipped
         for position in short.tolist():
             self.findings.add(place(position), "a frame of this container is too short for its kind")
+        for version, positions in unknown.items():
+            problem = f"{len(positions)} CAN frames have an object header of version {version}, which is not known"
+            self.findings.add(place(int(positions[0])), problem)
         rest = octets[found.rest : self._held].tobytes()
         self._parts, self._places, self._held = [rest], [place(found.rest)], len(rest)
         self._needed = max(GATHERED, found.needed)
@@ -122,7 +125,10 @@ def _header(file: BinaryIO, findings: Findings) -> Header:
     if not FILE_HEADER.size <= size <= MAX_CONTAINER:
         findings.add(4, f"the header claims {size} bytes")
         size = FILE_HEADER.size
-    return Header(size, file_size, _posix(times[:8]))
+    origin = _posix(times[:8])
+    if origin:
+        findings.note(NO_ZONE)
+    return Header(size, file_size, origin)
 
 
 def _posix(time: list[int]) -> float:

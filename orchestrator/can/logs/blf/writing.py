@@ -11,7 +11,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from orchestrator.can.frames import CLASSIC, LONGEST, Flag, Frames
+from orchestrator.can.frames import CLASSIC, LENGTHS, LONGEST, Flag, Frames
 from orchestrator.can.logs.blf import objects
 
 CONTAINER = 1 << 17  # bytes of objects in one, as Vector's tools make them
@@ -30,7 +30,7 @@ KINDS = {  # whole objects
     kind: np.dtype([("head", objects.HEADER), ("at", objects.STAMP), ("body", body)]) for kind, body in BODIES.items()
 }
 CODES = np.zeros(LONGEST + 1, np.uint8)  # length code of so many data bytes
-CODES[objects.LENGTHS] = np.arange(16)
+CODES[LENGTHS] = np.arange(16)
 CODES = np.maximum.accumulate(CODES)
 
 

@@ -7,6 +7,7 @@ import os
 import select
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
@@ -40,6 +41,8 @@ def frames(path: Path, findings: Findings) -> Iterator[tuple[Frames, float]]:
                 yield batch, share
             elif kind == messages.DAMAGE:
                 findings.add(**json.loads(body))
+            elif kind == messages.NOTE:
+                findings.note(json.loads(body))
             elif kind == messages.REFUSAL:
                 raise TraceError(path, *json.loads(body))
             else:
@@ -54,9 +57,16 @@ def _worker(path: Path) -> Iterator[int]:
     """The pipe from a process that reads the log."""
     command = [sys.executable, "-c", _BOOT.format(path=sys.path), str(path.resolve())]
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    with subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=environment
-    ) as process:
+    with (
+        tempfile.TemporaryDirectory() as folder,  # for asammdf's copy of what is not finalized
+        subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env={**environment, "TMPDIR": folder},
+        ) as process,
+    ):
         try:
             assert process.stdout is not None
             yield process.stdout.fileno()

@@ -17,12 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmus.errors import TraceError
-from orchestrator.can.frames import CLASSIC, LONGEST, Flag, Frames, concatenated
+from orchestrator.can.frames import CLASSIC, LENGTHS, LONGEST, Flag, Frames, concatenated
 from orchestrator.can.logs.findings import Findings
 from orchestrator.can.logs.messages import shortened
-from orchestrator.trace import FloatArray
+from orchestrator.trace import Bytes, FloatArray
 
 BATCH = 1 << 16
+UNFINISHED = b"UnFinMF"
+EXTENDED_ID = np.uint32(1 << 31)  # how Vector's tools mark one in a group without IDE
+FIRST = 1  # number of the first channel
 KINDS = {"CAN_DataFrame": Flag(0), "CAN_ErrorFrame": Flag.ERROR, "CAN_RemoteFrame": Flag.REMOTE}
 DLC = np.repeat(np.arange(16, dtype=np.uint8), [1] * 9 + [4, 4, 4, 4, 8, 16, 16])  # length code of so many data bytes
 BITS = {"IDE": Flag.EXTENDED, "EDL": Flag.FD, "BRS": Flag.BITRATE_SWITCH, "ESI": Flag.ERROR_STATE}
@@ -34,16 +37,19 @@ def read(path: Path, findings: Findings) -> Iterator[tuple[Frames, float]]:
     Raises:
         TraceError: asammdf is not there, or cannot open the file.
     """
-    with path.open("rb") as file, closing(_opened(file, path)) as mdf:
+    with closing(_opened(path, findings)) as mdf:
         groups = [
             (number, name)
             for number, group in enumerate(mdf.groups)
             for name in KINDS
             if group.channel_group.cycles_nr and any(channel.name == name for channel in group.channels)
         ]
+        if not groups:
+            _refuse_measurement(mdf, path)
+        first = _first_channel(mdf, groups, findings)
         total = sum(mdf.groups[number].channel_group.cycles_nr for number, _ in groups)
         done = 0
-        for batch in merged([_group(mdf, number, name, findings) for number, name in groups]):
+        for batch in merged([_group(mdf, number, name, first, findings) for number, name in groups]):
             done += len(batch)
             yield batch, min(1.0, done / total)
 
@@ -105,25 +111,53 @@ def library(path: object) -> Any:
     return asammdf
 
 
-def _opened(file: BinaryIO, path: Path) -> Any:
+def _opened(path: Path, findings: Findings) -> Any:
     asammdf = library(path)
+    with path.open("rb") as file:
+        unfinished = file.read(len(UNFINISHED)) == UNFINISHED
+    if unfinished:
+        findings.note("the logger did not finalize the file; read as far as it was written")
     try:
-        return asammdf.MDF(file)
+        return asammdf.MDF(path)  # it finalizes a copy
     except Exception as problem:  # asammdf meets damage with whatever error comes first
         raise TraceError(path, f"is no readable .mf4 log ({shortened(problem)})", "record or export it again") from None
+
+
+def _refuse_measurement(mdf: Any, path: Path) -> None:
+    """Say so where a file without groups of frames holds something else.
+
+    Raises:
+        TraceError: it does.
+    """
+    masters = mdf.masters_db
+    measured = sum(len(group.channels) - (number in masters) for number, group in enumerate(mdf.groups))
+    if measured and not any(channel.name in KINDS for group in mdf.groups for channel in group.channels):
+        raise TraceError(path, f"holds no CAN frames but {measured} measured channels", "give a log of frames")
+
+
+def _first_channel(mdf: Any, groups: list[tuple[int, str]], findings: Findings) -> int:
+    """The number of the first channel: `FIRST` as Vector and CSS count, 0 where there is one, as python-can counts."""
+    for number, name in groups:
+        try:
+            if np.any(mdf.get(f"{name}.BusChannel", number, record_count=BATCH).samples == 0):
+                findings.note("channels are counted from 0 in this file")
+                return 0
+        except Exception:  # no such field, or damage that reading will come across, too
+            continue
+    return FIRST
 
 
 def _rising(time: FloatArray, least: float) -> FloatArray:
     return np.maximum(np.maximum.accumulate(time), least)
 
 
-def _group(mdf: Any, number: int, name: str, findings: Findings) -> Iterator[Frames]:
+def _group(mdf: Any, number: int, name: str, first_channel: int, findings: Findings) -> Iterator[Frames]:
     group = mdf.groups[number].channel_group
     start = mdf.header.start_time.timestamp()
     for first in range(0, group.cycles_nr, BATCH):
         try:
             signal = mdf.get(name, number, record_offset=first, record_count=BATCH)
-            batch = _columns(signal, name, start)
+            batch = _columns(signal, name, start, first_channel)
         except Exception as problem:  # see above
             findings.add(int(group.address), f"records of this group from {first} on: {shortened(problem)}")
             return
@@ -136,7 +170,7 @@ def _group(mdf: Any, number: int, name: str, findings: Findings) -> Iterator[Fra
         yield batch[sound]
 
 
-def _columns(signal: Any, name: str, start: float) -> Frames:
+def _columns(signal: Any, name: str, start: float, first_channel: int) -> Frames:
     samples = signal.samples
     there = {field.removeprefix(name + "."): samples[field] for field in samples.dtype.names}
     count = len(samples)
@@ -144,11 +178,13 @@ def _columns(signal: Any, name: str, start: float) -> Frames:
     flags = np.full(count, KINDS[name], np.uint8)
     for bit, flag in BITS.items():
         flags |= np.where(there.get(bit, nothing) != 0, np.uint8(flag), np.uint8(0))
+    identifier = there.get("ID", nothing).astype(np.uint32)
+    if "IDE" not in there:
+        flags |= np.where(identifier & EXTENDED_ID, np.uint8(Flag.EXTENDED), np.uint8(0))
     sent = there.get("Dir", nothing)
     flags |= np.where(sent == b"Tx" if sent.dtype.kind == "S" else sent != 0, np.uint8(Flag.SENT), np.uint8(0))
     told = np.atleast_2d(there.get("DataBytes", np.zeros((count, 0), np.uint8)))[:, :LONGEST].astype(np.uint8)
-    length = there["DLC"] if name == "CAN_RemoteFrame" else there.get("DataLength", nothing)
-    length = np.minimum(length, LONGEST).astype(np.uint8)
+    length = _lengths(there, name, flags)
     filled = np.where(flags & Flag.REMOTE, 0, np.minimum(length, told.shape[1]))
     width = LONGEST if np.any(filled > CLASSIC) else CLASSIC
     data = np.zeros((count, width), np.uint8)
@@ -157,26 +193,37 @@ def _columns(signal: Any, name: str, start: float) -> Frames:
     length = np.where(flags & Flag.REMOTE, length, filled).astype(np.uint8)
     return Frames(
         signal.timestamps + start,
-        there.get("ID", nothing).astype(np.uint32) & np.uint32(0x1FFFFFFF),
+        identifier & np.uint32(0x1FFFFFFF),
         flags,
-        there.get("BusChannel", nothing).astype(np.uint8),
+        np.clip(there.get("BusChannel", nothing).astype(np.int64) - first_channel, 0, 255).astype(np.uint8),
         length,
         data,
     )
+
+
+def _lengths(there: dict[str, NDArray[Any]], name: str, flags: Bytes) -> Bytes:
+    """Data bytes of each frame; where nothing but the length code tells, what it stands for."""
+    codes = there.get("DLC", np.zeros(len(flags), np.uint8))
+    if name == "CAN_RemoteFrame":
+        return np.minimum(codes, LONGEST).astype(np.uint8)
+    if "DataLength" in there:
+        return np.minimum(there["DataLength"], LONGEST).astype(np.uint8)
+    fd = (flags & np.uint8(Flag.FD)) != 0
+    return np.where(fd, LENGTHS[np.minimum(codes, 15)], np.minimum(codes, CLASSIC)).astype(np.uint8)
 
 
 def _fields(name: str) -> np.dtype[Any]:
     numbers = ["BusChannel", "ID", "IDE", "DLC", "DataLength", "DataBytes", "Dir", "EDL", "BRS", "ESI"]
     if name == "CAN_RemoteFrame":
         numbers = ["BusChannel", "ID", "IDE", "DLC", "DataLength", "Dir"]
-    kinds = {"ID": "<u4", "DataBytes": f"({LONGEST},)u1"}
+    kinds = {"ID": "<u4", "BusChannel": "<u2", "DataBytes": f"({LONGEST},)u1"}
     return np.dtype([(f"{name}.{field}", kinds.get(field, "<u1")) for field in numbers])
 
 
 def _records(frames: Frames, name: str) -> NDArray[Any]:
     records = np.zeros(len(frames), _fields(name))
     values = {
-        "BusChannel": frames.channel,
+        "BusChannel": frames.channel.astype(np.uint16) + FIRST,
         "ID": frames.id,
         "DLC": DLC[np.minimum(frames.length, LONGEST)],
         "DataLength": frames.length,

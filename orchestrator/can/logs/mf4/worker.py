@@ -20,7 +20,7 @@ from orchestrator.can.frames import Frames
 from orchestrator.can.logs.findings import Damage, Findings
 from orchestrator.can.logs.mf4 import records
 
-FRAMES, DAMAGE, REFUSAL, END = b"f", b"d", b"e", b"."
+FRAMES, DAMAGE, NOTE, REFUSAL, END = b"f", b"d", b"n", b"e", b"."
 HEAD = struct.Struct("<cQ")  # kind, bytes of the body
 SHAPE = struct.Struct("<dII")  # share of the file that is read, frames, bytes of data of each
 MEMORY = 4 << 30  # bytes
@@ -51,6 +51,9 @@ class _Telling(Findings):
 
     def add(self, offset: int | None, problem: str, line: int | None = None) -> None:
         _send(self._pipe, DAMAGE, json.dumps(vars(Damage(offset, problem, line))).encode())
+
+    def note(self, text: str) -> None:
+        _send(self._pipe, NOTE, json.dumps(text).encode())
 
 
 def packed(frames: Frames, share: float) -> bytes:

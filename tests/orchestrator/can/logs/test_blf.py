@@ -114,6 +114,28 @@ def test_a_written_log_has_containers_as_vectors_tools_make_them(tmp_path: Path)
     assert len(sizes) > 2 and set(sizes[:-1]) == {1 << 17}
 
 
+def test_frames_whose_header_is_not_known_are_damage_and_not_passed_over(tmp_path: Path) -> None:
+    frame = classic(0x123, b"12345678")
+    good, strange = an_object(1, frame), bytearray(an_object(86, frame + bytes(8)))
+    strange[6:8] = (3).to_bytes(2, "little")
+    log = logs.read(file_of(tmp_path / "a.blf", container(good + bytes(strange) * 2)))
+    assert len(all_of(log)) == 1 and log.findings.skipped == 0
+    assert [damage.problem for damage in log.damage] == [
+        "2 CAN frames have an object header of version 3, which is not known"
+    ]
+    with pytest.raises(TraceError, match=r"no frame that can be read .*version 3"):
+        all_of(logs.read(file_of(tmp_path / "b.blf", container(bytes(strange)))))
+
+
+def test_an_error_of_can_fd_is_an_error_frame(tmp_path: Path) -> None:
+    body = struct.pack("<BBBBHHHBBLLLLLLLHH", 2, 9, 12, 0, 0, 0, 0, 0, 0, 1 << 31 | 0x18FEF1FE, *[0] * 6, 0, 0)
+    log = logs.read(file_of(tmp_path / "a.blf", container(an_object(104, body + bytes(range(12))))))
+    frames = all_of(log)
+    assert frames.flags.tolist() == [Flag.ERROR | Flag.EXTENDED] and frames.id.tolist() == [0x18FEF1FE]
+    assert (frames.channel.tolist(), frames.length.tolist()) == ([1], [12])
+    assert frames.data[0, :12].tolist() == list(range(12)) and log.findings.skipped == 0
+
+
 def test_all_objects_of_frames_and_both_units_of_time_are_read(tmp_path: Path) -> None:
     objects = [
         an_object(1, classic(0x123, b"12345678"), 1_500_000_000),
