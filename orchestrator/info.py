@@ -124,12 +124,14 @@ def _about_decoding(recording: formats.Recording) -> InfoDocument:
 def about_log(path: Path, progress: Progress = silent) -> InfoDocument:
     """Frames of a CAN log by identifier, and what could not be read."""
     from orchestrator.can import logs  # noqa: PLC0415 (it brings python-can along)
+    from orchestrator.can.logs.findings import NO_ZONE  # noqa: PLC0415
     from orchestrator.can.logs.frame_count import FrameCount  # noqa: PLC0415
 
     log, count = logs.read(path, progress), FrameCount()
     for batch in log:
         count.feed(batch)
-    return {"name": path.stem, **count.document(), **({"notes": found} if (found := log.findings.lines()) else {})}
+    notes = [*([NO_ZONE] if log.findings.zoneless else []), *log.findings.lines()]
+    return {"name": path.stem, **count.document(), **({"notes": notes} if notes else {})}
 
 
 def about_result(folder: Path) -> InfoDocument:

@@ -115,6 +115,7 @@ def damage(log: logs.LogReader) -> dict[str, object]:
     """What could not be read, as plain values; nothing where all could."""
     found = log.findings
     document: dict[str, object] = {"skipped": found.skipped} if found.skipped else {}
+    document |= {"notes": list(found.notes)} if found.notes else {}
     if found.damaged:
         document |= {"damaged": found.damaged, "damage": [vars(damage) for damage in found.damage]}
     return document

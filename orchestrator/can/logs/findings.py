@@ -39,12 +39,14 @@ class Findings:
         damaged: how many there are.
         skipped: events that are no CAN frames: markers, statistics, other buses.
         notes: what was assumed or worked out to read the log, each said once.
+        zoneless: whether the log has a date without a time zone, which counts as UTC.
     """
 
     damage: list[Damage] = field(default_factory=list)
     damaged: int = 0
     skipped: int = 0
     notes: list[str] = field(default_factory=list)
+    zoneless: bool = False
 
     def add(self, offset: int | None, problem: str, line: int | None = None) -> None:
         """Note a place."""

@@ -17,7 +17,7 @@ import numpy as np
 
 from orchestrator.can.frames import Frames
 from orchestrator.can.logs.blf.objects import LOG_CONTAINER, PADDING, SIGNATURE, SLACK, chain, decoded
-from orchestrator.can.logs.findings import NO_ZONE, Findings
+from orchestrator.can.logs.findings import Findings
 
 FILE_HEADER = struct.Struct("<4sL8xQ16x8H8H")  # signature, sizes of header and file, first and last time
 OBJECT = struct.Struct("<4sHHLL")  # signature, size of the header, its version, size, type
@@ -126,8 +126,7 @@ def _header(file: BinaryIO, findings: Findings) -> Header:
         findings.add(4, f"the header claims {size} bytes")
         size = FILE_HEADER.size
     origin = _posix(times[:8])
-    if origin:
-        findings.note(NO_ZONE)
+    findings.zoneless = origin != 0
     return Header(size, file_size, origin)
 
 

@@ -203,13 +203,14 @@ def _columns(signal: Any, name: str, start: float, first_channel: int) -> Frames
 
 def _lengths(there: dict[str, NDArray[Any]], name: str, flags: Bytes) -> Bytes:
     """Data bytes of each frame; where nothing but the length code tells, what it stands for."""
-    codes = there.get("DLC", np.zeros(len(flags), np.uint8))
-    if name == "CAN_RemoteFrame":
-        return np.minimum(codes, LONGEST).astype(np.uint8)
-    if "DataLength" in there:
-        return np.minimum(there["DataLength"], LONGEST).astype(np.uint8)
     fd = (flags & np.uint8(Flag.FD)) != 0
-    return np.where(fd, LENGTHS[np.minimum(codes, 15)], np.minimum(codes, CLASSIC)).astype(np.uint8)
+    codes = there.get("DLC", np.zeros(len(flags), np.uint8))
+    told = np.where(fd, LENGTHS[np.minimum(codes, 15)], np.minimum(codes, CLASSIC))
+    if name == "CAN_RemoteFrame":
+        told = codes
+    elif "DataLength" in there:
+        told = there["DataLength"]
+    return np.asarray(np.minimum(told, LONGEST), np.uint8)
 
 
 def _fields(name: str) -> np.dtype[Any]:
