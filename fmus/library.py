@@ -11,7 +11,8 @@ from types import ModuleType
 
 from fmus import models
 from fmus.errors import ModelError
-from fmus.modelling.model import Model
+from fmus.modelling.mistakes import at, in_file
+from fmus.modelling.model import Model, Table, namespace, start_values
 
 # What a model file finds wherever its FMU is run, with the standard library.
 BESIDE_A_MODEL = (*(f".{name}" for name in models.__all__), ".model")
@@ -57,14 +58,24 @@ def _from_file(path: Path) -> Model:
         text = path.read_bytes()
         _refuse_foreign_imports(path, ast.parse(text))
         exec(compile(text, path, "exec"), module.__dict__)  # not by way of a .pyc, which may be older than it looks
+        model = getattr(module, "MODEL", None)
+        if not isinstance(model, Model):
+            raise ModelError(path, "defines no MODEL", "end the file with MODEL = Model(...)")
+        _try_solver_step(model)
     except ModelError:
         raise
     except Exception as error:
-        raise ModelError(path, f"cannot be loaded ({type(error).__name__}: {error})", "correct the file") from error
-    model = getattr(module, "MODEL", None)
-    if not isinstance(model, Model):
-        raise ModelError(path, "defines no MODEL", "end the file with MODEL = Model(...)")
+        raise in_file(str(path), error) from error
     return model
+
+
+def _try_solver_step(model: Model) -> None:
+    """See that the inner step is one at the parameters' defaults."""
+    if model.solver_step is None:
+        return
+    step = model.solver_step(namespace({**start_values(model), **{name: Table(name) for name in model.tables}}))
+    if not (isinstance(step, int | float) and step > 0):
+        raise ModelError(at(model.solver_step), f"gives {step!r} at the defaults", "give a time in seconds above 0")
 
 
 def _refuse_foreign_imports(path: Path, tree: ast.Module) -> None:

@@ -174,10 +174,23 @@ def _problems(model: Model) -> Iterator[str]:
             yield f"state '{state.name}' starts at '{state.start}', which is no parameter"
         if state.name in model.by_name and model.by_name[state.name].causality != "output":
             yield f"state '{state.name}' has the name of a variable that is no output"
+    for variable in model.variables:
+        yield from _problems_of_values(variable)
     if model.sampled and model.sample_time not in parameters:
         yield f"sampled states need a sample period, and '{model.sample_time}' is no parameter"
     if model.continuous and model.solver_step is None:
         yield "continuous states need a solver_step"
+
+
+def _problems_of_values(variable: Variable) -> Iterator[str]:
+    """A start value or bounds that no FMU could have."""
+    low = -math.inf if variable.minimum is None else variable.minimum
+    high = math.inf if variable.maximum is None else variable.maximum
+    start = variable.start
+    if not low <= high:
+        yield f"'{variable.name}' has a minimum of {low:g} and a maximum of {high:g}"
+    elif start is not None and not (math.isfinite(start) and low <= start <= high):
+        yield f"'{variable.name}' starts at {start:g}, which is not a finite number within its bounds"
 
 
 def _problems_of_arrays(model: Model, others: set[str]) -> Iterator[str]:

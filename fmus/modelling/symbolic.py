@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
@@ -12,6 +12,7 @@ from typing import Any
 import sympy
 
 from fmus.errors import ModelError
+from fmus.modelling.mistakes import at, in_function, likely
 from fmus.modelling.model import Model, Table, namespace
 
 
@@ -67,8 +68,8 @@ def _trace(model: Model) -> Traced:
         _evaluate(model, "derivatives", model.derivatives, arguments, {s.name for s in model.continuous}),
         _evaluate(model, "update", model.update, arguments, {s.name for s in model.sampled}),
         _evaluate(model, "outputs", model.outputs, arguments, results),
-        _single(model, "solver_step", model.solver_step, (p,)) if model.continuous and model.solver_step else None,
-        tuple(_single(model, "requirements", requirement.holds, arguments) for requirement in model.requirements),
+        _single(model.solver_step, (p,)) if model.continuous and model.solver_step else None,
+        tuple(_single(requirement.holds, arguments) for requirement in model.requirements),
     )
 
 
@@ -117,28 +118,42 @@ def _evaluate(
     arguments: tuple[Any, SimpleNamespace, SimpleNamespace, SimpleNamespace],
     expected: set[str],
 ) -> dict[str, sympy.Expr]:
-    place = f"model {model.name}, {label}"
     if function is None:
         if expected:
-            raise ModelError(place, f"nothing gives {', '.join(sorted(expected))}", f"write {label}()")
+            raise ModelError(f"model {model.name}", f"nothing gives {', '.join(sorted(expected))}", f"write {label}()")
         return {}
-    with _untraceable(place):
-        result = {name: sympy.sympify(value) for name, value in function(*arguments).items()}
+    with _traceable(function, "t, x, u, p"):
+        result = _named(function, function(*arguments))
+        result = {name: sympy.sympify(value) for name, value in result.items()}
     if set(result) != expected:
-        missing, extra = sorted(expected - set(result)), sorted(set(result) - expected)
-        raise ModelError(place, f"missing {missing}, unexpected {extra}", "return one value for each declared name")
+        raise ModelError(at(function), *_unlike(sorted(expected - set(result)), sorted(set(result) - expected)))
     return result
 
 
-def _single(model: Model, label: str, function: Callable[..., Any], arguments: tuple[Any, ...]) -> sympy.Basic:
+def _unlike(missing: Sequence[str], extra: Sequence[str]) -> tuple[str, str]:
+    """What a result lacks and has too much, and the fix."""
+    problems = [f"returns nothing for {', '.join(missing)}"] if missing else []
+    problems += [f"'{name}', which it returns, is not declared" for name in extra]
+    return " and ".join(problems), likely(extra[0], missing) if missing and extra else "return one value a name"
+
+
+def _named(function: Callable[..., Any], result: Any) -> Mapping[str, Any]:
+    if not isinstance(result, Mapping):
+        raise ModelError(at(function), f"returns {type(result).__name__}", 'return a dict, {"name": value, ...}')
+    return result
+
+
+def _single(function: Callable[..., Any], arguments: tuple[Any, ...]) -> sympy.Basic:
     """What a function of one result gives."""
-    with _untraceable(f"model {model.name}, {label}"):
+    with _traceable(function, "t, x, u, p" if len(arguments) > 1 else "p"):
         return sympy.sympify(function(*arguments))
 
 
 @contextmanager
-def _untraceable(place: str) -> Iterator[None]:
+def _traceable(function: Callable[..., Any], arguments: str) -> Iterator[None]:
     try:
         yield
+    except ModelError:
+        raise
     except Exception as error:
-        raise ModelError(place, f"cannot be traced ({error})", "use only fmus.ops and arithmetic") from error
+        raise in_function(function, arguments, error) from error
