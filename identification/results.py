@@ -16,6 +16,7 @@ from identification.recordings.campaign import StudyTrace
 from orchestrator.display.table import Cell
 from orchestrator.fmi.interface import Value
 from orchestrator.report import Section
+from orchestrator.report.content import CalloutKind
 from orchestrator.results import versions
 
 STUDY = "study.yaml"
@@ -66,6 +67,23 @@ class TraceSummary(TypedDict):
     notes: NotRequired[list[str]]
 
 
+class VerdictSummary(TypedDict):
+    """Whether a result is what its study asks for.
+
+    Attributes:
+        at_least: the median FIT asked for, null without a target; `reached` is what counts against it.
+        held: whether the target is reached, or claims come out as stated: the exit code is 1 where it is not.
+        converged: whether the search came to its end.
+        said: all that in a line, with what to do; nothing where there is no target and nothing to do.
+    """
+
+    at_least: float | None
+    reached: float | None
+    held: bool
+    converged: bool
+    said: str
+
+
 class Summary(TypedDict):
     """What `summary.json` holds, whatever the method; each adds keys of its own."""
 
@@ -76,6 +94,7 @@ class Summary(TypedDict):
     data: list[TraceSummary]
     versions: dict[str, str]
     warnings: list[str]
+    verdict: NotRequired[VerdictSummary]
 
 
 class ComparisonSummary(TypedDict):
@@ -108,6 +127,36 @@ class ClaimsSummary(Summary):
 
     as_stated: bool
     claims: list[JudgedClaimSummary]
+
+
+def verdict(
+    fit: float | None, side: str, at_least: float | None, *, unsettled: str = "", remedy: str = ""
+) -> VerdictSummary:
+    """The verdict on a median FIT.
+
+    Args:
+        side: whose FIT it is, such as "unseen".
+        unsettled: why the search has not converged, and what to do; nothing where it has.
+        remedy: what to try where the target is missed.
+    """
+    reached = None if fit is None else finite(fit)
+    held = at_least is None or (reached is not None and reached >= at_least)
+    said = []
+    if at_least is not None:
+        found = "none" if reached is None else f"{reached:.4f}"
+        said = [f"{'held' if held else 'MISSED'}: median FIT, {side}, {found}, at least {at_least:g} asked for"]
+    if not held and remedy:
+        said.append(remedy)
+    if unsettled:
+        said.append(f"NOT CONVERGED: {unsettled}")
+    return {"at_least": at_least, "reached": reached, "held": held, "converged": not unsettled, "said": "; ".join(said)}
+
+
+def verdict_callout(section: Section, verdict: VerdictSummary) -> None:
+    """The verdict at the top of a report, where there is one."""
+    settled: CalloutKind = "ok" if verdict["converged"] else "warning"
+    if verdict["said"]:
+        section.callout(settled if verdict["held"] else "error", verdict["said"])
 
 
 def read_summary(folder: Path) -> Summary:

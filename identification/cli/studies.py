@@ -11,7 +11,8 @@ import typer
 from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 
 if TYPE_CHECKING:
-    from identification.results import ClaimsSummary, FitsSummary, FitSummary, Summary
+    from identification.output_error.validate import ValidationSummary
+    from identification.results import ClaimsSummary, FitsSummary, FitSummary, Summary, VerdictSummary
     from identification.subspace.summary import SubspaceSummary
 
 app = typer.Typer()
@@ -28,7 +29,7 @@ def calibrate(
 ) -> Answer:
     """Traces to calibrated FMUs, parameters.ssv, summary.json and report.html.
 
-    Exit code 1 when a claim does not come out as the study states.
+    Exit code 1 when the median FIT misses the study's `at_least`, or a claim does not come out as the study states.
     """
     from identification.calibrate import calibrate_study
 
@@ -38,7 +39,7 @@ def calibrate(
     fmus = f"FMUs in {folder / 'fmus'}, " if (folder / "fmus").is_dir() else ""
     shown: list[Listing | str] = [_table(document), *_fits(document["fit"]), *_warnings(document["warnings"])]
     shown.append(f"{fmus}report in {folder / 'report.html'}")
-    return Answer(document, shown, bool(document.get("as_stated", True)))
+    return _judged(document, document.get("verdict"), shown)
 
 
 @command(app)
@@ -54,8 +55,17 @@ def validate(
     target = out or folder / "validation"
     with terminal.bar("validating") as move:
         document = validate_result(folder, data, target, move)
-    shown = [*_fits(document["fit"]), *_warnings(document["warnings"]), f"report in {target / 'report.html'}"]
-    return Answer(document, shown, document["held"])
+    shown: list[Listing | str] = [*_fits(document["fit"]), *_warnings(document["warnings"])]
+    shown.append(f"report in {target / 'report.html'}")
+    return _judged(document, document["verdict"], shown)
+
+
+def _judged(
+    document: Summary | ValidationSummary, verdict: VerdictSummary | None, shown: list[Listing | str]
+) -> Answer:
+    """The answer, with the verdict as its last line."""
+    said = [verdict["said"]] if verdict and verdict["said"] else []
+    return Answer(document, [*shown, *said], verdict is None or verdict["held"])
 
 
 def _table(document: Summary) -> Listing:

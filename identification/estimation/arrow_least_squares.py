@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
 import numpy as np
@@ -22,6 +22,7 @@ LossKind = Literal["linear", "soft_l1", "huber", "cauchy"]
 _SUFFICIENT = 1e-4
 _NO_DAMPING = 1e-12
 _MOST_DAMPING = 1e12
+_ROUGHNESS = 1e3  # times the tolerance: what a linear model may still promise of a cost that does not follow it
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,11 +65,16 @@ class Box:
 
 @dataclass(frozen=True, eq=False)
 class WindowBlock:
-    """One window linearised: residual : (N,), its derivatives parameters : (N, n) and states : (N, s)."""
+    """One window linearised: residual : (N,), its derivatives parameters : (N, n) and states : (N, s).
+
+    Attributes:
+        unknown: columns of parameters with which the window could not be linearised; they are 0.
+    """
 
     residual: FloatArray
     parameters: FloatArray
     states: FloatArray
+    unknown: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -108,8 +114,11 @@ class Loss:
             return block
         first = self._rho(block.residual)[1]
         root = np.sqrt(np.maximum(self.curvature(block.residual), 0.1 * first))
-        return WindowBlock(
-            block.residual * first / root, block.parameters * root[:, None], block.states * root[:, None]
+        return replace(
+            block,
+            residual=block.residual * first / root,
+            parameters=block.parameters * root[:, None],
+            states=block.states * root[:, None],
         )
 
     def _rho(self, residual: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -281,10 +290,10 @@ def minimise(
             return Minimum(here, iteration, True, "no step promises a relevant reduction")
         there = search.downhill(model, here, scale)
         if there is None:
-            return search.given_up(here, iteration)
+            return search.given_up(here, iteration, newton)
         report(iteration + 1, there.cost)
         gained, here = here.cost - there.cost, there
-        if gained <= limits.cost * here.cost and search.damping < 1.0:
+        if gained <= limits.cost * here.cost and search.damping < 1.0 and _irrelevant(newton, here, limits.cost):
             return Minimum(here, iteration + 1, True, "the cost no longer falls")
     return Minimum(here, limits.iterations, False, f"stopped after {limits.iterations} iterations")
 
@@ -294,17 +303,18 @@ class _Search:
 
     def __init__(self, system: ArrowSystem, box: Box, loss: Loss, limits: Limits) -> None:
         self.system, self.box, self.loss, self.limits = system, box, loss, limits
-        self.left, self.damping = limits.evaluations, 1e-3
+        self.left, self.damping, self.failed = limits.evaluations, 1e-3, 0
 
     def downhill(self, model: ArrowModel, here: Iterate, scale: Point) -> Iterate | None:
         """The first better point, damping the step more and more; None when there is none."""
-        growth = 4.0
+        growth, self.failed = 4.0, 0
         while self.left > 0 and self.damping < _MOST_DAMPING:
             step = model.step(self.damping, scale, self.box.around(here.point))
             if _negligible(step, here.point, self.limits.step):
                 return None
             self.left -= 1
             there = evaluated(self.system, (here.point + step).clipped(self.box), self.loss)
+            self.failed += there is None
             expected = model.reduction(step)
             gain = (here.cost - there.cost) / expected if there and expected > 0 else -math.inf
             if there is not None and gain > _SUFFICIENT:
@@ -319,12 +329,16 @@ class _Search:
         elif gain < 0.25:
             self.damping *= 3.0
 
-    def given_up(self, here: Iterate, iteration: int) -> Minimum:
-        """Why `downhill` found nothing."""
+    def given_up(self, here: Iterate, iteration: int, promised: float) -> Minimum:
+        """Why `downhill` found nothing, where the model promised to take so much off the cost."""
         if self.left <= 0:
             return Minimum(here, iteration, False, "stopped: no evaluations left")
         if self.damping < 1.0:
             return Minimum(here, iteration, True, "steps have become negligible")
+        if _irrelevant(promised, here, self.limits.cost):
+            return Minimum(here, iteration, True, "the cost falls no further than its own roughness")
+        if self.failed:
+            return Minimum(here, iteration, False, f"stopped: {self.failed} points ahead could not be simulated")
         return Minimum(here, iteration, False, "stopped: no better point was found however short the step")
 
 
@@ -336,6 +350,12 @@ def evaluated(system: ArrowSystem, point: Point, loss: Loss) -> Iterate | None:
 
 def _negligible(step: Point, point: Point, tolerance: float) -> bool:
     return bool(np.all(np.abs(step.flat) <= tolerance * (1.0 + np.abs(point.flat))))
+
+
+def _irrelevant(promised: float, here: Iterate, tolerance: float) -> bool:
+    """Whether a reduction of the cost is no more than rough residuals, or noise of their size, promise at a minimum."""
+    noise = 2 * len(here.point.flat) / sum(map(len, here.residuals))
+    return promised <= max(_ROUGHNESS * tolerance, min(noise, 0.1)) * here.cost
 
 
 def _larger(scale: Point | None, norms: Point) -> Point:

@@ -274,10 +274,14 @@ def identifiability(
     hidden = singular <= UNSEEN * singular.max()
     effects = _lengths(blocks)
     silent = effects <= _NO_EFFECT * effects.max()
+    alone = [
+        _alone(name, quiet, sum(i in b.unknown for b in blocks))
+        for i, (name, quiet) in enumerate(zip(names, silent, strict=True))
+    ]
     faint = ~hidden & (singular <= WEAK * singular.max())
 
     def named(v: FloatArray, only: str) -> Combination:
-        return _combination(parameters, values, slopes, v / lengths, v, silent=silent, only=only)
+        return _combination(parameters, values, slopes, v / lengths, v, alone, only)
 
     unseen = [named(v, "only") for v in _sparse(vectors[:, hidden]).T]
     weak = [named(v, "hardly more than") for v in vectors[:, faint].T]
@@ -301,19 +305,18 @@ def _combination(
     slopes: FloatArray,
     direction: FloatArray,
     effect: FloatArray,
-    *,
-    silent: NDArray[np.bool_],
+    alone: Sequence[str],
     only: str,
 ) -> Combination:
     """The combination along a direction (n,) in z; `effect` (n,) is each entry's share in the outputs.
 
-    `only` says how little else of the parameters is seen.
+    `alone` is what to say of a parameter by itself, `only` how little else of several is seen.
     """
     involved = [int(i) for i in np.flatnonzero(np.abs(effect) > 0.02 * np.abs(effect).max())]
     moves = direction * slopes
     names = [parameters[i].name for i in involved]
     if len(involved) == 1:
-        message = _alone(names[0], bool(silent[involved[0]]))
+        message = alone[involved[0]]
     elif len(involved) == 2:
         message = _pair([parameters[i] for i in involved], values[involved], direction[involved], moves[involved], only)
     else:
@@ -321,7 +324,10 @@ def _combination(
     return Combination({parameters[i].name: float(moves[i]) for i in involved}, message)
 
 
-def _alone(name: str, silent: bool) -> str:
+def _alone(name: str, silent: bool, failed: int) -> str:
+    """Why a parameter is not seen; `failed` is in how many windows no run beside its estimate succeeded."""
+    if failed:
+        return f"{name} may have an effect or none: every run beside its estimate failed in {failed} windows"
     if silent:
         return f"{name} has no effect on the outputs"
     return f"{name} cannot be told from the estimated initial states"

@@ -114,12 +114,13 @@ class ExperimentsSummary(ClaimsSummary):
 def summary(experiments: Experiments) -> ExperimentsSummary:
     """The study as `summary.json` holds it."""
     study, claims, found = experiments.study, verdicts(experiments), tables(experiments)
+    others = unexpected(claims)
     return {
         "title": study.title,
         "method": study.method,
         "parameters": {},
         "fit": {},
-        "as_stated": all(own.as_stated for own, _ in claims),
+        "as_stated": not others,
         "claims": [{**_claim(own), "compared": _claim(other) if other else None} for own, other in claims],
         "sets": {label: _set(experiments, result) for label, result in experiments.results.items()},
         "examples": {name: _example(experiments, reduction) for name, reduction in experiments.reductions.items()},
@@ -139,7 +140,14 @@ def summary(experiments: Experiments) -> ExperimentsSummary:
         },
         "data": data_summary(experiments.recorded),
         "versions": versions(),
-        "warnings": [*warnings_of(experiments), *unexpected(claims)],
+        "warnings": [*warnings_of(experiments), *others],
+        "verdict": {
+            "at_least": None,
+            "reached": None,
+            "held": not others,
+            "converged": True,
+            "said": f"{len(claims) - len(others)} of {len(claims)} claims come out as the study states",
+        },
     }
 
 

@@ -124,7 +124,8 @@ class Estimate(ReadOnlyArrays):
         simulated: (K, m) outputs a window.
         residuals: (K, m) measured - simulated a window [unit of each output].
         fit: (W, m) FIT of every window and output.
-        warnings: what a reader of the numbers has to know.
+        converged: whether the search came to its end, and `message` to which.
+        warnings: what else a reader of the numbers has to know.
     """
 
     values: Mapping[str, float]
@@ -400,9 +401,8 @@ def _outputs(problem: Problem, at: Iterate) -> tuple[tuple[FloatArray, ...], tup
 
 def _warnings(problem: Problem, result: Estimate) -> list[str]:
     """One sentence for everything that makes the numbers worth less than they look."""
-    warnings = [] if result.converged else [f"not converged: {result.message}"]
     seen = result.identifiability
-    warnings += [combination.message for combination in (*seen.unseen, *seen.weak)]
+    warnings = [combination.message for combination in (*seen.unseen, *seen.weak)]
     for parameter in problem.parameters.free:
         warnings += parameter_warnings(parameter, result.values[parameter.name], result.std[parameter.name])
     if result.uncertainty.method == "coloured":

@@ -71,8 +71,7 @@ class FreeRun:
     def linearise(self, point: Point, residuals: list[FloatArray], central: bool = False) -> list[WindowBlock]:
         """Residuals and Jacobian of every window, by forward or central differences inside the bounds.
 
-        Where a perturbed run fails the other side is tried; where that fails too the derivative is 0 (and
-        counted).
+        Where a perturbed run fails the other side is tried; where that fails too the derivative is 0 and `unknown`.
         """
         self.tally.jacobians += 1
         up, down = self._steps(point, central)
@@ -83,12 +82,15 @@ class FreeRun:
         n = len(point.parameters)
         blocks = []
         for row, residual in enumerate(residuals):
-            columns = np.empty((len(residual), len(up)))
+            columns, unknown = np.zeros((len(residual), len(up))), set()
             for c in range(len(up)):
                 tried = ((up, above), (down, below), (retry, again))
-                sides = [(float(steps[c, row]), table[c][row]) for steps, table in tried]
-                columns[:, c] = _difference(sides, residual)
-            blocks.append(WindowBlock(residual, columns[:, :n], columns[:, n:]))
+                slope = _difference([(float(steps[c, row]), table[c][row]) for steps, table in tried], residual)
+                if slope is None:
+                    unknown.add(c)
+                else:
+                    columns[:, c] = slope
+            blocks.append(WindowBlock(residual, columns[:, :n], columns[:, n:], frozenset(unknown)))
         return blocks
 
     def _steps(self, point: Point, central: bool) -> tuple[FloatArray, FloatArray]:
@@ -157,8 +159,11 @@ def _moved(point: Point, column: int, row: int, step: float) -> Point:
     return replace(point, states=states)
 
 
-def _difference(sides: Sequence[tuple[float, FloatArray | None]], base: FloatArray) -> FloatArray:
-    """The derivative from whichever two of the sides and the base are there, the widest apart."""
+def _difference(sides: Sequence[tuple[float, FloatArray | None]], base: FloatArray) -> FloatArray | None:
+    """The derivative from whichever two of the sides and the base are there, the widest apart; None where a run failed
+    and there are no two."""
     known = [(step, residual) for step, residual in sides if residual is not None] + [(0.0, base)]
     (low, below), (high, above) = min(known, key=lambda k: k[0]), max(known, key=lambda k: k[0])
-    return (above - below) / (high - low) if high > low else np.zeros_like(base)
+    if high > low:
+        return (above - below) / (high - low)
+    return None if any(residual is None for _, residual in sides) else np.zeros_like(base)

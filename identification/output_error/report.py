@@ -11,7 +11,7 @@ from identification.estimation.validation import whiteness
 from identification.output_error.calibration import Calibration, Judged
 from identification.output_error.results import summary
 from identification.output_error.windows import FreeRunWindow
-from identification.results import data_summary, parameter_rows, provenance
+from identification.results import data_summary, parameter_rows, provenance, verdict_callout
 from identification.signals.frequency_response import fit_sine, frequency_point
 from identification.signals.processing import dominant_frequency
 from orchestrator.report import Report, Section, figures
@@ -52,9 +52,11 @@ def _overview(section: Section, calibration: Calibration) -> None:
     for name, judged in calibration.compared.items():
         highlights.append((f"median FIT, {name}", f"{judged.median:.3f}", "the same windows as the first figure"))
     section.highlights(highlights)
+    found = summary(calibration)
+    verdict_callout(section, found["verdict"])
     for warning in calibration.warnings:
         section.callout("warning", warning)
-    headers, rows = parameter_rows(summary(calibration)["parameters"])
+    headers, rows = parameter_rows(found["parameters"])
     section.table(headers, rows, caption="Estimates with half of their 95 % intervals")
     groups = {"fitted": calibration.train} | ({} if validation is None else {"unseen": validation})
     fits(section, groups, target)

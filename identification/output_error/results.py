@@ -8,6 +8,7 @@ from typing_extensions import TypedDict
 
 from identification.method import Calibrated
 from identification.output_error.calibration import Calibration, Judged
+from identification.output_error.verdict import calibration_verdict
 from identification.results import FitSummary, ParameterSummary, Summary, data_summary, finite
 from orchestrator.results import versions
 
@@ -72,6 +73,7 @@ def summary(calibration: Calibration) -> OutputErrorSummary:
         "data": data_summary(calibration.recorded, study.traces.hold_out),
         "versions": versions(),
         "warnings": calibration.warnings,
+        "verdict": calibration_verdict(calibration),
     }
 
 

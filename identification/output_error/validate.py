@@ -19,7 +19,18 @@ from identification.output_error.results import judged_summary
 from identification.output_error.study import OutputErrorStudy
 from identification.output_error.windows import cut_windows
 from identification.recordings.campaign import StudyTrace, load_campaign, recording_warnings
-from identification.results import STUDY, SUMMARY, FitSummary, Summary, TraceSummary, data_summary, read_summary
+from identification.results import (
+    STUDY,
+    SUMMARY,
+    FitSummary,
+    Summary,
+    TraceSummary,
+    VerdictSummary,
+    data_summary,
+    read_summary,
+    verdict,
+    verdict_callout,
+)
 from orchestrator.assembly.assembly import SystemSpec, assemble
 from orchestrator.assembly.schema import SystemBlock
 from orchestrator.fmi.interface import Value
@@ -44,6 +55,7 @@ class ValidationSummary(TypedDict):
     data: list[TraceSummary]
     versions: dict[str, str]
     warnings: list[str]
+    verdict: VerdictSummary
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,10 +72,10 @@ class Validation:
     unseen: tuple[str, ...]
 
     @property
-    def held(self) -> bool:
+    def verdict(self) -> VerdictSummary:
         """Whether the study's target is met, by the unseen recordings where there are some."""
-        counted, target = self.judged.get("unseen") or self.judged["fitted"], self.study.at_least
-        return target is None or counted.median >= target
+        side = next(iter(self.judged))
+        return verdict(self.judged[side].median, side, self.study.at_least)
 
 
 def validate(
@@ -131,10 +143,11 @@ def summary(validation: Validation) -> ValidationSummary:
         "title": validation.study.title,
         "fit": {name: judged_summary(judged) for name, judged in validation.judged.items()},
         "at_least": validation.study.at_least,
-        "held": validation.held,
+        "held": validation.verdict["held"],
         "data": data_summary(validation.recorded, validation.unseen),
         "versions": versions(),
         "warnings": ([] if "unseen" in validation.judged else [nothing_new]) + recording_warnings(validation.recorded),
+        "verdict": validation.verdict,
     }
 
 
@@ -148,8 +161,7 @@ def report(validation: Validation) -> Report:
             for name, group in judged.items()
         ]
     )
-    verdict = f"Target: {target}" if target else "The study sets no target."
-    section.callout("ok" if validation.held else "error", verdict)
+    verdict_callout(section, validation.verdict)
     fits(section, judged, target)
     for name, group in judged.items():
         overlays(page.section(f"Free runs, {name}"), {}, group, {})

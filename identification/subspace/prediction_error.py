@@ -27,6 +27,7 @@ from orchestrator.trace import FloatArray
 
 Error = Literal["output-error", "innovations"]
 _MOST_DAMPING, _LEAST_DAMPING = 1e8, 1e-10
+_ROUGHNESS = 1e3  # times the tolerance: what a linear model may still promise of a cost that does not follow it
 _NO_EFFECT = 1e-10
 _DISTURBANCE = 1e-3
 _OVERFLOW = 1e100
@@ -175,7 +176,9 @@ def _minimised(problem: PredictionProblem, point: _Point, settings: Refinement) 
             return point, iteration, True, f"no step promises to lower the error by more than {settings.tolerance:g}"
         trial, damping = _stepped(problem, point, directions, quadratic, damping)
         if trial is None:
-            return point, iteration, False, "no step lowers the error, although one promised to"
+            rough = quadratic.promise < _ROUGHNESS * settings.tolerance
+            why = f"no step lowers the error, although one promised {quadratic.promise:.2g} of it"
+            return point, iteration, rough, why
         decrease, point = 1 - trial.cost / point.cost, trial
         if decrease < settings.tolerance / 10:
             return point, iteration + 1, True, f"the error fell by less than {settings.tolerance / 10:g}"

@@ -9,11 +9,11 @@ import numpy as np
 
 from identification.linear.mode_tracking import stabilisation
 from identification.linear.modes import modes, ranked
-from identification.results import data_summary, provenance
+from identification.results import data_summary, provenance, verdict_callout
 from identification.subspace.calibration import Candidate, SubspaceCalibration
 from identification.subspace.orders import borne
 from identification.subspace.realisation import realise
-from identification.subspace.summary import medians, uncertain_modes, warnings_of
+from identification.subspace.summary import medians, subspace_verdict, uncertain_modes, warnings_of
 from orchestrator.display.table import Cell
 from orchestrator.report import Report, Section, figures
 from orchestrator.trace import Trace
@@ -26,6 +26,7 @@ def report(result: SubspaceCalibration) -> Report:
     """FIT by model, free runs, modes and where they stay, singular values, provenance."""
     page = Report(result.study.title, result.study.description)
     section = page.section("Result")
+    verdict_callout(section, subspace_verdict(result))
     for warning in warnings_of(result):
         section.callout("warning", warning)
     section.table(*fit_table(result), caption="Median FIT over the traces, free runs")

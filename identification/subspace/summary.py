@@ -12,7 +12,7 @@ from identification.linear.modes import modes
 from identification.linear.summary import ModelSummary, ModeSummary, mode_summaries, model_summary
 from identification.method import Calibrated
 from identification.recordings.campaign import recording_warnings
-from identification.results import FitsSummary, FitSummary, Summary, data_summary, finite
+from identification.results import FitsSummary, FitSummary, Summary, VerdictSummary, data_summary, finite, verdict
 from identification.subspace.calibration import Candidate, SubspaceCalibration
 from orchestrator.results import versions
 from orchestrator.trace import FloatArray
@@ -53,7 +53,21 @@ def summary(result: SubspaceCalibration) -> SubspaceSummary:
         "data": data_summary(result.recorded, study.traces.hold_out),
         "versions": versions(),
         "warnings": warnings_of(result),
+        "verdict": subspace_verdict(result),
     }
+
+
+def subspace_verdict(result: SubspaceCalibration) -> VerdictSummary:
+    """Whether the model that is written reaches the study's target, and the refinement its end."""
+    fits, refined = _fits(result, result.taken), result.refined
+    judged, side = fits["validation"], "unseen"
+    if judged is None:
+        judged, side = fits["train"], "fitted (no trace was held out)"
+    unsettled = ""
+    if refined is not None and not refined.converged:
+        unsettled = f"the refinement {refined.why}; try another `order`, or another first of `weightings` to start from"
+    remedy = "try another `order` or a larger `block`"
+    return verdict(judged["median"], side, result.study.at_least, unsettled=unsettled, remedy=remedy)
 
 
 def calibrated(result: SubspaceCalibration, folder: Path) -> Calibrated:
@@ -115,6 +129,4 @@ def warnings_of(result: SubspaceCalibration) -> list[str]:
     pieces = found.space.pieces
     if pieces.dropped:
         warnings.append(f"{pieces.dropped} pieces between gaps were too short, {pieces.lost} samples are left out")
-    if result.refined is not None and not result.refined.converged:
-        warnings.append(f"the refinement did not converge: {result.refined.why}")
     return [*warnings, *recording_warnings(result.recorded)]

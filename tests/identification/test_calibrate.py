@@ -257,6 +257,41 @@ def test_a_validation_that_misses_its_target_has_exit_code_1_and_still_leaves_it
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"summary.json", "report.html"}
 
 
+def calibrated(folder: Path, data: Path, *options: str, **changes: Any) -> Any:
+    study_file = write_study(folder / "study.yaml", **changes)
+    out = str(folder / "out")
+    return CliRunner().invoke(app, ["calibrate", str(study_file), "--data", str(data), "--out", out, *options])
+
+
+def test_a_calibration_whose_validation_misses_its_target_ends_with_exit_code_1_and_says_so_last(
+    tmp_path: Path, data: Path
+) -> None:
+    answer = calibrated(tmp_path, data, validation={"length": 1, "at_least": 1.0})
+    assert answer.exit_code == 1
+    assert answer.stdout.splitlines()[-1].startswith("MISSED: median FIT, unseen, 0.9")
+    verdict = json.loads((tmp_path / "out" / "summary.json").read_text())["verdict"]
+    assert not verdict["held"] and verdict["converged"] and 0.9 < verdict["reached"] < verdict["at_least"] == 1.0
+    assert "MISSED: median FIT, unseen" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_a_target_without_recordings_held_out_is_for_the_fitted_ones(tmp_path: Path, data: Path) -> None:
+    traces = study()["traces"] | {"hold_out": []}
+    answer = calibrated(tmp_path, data, traces=traces, validation={"length": 1, "at_least": 0.5})
+    assert answer.exit_code == 0
+    assert answer.stdout.splitlines()[-1].startswith("held: median FIT, fitted (no trace was held out), 0.9")
+
+
+def test_a_search_that_was_cut_short_says_on_the_last_line_what_to_do(tmp_path: Path, data: Path) -> None:
+    answer = calibrated(tmp_path, data, "--json", options={"max_evaluations": 1}, validation=None)
+    assert answer.exit_code == 0
+    verdict = json.loads(answer.stdout)["verdict"]
+    assert verdict["held"] and not verdict["converged"]
+    assert (
+        verdict["said"].startswith("NOT CONVERGED: stopped") and "`options.max_evaluations` above 1" in verdict["said"]
+    )
+    assert "`scale: log` for hand.inertia" in verdict["said"]
+
+
 def test_recordings_are_known_by_their_bytes_not_by_their_names(result: Path, data: Path, tmp_path: Path) -> None:
     shutil.copyfile(data / "rig_0__a.csv", tmp_path / "rig_0__renamed.csv")
     document = json.loads(validate(result, tmp_path, "--out", str(tmp_path / "out"), "--json").stdout)

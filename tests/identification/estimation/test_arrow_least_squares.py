@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -115,6 +116,45 @@ def test_a_search_that_is_cut_short_says_so() -> None:
     assert (cut.converged, cut.iterations, cut.message) == (False, 2, "stopped after 2 iterations")
     assert (spent.converged, spent.iterations, spent.message) == (False, 0, "stopped: no evaluations left")
     assert spent.at.point.parameters == [0.0] and len(hopeless.tried) == 1 + 3
+
+
+@dataclass
+class Rough:
+    """Forty noisy residuals at the minimum of their cost but for a slope that promises `share` of it.
+
+    Wherever else the cost is looked at it is higher, or cannot be had: in steps of a friction or a play it is so.
+    """
+
+    share: float
+    fails: bool = False
+
+    def residuals(self, point: Point) -> list[FloatArray] | None:
+        moved = bool(point.parameters[0])
+        if moved and self.fails:
+            return None
+        return [np.array([1.0, -1.0] * 20) * (1.001 if moved else 1.0)]
+
+    def linearise(self, point: Point, residuals: list[FloatArray]) -> list[WindowBlock]:
+        slope = np.sqrt(self.share) * residuals[0] + np.sqrt(1 - self.share) * np.ones(40)
+        return [WindowBlock(residuals[0], slope[:, None], np.zeros((40, 0)))]
+
+
+@pytest.mark.parametrize(
+    ("system", "converged", "end"),
+    [
+        (Rough(0.009), True, "the cost falls no further than its own roughness"),
+        (Rough(0.009, fails=True), True, "the cost falls no further than its own roughness"),
+        (Rough(0.3), False, "stopped: no better point was found however short the step"),
+        (Rough(0.3, fails=True), False, r"stopped: \d+ points ahead could not be simulated"),
+    ],
+)
+def test_a_search_without_a_better_point_is_judged_by_what_is_still_promised(
+    system: Rough, converged: bool, end: str
+) -> None:
+    start = evaluated(system, at(0.0), Loss())
+    assert start is not None
+    found = minimise(system, start, Box(at(-9.0), at(9.0)), Loss(), limits=Limits(cost=1e-5), report=lambda *step: None)
+    assert found.converged is converged and re.fullmatch(end, found.message)
 
 
 def dense(blocks: list[WindowBlock]) -> tuple[FloatArray, FloatArray]:

@@ -296,6 +296,29 @@ def test_several_starts_escape_a_local_optimum():
     assert again.values == many.values
 
 
+class Once(Oscillator):
+    """Runs with the stiffness it is given first, and with no other."""
+
+    known: float | None = None
+
+    def simulate(self, window, values):
+        self.known = self.known or values["rig.stiffness"]
+        if values["rig.stiffness"] != self.known:
+            raise FmuError("rig", "stiffness is not what it was")
+        return super().simulate(window, values)
+
+
+def test_a_parameter_whose_runs_failed_is_not_said_to_be_without_effect():
+    result = estimate(decays(), Once)
+    (unseen,) = result.identifiability.unseen
+    assert unseen.coefficients.keys() == {"rig.stiffness"}
+    assert unseen.message == (
+        "rig.stiffness may have an effect or none: every run beside its estimate failed in 4 windows"
+    )
+    assert not any("no effect" in warning for warning in result.warnings)
+    assert any("simulations failed, first: rig: stiffness" in warning for warning in result.warnings)
+
+
 def test_a_start_vector_that_fails_does_not_stop_the_others():
     parameters = (PARAMETERS[0], Parameter("rig.stiffness", 7.0, 5.0, 100.0))
     result = estimate(decays(parameters=parameters), lambda: Oscillator(fails_above=30.0), Options(starts=6))
@@ -361,7 +384,7 @@ def test_progress_is_told_with_a_falling_cost():
 def test_running_out_of_evaluations_is_said():
     result = estimate(decays(noise=0.05), Oscillator, Options(max_evaluations=1))
     assert not result.converged
-    assert result.warnings[0].startswith("not converged: stopped")
+    assert result.message.startswith("stopped")
 
 
 def test_residuals_and_simulated_outputs_are_in_the_units_of_the_outputs():

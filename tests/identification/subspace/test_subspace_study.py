@@ -69,6 +69,12 @@ def test_the_fmu_that_is_written_runs_as_the_plant_does(study: Path) -> None:
     assert min(errors) < 1e-3 * np.abs(expected).max()
 
 
+def test_the_model_that_is_written_has_to_reach_the_target_on_the_traces_kept_aside(study: Path) -> None:
+    verdicts = [calibrated(study, f"at_least: {target}\n")["verdict"] for target in (0.99, 1.1)]
+    assert [verdict["held"] for verdict in verdicts] == [True, False]  # type: ignore[index]
+    assert "MISSED: median FIT, unseen, 1.0000, at least 1.1 asked for" in verdicts[1]["said"]  # type: ignore[index]
+
+
 def test_irregular_stamps_are_refused_and_put_on_a_grid_where_one_is_given(study: Path) -> None:
     raw = formats.read(study.parent / "first.csv").trace
     jittered = raw.time + STEP * np.random.default_rng(0).uniform(-0.3, 0.3, len(raw))
