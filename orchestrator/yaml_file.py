@@ -26,6 +26,10 @@ _LONG_NUMBER = re.compile(r"[-+]?0?[xob]?[0-9a-fA-F_]+")
 _DATE = re.compile(r"\d{4}-\d\d?-\d\d?")
 
 
+# A key at the top that tells what a file is -> what that is, and the command that takes it.
+KINDS = {"method": ("study", "calibrate"), "procedure": ("procedure", "test"), "run": ("scenario", "run")}
+
+
 class Block(BaseModel):
     """A part of a file: unknown keys are refused, values do not change."""
 
@@ -75,7 +79,16 @@ def _checked(path: Path, document: Any, schema: type[B]) -> B:
     try:
         return schema.model_validate(document)
     except ValidationError as error:
-        raise _complaint(path, document, schema, error) from None
+        raise _other_kind(path, document, schema) or _complaint(path, document, schema, error) from None
+
+
+def _other_kind(path: Path, document: Any, schema: type[Block]) -> ScenarioError | None:
+    """The complaint about a file that is sound, perhaps, but given to the wrong command."""
+    mark = next((mark for mark in KINDS if mark in document), None)
+    if mark is None or mark in schema.model_fields:
+        return None
+    kind, command = KINDS[mark]
+    return ScenarioError(path, f"is a {kind}", f"give it to `servotwin {command}`")
 
 
 def keys(path: Path) -> list[str]:
@@ -108,7 +121,8 @@ def _parse(path: Path) -> Any:
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise ScenarioError(path, f"cannot be read ({error})", "save it as UTF-8 text") from error
+        fix = "`servotwin info` tells what it is" if path.suffix not in (".yaml", ".yml") else "save it as UTF-8 text"
+        raise ScenarioError(path, f"cannot be read ({error})", fix) from error
     try:
         yaml = YAML(pure=True)  # libyaml is faster, but does not keep the line of each key
         yaml.Parser = _CarefulParser

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Union
 import typer
 
 from identification.cli import studies
-from orchestrator.cli import bridge, cache, can, root, scenarios, schemas, tables, traces
+from orchestrator.cli import bridge, cache, can, root, scenarios, schemas, starting, tables, traces
 
 if TYPE_CHECKING:
     from orchestrator.formats import Layout
@@ -25,13 +25,13 @@ app = typer.Typer(
     callback=root.root,
     invoke_without_command=True,
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # to draw boxes around options takes longer than all else of --help
 )
 app.add_typer(scenarios.app)
 app.add_typer(studies.app)
 app.add_typer(schemas.app)
+app.add_typer(starting.app)
 app.add_typer(traces.app, name="trace")
 app.add_typer(can.app, name="can")
 app.add_typer(cache.app, name="cache")
@@ -62,6 +62,11 @@ def _studies() -> Any:
 tables.JUDGES["claims"] = _judge_claims
 tables.LAYOUTS["method"] = _layout_of
 tables.SCHEMAS["study"] = _studies
+tables.STARTERS["study"] = tables.Starter(
+    "identification.cli.starters",
+    {"rig.yaml": "rig.yaml", "study.yaml": "study.yaml"},
+    ("servotwin run rig.yaml --out recordings", "servotwin calibrate study.yaml --data recordings"),
+)
 
 
 def main() -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 from typer.main import get_command
 
+from fmus.errors import ServotwinError
 from orchestrator.cli.terminal import show
 from orchestrator.plugins import plugins
 
@@ -17,6 +19,11 @@ class Commands(TyperGroup):
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         return super().get_command(ctx, cmd_name) or _added().get(cmd_name)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        if Path(args[0]).is_file():
+            ctx.fail(f"'{args[0]}' is no command; give it to one: servotwin {_command_for(Path(args[0]))} {args[0]}")
+        return super().resolve_command(ctx, args)
 
     def list_commands(self, ctx: Any) -> list[str]:
         return list(dict.fromkeys((*super().list_commands(ctx), *_added())))
@@ -37,6 +44,18 @@ def root(
         raise typer.Exit
     if verbose or context.invoked_subcommand is None:
         context.fail("Give a command; -v goes after it, or with --version.")
+
+
+def _command_for(file: Path) -> str:
+    """The command that takes a file."""
+    if file.suffix not in (".yaml", ".yml"):
+        return "build" if file.suffix == ".py" else "info"
+    from orchestrator.yaml_file import KINDS, keys
+
+    try:
+        return next((KINDS[key][1] for key in KINDS if key in keys(file)), "run")
+    except ServotwinError:
+        return "run"
 
 
 def _added() -> dict[str, Any]:

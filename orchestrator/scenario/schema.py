@@ -51,7 +51,7 @@ class ExpectationBlock(Block):
     before: float | None = None
     near: float | None = None
     reference: SignalFileBlock | None = None
-    within: float | None = None
+    within: float | None = Field(None, ge=0)
     below: float | None = None
     above: float | None = None
     refused: str | None = None

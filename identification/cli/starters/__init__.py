@@ -1,0 +1,1 @@
+"""Starting files of studies that `servotwin init` writes."""
