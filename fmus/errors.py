@@ -10,7 +10,8 @@ ServotwinError            anything we refuse; the command line prints its one li
 │   ├── FmuFileError      an FMU that cannot be read, or has no binary for this platform
 │   └── IdentificationError   data or settings that cannot answer the question that was asked
 ├── FmuError              an FMU failed while it was used (exit code 3)
-└── BusError              a CAN bus or its adapter failed while it was used (exit code 3)
+├── BusError              a CAN bus or its adapter failed while it was used (exit code 3)
+└── InternalError         what should not be possible: the fault is in this project (exit code 4)
 """
 
 from __future__ import annotations
@@ -71,3 +72,15 @@ class BusError(ServotwinError, RuntimeError):
 
 class IdentificationError(InputError):
     """The data or the settings do not allow the estimate that was asked for."""
+
+
+class InternalError(ServotwinError):
+    """An exception that nobody foresaw; whoever meets it can only report it."""
+
+    exit_code = 4
+
+    @classmethod
+    def of(cls, error: BaseException) -> InternalError:
+        """What is told of an exception."""
+        what = " ".join(f"{type(error).__name__}: {error}".split())
+        return cls("a fault of servotwin", what, "run with -vv and report what that says")

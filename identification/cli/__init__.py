@@ -1,77 +1,46 @@
-"""The command line. Each command turns its arguments into one call, and its result into a table or a JSON document.
-
-Commands import what they need when they run, so that --help stays fast.
-"""
+"""The console script: the commands, run under guard; they are loaded in the process that does the work."""
 
 from __future__ import annotations
 
 import gc
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Union
+import sys
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from identification.cli import studies
-from orchestrator.cli import bridge, cache, can, root, scenarios, schemas, starting, tables, traces
+from orchestrator.guard import guarded
 
 if TYPE_CHECKING:
-    from orchestrator.formats import Layout
-    from orchestrator.results import FileDocument
+    from identification.cli.commands import app
 
 __all__ = ["app", "main"]
-
-app = typer.Typer(
-    cls=root.Commands,
-    callback=root.root,
-    invoke_without_command=True,
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,  # to draw boxes around options takes longer than all else of --help
-)
-app.add_typer(scenarios.app)
-app.add_typer(studies.app)
-app.add_typer(schemas.app)
-app.add_typer(starting.app)
-app.add_typer(traces.app, name="trace")
-app.add_typer(can.app, name="can")
-app.add_typer(cache.app, name="cache")
-can.app.add_typer(bridge.app)
-
-
-def _judge_claims(study: Path, out: Path) -> FileDocument:
-    from identification.calibrate import judge_claims
-
-    return judge_claims(study, out)
-
-
-def _layout_of(study: Path) -> Layout:
-    from identification.calibrate import layout_of
-
-    return layout_of(study)
-
-
-def _studies() -> Any:
-    from pydantic import Field
-
-    from identification.study import method, names
-
-    schemas = tuple(method(name).schema for name in names())
-    return Annotated[Union[schemas], Field(discriminator="method")]  # noqa: UP007 (made here)
-
-
-tables.JUDGES["claims"] = _judge_claims
-tables.LAYOUTS["method"] = _layout_of
-tables.SCHEMAS["study"] = _studies
-tables.STARTERS["study"] = tables.Starter(
-    "identification.cli.starters",
-    {"rig.yaml": "rig.yaml", "study.yaml": "study.yaml"},
-    ("servotwin run rig.yaml --out recordings", "servotwin calibrate study.yaml --data recordings"),
-)
 
 
 def main() -> None:
     """Entry point of `servotwin`."""
     try:
-        app()
+        guarded(_command)
     finally:
         gc.freeze()  # Python would search all that the libraries have made for garbage, for half a second
+
+
+def _command() -> None:
+    try:
+        from identification.cli.commands import app
+
+        app()
+    except Exception as error:  # of the command line itself: what a command raises it tells
+        from fmus.errors import InternalError
+
+        if "-vv" in sys.argv:
+            sys.excepthook(type(error), error, error.__traceback__)
+        print(f"servotwin: {InternalError.of(error)}", file=sys.stderr)
+        sys.exit(InternalError.exit_code)
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+
+def __getattr__(name: str) -> Any:
+    if name != "app":
+        raise AttributeError(f"module 'identification.cli' has no attribute '{name}'")
+    from identification.cli.commands import app
+
+    return app

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import logging
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache, partial
 from inspect import Parameter, Signature, signature
@@ -16,9 +17,9 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TypeVar, get_type_hi
 
 import typer
 
-from fmus.errors import InputError, ServotwinError
+from fmus.errors import InputError, InternalError, ServotwinError
 from orchestrator.cli.stdout import stdout_kept
-from orchestrator.interrupts import Interrupts
+from orchestrator.interrupts import Interrupts, requested
 from orchestrator.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -95,7 +96,7 @@ def command(app: typer.Typer, name: str | None = None) -> Callable[[Work], Work]
     """Make a function that is given a terminal and options, and returns the answer, a command.
 
     A parameter whose type is a dataclass stands for its fields, a group of options; --json, -q and -v come last. The
-    exit code is 0, 1 (did not hold), 2, 3 or 130.
+    exit code is 0, 1 (did not hold), 2, 3, 4 (a fault of ours) or 130.
     """
 
     def register(work: Work) -> Work:
@@ -133,22 +134,37 @@ def _answered(work: Callable[[], Answer], terminal: Terminal) -> NoReturn:
     try:
         with interrupts, stdout_kept():
             answer = work()
-    except ServotwinError as error:
-        if interrupts.requested:
-            _interrupted()
-        _fail(error, terminal)
     except KeyboardInterrupt:
         _interrupted()
-    except OSError as error:
-        _fail(InputError(error.filename or "file", error.strerror or str(error), "check the path"), terminal)
+    except Exception as error:
+        if interrupts.requested or requested():  # whoever met the interrupt has made another error of it
+            _interrupted()
+        _fail(_ours(error), terminal)
+    with suppress(BrokenPipeError):  # who reads has read enough
+        _tell(answer, terminal)
+    if answer.interrupted or interrupts.requested:
+        _interrupted(answer.interrupted or "interrupted")
+    raise typer.Exit(0 if answer.held else 1)
+
+
+def _tell(answer: Answer, terminal: Terminal) -> None:
     if terminal.json:
         sys.stdout.write(json.dumps(answer.document, indent=2, allow_nan=False) + "\n")
     elif not terminal.quiet:
         for shown in answer.shown:
             show(shown)
-    if answer.interrupted:
-        _interrupted(answer.interrupted)
-    raise typer.Exit(0 if answer.held else 1)
+    sys.stdout.flush()
+
+
+def _ours(error: Exception) -> ServotwinError:
+    """The error as one of ours: what cannot be a matter of the input is a fault."""
+    if isinstance(error, ServotwinError):
+        return error
+    if isinstance(error, OSError) and error.errno != errno.EBADF:
+        return InputError(error.filename or "file", error.strerror or str(error), "check the path")
+    if isinstance(error, MemoryError):
+        return InputError("memory", f"is too small ({error or 'nothing more to be had'})", "give it less at once")
+    return InternalError.of(error)
 
 
 def _log(terminal: Terminal) -> None:

@@ -70,6 +70,11 @@ class FmuFile:
     def identifier(self) -> str:
         return str(_offers(self.description)[self.kind].modelIdentifier)
 
+    @property
+    def is_ours(self) -> bool:
+        """Whether it says that this project has built it."""
+        return bool(self.description.generationTool == "servotwin")
+
     def close(self) -> None:
         """Let go of the folder."""
         if self._open:

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from typing import Any, Generic, TypeVar
 
 from fmus.errors import FmuError, FmuFileError
+from orchestrator import last_words
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.functions import DISCARD, FAILED, FATAL, FmiFunctions, VariableGroup
 from orchestrator.fmi.interface import Port, Value
@@ -48,6 +49,8 @@ class FmuInstance(Generic[A]):
         self._messages: deque[str] = deque(maxlen=20)
         self._given: dict[str, Value] = {}
         self._alive = False
+        self._known_as = last_words.OURS if fmu.is_ours else last_words.FMU, f"{name} ({fmu.path})"
+        last_words.own().say(*self._known_as)
         functions: Any = self.versions[fmu.interface.fmi_version.startswith("3")]
         try:
             with _same_folder():
@@ -142,6 +145,8 @@ class FmuInstance(Generic[A]):
         if self._alive:
             self._alive = False
             self._fmi.free()
+            last_words.own().say(*self._known_as, -1)
+            last_words.own().say(last_words.GONE, self._known_as[1])
 
     def _log_errors(self, fmu: FmuFile, debug_log: bool) -> None:
         """Ask for messages about trouble, where the FMU keeps them apart from the rest."""

@@ -1,16 +1,16 @@
-"""Ending what runs for as long as it is left to: Ctrl-C and SIGTERM become a wish that work looks at."""
+"""Ending what runs for as long as it is left to: Ctrl-C, SIGHUP and SIGTERM become a wish that work looks at."""
 
 from __future__ import annotations
 
 import signal
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
 
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+from orchestrator.interrupts import Wishes, endings, handling
+
 _NAP = 0.05  # the longest sleep that does not look whether to end [s]
 
 
@@ -19,7 +19,7 @@ class Stop:
     """Whether work is to end; plain flags, which a signal's handler can set whatever it interrupts.
 
     Attributes:
-        interrupted: whether Ctrl-C asked for it.
+        interrupted: whether Ctrl-C, or the end of the terminal, asked for it.
     """
 
     requested: bool = False
@@ -37,19 +37,14 @@ def stop_requests() -> Iterator[Stop]:
 
     Outside the main thread signals are somebody else's, and only the one who holds it can set the flag.
     """
-    stop = Stop()
-    if threading.current_thread() is not threading.main_thread():
-        yield stop
-        return
+    stop, wishes = Stop(), Wishes()
 
     def request(number: int, frame: FrameType | None) -> None:
-        if stop.requested and number == signal.SIGINT:
+        if not wishes.again():
+            return
+        if stop.requested and number != signal.SIGTERM:
             raise KeyboardInterrupt
-        stop.requested, stop.interrupted = True, stop.interrupted or number == signal.SIGINT
+        stop.requested, stop.interrupted = True, stop.interrupted or number != signal.SIGTERM
 
-    former = {number: signal.signal(number, request) for number in _SIGNALS}
-    try:
+    with handling(request, endings()):
         yield stop
-    finally:
-        for number, handler in former.items():
-            signal.signal(number, signal.SIG_DFL if handler is None else handler)

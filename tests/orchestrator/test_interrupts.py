@@ -6,7 +6,8 @@ import pickle
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from fractions import Fraction
 from pathlib import Path
 
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 
 from fmus.packaging import targets
+from orchestrator import interrupts
 from orchestrator.engine import Interrupted, Simulation, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
@@ -25,8 +27,16 @@ from tests.support.scripted import Clock, simulation
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
 
 
-def interrupt() -> None:
-    signal.raise_signal(signal.SIGINT)
+def interrupt(number: int = signal.SIGINT) -> None:
+    signal.raise_signal(number)
+
+
+@pytest.fixture
+def later(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
+    """Lets enough time pass that a signal is another wish."""
+    passed: list[float] = []
+    monkeypatch.setattr(interrupts, "monotonic", lambda: sum(passed))
+    return lambda: passed.append(interrupts.SAME)
 
 
 @pytest.fixture(autouse=True)
@@ -53,11 +63,38 @@ def test_without_an_interrupt_only_the_handler_is_another_one_within() -> None:
     assert signal.getsignal(signal.SIGINT) is before
 
 
-def test_a_second_interrupt_does_not_wait() -> None:
+def test_a_second_interrupt_does_not_wait(later: Callable[[], None]) -> None:
     with pytest.raises(KeyboardInterrupt), whole():
         interrupt()
+        later()
         interrupt()
         pytest.fail("the second one waited")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_signals_that_come_together_are_one_wish_whichever_comes_first(number: signal.Signals) -> None:
+    done = []
+    with Interrupts() as active:
+        with pytest.raises(KeyboardInterrupt), whole():
+            for each in (number, signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+                interrupt(each)
+            done.append("rest")
+        interrupt(number)
+        done.append("cleaned up")
+    assert done == ["rest", "cleaned up"] and active.requested
+
+
+def test_an_interrupt_that_comes_where_nothing_can_be_raised_is_raised_soon_after() -> None:
+    class Dying:
+        def __del__(self) -> None:
+            interrupt()
+
+    with Interrupts(), pytest.raises(KeyboardInterrupt):
+        dying: list[Dying] = [Dying()]
+        dying.clear()
+        deadline = time.monotonic() + 60
+        while time.monotonic() < deadline:
+            time.sleep(0.01)
 
 
 def test_wholes_within_each_other_end_together() -> None:
@@ -105,12 +142,13 @@ def test_it_is_known_that_an_interrupt_was_requested_until_the_command_is_over()
     assert not requested()
 
 
-def test_a_last_resort_that_comes_too_late_does_not_interrupt_again() -> None:
+def test_a_last_resort_that_comes_too_late_does_not_interrupt_again(later: Callable[[], None]) -> None:
     """The FMU came back while the timer's signal was on its way: what follows is the cleaning up."""
-    with Interrupts() as interrupts:
+    with Interrupts() as active:
         with pytest.raises(KeyboardInterrupt):
             interrupt()
-        interrupts._give_up()
+        active._give_up()
+        later()
         with pytest.raises(KeyboardInterrupt):  # a second one of the user's does
             interrupt()
 

@@ -1,0 +1,68 @@
+"""The command line. Each command turns its arguments into one call, and its result into a table or a JSON document.
+
+Commands import what they need when they run, so that --help stays fast.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Union
+
+import typer
+
+from identification.cli import studies
+from orchestrator.cli import bridge, cache, can, root, scenarios, schemas, starting, tables, traces
+
+if TYPE_CHECKING:
+    from orchestrator.formats import Layout
+    from orchestrator.results import FileDocument
+
+__all__ = ["app"]
+
+app = typer.Typer(
+    cls=root.Commands,
+    callback=root.root,
+    invoke_without_command=True,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # to draw boxes around options takes longer than all else of --help
+)
+app.add_typer(scenarios.app)
+app.add_typer(studies.app)
+app.add_typer(schemas.app)
+app.add_typer(starting.app)
+app.add_typer(traces.app, name="trace")
+app.add_typer(can.app, name="can")
+app.add_typer(cache.app, name="cache")
+can.app.add_typer(bridge.app)
+
+
+def _judge_claims(study: Path, out: Path) -> FileDocument:
+    from identification.calibrate import judge_claims
+
+    return judge_claims(study, out)
+
+
+def _layout_of(study: Path) -> Layout:
+    from identification.calibrate import layout_of
+
+    return layout_of(study)
+
+
+def _studies() -> Any:
+    from pydantic import Field
+
+    from identification.study import method, names
+
+    schemas = tuple(method(name).schema for name in names())
+    return Annotated[Union[schemas], Field(discriminator="method")]  # noqa: UP007 (made here)
+
+
+tables.JUDGES["claims"] = _judge_claims
+tables.LAYOUTS["method"] = _layout_of
+tables.SCHEMAS["study"] = _studies
+tables.STARTERS["study"] = tables.Starter(
+    "identification.cli.starters",
+    {"rig.yaml": "rig.yaml", "study.yaml": "study.yaml"},
+    ("servotwin run rig.yaml --out recordings", "servotwin calibrate study.yaml --data recordings"),
+)

@@ -1,0 +1,180 @@
+"""A command in a process of its own, and a parent that tells the truth about its end.
+
+An FMU runs in the command's process and may end it (`exit(0)`), crash it, close its descriptors or hang: the parent
+turns an end that the command itself did not come to into an exit code and a line, and removes what was left.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from time import monotonic, sleep
+from typing import NoReturn
+
+from fmus import owned
+from orchestrator import interrupts, last_words
+from orchestrator.last_words import LITTER, LastWords, culprits
+
+if sys.platform != "win32":
+    import fcntl
+
+PATIENCE = 10  # with a command that was told to end and has not heard it [s]
+_LEAVING = 3.0  # patience with processes that the command has left [s]
+_NAME = "servotwin"  # of the folder for temporary files
+
+
+def guarded(work: Callable[[], None]) -> None:
+    """Do the work in a child of this process, which ends with the child's exit code: the caller goes on there alone.
+
+    Without effect where there is no `fork`, or threads that a child would lack.
+    """
+    if sys.platform == "win32" or threading.active_count() > 1:
+        work()
+        return
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    watched = {signal.SIGCHLD, signal.SIGALRM, signal.SIGTSTP, *interrupts.endings()}
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, watched)
+    words = last_words.begin(LastWords())
+    usual = _own_temporary_folder(words)
+    life, held = os.pipe()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    parent, child = os.getpid(), os.fork()
+    if child:
+        os.close(life)
+        owned.sweep(usual, _NAME)
+        _watch(child, watched, words)
+    os.close(held)
+    with interrupts.Interrupts():
+        _stand_alone(life)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        try:
+            _work(work, words)
+        finally:
+            if os.getppid() != parent:
+                _remove(words)
+
+
+def _own_temporary_folder(words: LastWords) -> Path:
+    """The usual folder, in which all temporary files of the command are from now on in a folder of its own."""
+    usual = Path(os.environ.get("TMPDIR") or "/tmp")
+    with suppress(OSError):  # then they go where they can
+        folder, _ = owned.create(usual, _NAME)
+        words.say(LITTER, str(folder))
+        os.environ["TMPDIR"] = str(folder)
+    return usual
+
+
+def _stand_alone(life: int) -> None:
+    """Be in a process group of one's own: a terminal's signals reach the parent, which passes them on once.
+
+    The end of the parent, who has the other end of `life`, is a wish to end, too.
+    """
+    os.setpgid(0, 0)
+    signal.signal(signal.SIGTTOU, signal.SIG_IGN)  # to write to the terminal is no reason to be stopped
+    if os.isatty(0):  # to read from it would be
+        with Path(os.devnull).open() as nothing:
+            os.dup2(nothing.fileno(), 0)
+    if sys.platform == "linux":
+        fcntl.fcntl(life, fcntl.F_SETSIG, signal.SIGTERM)
+        fcntl.fcntl(life, fcntl.F_SETOWN, os.getpid())
+        fcntl.fcntl(life, fcntl.F_SETFL, fcntl.fcntl(life, fcntl.F_GETFL) | os.O_ASYNC)
+
+
+def _work(work: Callable[[], None], words: LastWords) -> None:
+    """Do the work; all is done when it ends, or exits by itself, and what it said could be said."""
+    streams = _streams()
+    code = 0
+    try:
+        work()
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else int(end.code is not None)
+        raise
+    finally:
+        interrupts.ignore()
+        with suppress(OSError, ValueError):
+            sys.stdout.flush()
+            sys.stderr.flush()
+        if isinstance(sys.exception(), SystemExit | None) and _streams() == streams:
+            words.end(code)
+
+
+def _streams() -> list[tuple[int, int] | None]:
+    """What standard output and error are: an FMU may have closed them, or put files in their place."""
+    return [_identity(number) for number in (1, 2)]
+
+
+def _identity(descriptor: int) -> tuple[int, int] | None:
+    try:
+        status = os.fstat(descriptor)
+    except OSError:
+        return None
+    return status.st_dev, status.st_ino
+
+
+def _watch(child: int, watched: set[signal.Signals], words: LastWords) -> NoReturn:
+    """Pass signals on to the child, await its end, clean up, and leave with the exit code."""
+    with suppress(OSError):  # the child does it as well; whoever comes first
+        os.setpgid(child, child)
+    sent, given_up = 0, False
+    while True:
+        number = signal.sigwait(watched)
+        if number == signal.SIGCHLD:
+            done, status = os.waitpid(child, os.WNOHANG)
+            if done:
+                break
+        elif number == signal.SIGTSTP:
+            os.killpg(child, signal.SIGTSTP)
+            os.kill(os.getpid(), signal.SIGSTOP)
+            os.killpg(child, signal.SIGCONT)
+        elif number != signal.SIGALRM:
+            sent += 1
+            os.kill(child, number)
+            signal.alarm(PATIENCE)
+        elif not words.heard:
+            given_up = True
+            os.killpg(child, signal.SIGKILL)
+    _end_group(child)
+    _remove(words)
+    code = words.code
+    if code is None:
+        line, code = _verdict(os.waitstatus_to_exitcode(status), words, sent > 0, given_up)
+        with suppress(OSError):
+            os.write(2, f"{line}\n".encode(errors="replace"))
+    os._exit(code)
+
+
+def _end_group(group: int) -> None:
+    """See that no process of the command is left: most end by themselves when it has."""
+    deadline = monotonic() + _LEAVING
+    with suppress(OSError):  # there is none
+        while monotonic() < deadline:
+            os.killpg(group, 0)
+            sleep(0.01)
+        os.killpg(group, signal.SIGKILL)
+
+
+def _remove(words: LastWords) -> None:
+    for place in words.said(LITTER):
+        shutil.rmtree(place, ignore_errors=True)
+
+
+def _verdict(code: int, words: LastWords, interrupted: bool, given_up: bool) -> tuple[str, int]:
+    """The line and the exit code for an end that the command did not come to."""
+    names = culprits(words)
+    if interrupted:
+        return (f"interrupted; {names or 'the command'} did not let go" if given_up else "interrupted"), 130
+    if code >= 0:
+        how = f"ended the command's process, or closed its output (exit code {code})"
+    else:
+        known = {number.value: number.name for number in signal.Signals}
+        how = f"crashed the command's process ({known.get(-code, f'signal {-code}')})"
+    if not names:
+        return f"servotwin: something {how}; run with -vv and report what that says", 4
+    return f"servotwin: {names}: the FMU {how}; run with --isolate to learn when, or ask for a repaired one", 3
