@@ -18,7 +18,7 @@ from orchestrator.results import MARKS
 
 if TYPE_CHECKING:
     from orchestrator import formats
-    from orchestrator.fmi.interface import Interface
+    from orchestrator.fmi.interface import Interface, Port
 
 InfoDocument = Mapping[str, object]
 """A JSON document, to be shown and not to be looked into."""
@@ -58,6 +58,7 @@ def about_fmu(path: Path) -> InfoDocument:
             "inputs": _ports(interface, "input"),
             "outputs": _ports(interface, "output"),
             "parameters": _ports(interface, "parameter"),
+            **_about_others(interface),
         }
     if PROVENANCE in files:
         provenance = _document(path, files[PROVENANCE])
@@ -69,7 +70,27 @@ def _ports(interface: Interface, causality: str) -> list[InfoDocument]:
     return [
         {"name": port.name, "start": port.start, "unit": port.unit or "", "description": port.description}
         for port in interface.of(causality)
+        if not port.alone
     ]
+
+
+def _about_others(interface: Interface) -> InfoDocument:
+    """What there is beside inputs, outputs and parameters: what gives arrays their sizes, and what is left alone."""
+    alone = [port for port in interface.ports.values() if port.alone]
+    lists = {
+        "structural parameters": _ports(interface, "structuralParameter"),
+        "clocks (never ticked)": [_alone(port) for port in alone if port.type == "Clock"],
+        "binary variables (left alone)": [_alone(port) for port in alone if port.type == "Binary"],
+        "left out": [
+            {"name": name, "why": f"an array of {' x '.join(map(str, shape))} elements"}
+            for name, shape in interface.left_out.items()
+        ],
+    }
+    return {key: entries for key, entries in lists.items() if entries}
+
+
+def _alone(port: Port) -> InfoDocument:
+    return {"name": port.name, "causality": port.causality, "description": port.description}
 
 
 def about_trace(path: Path, layout: formats.Layout | None = None, progress: Progress = silent) -> InfoDocument:

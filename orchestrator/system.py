@@ -127,7 +127,7 @@ class Settable:
     """A parameter or start value that can be set.
 
     Attributes:
-        lowest, highest: the largest numbers that a value may lie between.
+        lowest, highest: a number between them needs no other check; of what is not real none does.
     """
 
     component: str
@@ -137,13 +137,21 @@ class Settable:
     highest: float
 
     def check(self, value: Value) -> None:
-        """See that a value lies within the bounds; names of enumeration items are for the FMU to know.
+        """See that a value is of the variable's type and lies within the bounds.
 
         Raises:
-            WiringError: it does not.
+            FmuFileError: it is of another type, or no item of the enumeration.
+            WiringError: it is out of bounds, or would change the shapes of arrays.
         """
-        if not isinstance(value, str) and not self.lowest <= value <= self.highest:
-            check_bounds(f"{self.component}.{self.variable}", self.port, value)
+        name = f"{self.component}.{self.variable}"
+        if not isinstance(value, str) and not math.isfinite(value):
+            check_bounds(name, self.port, value)
+        typed = self.port.typed(name, value)
+        if self.port.causality == "structuralParameter" and typed != self.port.parsed(self.port.start or "0"):
+            problem = f"is {self.port.start} and cannot be {value} in one run only"
+            raise WiringError(name, problem, "sizes hold for all runs: give it among the `parameters`, or with --set")
+        if not isinstance(typed, str):
+            check_bounds(name, self.port, typed)
 
 
 def settable(system: System, name: str) -> Settable:
@@ -161,8 +169,9 @@ def settable(system: System, name: str) -> Settable:
     sources |= dict.fromkeys(system.stimulated, "a stimulus")
     if endpoint in sources:
         raise WiringError(name, f"takes its value from {sources[endpoint]}", "do not set it")
-    lowest = -sys.float_info.max if port.minimum is None else port.minimum
-    highest = sys.float_info.max if port.maximum is None else port.maximum
+    plain = port.type in _REAL
+    lowest = (-sys.float_info.max if port.minimum is None else port.minimum) if plain else math.inf
+    highest = (sys.float_info.max if port.maximum is None else port.maximum) if plain else -math.inf
     return Settable(endpoint.component, endpoint.variable, port, lowest, highest)
 
 
@@ -196,7 +205,9 @@ def _link(system: System, source: Endpoint, target: Endpoint) -> Connection:
     input_ = require(system, target, "input", "can be a target", place)
     for port in (output, input_):
         if not port.numeric:
-            raise WiringError(place, f"{with_article(port.type)} cannot be connected", "set it as a start value")
+            fix = "remove it: nothing ticks it" if port.type == "Clock" else "set it as a start value"
+            fix = "remove it: it keeps what the FMU gives it" if port.type == "Binary" else fix
+            raise WiringError(place, f"{with_article(port.type)} cannot be connected", fix)
     if output.type in _REAL and input_.type not in _REAL:
         raise WiringError(
             place,
@@ -261,7 +272,8 @@ def _every_input_set(system: System) -> None:
     sources = {link.target for link in system.connections} | system.stimulated
     for name, part in system.parts.items():
         for port in part.interface.of("input"):
-            if Endpoint(name, port.name) not in sources and port.start is None:
+            given = port.start is not None or port.array is not None or port.alone
+            if Endpoint(name, port.name) not in sources and not given:
                 raise WiringError(f"{name}.{port.name}", "is not connected and has no start value", "connect it")
 
 

@@ -15,6 +15,7 @@ from fmus.errors import WiringError
 from fmus.modelling.model import Model, Table
 from fmus.packaging import targets
 from orchestrator.assembly.stimulus import Stimulus
+from orchestrator.assembly.whole_arrays import check_shapes
 from orchestrator.engine import Result, Simulation, Timing
 from orchestrator.fmi.component import Component
 from orchestrator.fmi.exchange_slave import ExchangeSlave
@@ -37,6 +38,7 @@ class ComponentSpec:
         source: an FMU file; or a model, the name of one of the library, or a model file (.py).
         parameters: variable -> parameter or start value [unit of the variable]; the others have the FMU's defaults.
         tables: what a model plays back; only of models.
+        arrays: shapes of the arrays whose elements are all given.
         step: its communication step [s]; None takes the run's.
         feed_through: whether its outputs react to inputs within a step, see `Part`.
         solver: how its derivatives are integrated, which makes it run by model exchange; None runs co-simulation.
@@ -48,6 +50,7 @@ class ComponentSpec:
     step: Fraction | None = None
     feed_through: FeedThrough = "declared"
     solver: SolverSettings | None = None
+    arrays: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
 
     @property
     def fmu(self) -> Path | None:
@@ -60,7 +63,7 @@ class ComponentSpec:
 
     def open(self, file: Path) -> FmuFile:
         """Its FMU, with the interface that it is run by."""
-        return FmuFile(file, Kind.MODEL_EXCHANGE if self.solver else None)
+        return FmuFile(file, Kind.MODEL_EXCHANGE if self.solver else None, self.parameters)
 
     def maker(self, file: FmuFile) -> Make:
         """What makes an instance of its FMU, here or in another process."""
@@ -81,6 +84,14 @@ class SystemSpec:
             for name, component in self.components.items()
             for variable, value in component.parameters.items()
         }
+
+    def given(self, values: Mapping[str, Value]) -> SystemSpec:
+        """The system with these values, component.variable -> value, over those of its components."""
+        own: dict[str, dict[str, Value]] = {name: dict(one.parameters) for name, one in self.components.items()}
+        for name, value in values.items():
+            component, _, variable = name.partition(".")
+            own.get(component, {})[variable] = value
+        return replace(self, components={n: replace(one, parameters=own[n]) for n, one in self.components.items()})
 
 
 @dataclass(frozen=True)
@@ -187,7 +198,10 @@ class OpenSystem:
             name: Part(file.interface, components[name].step, components[name].feed_through)
             for name, file in self._files.items()
         }
-        return wire(parts, self.assembled.system.connections, self.assembled.stimulated)
+        system = wire(parts, self.assembled.system.connections, self.assembled.stimulated)
+        for name, component in components.items():
+            check_shapes(system, {f"{name}.{array}": shape for array, shape in component.arrays.items()})
+        return system
 
     def close(self) -> None:
         """Free the instances and remove the unpacked FMUs."""

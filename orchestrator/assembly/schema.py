@@ -12,6 +12,7 @@ from fmus.errors import WiringError
 from fmus.modelling.model import Table
 from orchestrator import formats
 from orchestrator.assembly.assembly import ComponentSpec, SystemSpec, link
+from orchestrator.assembly.whole_arrays import Values, elements, shapes
 from orchestrator.engine import CycleSettings, Order, Timing
 from orchestrator.fmi.interface import Value
 from orchestrator.solvers.base import SolverMethod, SolverSettings
@@ -49,7 +50,7 @@ class ComponentBlock(Block):
 
     model: str | None = None
     fmu: Path | None = None
-    parameters: dict[str, Value] = {}
+    parameters: Values = {}
     tables: dict[str, SignalFileBlock] = {}
     step: Seconds | None = None
     feed_through: FeedThrough = ComponentSpec.feed_through
@@ -69,7 +70,8 @@ class ComponentBlock(Block):
         if self.model is not None and self.model.endswith(".py"):
             source = str(base / self.model)
         tables = tuple(block.table(name, base) for name, block in self.tables.items())
-        return replace(self.made_of(source, self.parameters), tables=tables)
+        made = self.made_of(source, elements(self.parameters))
+        return replace(made, tables=tables, arrays=shapes(self.parameters))
 
     def made_of(self, source: str | Path, parameters: Mapping[str, Value]) -> ComponentSpec:
         """The component with a model or FMU in its place, such as a calibrated one, and these values."""
@@ -143,5 +145,5 @@ class SystemBlock(Block):
         return {
             f"{name}.{variable}": value
             for name, block in self.components.items()
-            for variable, value in block.parameters.items()
+            for variable, value in elements(block.parameters).items()
         }

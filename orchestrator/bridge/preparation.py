@@ -82,7 +82,7 @@ def prepared(job: BridgeJob) -> Iterator[PreparedBridge]:
     database, step = load_database(file), scenario.timing.step
     with scratch(None) as folder, naming(job.scenario):
         case = _case(scenario, job.case)
-        with OpenSystem(assemble(scenario.system, folder, scenario.driven)) as system:
+        with OpenSystem(assemble(scenario.system.given(job.overrides), folder, scenario.driven)) as system:
             coupling = coupled(can, system.system, database, step, job.bus.data_bitrate is not None)
             _check_bus(job.bus, coupling.sent, step)
             with system.simulation(scenario.timing) as simulation:

@@ -6,6 +6,8 @@ from orchestrator.trace import FloatArray
 
 Row = tuple[int, ...]
 
+ARRAYS: bool
+
 class Storage(IntEnum):
     FLOAT64 = 0
     INT32 = 1

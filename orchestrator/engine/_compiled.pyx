@@ -92,6 +92,7 @@ cdef struct Call:  # of a function that gets or sets values of one type
     const unsigned int *references
     size_t count
     void *values
+    size_t total  # of values; more than references where there are arrays among them
 
 cdef struct Calls:
     const Call *of
@@ -128,6 +129,8 @@ cdef struct Node:
 
 cdef enum:
     AHEAD = 16  # rows between the one that is written and the one whose memory is fetched into the cache
+
+ARRAYS = True  # that a call knows how many values it carries
 
 cdef double SLOW = 5e-6  # steps longer than this are all timed [s]
 
@@ -221,7 +224,7 @@ cdef inline void _unpack(const Values *values) noexcept nogil:
 cdef inline int _call(const Node *node, const Call *call) noexcept nogil:
     if usually(node.version == 2):
         return (<Access2>call.function)(node.instance, call.references, call.count, call.values)
-    return (<Access3>call.function)(node.instance, call.references, call.count, call.values, call.count)
+    return (<Access3>call.function)(node.instance, call.references, call.count, call.values, call.total)
 
 
 cdef inline int _call_all(const Node *node, const Calls *calls) noexcept nogil:
@@ -295,7 +298,7 @@ cdef class Core:
     def add_node(self, int rate, int version, uintptr_t instance, uintptr_t step, flags, double duration,
                  list sources, double[::1] scale, list held, list packed, list writing, list reading, list instant, list late):
         """The next node, of the rate of this number; packed, instant and late as (kind, typed, plain), writing and
-        reading as (function, references, count, values)."""
+        reading as (function, references, count, values, total)."""
         cdef Node *node = &self.nodes[self.node_count]
         cdef int i
         node.rate = &self.rates[rate]
@@ -374,10 +377,10 @@ cdef class Core:
     cdef Calls _calls(self, list given):
         cdef Call *of = <Call *>self._room(len(given) * sizeof(Call))
         cdef uintptr_t function, references, values
-        cdef size_t count
+        cdef size_t count, total
         cdef int i
-        for i, (function, references, count, values) in enumerate(given):
-            of[i] = Call(<void *>function, <const unsigned int *>references, count, <void *>values)
+        for i, (function, references, count, values, total) in enumerate(given):
+            of[i] = Call(<void *>function, <const unsigned int *>references, count, <void *>values, total)
         return Calls(of, len(given))
 
     def run(self, int64_t last, double budget, double[:, :] rows, int64_t record_every):

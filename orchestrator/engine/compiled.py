@@ -25,7 +25,7 @@ from orchestrator.trace import FloatArray
 try:
     from orchestrator.engine import _compiled
 
-    _compiled.Core.pass_on  # noqa: B018 - not there in what was built from older sources
+    _compiled.ARRAYS  # noqa: B018 - not there in what was built from older sources
 except (ImportError, AttributeError):  # no compiler at installation
     _compiled = None  # type: ignore[assignment]
 
@@ -227,12 +227,16 @@ def _moved(group: VariableGroup, floats: Sequence[int], verb: str, direct: bool)
     calls: list[Row] = []
     for typed in group.typed:
         kind, size, places = _storage(typed.kind, typed.ctype), ctypes.sizeof(typed.ctype), typed.places
-        memory, count = ctypes.addressof(typed.values), len(places)
-        if direct and kind == _compiled.Storage.FLOAT64 and places[-1] - places[0] == count - 1:
+        memory, total = ctypes.addressof(typed.values), len(typed.values)
+        side_by_side = typed.in_order and places[-1] - places[0] == total - 1
+        if direct and kind == _compiled.Storage.FLOAT64 and side_by_side:
             memory = floats[places[0]]
         else:
-            values += [(kind, memory + size * i, floats[place]) for i, place in enumerate(places)]
-        calls.append((_entry(getattr(typed, verb)), ctypes.addressof(typed.references), count, memory))
+            values += [
+                (kind, memory + size * slot, floats[place]) for slot, place in zip(typed.slots, places, strict=True)
+            ]
+        references = ctypes.addressof(typed.references), len(typed.references)
+        calls.append((_entry(getattr(typed, verb)), *references, memory, total))
     return values, calls
 
 

@@ -13,10 +13,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from fmpy import fmi2, fmi3
+from fmpy import fmi2
 
 from fmus.errors import FmuFileError
 from orchestrator.fmi.functions import FAILED, FmiFunctions, Version2, Version3
+from orchestrator.fmi.library import FMU2Model, FMU3Model
 from orchestrator.trace import FloatArray
 
 _LARGEST = 1 << 24  # vector
@@ -48,7 +49,7 @@ class Vector:
     def __init__(self, fmi: FmiFunctions, noun: str, size: int) -> None:
         self.values: FloatArray = np.zeros(size)
         self._arguments = fmi.handle, self.values.ctypes.data_as(ctypes.POINTER(ctypes.c_double)), size
-        self._get: Any = getattr(fmi.fmu.dll, f"{fmi.prefix}Get{noun}")
+        self._get: Any = fmi.function(f"Get{noun}") if size else None
         self._set: Any = getattr(fmi.fmu.dll, f"{fmi.prefix}Set{noun}", None)
 
     def get(self) -> int:
@@ -100,7 +101,7 @@ class ModelExchange(FmiFunctions):
         self.rates = Vector(self, self.derivatives, states)
         self.nominals = Vector(self, "NominalsOfContinuousStates", states)
         self.indicators = Vector(self, "EventIndicators", indicators)
-        self._set_time: Callable[[ctypes.c_void_p, float], int] = getattr(self.fmu.dll, f"{self.prefix}SetTime")
+        self._set_time: Callable[[ctypes.c_void_p, float], int] = self.function("SetTime")
 
     def set_time(self, time: float) -> int:
         return self._set_time(self.handle, time)
@@ -127,7 +128,7 @@ class ModelExchange(FmiFunctions):
 
 
 class Exchange2(Version2, ModelExchange):
-    kind = fmi2.FMU2Model
+    kind = FMU2Model
     derivatives = "Derivatives"
     flag = ctypes.c_int
 
@@ -142,7 +143,7 @@ class Exchange2(Version2, ModelExchange):
 
 
 class Exchange3(Version3, ModelExchange):
-    kind = fmi3.FMU3Model
+    kind = FMU3Model
     derivatives = "ContinuousStateDerivatives"
     flag = ctypes.c_bool
 

@@ -5,23 +5,30 @@ The archive and its XML come from outside: paths, sizes and document types are c
 
 from __future__ import annotations
 
+import io
 import math
-from collections.abc import Iterator
+import zipfile
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from types import TracebackType
+from typing import TYPE_CHECKING
 
 import fmpy
 from fmpy.model_description import InterfaceType, ModelDescription, ModelVariable, read_model_description
 
 from fmus.errors import FmuFileError, ServotwinError
-from fmus.modelling.model import element_names
 from fmus.packaging import archive
-from orchestrator.fmi import unpacked
-from orchestrator.fmi.interface import Interface, Port
+from orchestrator.fmi import arrays, unpacked
+from orchestrator.fmi.arrays import Sizes
+from orchestrator.fmi.interface import Interface, Port, Value
 
+if TYPE_CHECKING:
+    from lxml import etree
+
+DESCRIPTION = "modelDescription.xml"
 LARGEST_DESCRIPTION = 256 << 20
 
 
@@ -39,6 +46,7 @@ class FmuFile:
 
     Args:
         kind: which of its interfaces is used; None takes co-simulation where it is offered.
+        parameters: variable -> value; of these its structural parameters, which give its arrays their shapes.
 
     Attributes:
         kinds: the interfaces it offers.
@@ -47,7 +55,7 @@ class FmuFile:
         FmuFileError: no file, no zip, unsafe paths, bad XML, no such interface, no binary for this platform.
     """
 
-    def __init__(self, path: Path, kind: Kind | None = None) -> None:
+    def __init__(self, path: Path, kind: Kind | None = None, parameters: Mapping[str, Value] | None = None) -> None:
         self.path = path
         self.description = read_description(path)
         offers = _offers(self.description)
@@ -55,8 +63,8 @@ class FmuFile:
         self.kind = kind or self.kinds[0]
         if self.kind not in offers:
             raise FmuFileError(path, f"offers no {self.kind}, only {self.kinds[0]}", "remove its `solver`")
-        with _guarded(path, "modelDescription.xml"):
-            self.interface = _interface(path, self.description, offers[self.kind])
+        with _guarded(path, DESCRIPTION):
+            self.interface = _interface(path, self.description, offers[self.kind], parameters or {})
         with _guarded(path, "contents"):
             self.folder = unpacked.take(path, bool(offers[self.kind].canBeInstantiatedOnlyOncePerProcess))
         self._open = True
@@ -108,19 +116,41 @@ def read_description(path: Path) -> ModelDescription:
     """
     with _guarded(path, "contents"), archive.opened(path) as zipped:
         try:
-            info = zipped.getinfo("modelDescription.xml")
+            info = zipped.getinfo(DESCRIPTION)
         except KeyError:
-            raise FmuFileError(path, "holds no modelDescription.xml", "is it an FMU?") from None
+            raise FmuFileError(path, f"holds no {DESCRIPTION}", "is it an FMU?") from None
         if info.file_size > LARGEST_DESCRIPTION:
-            raise FmuFileError(path, "has a modelDescription.xml over 256 MiB", "do not trust it")
-        archive.parse_xml(f"{path}: modelDescription.xml", zipped.read(info))
-    with _guarded(path, "modelDescription.xml"):
-        description = read_model_description(str(path), validate=False)
+            raise FmuFileError(path, f"has a {DESCRIPTION} over 256 MiB", "do not trust it")
+        text = zipped.read(info)
+    root = archive.parse_xml(f"{path}: {DESCRIPTION}", text)
+    with _guarded(path, DESCRIPTION):
+        description = read_model_description(_alone(text), validate=False)
+        _amend(description, root)
     if description.fmiVersion.split(".")[0] not in ("2", "3"):
         raise FmuFileError(path, f"is of FMI version {description.fmiVersion}", "export it for FMI 2.0 or 3.0")
     if not _offers(description):
         raise FmuFileError(path, "offers neither co-simulation nor model exchange", "export it for one of them")
     return description
+
+
+def _alone(text: bytes) -> io.BytesIO:
+    """An archive of the description alone, for FMPy reads archives: whatever else is in one cannot be in its way."""
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w") as zipped:
+        zipped.writestr(DESCRIPTION, text)
+    return made
+
+
+def _amend(description: ModelDescription, root: etree._Element) -> None:
+    """Add what FMPy does not read: bounds of unsigned integers, and start values of texts after the first."""
+    written = {entry.get("valueReference"): entry for entry in root.iterfind("ModelVariables/*")}
+    for variable in description.modelVariables:
+        if variable.type.startswith("UInt"):
+            entry = written[str(variable.valueReference)]
+            variable.min, variable.max = entry.get("min"), entry.get("max")
+        elif variable.type == "String" and variable.dimensions:
+            texts = written[str(variable.valueReference)].iterfind("Start")
+            variable.start = [text.get("value") or "" for text in texts] or None
 
 
 def _offers(description: ModelDescription) -> dict[Kind, InterfaceType]:
@@ -140,34 +170,50 @@ def _guarded(path: Path, part: str) -> Iterator[None]:
         raise FmuFileError(path, f"{part}: {reason[:300]}", "ask its supplier for a valid FMU") from error
 
 
-def _interface(path: Path, description: ModelDescription, offer: InterfaceType) -> Interface:
+def _interface(
+    path: Path, description: ModelDescription, offer: InterfaceType, parameters: Mapping[str, Value]
+) -> Interface:
     fixed = getattr(offer, "fixedInternalStepSize", None)
-    found = [port for variable in description.modelVariables for port in _ports(path, variable)]
-    ports = {port.name: port for port in found}
-    if len(ports) != len(found):
-        raise FmuFileError(path, "two variables have one name", "ask its supplier for a valid FMU")
+    variables = description.modelVariables
+    dimensions = {size.valueReference for variable in variables for size in variable.dimensions}
+    sizing = [v for v in variables if v.causality == "structuralParameter" or v.valueReference in dimensions]
+    sizes = arrays.sizes(path, [_port(path, variable) for variable in sizing], parameters)
+    ports: dict[str, Port] = {}
+    elements: dict[str, list[str]] = {}
+    left_out: dict[str, tuple[int, ...]] = {}
+    for variable in variables:
+        found = _ports(path, variable, sizes)
+        elements[variable.name] = names = [port.name for port in found]
+        if any(name in ports for name in names):
+            raise FmuFileError(path, "two variables have one name", "ask its supplier for a valid FMU")
+        if variable.dimensions and not names:
+            left_out[variable.name] = sizes.shape(variable)
+        ports.update(zip(names, found, strict=True))
     return Interface(
         model_name=description.modelName,
         fmi_version=description.fmiVersion,
         ports=ports,
-        feed_through=_feed_through(description),
+        feed_through=_feed_through(description, elements),
         has_state=bool(offer.canGetAndSetFMUstate),
         fixed_step=float(fixed) if fixed else None,
         variable_step=bool(getattr(offer, "canHandleVariableCommunicationStepSize", True)),
+        left_out=left_out,
+        sizes=sizes.given,
     )
 
 
-def _ports(path: Path, variable: ModelVariable) -> Iterator[Port]:
-    """A scalar's port, or one for each element of an array of real parameters; other arrays have none."""
+def _ports(path: Path, variable: ModelVariable, sizes: Sizes) -> list[Port]:
+    """A scalar's port, or one for each element of an array unless they are too many."""
     port = _port(path, variable)
     if not variable.dimensions:
-        yield port
-    elif port.causality == "parameter" and port.type == "Float64" and port.start is not None:
-        shape = tuple(int(size.start or 0) for size in variable.dimensions)
-        starts = tuple(map(float, port.start.split()))
-        if len(starts) == math.prod(shape):
-            for i, name in enumerate(element_names(port.name, shape)):
-                yield replace(port, name=name, start=repr(starts[i]), array=starts, element=i)
+        return [replace(port, start=str(sizes.given[port.name]))] if port.name in sizes.given else [port]
+    shape = sizes.shape(variable)
+    if port.alone or min(shape) < 0 or math.prod(shape) > arrays.LARGEST:
+        return []
+    starts = variable.start.split() if isinstance(variable.start, str) else variable.start
+    if starts is not None and len(starts) > 1 and sizes.resized(variable):
+        starts = None
+    return list(arrays.elements(port, shape, starts))
 
 
 def _port(path: Path, variable: ModelVariable) -> Port:
@@ -201,14 +247,18 @@ def _number(path: Path, variable: ModelVariable, attribute: str) -> float | None
         raise FmuFileError(f"{path}: {variable.name}", f"{attribute}='{text}' is no number", "correct it") from None
 
 
-def _feed_through(description: ModelDescription) -> dict[str, frozenset[str] | None]:
+def _feed_through(
+    description: ModelDescription, elements: Mapping[str, Sequence[str]]
+) -> dict[str, frozenset[str] | None]:
+    """Output -> the inputs that act on it at once, of arrays every element on every one."""
     inputs = {variable.name for variable in description.modelVariables if variable.causality == "input"}
     direct: dict[str, frozenset[str] | None] = {
         variable.name: None for variable in description.modelVariables if variable.causality == "output"
     }
     for unknown in description.outputs:
         if unknown.dependencies is not None:
-            direct[unknown.variable.name] = frozenset(known.name for known in unknown.dependencies) & inputs
+            acting = [known.name for known in unknown.dependencies if known.name in inputs]
+            direct[unknown.variable.name] = frozenset(name for whole in acting for name in elements[whole])
     if not inputs:
-        return dict.fromkeys(direct, frozenset())
-    return direct
+        direct = dict.fromkeys(direct, frozenset())
+    return {name: acting for whole, acting in direct.items() for name in elements[whole]}

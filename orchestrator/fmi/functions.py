@@ -8,16 +8,19 @@ from __future__ import annotations
 
 import ctypes
 import itertools
+import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
-from fmpy import fmi2, fmi3
+from fmpy import fmi2
 from fmpy.model_description import ModelDescription
 
-from fmus.errors import FmuFileError
+from fmus.errors import FmuError, FmuFileError
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.interface import Port, Value
+from orchestrator.fmi.library import FMU2Slave, FMU3Slave, absent
 
 DISCARD = FAILED = 2  # status discard, and worse
 FATAL = 4  # no function of the FMU may be called again
@@ -54,6 +57,7 @@ class VariableGroup:
     Attributes:
         typed: its variables by FMI type, in the order in which they are read and written.
         floats: the only type, where that is one of floats.
+        partial: whether it has elements of an array without the others.
     """
 
     def __init__(self, fmi: FmiFunctions, ports: Sequence[Port]) -> None:
@@ -64,6 +68,7 @@ class VariableGroup:
         self.typed = [TypedValues(fmi, kind, ports, places) for kind, places in by_type.items()]
         only = self.typed[0] if len(self.typed) == 1 else None
         self.floats = only if only is not None and only.plain else None
+        self.partial = any(typed.partial for typed in self.typed)
 
     def write(self, values: Sequence[Value]) -> int:
         """The worst status; nothing is written where a value does not fit its type."""
@@ -82,6 +87,12 @@ class VariableGroup:
         status, values = self.taken()
         return status, [float(value) for value in values]
 
+    def keep(self, given: Sequence[tuple[Port, Value]]) -> None:
+        """Let the elements of arrays that it does not carry have these values, or else their start values."""
+        for typed in self.typed:
+            if typed.partial:
+                typed.keep(given)
+
     def taken(self) -> tuple[int, Sequence[Value]]:
         """The worst status, and the values in their own types."""
         if self.floats is not None:
@@ -98,7 +109,8 @@ class TypedValues:
 
     Attributes:
         places: where its variables lie in the group.
-        slots: where each lies in `values`; an array goes with all its elements, the others at their start values.
+        slots: where each lies in `values`; an array goes with all its elements.
+        partial: whether it has elements of an array without the others; those have what `rest` says.
         plain: whether it has one float a variable, in the order of the group.
     """
 
@@ -108,35 +120,76 @@ class TypedValues:
         self._cast = _cast(ctype, kind)
         uncasts: dict[str, Callable[[Any], Value]] = {"Boolean": bool, "String": _decoded}
         self._uncast = uncasts.get(kind)
+        self._fmi = fmi
         references: list[int] = []
-        starts: list[float] = []
-        arrays: dict[int, int] = {}  # reference -> slot of the first element
+        self._starts: list[Any] = []  # None where the file does not say
+        self._first: dict[int, int] = {}  # reference of an array -> slot of its first element
         self.slots: list[int] = []
         for port in (ports[place] for place in places):
-            first = arrays.get(port.reference, len(starts)) if port.array else len(starts)
-            if first == len(starts):
+            if port.array is None or port.reference not in self._first:
                 references.append(port.reference)
-                starts += port.array or (0.0,)
-            if port.array:
-                arrays[port.reference] = first
-            self.slots.append(first + port.element)
-        self._starts = starts if arrays else []
-        self.plain = ctype in (ctypes.c_double, ctypes.c_float) and not arrays
-        self.values = (ctype * len(starts))()
+                self._begin(port)
+            self.slots.append(self._first[port.reference] + port.element if port.array else len(self._starts) - 1)
+        size = len(self._starts)
+        self.partial = len(set(self.slots)) < size
+        self.in_order = self.slots == list(range(size))
+        self.plain = ctype in (ctypes.c_double, ctypes.c_float) and self.in_order
+        self.values = (ctype * size)()
         self.references = (ctypes.c_uint * len(references))(*references)
-        self.arguments = (fmi.handle, self.references, len(references), self.values, *fmi.count(len(starts)))
-        self.get = fmi.accessor("Get", kind)
-        self.set = fmi.accessor("Set", kind)
+        self.arguments = (fmi.handle, self.references, len(references), self.values, *fmi.count(size))
+        self._rest: list[Any] = []
+
+    def _begin(self, port: Port) -> None:
+        """Make room for a variable, an array with all its elements."""
+        if port.array is None:
+            self._starts.append(None)
+            return
+        self._first[port.reference] = len(self._starts)
+        if port.array.starts is None:
+            self._starts += [None] * math.prod(port.array.shape)
+        else:
+            self._starts += map(self._cast, port.array.starts)
+
+    @cached_property
+    def get(self) -> Callable[..., int]:
+        """The FMU's function; it is looked for when it is needed."""
+        return self._fmi.accessor("Get", self.kind)
+
+    @cached_property
+    def set(self) -> Callable[..., int]:
+        """The FMU's function; it is looked for when it is needed."""
+        return self._fmi.accessor("Set", self.kind)
+
+    def keep(self, given: Iterable[tuple[Port, Value]]) -> None:
+        """Let the elements of arrays that it does not carry have these values, or else their start values, or else
+        what they have."""
+        rest = list(self._starts)
+        for port, value in given:
+            if port.array is not None and port.reference in self._first:
+                rest[self._first[port.reference] + port.element] = self._cast(value)
+        if None in {rest[slot] for slot in set(range(len(rest))).difference(self.slots)}:
+            self._require_found(self.get(*self.arguments))
+            rest = [found if value is None else value for found, value in zip(self.values[:], rest, strict=True)]
+        self._rest = [self._cast(0) if value is None else value for value in rest]
+        self.values[:] = self._rest
+
+    def _require_found(self, status: int) -> None:
+        if status >= FAILED:
+            problem = "has arrays of other sizes than its start values, and does not say what they hold"
+            raise FmuFileError(self._fmi.fmu.instanceName, problem, "give or connect all their elements")
 
     def pack(self, values: Sequence[Value]) -> None:
         """Take its values out of those of the group."""
         packed = [self._cast(values[place]) for place in self.places]
-        if self._starts:
-            whole = list(self._starts)
-            for slot, value in zip(self.slots, packed, strict=True):
-                whole[slot] = value
-            packed = whole
-        self.values[:] = packed
+        if self.in_order:
+            self.values[:] = packed
+            return
+        if self.partial:
+            if not self._rest:
+                self.keep(())
+            self.values[:] = self._rest
+        for slot, value in zip(self.slots, packed, strict=True):
+            self.values[slot] = value
 
     def unpack(self, values: list[Value]) -> None:
         """Put its values among those of the group."""
@@ -178,7 +231,7 @@ class FmiFunctions(ABC):
         """Enter initialisation; times in seconds, the relative tolerance of the solver outside. The status."""
 
     def accessor(self, verb: str, kind: str) -> Callable[..., int]:
-        function: Any = getattr(self.fmu.dll, f"{self.prefix}{verb}{kind}")
+        function = self.function(f"{verb}{kind}")
         pointer = ctypes.POINTER(self.ctype(kind))
         extra = [ctypes.c_size_t] * len(self.count(0))
         function.argtypes = [ctypes.c_void_p, ctypes.POINTER(ctypes.c_uint), ctypes.c_size_t, pointer, *extra]
@@ -209,8 +262,22 @@ class FmiFunctions(ABC):
 
     def call(self, name: str, *arguments: Any) -> int:
         """A function that takes the instance first, by the end of its name."""
-        status: int = getattr(self.fmu.dll, self.prefix + name)(self.handle, *arguments)
+        status: int = self.function(name)(self.handle, *arguments)
         return status
+
+    def has(self, name: str) -> bool:
+        """Whether there is a function of this name, without the prefix."""
+        return hasattr(self.fmu.dll, self.prefix + name)
+
+    def function(self, name: str) -> Any:
+        """The function of this name, without the prefix.
+
+        Raises:
+            FmuError: the library does not have it.
+        """
+        if not self.has(name):
+            raise FmuError(self.fmu.instanceName, absent(self.prefix + name), "ask its supplier for a whole one")
+        return getattr(self.fmu.dll, self.prefix + name)
 
     def state(self, verb: str, argument: Any) -> int:
         """Get, Set or Free a snapshot of the whole state."""
@@ -218,7 +285,9 @@ class FmiFunctions(ABC):
 
     def free(self) -> None:
         """Free the instance; the library stays loaded, since unloading it breaks some of them."""
-        free = getattr(self.fmu.dll, f"{self.prefix}FreeInstance")
+        if not self.has("FreeInstance"):
+            return
+        free = self.function("FreeInstance")
         free.restype = None
         free(self.handle)
 
@@ -290,11 +359,11 @@ class Version2(FmiFunctions):
 
 
 class Fmi2(Version2, CoSimulation):
-    kind = fmi2.FMU2Slave
+    kind = FMU2Slave
 
     def __init__(self, fmu: FmuFile, name: str, log: Logger, debug_log: bool) -> None:
         super().__init__(fmu, name, log, debug_log)
-        self.do_step = self.fmu.dll.fmi2DoStep
+        self.do_step = self.function("DoStep")
         self.do_step.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int]
         self.do_step.restype = ctypes.c_int
 
@@ -302,7 +371,7 @@ class Fmi2(Version2, CoSimulation):
         return int(self.do_step(self.handle, time, duration, 1))
 
     def judged(self, status: int) -> int:
-        if status == DISCARD:
+        if status == DISCARD and self.has("GetBooleanStatus") and self.has("GetRealStatus"):
             asked, reached = ctypes.c_int(), ctypes.c_double()
             self.call("GetBooleanStatus", fmi2.fmi2Terminated, ctypes.byref(asked))
             self.call("GetRealStatus", fmi2.fmi2LastSuccessfulTime, ctypes.byref(reached))
@@ -389,13 +458,13 @@ class Version3(FmiFunctions):
 
 
 class Fmi3(Version3, CoSimulation):
-    kind = fmi3.FMU3Slave
+    kind = FMU3Slave
 
     def __init__(self, fmu: FmuFile, name: str, log: Logger, debug_log: bool) -> None:
         super().__init__(fmu, name, log, debug_log)
         self.flags = [ctypes.c_bool() for _ in range(3)]
         self.reached = ctypes.c_double()
-        self.do_step = self.fmu.dll.fmi3DoStep
+        self.do_step = self.function("DoStep")
         self.do_step.restype = ctypes.c_int
         self.do_step.argtypes = [
             ctypes.c_void_p,

@@ -21,7 +21,6 @@ LOG = logging.getLogger("servotwin.fmu")
 STATUS = ("OK", "warning", "discard", "error", "fatal error", "pending")
 # Errors are raised with what the FMU said, so their messages need no louder place in the log.
 _LEVELS = (logging.DEBUG, logging.WARNING, logging.INFO, logging.INFO, logging.INFO, logging.DEBUG)
-_REAL = ("Real", "Float64", "Float32")
 _TROUBLE = frozenset(f"logStatus{kind}" for kind in ("Warning", "Discard", "Error", "Fatal"))
 
 
@@ -48,6 +47,7 @@ class FmuInstance(Generic[A]):
         self.warnings = 0
         self._messages: deque[str] = deque(maxlen=20)
         self._given: dict[str, Value] = {}
+        self._sizes = frozenset(port.name for port in fmu.interface.of("structuralParameter"))
         self._alive = False
         self._known_as = last_words.OURS if fmu.is_ours else last_words.FMU, f"{name} ({fmu.path})"
         last_words.own().say(*self._known_as)
@@ -61,15 +61,19 @@ class FmuInstance(Generic[A]):
         self._log_errors(fmu, debug_log)
         self._groups: dict[tuple[str, ...], VariableGroup] = {}
         self._inputs = self._outputs = self._given_group = self._group()
+        self._configure()
 
     def set(self, values: Mapping[str, Value]) -> None:
         given = {**self._given, **values}
-        if not given:
-            return
+        for name in given.keys() & self._sizes:
+            del given[name]
         self._given_group = group = self._group(*given)
         if not group.floats or {type(value) for value in given.values()} != {float}:
-            given = {name: _typed(self.name, self._port(name), value) for name, value in given.items()}
+            given = {name: self._port(name).typed(f"{self.name}.{name}", value) for name, value in given.items()}
         self._given = given
+        self._inputs.keep([(self._port(name), value) for name, value in given.items()] if self._inputs.partial else ())
+        if not given:
+            return
         try:
             status = group.write(list(given.values()))
         except OverflowError:
@@ -78,6 +82,7 @@ class FmuInstance(Generic[A]):
         if FAILED <= status < FATAL:
             self._messages.clear()
             self._check(self._fmi.reset(), "reset")
+            self._configure()
             self._set_singly()
         if status:
             self._check(status, f"set {', '.join(self._given)}")
@@ -119,7 +124,9 @@ class FmuInstance(Generic[A]):
     def run(self) -> None:
         self._check(self._fmi.run(), "initialise")
         if self._given:
-            self._require_taken()
+            self._require_taken(self._given_group, self._given)
+        if self.interface.sizes:
+            self._require_taken(self._group(*self.interface.sizes), self.interface.sizes)
 
     def save(self) -> Any:
         state = ctypes.c_void_p()
@@ -140,6 +147,7 @@ class FmuInstance(Generic[A]):
         self._messages.clear()
         self.warnings = 0
         self._check(self._fmi.reset(), "reset")
+        self._configure()
 
     def close(self) -> None:
         if self._alive:
@@ -148,11 +156,21 @@ class FmuInstance(Generic[A]):
             last_words.own().say(*self._known_as, -1)
             last_words.own().say(last_words.GONE, self._known_as[1])
 
+    def _configure(self) -> None:
+        """Give the structural parameters their values, as the FMU's arrays have to have the interface's shapes."""
+        sizes = self.interface.sizes
+        if not sizes:
+            return
+        self._check(self._fmi.call("EnterConfigurationMode"), "enter configuration mode")
+        status = self._group(*sizes).write(list(sizes.values()))
+        self._check(status, f"set {', '.join(f'{name} = {value}' for name, value in sizes.items())}")
+        self._check(self._fmi.call("ExitConfigurationMode"), "leave configuration mode")
+
     def _log_errors(self, fmu: FmuFile, debug_log: bool) -> None:
         """Ask for messages about trouble, where the FMU keeps them apart from the rest."""
         offered = [category.name for category in fmu.description.logCategories]
         wanted = offered if debug_log else [name for name in offered if name in _TROUBLE]
-        if wanted:
+        if wanted and self._fmi.has("SetDebugLogging"):
             names = (ctypes.c_char_p * len(wanted))(*(name.encode() for name in wanted))
             self._fmi.call("SetDebugLogging", True, ctypes.c_size_t(len(wanted)), names)
 
@@ -177,14 +195,14 @@ class FmuInstance(Generic[A]):
                 raise FmuFileError(f"{self.name}.{name}", str(error), "choose a value inside") from None
             self._check(status, f"set {name} = {value}")
 
-    def _require_taken(self) -> None:
+    def _require_taken(self, group: VariableGroup, given: Mapping[str, Value]) -> None:
         """See that the FMU has the values it was given."""
-        status, values = self._given_group.taken()
+        status, values = group.taken()
         if status:
-            self._check(status, f"get {', '.join(self._given)}")
-        if values == list(self._given.values()):
+            self._check(status, f"get {', '.join(given)}")
+        if values == list(given.values()):
             return
-        for (name, value), taken in zip(self._given.items(), values, strict=True):
+        for (name, value), taken in zip(given.items(), values, strict=True):
             if value != taken and not self._close(name, value, taken):
                 raise FmuError(
                     f"{self.name}.{name}",
@@ -229,26 +247,3 @@ def _same_folder() -> Iterator[None]:
         yield
     finally:
         os.chdir(here)
-
-
-def _typed(component: str, port: Port, value: Value) -> Value:
-    """The value in the port's type; names of enumeration items are looked up."""
-    place = f"{component}.{port.name}"
-    if port.type == "String":
-        return str(value)
-    if isinstance(value, str):
-        if port.items is None or value not in port.items:
-            known = ", ".join(port.items) if port.items else f"a {port.type}"
-            raise FmuFileError(place, f"cannot be '{value}'", f"give {known}")
-        return port.items[value]
-    if port.type == "Boolean":
-        if value not in (0, 1):
-            raise FmuFileError(place, f"is a Boolean, not {value}", "give true or false")
-        return bool(value)
-    if isinstance(value, bool):
-        raise FmuFileError(place, f"cannot be {str(value).lower()}", f"give a {port.type}")
-    if port.type in _REAL:
-        return float(value)
-    if not math.isfinite(value) or int(value) != value:
-        raise FmuFileError(place, f"is of type {port.type}, {value} is not whole", "give a whole number")
-    return int(value)

@@ -2,24 +2,44 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from fmus.errors import FmuFileError
+from fmus.modelling.model import element
+
 Value = float | int | bool | str
-_NO_NUMBER = ("String", "Binary", "Clock")
+_REAL = ("Real", "Float64", "Float32")
+_ALONE = ("Binary", "Clock")  # nothing connects, sets or records them
+_WHOLE = re.compile(r"(U?)Int(\d+)")
+
+
+@dataclass(frozen=True)
+class Array:
+    """An array variable as a whole.
+
+    Attributes:
+        starts: start values of all elements, row by row; None where the file gives none for an array of this shape.
+    """
+
+    name: str
+    shape: tuple[int, ...]
+    starts: tuple[Value, ...] | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True)
 class Port:
-    """A scalar variable of an FMU, or an element of an array of parameters, named as in `A[1,2]`.
+    """A scalar variable of an FMU, or an element of an array, named as in `A[1,2]`.
 
     Attributes:
         type: FMI type name ("Real", "Float64", "Integer", "Int32", "Boolean", "Enumeration", "String", ...).
         variability: "constant", "fixed", "tunable", "discrete" or "continuous".
         start: start value as the file gives it, None without one.
         items: name -> value of an enumeration.
-        array: start values of the array it is an element of, row by row.
-        element: its number there, from 0.
+        array: what it is an element of.
+        element: its number there, from 0 and row by row.
     """
 
     name: str
@@ -33,19 +53,77 @@ class Port:
     items: Mapping[str, int] | None = None
     description: str = ""
     variability: str = "continuous"
-    array: tuple[float, ...] = field(default=(), repr=False)
+    array: Array | None = field(default=None, repr=False)
     element: int = 0
 
     @property
     def numeric(self) -> bool:
         """Whether its values are numbers (or true and false), so that they can be connected and recorded."""
-        return self.type not in _NO_NUMBER
+        return self.type not in ("String", *_ALONE)
+
+    @property
+    def alone(self) -> bool:
+        """Whether it is left as it is: clocks never tick, binary variables keep what they have."""
+        return self.type in _ALONE
 
     @property
     def settable(self) -> bool:
         """Whether it can be given a value before a run: parameters, inputs, and states with a start value."""
-        causes = ("parameter", "input", "local", "output")
-        return self.causality in causes and self.variability != "constant" and self.start is not None
+        causes = ("parameter", "structuralParameter", "input", "local", "output")
+        known = self.start is not None or (self.array is not None and self.causality in ("parameter", "input"))
+        return known and self.causality in causes and self.variability != "constant" and not self.alone
+
+    def parsed(self, start: str) -> Value:
+        """A start value as the file gives it, in the variable's type."""
+        if self.type == "Boolean":
+            return start.strip() in ("true", "1")
+        if self.type in _REAL:
+            return float(start)
+        return int(start) if self.numeric else start
+
+    def typed(self, place: str, value: Value) -> Value:
+        """The value in the variable's type; an item of an enumeration by its name or number.
+
+        Raises:
+            FmuFileError: it is of another type; the message names `place`.
+        """
+        if self.type == "String":
+            return str(value)
+        if self.items:
+            return self._item(place, value)
+        if isinstance(value, str):
+            raise FmuFileError(place, f"cannot be '{value}'", f"give a {self.type}")
+        if self.type == "Boolean":
+            if value not in (0, 1):
+                raise FmuFileError(place, f"is a Boolean, not {value}", "give true or false")
+            return bool(value)
+        if isinstance(value, bool):
+            raise FmuFileError(place, f"cannot be {str(value).lower()}", f"give a {self.type}")
+        return float(value) if self.type in _REAL else self._whole(place, value)
+
+    def _item(self, place: str, value: Value) -> int:
+        """The number of an enumeration's item."""
+        items = self.items or {}
+        if isinstance(value, str) and value in items:
+            return items[value]
+        if not isinstance(value, bool) and value in items.values():
+            return int(value)
+        known = ", ".join(f"{name} ({number})" for name, number in items.items())
+        raise FmuFileError(
+            place, f"cannot be '{value}'" if isinstance(value, str) else f"cannot be {value}", f"give {known}"
+        )
+
+    def _whole(self, place: str, value: float) -> int:
+        if not math.isfinite(value) or int(value) != value:
+            raise FmuFileError(place, f"is of type {self.type}, {value} is not whole", "give a whole number")
+        if match := _WHOLE.fullmatch(self.type):
+            low = 0 if match[1] else -(1 << int(match[2]) - 1)
+            high = low + (1 << int(match[2])) - 1
+            if not low <= value <= high:
+                raise FmuFileError(
+                    place, f"{value} does not fit into {self.type} ({low} to {high})", "choose a value inside"
+                )
+        return int(value)
 
 
 @dataclass(frozen=True)
@@ -53,7 +131,9 @@ class Interface:
     """What a component offers to a system.
 
     Attributes:
-        ports: name -> scalar variable.
+        ports: name -> scalar variable or element of an array.
+        left_out: arrays that have no ports, for they have too many elements, each with its shape.
+        sizes: structural parameters that were given values, with which the arrays have these shapes.
         feed_through: output -> the inputs that act on it at once; None where the FMU does not say.
     """
 
@@ -64,6 +144,14 @@ class Interface:
     has_state: bool = False
     fixed_step: float | None = None
     variable_step: bool = True
+    left_out: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    sizes: Mapping[str, Value] = field(default_factory=dict)
+
+    def shape(self, array: str) -> tuple[int, ...] | None:
+        """Shape of an array, or of scalars that are named as its elements; None where there are none."""
+        first = f"{array}["
+        found = (element(name) for name in self.ports if name.startswith(first))
+        return max((place for name, place in filter(None, found) if name == array), default=None)
 
     def of(self, causality: str) -> tuple[Port, ...]:
         """Ports of one causality."""

@@ -10,6 +10,7 @@ from pathlib import Path
 from fmus.errors import ScenarioError, ServotwinError, WiringError
 from orchestrator import formats
 from orchestrator.assembly.assembly import Assembled, OpenSystem, assemble
+from orchestrator.assembly.whole_arrays import check_shapes
 from orchestrator.display.table import table
 from orchestrator.engine import Interrupted, Result, Run, Simulation
 from orchestrator.fmi.interface import Value
@@ -166,12 +167,14 @@ def run_scenario(
             scenario.path, "has a recorder, which samples the whole record", "run it without stride and stream"
         )
     with naming(scenario.path), scratch(isolation) as folder:
-        assembled = assemble(scenario.system, fmus or folder, scenario.driven)
+        assembled = assemble(scenario.system.given(overrides or {}), fmus or folder, scenario.driven)
         cases: list[CaseResult] = []
         try:
             with OpenSystem(assembled) as opened, opened.simulation(scenario.timing, isolation) as simulation:
                 stimuli = _stimuli(scenario, simulation)
                 simulation.check_record(scenario.recorded(simulation.outputs))
+                for case in scenario.cases:
+                    check_shapes(opened.system, case.arrays)
                 for number, case in enumerate(scenario.cases):
                     values = {**case.values, **(overrides or {})}
                     told = _part_of(progress, number, len(scenario.cases), case.name)

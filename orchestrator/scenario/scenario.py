@@ -53,12 +53,14 @@ class Case:
 
     Attributes:
         values: component.variable -> value, all that are set.
+        arrays: component.array -> shape of those that it sets as a whole.
         expected: all that must hold.
     """
 
     name: str
     values: Mapping[str, Value] = field(default_factory=dict)
     expected: tuple[Expectation | Refusal, ...] = ()
+    arrays: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
 
     @property
     def looked_at(self) -> dict[str, None]:

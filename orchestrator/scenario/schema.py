@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from orchestrator.assembly.schema import RunBlock, SignalFileBlock, SystemBlock
 from orchestrator.assembly.stimulus import Stimulus
-from orchestrator.fmi.interface import Value
+from orchestrator.assembly.whole_arrays import Values, elements, shapes
 from orchestrator.scenario.can_block import CanBlock
 from orchestrator.scenario.expectations import Above, Below, Expectation, Near, Refusal
 from orchestrator.scenario.scenario import Case, DataLogger, Scenario
@@ -101,7 +101,7 @@ class CaseBlock(Block):
     """A variant of the scenario: values that differ, and what must hold besides."""
 
     name: str
-    set: dict[str, Value] = {}
+    set: Values = {}
     expect: list[ExpectationBlock] = []
 
 
@@ -160,8 +160,9 @@ class ScenarioBlock(SystemBlock):
             tuple(
                 Case(
                     case.name,
-                    self._values(number) | case.set,
+                    self._values(number) | elements(case.set),
                     (*common, *(block.expectation(base) for block in case.expect)),
+                    shapes(case.set),
                 )
                 for number, case in enumerate(self.cases)
             ),

@@ -174,7 +174,12 @@ def test_parameters_start_values_and_free_inputs_can_be_set(values: dict[str, Va
         ("a.y", 1.0, "a.y: is an output and cannot be set; set a parameter or a start value"),
         ("a.pi", 3.0, "a.pi: is a constant and cannot be set; set a parameter or a start value"),
         ("a.derived", 3.0, "a.derived: is a calculatedParameter and cannot be set; set a parameter or a start value"),
-        ("a.size", 4, "a.size: is a structuralParameter and cannot be set; set a parameter or a start value"),
+        (
+            "a.size",
+            4,
+            "a.size: is 3 and cannot be 4 in one run only; "
+            "sizes hold for all runs: give it among the `parameters`, or with --set",
+        ),
         ("a.u", 1.0, "a.u: takes its value from b.y; do not set it"),
         ("a.w", 1.0, "a.w: takes its value from a stimulus; do not set it"),
         ("a.kk", 1.0, "a.kk: no variable 'kk' in 'a'; did you mean 'k'?"),

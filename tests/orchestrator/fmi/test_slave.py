@@ -170,7 +170,8 @@ def test_items_of_an_enumeration_can_be_set_by_name(load: Load) -> None:
 @pytest.mark.parametrize(
     ("name", "value", "problem"),
     [
-        ("Enumeration_input", "Option 3", "cannot be 'Option 3'; give Option 1, Option 2"),
+        ("Enumeration_input", "Option 3", "cannot be 'Option 3'; give Option 1 (1), Option 2 (2)"),
+        ("Enumeration_input", 3, "cannot be 3; give Option 1 (1), Option 2 (2)"),
         ("Float64_continuous_input", "fast", "cannot be 'fast'; give a Float64"),
         ("Int8_input", 1.5, "is of type Int8, 1.5 is not whole; give a whole number"),
         ("Int8_input", float("nan"), "is of type Int8, nan is not whole; give a whole number"),
@@ -490,8 +491,8 @@ def test_jacobi_and_gauss_seidel_agree_where_every_output_is_a_state(tmp_path: P
     assert np.array_equal(traces[0]["s1.x1"], traces[1]["s1.x1"])
 
 
-def test_structural_parameters_are_refused_before_the_run() -> None:
-    with pytest.raises(WiringError, match=r"fmu\.m: is a structuralParameter and cannot be set"):
+def test_structural_parameters_of_one_run_are_refused_before_it() -> None:
+    with pytest.raises(WiringError, match=r"fmu\.m: is 3 and cannot be 2 in one run only"):
         run({"fmu": third_party.reference(3, "StateSpace")}, step=Fraction(1), stop=Fraction(2), values={"fmu.m": 2})
 
 

@@ -1,0 +1,176 @@
+"""Array variables of FMI 3: their elements connect, are set and recorded, whatever their type and shape."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fmpy import simulate_fmu
+
+from fmus.errors import ServotwinError
+from orchestrator.engine import Engine, Simulation, Timing, compiled
+from orchestrator.fmi.file import FmuFile
+from orchestrator.fmi.interface import Value
+from orchestrator.fmi.slave import Slave
+from orchestrator.info import about
+from orchestrator.scenario.run import run_scenario
+from orchestrator.system import Part, wire
+from orchestrator.trace import Trace
+from tests.support import arrays, third_party
+
+pytestmark = pytest.mark.slow  # a compiler
+ENGINES = [Engine.PYTHON, pytest.param(Engine.COMPILED, marks=pytest.mark.skipif(not compiled.available(), reason="-"))]
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return arrays.build(tmp_path_factory.mktemp("fmu"))
+
+
+def run(
+    path: Path,
+    links: list[tuple[str, str]],
+    values: Mapping[str, Value],
+    engine: Engine = Engine.AUTO,
+    sizes: Mapping[str, Value] | None = None,
+) -> list[Trace]:
+    """Traces of a and b, both of this FMU, run twice from reset."""
+    with FmuFile(path, None, sizes) as file:
+        system = wire({"a": Part(file.interface), "b": Part(file.interface)}, links)
+        slaves = {"a": Slave(file, "a"), "b": Slave(file, "b")}
+        with Simulation(system, slaves, Timing(Fraction(1), Fraction(1, 4), engine=engine)) as made:
+            return [made.run(values).trace for _ in range(2)]
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_elements_of_every_type_connect_and_the_others_keep_what_they_were_given(path: Path, engine: Engine) -> None:
+    """An array goes to the FMU as a whole: of each input of b one element is connected, the other set or at start."""
+    kinds = [kind for kind in arrays.TYPES if kind not in ("String", "Enumeration", "Boolean")]
+    links = [(f"a.out_{kind}[1]", f"b.in_{kind}[2]") for kind in [*kinds, "Boolean"]] + [("a.y[2]", "b.u[1]")]
+    values: dict[str, Value] = {f"a.p_{kind}[1]": 5 for kind in kinds} | {f"b.in_{kind}[1]": 7 for kind in kinds[::2]}
+    values |= {"b.in_Boolean[1]": True, "b.u[2]": 0.25, "b.gain[1,2]": 2.0, "b.in_Enumeration[2]": "none"}
+    first, again = run(path, links, values, engine)
+    for trace in (first, again):
+        for number, kind in enumerate(kinds):
+            found = [trace[f"b.out_{kind}[{place}]"][-1] for place in (1, 2)]
+            assert found == [0.0 if number % 2 else 7.0, 5.0], kind
+        assert [trace[f"b.out_Boolean[{place}]"][-1] for place in (1, 2)] == [1.0, 0.0]
+        assert [trace[f"b.out_Enumeration[{place}]"][-1] for place in (1, 2)] == [1.0, 0.0]
+        assert [trace[f"b.y[{place}]"][-1] for place in (1, 2)] == [2.0 + 2 * 0.25, 0.25]
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_what_was_given_in_one_run_is_gone_in_the_next(path: Path, engine: Engine) -> None:
+    links = [("a.y[1]", "b.u[1]")]
+    with FmuFile(path) as file:
+        slaves = {"a": Slave(file, "a"), "b": Slave(file, "b")}
+        system = wire({"a": Part(file.interface), "b": Part(file.interface)}, links)
+        with Simulation(system, slaves, Timing(Fraction(1), Fraction(1, 4), engine=engine)) as made:
+            ends = [made.run(values).trace["b.y[2]"][-1] for values in ({}, {"b.u[2]": 9.0}, {})]
+    assert ends == [2.0, 9.0, 2.0]
+
+
+def test_structural_parameters_change_shapes(path: Path) -> None:
+    """Elements that have neither a value nor a start value keep what the FMU gives them: 3, 4 of its own inputs."""
+    gain = {f"b.gain[{i},{j}]": float(10 * i + j) for i in (1, 2, 3) for j in (1, 2, 3)}
+    for trace in run(path, [("a.y[1]", "b.u[2]")], {**gain, "b.m": 3, "b.u[1]": 1.0}, sizes={"m": 3}):
+        assert [name for name in trace.names if name.startswith("b.y")] == ["b.y[1]", "b.y[2]", "b.y[3]"]
+        u = np.array([1.0, 1.0, 3.0])  # a's gain has 1 in its first place
+        assert [trace[f"b.y[{i}]"][-1] for i in (1, 2, 3)] == [
+            np.array([10 * i + 1, 10 * i + 2, 10 * i + 3]) @ u for i in (1, 2, 3)
+        ]
+
+
+def scenario(folder: Path, text: str) -> Path:
+    file = folder / "arrays.yaml"
+    file.write_text("title: arrays\nrun: {stop: 1, step: 0.5}\n" + text)
+    return file
+
+
+def refusal(work: Callable[[], Any]) -> str:
+    with pytest.raises(ServotwinError) as refused:
+        work()
+    assert "\n" not in str(refused.value)
+    return str(refused.value)
+
+
+def test_a_file_gives_arrays_whole_and_options_give_elements_and_sizes(path: Path, tmp_path: Path) -> None:
+    parameters = (
+        "{m: 3, gain: [[1, 0, 0], [0, 2, 0], [1, 1, 1]], u: [1, 2, 3], p_String: [x, y], p_Enumeration: [low, 3]}"
+    )
+    text = f"components:\n  c: {{fmu: {path}, parameters: {parameters}}}\n"
+    text += "expect:\n- {signal: 'c.y[3]', near: 6, within: 0, after: 1}\n"
+    assert run_scenario(scenario(tmp_path, text)).passed
+    assert not run_scenario(scenario(tmp_path, text), {"c.gain[3,3]": 2.0}).passed
+    cases = text + "cases:\n- {name: one, set: {c.u: [0, 0, 6]}}\n- {name: two, set: {c.u: [0, 0]}}\n"
+    assert "c.u: is given as 2 elements and is 3 elements" in refusal(lambda: run_scenario(scenario(tmp_path, cases)))
+    assert "c.gain: is given as 3 x 3 and is 2 x 2" in refusal(
+        lambda: run_scenario(scenario(tmp_path, text), {"c.m": 2})
+    )
+
+
+@pytest.mark.parametrize(
+    ("parameters", "problem"),
+    [
+        ("{gain: [[1, 0], [0]]}", "the rows of 'gain' differ in length"),
+        ("{gain: [1, [2]]}", "the rows of 'gain' differ in length"),
+        ("{gain: [[1, null], [2, 3]]}", "'gain' holds something that is neither a number nor text"),
+        ("{gain: [1, 0, 0, 1]}", "c.gain: is given as 4 elements and is 2 x 2"),
+        ("{y: [1, 0]}", "c.y[1]: is an output and cannot be set"),
+        ("{m: [1, 0]}", "c.m: is no array"),
+        ("{m: 5}", "m: is 5, outside its bounds [1, 4]"),
+        ("{m: 1.5}", "m: is of type UInt64, 1.5 is not whole"),
+        ("{'gain[3,1]': 1}", "no variable 'gain[3,1]' in 'c'"),
+        ("{'p_Int8[1]': 1.5}", "c.p_Int8[1]: is of type Int8, 1.5 is not whole"),
+        ("{'p_UInt8[2]': 256}", "c.p_UInt8[2]: 256 does not fit into UInt8 (0 to 255)"),
+        ("{p_Boolean: [true, 0.5]}", "c.p_Boolean[2]: is a Boolean, not 0.5"),
+        ("{p_Enumeration: [2, 1]}", "c.p_Enumeration[1]: cannot be 2; give none (0), low (1), high (3)"),
+        (
+            "{p_Enumeration: [low, highest]}",
+            "c.p_Enumeration[2]: cannot be 'highest'; give none (0), low (1), high (3)",
+        ),
+    ],
+)
+def test_values_that_do_not_fit_are_refused_by_name(path: Path, tmp_path: Path, parameters: str, problem: str) -> None:
+    text = f"components:\n  c: {{fmu: {path}, parameters: {parameters}}}\n"
+    assert problem in refusal(lambda: run_scenario(scenario(tmp_path, text)))
+
+
+def test_a_size_is_the_same_in_all_cases(path: Path, tmp_path: Path) -> None:
+    text = f"components:\n  c: {{fmu: {path}}}\ncases:\n- {{name: one, set: {{c.m: 3}}}}\n"
+    assert "c.m: is 2 and cannot be 3 in one run only" in refusal(lambda: run_scenario(scenario(tmp_path, text)))
+
+
+def test_start_values_that_are_too_few_are_refused(tmp_path: Path) -> None:
+    path = arrays.build(tmp_path, ('start="1 0 0 1"', 'start="1 0 0"'))
+    assert "'gain' has 3 start values for 4 elements" in refusal(lambda: FmuFile(path))
+
+
+def test_one_start_value_is_that_of_all(tmp_path: Path) -> None:
+    with FmuFile(arrays.build(tmp_path, ('start="1 0 0 1"', 'start="2"'))) as file:
+        assert [port.start for port in file.interface.ports.values() if port.name.startswith("gain")] == ["2"] * 4
+
+
+def test_state_space_is_what_fmpy_makes_of_it() -> None:
+    """Whole arrays as FMPy sets them against elements, in the loop that steps them; to the last bit."""
+    path = third_party.reference(3, "StateSpace")
+    A, u = np.array([[0.5, 0.1, 0], [0, -1, 0.25], [0.5, 0, -2]]), [1.0, 0.0, 3.0]
+    theirs = simulate_fmu(
+        str(path), stop_time=5, output_interval=1, fmi_type="CoSimulation", start_values={"A": A.ravel(), "u": u}
+    )
+    values = {f"c.A[{i + 1},{j + 1}]": float(A[i, j]) for i in range(3) for j in range(3)} | {"c.u[2]": 0.0}
+    with FmuFile(path) as file:
+        system = wire({"c": Part(file.interface)}, [])
+        with Simulation(system, {"c": Slave(file, "c")}, Timing(Fraction(5), Fraction(1))) as made:
+            ours = made.run(values).trace
+    assert np.array_equal(np.column_stack([ours[f"c.y[{i}]"] for i in (1, 2, 3)]), theirs["y"])
+
+
+def test_info_shows_elements_and_sizes(path: Path) -> None:
+    document: Any = about(path)
+    assert [entry["name"] for entry in document["inputs"][:2]] == ["u[1]", "u[2]"]
+    assert {"name": "m", "start": "2", "unit": "", "description": ""} in document["structural parameters"]
