@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-import struct
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fmus.errors import InputError, TraceError
+import numpy as np
+
+from fmus.errors import InputError
 from fmus.packaging import archive, defaults
 from orchestrator.can.log_suffixes import is_log
 from orchestrator.progress import Progress, silent
@@ -19,7 +19,9 @@ from orchestrator.results import MARKS
 if TYPE_CHECKING:
     from orchestrator import formats
     from orchestrator.fmi.interface import Interface, Port
+    from orchestrator.trace import Trace
 
+FIRST_ROWS = 5
 InfoDocument = Mapping[str, object]
 """A JSON document, to be shown and not to be looked into."""
 
@@ -102,16 +104,13 @@ def about_trace(path: Path, layout: formats.Layout | None = None, progress: Prog
         return about_log(path, progress)
     from orchestrator import formats  # noqa: PLC0415 (it brings pyarrow along)
 
-    try:
-        recording = formats.read(path, layout, progress)
-    except TraceError as error:
-        if path.suffix.lower() != ".mat" or not path.is_file() or layout is not None:
-            raise
-        return _about_matrices(path, error)
-    return _about_recording(recording)
+    recording = formats.read(path, layout, progress)
+    return _about_recording(recording, layout or formats.Layout())
 
 
-def _about_recording(recording: formats.Recording) -> InfoDocument:
+def _about_recording(recording: formats.Recording, asked: formats.Layout) -> InfoDocument:
+    from orchestrator.formats.layout import spelled  # noqa: PLC0415 (see above)
+
     trace = recording.trace
     return {
         "name": trace.name,
@@ -119,27 +118,39 @@ def _about_recording(recording: formats.Recording) -> InfoDocument:
         "from": float(trace.time[0]),
         "to": float(trace.time[-1]),
         "stamps": str(recording.stamps),
-        **_about_decoding(recording),
+        **_about_reading(recording),
         "sha256": recording.sha256,
-        "signals": [
-            {
-                "name": name,
-                "unit": trace.unit(name) or "",
-                "min": _finite(trace[name].min()),
-                "max": _finite(trace[name].max()),
-            }
-            for name in trace.names
+        "signals": [_about_signal(trace, name) for name in trace.names],
+        "rows": [
+            {"time": float(stamp), **{name: _finite(trace[name][row]) for name in trace.names}}
+            for row, stamp in enumerate(trace.time[:FIRST_ROWS])
         ],
+        **({} if recording.layout is None else {"layout": spelled(recording.layout, asked)}),
     }
 
 
-def _about_decoding(recording: formats.Recording) -> InfoDocument:
-    """When a log began, and what was found while it was read and decoded."""
-    if recording.start is None:
-        return {}
-    from orchestrator.can.logs.frame_count import moment  # noqa: PLC0415
+def _about_signal(trace: Trace, name: str) -> InfoDocument:
+    values = trace[name]
+    known = values[np.isfinite(values)]
+    missing, infinite = int(np.isnan(values).sum()), int(np.isinf(values).sum())
+    return {
+        "name": name,
+        "unit": trace.unit(name) or "",
+        "min": float(known.min()) if len(known) else None,
+        "max": float(known.max()) if len(known) else None,
+        **({"missing": missing} if missing else {}),
+        **({"infinite": infinite} if infinite else {}),
+    }
 
-    return {"start": moment(recording.start), "notes": list(recording.notes), "found": dict(recording.found)}
+
+def _about_reading(recording: formats.Recording) -> InfoDocument:
+    """When time 0 was, and what was found while the file was read and decoded."""
+    document: dict[str, object] = {}
+    if recording.start is not None:
+        from orchestrator.can.logs.frame_count import moment  # noqa: PLC0415
+
+        document["start"] = moment(recording.start)
+    return document | {"notes": list(recording.notes), "found": dict(recording.found)}
 
 
 def about_log(path: Path, progress: Progress = silent) -> InfoDocument:
@@ -170,21 +181,6 @@ def about_result(folder: Path) -> InfoDocument:
         facts["parameters"] = [{"name": name, **entry} for name, entry in parameters.items()]
     facts["files"] = sorted(str(file.relative_to(folder)) for file in folder.rglob("*") if file.is_file())
     return facts
-
-
-def _about_matrices(path: Path, error: TraceError) -> InfoDocument:
-    from orchestrator.formats import mat5  # noqa: PLC0415 (see above)
-
-    try:
-        with path.open("rb") as file:
-            variables = mat5.variables(file)
-    except (ValueError, struct.error, zlib.error):
-        raise error from None
-    return {
-        "name": path.stem,
-        "variables": [{"name": variable.name, "shape": str(variable.shape)} for variable in variables],
-        "note": "columns have no names: say in the study's `layout` which is which",
-    }
 
 
 def _document(place: Path, text: bytes) -> dict[str, object]:

@@ -153,7 +153,7 @@ def recording_warnings(traces: Sequence[StudyTrace]) -> list[str]:
         )
     if noted := [trace for trace in traces if trace.notes]:
         warnings.append(
-            f"{len(noted)} of {len(traces)} recordings are not as they should be (details under data); "
+            f"what was seen in {len(noted)} of {len(traces)} recordings is to be known (details under data); "
             f"the first: {noted[0].trace.name}, {'; '.join(noted[0].notes)}"
         )
     return warnings

@@ -6,10 +6,11 @@ import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from identification.recordings.campaign import DecimalPoint, FileField, FileName, TraceSource
 from orchestrator.formats import Layout
+from orchestrator.formats.schema import LayoutBlock
 from orchestrator.yaml_file import Block
 
 
@@ -24,53 +25,6 @@ class UsedSignals:
 
     commands: frozenset[str] = frozenset()
     measured: frozenset[str] = frozenset()
-
-
-class LayoutBlock(Block):
-    """Which column of a recording is which signal.
-
-    Attributes:
-        database: of CAN logs, beside the study file; there `columns` names signals of the database, and without them
-            the study's signals are the database's.
-        channel: of CAN logs; None takes the frames of all.
-        steady: messages of CAN logs with a counter whose sender keeps an even schedule: their frames get its stamps,
-            however late each came.
-    """
-
-    variable: str | None = None
-    time: int | str = Layout.time
-    columns: dict[str, int | str] | None = None
-    units: dict[str, str] = {}
-    database: Path | None = None
-    channel: int | None = Field(None, ge=0)
-    steady: list[str] = []
-
-    def layout(self, base: Path, signals: UsedSignals) -> Layout:
-        """How to read a recording.
-
-        Args:
-            base: folder of the study file.
-        """
-        plain = Layout(self.variable, self.time, self.columns, self.units)
-        if self.database is None:
-            return plain
-        columns = self.columns or {name: name for name in sorted(signals.commands | signals.measured)}
-        linear = [str(columns[name]) for name in sorted(signals.measured - signals.commands) if name in columns]
-        return replace(
-            plain,
-            columns=columns,
-            database=self.database_file(base),
-            channel=self.channel,
-            interpolated=linear,
-            steady=self.steady,
-        )
-
-    def database_file(self, base: Path) -> Path | None:
-        """Where the database is: where the study says, or beside the study by its own name, as in a result folder."""
-        if self.database is None:
-            return None
-        beside = base / self.database.name
-        return beside if beside.is_file() and not (base / self.database).is_file() else base / self.database
 
 
 class FieldBlock(Block):
@@ -119,7 +73,7 @@ class TracesBlock(Block):
             base,
             self.files,
             base / self.scenario if self.scenario else None,
-            self.layout.layout(base, signals),
+            _layout(self.layout.layout(base), signals),
             FileName(name.pattern, {key: FileField(**dict(block)) for key, block in name.fields.items()})
             if name
             else None,
@@ -136,6 +90,15 @@ class TracesBlock(Block):
             if self.files is not None and field not in known:
                 raise ValueError(f"{name}: `file_name` has no field '{field}'")
         return self
+
+
+def _layout(layout: Layout, signals: UsedSignals) -> Layout:
+    """The layout with what the study takes of a database, and how it runs between the frames."""
+    if layout.database is None:
+        return layout
+    columns = layout.columns or {name: name for name in sorted(signals.commands | signals.measured)}
+    linear = [str(columns[name]) for name in sorted(signals.measured - signals.commands) if name in columns]
+    return replace(layout, columns=columns, interpolated=linear)
 
 
 class StudyBlock(Block):

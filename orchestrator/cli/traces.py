@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
@@ -11,10 +11,11 @@ import typer
 
 from fmus.errors import InputError
 from orchestrator.cli.tables import LAYOUTS
-from orchestrator.cli.terminal import Answer, Terminal, command, facts
+from orchestrator.cli.terminal import Answer, Listing, Terminal, command, facts
 
 if TYPE_CHECKING:
     from orchestrator.formats import Layout
+    from orchestrator.info import InfoDocument
     from orchestrator.progress import Progress
 
 Read = TypeVar("Read")
@@ -28,7 +29,17 @@ class Reading:
     """How recordings are read."""
 
     layout: Annotated[
-        Path | None, typer.Option("--layout", metavar="STUDY", help="Columns as this study file says.")
+        Path | None,
+        typer.Option("--layout", metavar="FILE", help="As this study says, or a file with `layout:` alone."),
+    ] = None
+    time: Annotated[
+        str | None, typer.Option("--time", metavar="COLUMN", help="The time's column: its name, or its number from 0.")
+    ] = None
+    columns: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--columns", metavar="SIGNAL=COLUMN", help="Which column is a signal, by name or number; repeatable."
+        ),
     ] = None
     dbc: Annotated[
         Path | None, typer.Option("--dbc", metavar="FILE", help="Database of a CAN log: .dbc, .arxml, ...")
@@ -41,16 +52,18 @@ class Reading:
     ] = None
 
     def chosen(self) -> Layout:
-        """The layout that a study file gives, with the database and the signals of the command."""
+        """The layout that a file gives, with what the command says over it."""
         from orchestrator.formats import Layout
 
         layout = Layout() if self.layout is None else _layout_of(self.layout)
-        return replace(
-            layout,
-            database=layout.database if self.dbc is None else self.dbc,
-            channel=layout.channel if self.channel is None else self.channel,
-            signals=layout.signals if self.signal is None else self.signal,
-        )
+        said = {
+            "time": None if self.time is None else _column(self.time),
+            "columns": None if self.columns is None else dict(map(_assignment, self.columns)),
+            "database": self.dbc,
+            "channel": self.channel,
+            "signals": self.signal,
+        }
+        return replace(layout, **{key: value for key, value in said.items() if value is not None})  # type: ignore[arg-type]
 
 
 @command(app, "info")
@@ -60,7 +73,7 @@ def trace_info(terminal: Terminal, files: Files, reading: Reading) -> Answer:
 
     layout = reading.chosen()
     documents = [_with_bar(terminal, file, lambda file, told: about_trace(file, layout, told)) for file in files]
-    return Answer({"traces": documents}, [facts({**document, "found": []}) for document in documents])
+    return Answer({"traces": documents}, [shown for document in documents for shown in _shown(document)])
 
 
 @command(app, "convert")
@@ -100,6 +113,9 @@ def trace_plot(
 
     layout = reading.chosen()
     recordings = [_with_bar(terminal, file, lambda file, told: formats.read(file, layout, told)) for file in files]
+    for recording in recordings:
+        for note in recording.notes:
+            terminal.say(f"{recording.path}: {note}")
     plot_traces(recordings).write(out)
     return Answer({"report": str(out)}, [f"plotted into {out}"])
 
@@ -110,10 +126,46 @@ def _with_bar(terminal: Terminal, file: Path, work: Callable[[Path, Progress], R
         return work(file, move)
 
 
-def _layout_of(file: Path) -> Layout:
-    from orchestrator.yaml_file import keys
+def _shown(document: InfoDocument) -> Iterator[Listing | str]:
+    """What is known of a recording, its first rows as they were understood, and the block that has it read so."""
+    apart = ("found", "rows", "layout", *(["signals"] if "rows" in document else []))
+    yield facts({key: value for key, value in document.items() if key not in apart})
+    if "rows" in document:
+        yield _table("signals", document["signals"], ("name", "unit", "min", "max", "missing", "infinite"))
+        yield _table("first rows", document["rows"])
+    if "layout" in document:
+        from orchestrator.yaml_file import text
 
+        yield text({"layout": document["layout"]})
+
+
+def _table(title: str, entries: object, headers: Sequence[str] = ()) -> Listing:
+    rows = entries if isinstance(entries, list) else []
+    names = headers or [name for row in rows[:1] for name in row]
+    return Listing(names, [[_cell(row.get(name)) for name in names] for row in rows], title)
+
+
+def _cell(value: object) -> str:
+    return "" if value is None else f"{value:.9g}" if isinstance(value, float) else str(value)
+
+
+def _column(text: str) -> int | str:
+    return int(text) if text.isdecimal() else text
+
+
+def _assignment(text: str) -> tuple[str, int | str]:
+    name, _, column = text.partition("=")
+    return name, _column(column or name)
+
+
+def _layout_of(file: Path) -> Layout:
+    from orchestrator.yaml_file import keys, load
+
+    if keys(file) == ["layout"]:
+        from orchestrator.formats.schema import LayoutFileBlock
+
+        return load(file, LayoutFileBlock).layout.layout(file.parent)
     knows = next((LAYOUTS[key] for key in keys(file) if key in LAYOUTS), None)
     if knows is None:
-        raise InputError(file, "tells no layout of recordings", f"give a file with {' or '.join(LAYOUTS)}")
+        raise InputError(file, "tells no layout of recordings", f"give a file with {' or '.join(('layout', *LAYOUTS))}")
     return knows(file)

@@ -30,7 +30,7 @@ class Format(Protocol):
     def write(self, trace: Trace, file: BinaryIO) -> None: ...
 
 
-FORMATS = {".csv": "csv", ".mat": "mat", ".parquet": "parquet", ".txt": "text"}
+FORMATS = {".csv": "csv", ".mat": "mat", ".parquet": "parquet", ".tsv": "text", ".txt": "text"}
 """Those that come along; other packages add theirs as entry points `SUFFIX = module` of `servotwin.formats`."""
 
 

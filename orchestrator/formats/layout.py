@@ -1,32 +1,37 @@
-"""Which column of a file is which signal. A `Layout` is what the user says, `ColumnNames` what the file says, and
-`choose` brings the two together before any sample is read.
+"""Which column of a file is which signal. A `Layout` is what the user says, `Columns` what the file says, and
+`choose` brings the two together before any sample is read. What nobody said is seen in the file, and told.
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fmus.errors import TraceError
 from fmus.files import sha256
+from orchestrator.formats.headings import SECONDS, names_time, split, time_unit
 from orchestrator.formats.recording import Recording
-from orchestrator.trace import ordered
+from orchestrator.formats.stamps import Stamps
+from orchestrator.trace import FloatArray, ordered
 
-SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
+Separator = Literal[",", ";", "|", "tab", "blank"]
+Decimal = Literal[".", ","]
+Dates = Literal["dmy", "mdy", "ymd"]
 MAX_VALUES = 2**28  # samples times columns of one recording: 2 GiB
 
 
 @dataclass(frozen=True)
 class Layout:
-    """What the columns of a recording are.
+    """What the columns of a recording are; None is seen in the file.
 
     Attributes:
-        variable: name of the matrix in a .mat file; None takes the only one.
+        variable: the part of the file that is the table: a matrix of .mat, .npz or HDF5, a sheet of .xlsx, a group of
+            channels of .tdms or MDF. None takes the only one.
         time: column of the time stamps, a number from 0 or a name.
         columns: signal name -> column number or name; None takes every column under its own name.
         units: signal name (or the time column's) -> unit, over what the file says.
@@ -35,10 +40,17 @@ class Layout:
         interpolated: signals of the database that run linearly between their frames instead of being held.
         channel: of the log, from 0; None takes the frames of all.
         steady: messages of the database whose frames get the stamps of the even schedule that their sender kept.
+        header: number of the line that names the columns, from 1; 0 where none does.
+        units_line: number of the line with their units; 0 where there is none.
+        separator: of the cells of a line: "," ";" "|" "tab" "blank".
+        decimal: mark of the decimals, a point or a comma.
+        encoding: of a text file, such as cp1252.
+        dates: order of day, month and year.
+        time_zone: where the clock was that gave times without a zone, such as Europe/Berlin.
     """
 
     variable: str | None = None
-    time: int | str = "time"
+    time: int | str | None = None
     columns: Mapping[str, int | str] | None = None
     units: Mapping[str, str] = field(default_factory=dict)
     database: Path | None = None
@@ -46,76 +58,197 @@ class Layout:
     interpolated: Collection[str] = ()
     channel: int | None = None
     steady: Collection[str] = ()
+    header: int | None = None
+    units_line: int | None = None
+    separator: Separator | None = None
+    decimal: Decimal | None = None
+    encoding: str | None = None
+    dates: Dates | None = None
+    time_zone: str | None = None
+
+
+PLAIN = Layout(header=1, units_line=0, separator=",", decimal=".", encoding="utf-8")
+
+
+def spelled(layout: Layout, asked: Layout) -> dict[str, object]:
+    """The `layout` block that reads such a file: what was asked for, and what is not as in a plain file."""
+    keys = ("variable", "time", "columns", "units", "header", "units_line", "separator", "decimal", "encoding")
+    seen = {key: getattr(layout, key) for key in (*keys, "dates", "time_zone")}
+    return {
+        key: dict(value) if isinstance(value, Mapping) else value
+        for key, value in seen.items()
+        if value not in (None, {}) and (value != getattr(PLAIN, key) or getattr(asked, key) is not None)
+    }
 
 
 @dataclass(frozen=True)
-class ColumnNames:
-    """The columns a file holds: how many, and their names and units ("" unknown) where it tells them."""
+class Columns:
+    """The columns a file holds: how many, and what it tells of them.
+
+    Attributes:
+        names: "" where it has none; None where it names no column.
+        units: "" where they are not known.
+        useless: number of a column -> what it holds instead of numbers, "" where it holds nothing.
+        stamped: numbers of columns that hold dates or times of day.
+        head: the first samples of a column by its number, where they are at hand.
+    """
 
     count: int
     names: tuple[str, ...] | None = None
     units: tuple[str, ...] = ()
+    useless: Mapping[int, str] = field(default_factory=dict)
+    stamped: Collection[int] = ()
+    head: Callable[[int], ArrayLike] | None = None
+
+    def unit(self, number: int) -> str:
+        """Unit of a column, "" where it is not known."""
+        return self.units[number] if self.units else ""
+
+    def label(self, number: int) -> int | str:
+        """What a layout calls a column: its name, or its number where that tells more."""
+        name = self.names[number] if self.names else ""
+        return name if name and self.names and self.names.count(name) == 1 else number
 
 
 @dataclass(frozen=True)
 class Choice:
-    """The columns to read of the file `place`: numbers from 0, units by signal name, and the time unit in seconds."""
+    """The columns to read of the file `place`.
+
+    Attributes:
+        time: number of the column with the stamps.
+        signals: name -> number of a column, from 0.
+        units: name -> unit.
+        seconds: unit of the stamps [s].
+        layout: what was asked for, and what was seen.
+        notes: what was seen and not said, a line each.
+    """
 
     place: Path
     time: int
     signals: Mapping[str, int]
     units: Mapping[str, str]
     seconds: float
+    layout: Layout
+    notes: tuple[str, ...] = ()
 
     @property
     def wanted(self) -> list[int]:
         """Every column that is needed, ascending."""
         return sorted({self.time, *self.signals.values()})
 
-    def recording(self, column: Callable[[int], ArrayLike], name: str = "") -> Recording:
+    def recording(
+        self,
+        column: Callable[[int], ArrayLike],
+        name: str = "",
+        stamps: Stamps | None = None,
+        notes: Sequence[str] = (),
+    ) -> Recording:
         """The recording that results when `column` gives the samples (K,) of a column by its number.
 
         Args:
             name: what the file calls it; without one it is named after the file.
+            stamps: the times, where they are no numbers.
+            notes: what else was seen in the file.
 
         Raises:
-            TraceError: fewer than two distinct stamps, or one that is not finite.
+            TraceError: fewer than two distinct stamps, or one that is not finite; numbers of an unknown unit that look
+                like days or like milliseconds since 1970.
         """
-        stamps = np.asarray(column(self.time), dtype=float)
-        if self.seconds != 1.0:
-            stamps = stamps * self.seconds
+        time = self._numbers(column(self.time)) if stamps is None else stamps.time
         signals = {key: column(index) for key, index in self.signals.items()}
-        trace, report = ordered(stamps, signals, self.units, str(self.place))
-        return Recording(replace(trace, name=name or self.place.stem), report, self.place, sha256(self.place))
+        trace, report = ordered(time, signals, self.units, str(self.place))
+        found = stamps or Stamps(time)
+        return Recording(
+            replace(trace, name=name or self.place.stem),
+            report,
+            self.place,
+            sha256(self.place),
+            (*notes, *self.notes, *found.notes),
+            found.start,
+            layout=self.layout,
+        )
+
+    def _numbers(self, column: ArrayLike) -> FloatArray:
+        stamps = np.asarray(column, dtype=float)
+        if self.seconds == 1.0 and not self.layout.units.get("time") and stamps.ndim == 1 and len(stamps) > 1:
+            _check_scale(stamps, self.place)
+        return stamps if self.seconds == 1.0 else stamps * self.seconds
 
 
-def choose(layout: Layout, columns: ColumnNames, place: Path) -> Choice:
+def _check_scale(stamps: FloatArray, place: Path) -> None:
+    known = stamps[np.isfinite(stamps)]
+    low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
+    step = (high - low) / (len(stamps) - 1)
+    if 20_000 < low < high < 80_000 and step < 1e-5:
+        unit, what = "d", "days since 1900, as spreadsheets count them"
+    elif 3e11 < low < high < 1e14:
+        unit, what = "ms", "milliseconds since 1970"
+    else:
+        return
+    raise TraceError(
+        place, f"its times from {low:.12g} to {high:.12g} look like {what}", f"say `units: {{time: {unit}}}`, or s"
+    )
+
+
+def choose(layout: Layout, columns: Columns, place: Path) -> Choice:
     """The columns of the file at `place` that `layout` asks for.
 
     Raises:
         TraceError: a column is not there, or its name is missing or ambiguous; an unknown unit of time.
     """
-    time = _number(layout.time, columns, place)
-    if layout.columns is None:
-        signals = _all_by_name(columns, time, place)
-    else:
-        signals = {name: _number(column, columns, place) for name, column in layout.columns.items()}
+    time, notes = _time(layout, columns, place)
+    signals = _signals(layout, columns, time, place, notes)
     time_name = columns.names[time] if columns.names else "time"
     stray = set(layout.units) - set(signals) - {time_name, "time"}
     if stray:
         raise TraceError(place, f"units are given for '{min(stray)}', which is not read", "correct the layout")
-    told = {name: columns.units[number] for name, number in signals.items() if columns.units}
-    units = {name: layout.units.get(name, told.get(name, "")) for name in signals}
-    return Choice(
-        place,
-        time,
-        signals,
-        {name: unit for name, unit in units.items() if unit},
-        _seconds(layout, columns, time, time_name, place),
+    told = {name: columns.unit(number) for name, number in signals.items()}
+    units = {name: unit for name in signals if (unit := layout.units.get(name, told[name]))}
+    unit = _unit_of_time(layout, columns, time, time_name, place, notes)
+    seen = replace(
+        layout,
+        time=columns.label(time),
+        columns={name: columns.label(number) for name, number in signals.items()},
+        units=({"time": unit} if unit else {}) | units,
     )
+    return Choice(place, time, signals, units, SECONDS[unit], seen, tuple(notes))
 
 
-def _number(column: int | str, columns: ColumnNames, place: Path) -> int:
+def _time(layout: Layout, columns: Columns, place: Path) -> tuple[int, list[str]]:
+    """The column with the stamps, and what was seen of it."""
+    if layout.time is not None:
+        return _number(layout.time, columns, place), []
+    names = columns.names or ()
+    named = [number for number, name in enumerate(names) if name == "time"] or [
+        number for number, name in enumerate(names) if names_time(name) and not columns.useless.get(number)
+    ]
+    found = named or [number for number in range(columns.count) if _rises(columns, number)]
+    if len(found) != 1:
+        raise _unknown_time(columns, found, place)
+    called = columns.label(found[0])
+    if called == "time":
+        return found[0], []
+    return found[0], [f"its time is taken from column {_quoted(called)}" + ("" if named else ", which alone rises")]
+
+
+def _unknown_time(columns: Columns, found: list[int], place: Path) -> TraceError:
+    fix = "say which one is `time` in the layout (--time)"
+    if len(found) > 1:
+        which = ", ".join(_quoted(columns.label(number)) for number in found[:6])
+        return TraceError(place, f"has {len(found)} columns that may be the time: {which}", fix)
+    if columns.names is None:
+        return TraceError(place, "names no columns, and none is surely the time", f"{fix}, by its number from 0")
+    return TraceError(place, f"has no column 'time'; it holds {_listed(columns.names)}", fix)
+
+
+def _rises(columns: Columns, number: int) -> bool:
+    if number in columns.useless or columns.head is None:
+        return number in columns.stamped
+    head = np.asarray(columns.head(number), dtype=float)
+    return number in columns.stamped or (len(head) > 2 and bool(np.all(np.diff(head) > 0)))
+
+
+def _number(column: int | str, columns: Columns, place: Path) -> int:
     if isinstance(column, int):
         if not 0 <= column < columns.count:
             raise TraceError(place, f"has no column {column}", f"it has {columns.count}, counted from 0")
@@ -126,7 +259,7 @@ def _number(column: int | str, columns: ColumnNames, place: Path) -> int:
             f"names no columns, so '{column}' cannot be found",
             f"give column numbers from 0 to {columns.count - 1} in the layout",
         )
-    found = [number for number, name in enumerate(columns.names) if name == column]
+    found = [number for number, name in enumerate(columns.names) if name in (column, split(column)[0])]
     if len(found) == 1:
         return found[0]
     if found:
@@ -134,22 +267,58 @@ def _number(column: int | str, columns: ColumnNames, place: Path) -> int:
     raise TraceError(place, f"has no column '{column}'", f"it holds {_listed(columns.names)}")
 
 
-def _all_by_name(columns: ColumnNames, time: int, place: Path) -> dict[str, int]:
-    if columns.names is None:
-        raise TraceError(place, "names no columns", "say in the layout which column is which signal")
-    repeated = [name for name, times in Counter(columns.names).items() if times > 1]
-    if repeated or "" in columns.names:
-        problem = "has a column without a name" if "" in columns.names else f"has '{repeated[0]}' twice"
-        raise TraceError(place, problem, "say in the layout which columns to read")
-    return {name: number for number, name in enumerate(columns.names) if number != time}
+def _signals(layout: Layout, columns: Columns, time: int, place: Path, notes: list[str]) -> dict[str, int]:
+    if layout.columns is None:
+        return _all(columns, time, notes)
+    signals = {name: _number(column, columns, place) for name, column in layout.columns.items()}
+    for number in signals.values():
+        if number in columns.useless:
+            what = f"holds {columns.useless[number] or 'nothing'}, not numbers"
+            raise TraceError(f"{place}: column {_quoted(columns.label(number))}", what, "choose another column")
+    return signals
 
 
-def _seconds(layout: Layout, columns: ColumnNames, time: int, time_name: str, place: Path) -> float:
-    told = columns.units[time] if columns.units else ""
-    unit = layout.units.get("time", layout.units.get(time_name, told))
+def _all(columns: Columns, time: int, notes: list[str]) -> dict[str, int]:
+    """Every column that holds numbers, each under a name of its own."""
+    names = columns.names or ("",) * columns.count
+    signals: dict[str, int] = {}
+    for number, name in enumerate(names):
+        if number == time:
+            continue
+        if number in columns.useless:
+            if columns.useless[number]:
+                notes.append(f"column {_quoted(name or number)} holds {columns.useless[number]} and is left out")
+            continue
+        own = _own_name(
+            name or f"column_{number}", {*signals, *names[number + 1 :]} if names.count(name) == 1 else signals
+        )
+        if own != name:
+            notes.append(f"column {number}, {_quoted(name) if name else 'without a name'}, is called '{own}'")
+        signals[own] = number
+    return signals
+
+
+def _own_name(name: str, taken: Collection[str]) -> str:
+    tries = (name, *(f"{name}_{number}" for number in range(2, len(taken) + 3)))
+    return next(one for one in tries if one not in taken)
+
+
+def _unit_of_time(layout: Layout, columns: Columns, time: int, time_name: str, place: Path, notes: list[str]) -> str:
+    said = layout.units.get("time", layout.units.get(time_name))
+    unit = columns.unit(time) if said is None else said
+    if not unit and said is None and (unit := time_unit(time_name)):
+        notes.append(f"its time is in {unit}, by its name")
     if unit not in SECONDS:
-        raise TraceError(place, f"its time is in '{unit}'", f"give it in one of {', '.join(filter(None, SECONDS))}")
-    return SECONDS[unit]
+        raise TraceError(
+            place, f"its time is in '{unit}'", "say `units: {time: ...}` in the layout: s, ms, us, ns, min, h, d"
+        )
+    if not (unit or said or layout.time is not None or time in columns.stamped or columns.label(time) == "time"):
+        notes.append("its time is taken to be in seconds")
+    return unit
+
+
+def _quoted(column: int | str) -> str:
+    return f"'{column[:40]}'" if isinstance(column, str) else str(column)
 
 
 def _listed(names: tuple[str, ...], most: int = 20) -> str:

@@ -10,6 +10,7 @@ import io
 import struct
 import zlib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
 
@@ -17,7 +18,7 @@ import numpy as np
 
 from fmus.errors import TraceError
 from orchestrator.formats import mat5
-from orchestrator.formats.layout import MAX_VALUES, ColumnNames, Layout, choose
+from orchestrator.formats.layout import MAX_VALUES, Columns, Layout, choose
 from orchestrator.formats.mat5 import MatVariable
 from orchestrator.formats.recording import Recording, excerpt
 from orchestrator.trace import Trace
@@ -43,8 +44,9 @@ def read(path: Path, layout: Layout) -> Recording:
     names, units = (_labels(path, contents.get(key), count) for key in ("names", "units"))
     if names is None and rows < count:
         raise TraceError(f"{path}: {wanted.name}", f"is {rows} x {count}, fewer samples than columns", "transpose it")
-    choice = choose(layout, ColumnNames(count, names, units or ()), path)
     matrix = _careful(path, lambda file: mat5.matrix(file, wanted))
+    columns = Columns(count, names, units or (), head=lambda number: matrix[:, number])
+    choice = choose(replace(layout, variable=wanted.name), columns, path)
     return choice.recording(lambda number: matrix[:, number])
 
 

@@ -12,7 +12,7 @@ from pyarrow import parquet
 
 from fmus.errors import TraceError
 from orchestrator.formats.arrow import arrays, numbers
-from orchestrator.formats.layout import MAX_VALUES, ColumnNames, Layout, choose
+from orchestrator.formats.layout import MAX_VALUES, Columns, Layout, choose
 from orchestrator.formats.recording import Recording, excerpt
 from orchestrator.interrupts import whole
 from orchestrator.trace import FloatArray, Trace
@@ -81,7 +81,7 @@ def _arrow(trace: Trace) -> pa.Table:
 def _recording(file: parquet.ParquetFile, layout: Layout, path: Path) -> Recording:
     schema = file.schema_arrow
     units = tuple(_text(field.metadata, b"unit") for field in schema)
-    choice = choose(layout, ColumnNames(len(schema), tuple(schema.names), units), path)
+    choice = choose(layout, Columns(len(schema), tuple(schema.names), units), path)
     for number in choice.wanted:
         _check_numeric(schema.field(number), path)
     if file.metadata.num_rows * len(choice.wanted) > MAX_VALUES:

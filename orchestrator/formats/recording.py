@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from orchestrator.trace import StampReport, Trace
+
+if TYPE_CHECKING:
+    from orchestrator.formats.layout import Layout
 
 
 @dataclass(frozen=True)
@@ -21,6 +25,7 @@ class Recording:
         notes: what else was found in it, a line each.
         start: POSIX time of the trace's time 0 [s], where the file knows it.
         found: the notes' figures, as plain values.
+        layout: how the file was read, with what was seen in it.
     """
 
     trace: Trace
@@ -30,6 +35,7 @@ class Recording:
     notes: tuple[str, ...] = ()
     start: float | None = None
     found: Mapping[str, object] = field(default_factory=dict)
+    layout: Layout | None = None
 
 
 def excerpt(problem: object, most: int = 160) -> str:

@@ -129,7 +129,7 @@ def test_the_real_study_is_read_as_it_is_written() -> None:
     assert block.windows.length == 4 and block.step == Fraction(1, 200)
     assert set(block.parameters) >= {"motor.torque_gain", "hand.inertia", "hand.gravity_torque"}
     assert len(block.traces.hold_out) == 9
-    assert block.traces.layout.layout(Path(), block.signals).columns == {"voltage": 1, "angle": 2}
+    assert block.traces.layout.layout(Path()).columns == {"voltage": 1, "angle": 2}
     assert block.compare["thesis, Table 5"]["hand.inertia"] == 0.0028
     assert block.validation is not None and block.validation.at_least == 0.94
 

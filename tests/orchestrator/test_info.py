@@ -84,20 +84,22 @@ def test_a_trace_shows_signals_stamps_and_hash(tmp_path: Path) -> None:
     assert document["sha256"] == sha256(tmp_path / "run.csv")
 
 
-def test_samples_that_are_not_finite_do_not_spoil_the_document(tmp_path: Path) -> None:
+def test_samples_that_are_not_finite_are_counted_and_do_not_spoil_the_document(tmp_path: Path) -> None:
     values = {"a": np.array([1.0, np.nan, 2.0]), "b": np.array([1.0, np.inf, 2.0])}
     formats.write(Trace(np.arange(3.0), values), tmp_path / "run.parquet")
     a, b = strict(about(tmp_path / "run.parquet"))["signals"]
-    assert (a["min"], a["max"]) == (None, None)
-    assert (b["min"], b["max"]) == (1.0, None)
+    assert (a["min"], a["max"], a["missing"]) == (1.0, 2.0, 1)
+    assert (b["min"], b["max"], b["infinite"]) == (1.0, 2.0, 1)
 
 
-def test_a_matrix_without_names_is_shown_with_what_a_layout_has_to_say(tmp_path: Path) -> None:
+def test_a_matrix_without_names_is_shown_by_number_once_its_time_is_known(tmp_path: Path) -> None:
     savemat(tmp_path / "D.mat", {"D": np.arange(30.0).reshape(10, 3)})
-    document = strict(about(tmp_path / "D.mat"))
-    assert document["variables"] == [{"name": "D", "shape": "(10, 3)"}] and "layout" in document["note"]
-    layout = Layout("D", 0, {"angle": 2})
-    assert [each["name"] for each in about_trace(tmp_path / "D.mat", layout)["signals"]] == ["angle"]
+    with pytest.raises(InputError, match=r"3 columns that may be the time: 0, 1, 2; say which one is `time`"):
+        about(tmp_path / "D.mat")
+    document = strict(about_trace(tmp_path / "D.mat", Layout(time=0)))
+    assert [each["name"] for each in document["signals"]] == ["column_1", "column_2"]
+    assert document["layout"] == {"variable": "D", "time": 0, "columns": {"column_1": 1, "column_2": 2}}
+    assert document["rows"][1] == {"time": 3.0, "column_1": 4.0, "column_2": 5.0}
 
 
 def test_a_result_shows_title_figures_and_files(tmp_path: Path) -> None:

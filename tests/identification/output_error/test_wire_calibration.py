@@ -98,7 +98,7 @@ def test_what_the_bus_lost_is_a_warning_with_details_beside_the_recordings(resul
     document = summary(result)
     noted = {each["trace"]: each["notes"] for each in document["data"] if "notes" in each}
     assert noted and all("frames missing (estimated)" in notes[0] for notes in noted.values())
-    (warning,) = [each for each in document["warnings"] if "recordings are not as they should be" in each]
+    (warning,) = [each for each in document["warnings"] if "recordings is to be known" in each]
     assert warning.startswith(f"{len(noted)} of 3 recordings") and next(iter(noted)) in warning
 
 

@@ -341,6 +341,20 @@ def test_a_study_tells_how_recordings_are_read(rig: Path, tmp_path: Path) -> Non
     assert [signal["name"] for signal in document["traces"][0]["signals"]] == ["theta"]
 
 
+def test_info_prints_the_layout_that_the_other_commands_take(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_bytes("Zeit [ms];Drehzahl [°/s]\n0;1,5\n2;2,5\n".encode("cp1252"))
+    shown = servotwin("trace", "info", tmp_path / "log.csv")
+    assert "its numbers have decimal commas" in shown.stdout and "first rows" in shown.stdout
+    (tmp_path / "layout.yaml").write_text(shown.stdout[shown.stdout.index("layout:") :], encoding="utf-8")
+    copies = []
+    for number, said in enumerate([["--layout", tmp_path / "layout.yaml"], ["--time", 0, "--columns", "Drehzahl=1"]]):
+        copies.append(tmp_path / f"{number}.parquet")
+        only_json(servotwin("trace", "convert", tmp_path / "log.csv", copies[-1], *said, "--json"))
+    one, other = (formats.read(path).trace for path in copies)
+    assert one.time.tolist() == other.time.tolist() == [0.0, 0.002]
+    assert one["Drehzahl"].tolist() == other["Drehzahl"].tolist() == [1.5, 2.5] and one.units == {"Drehzahl": "°/s"}
+
+
 def test_a_converted_trace_is_there_as_a_whole_or_not_at_all(rig: Path, tmp_path: Path) -> None:
     answer = servotwin("trace", "convert", rig / "data" / "rig_0__a.csv", tmp_path / "a.xls")
     assert answer.exit_code == 2 and "format '.xls' is not known; use" in answer.stderr

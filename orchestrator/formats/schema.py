@@ -1,0 +1,54 @@
+"""What files may say of the layout of recordings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import Field
+
+from orchestrator.formats.layout import Dates, Decimal, Layout, Separator
+from orchestrator.yaml_file import Block
+
+
+class LayoutBlock(Block):
+    """How a recording is laid out, and which of its columns is which signal; see `Layout`.
+
+    Attributes:
+        database: of CAN logs, beside the file; there `columns` names signals of the database, and without them those
+            of a study are the database's.
+        channel: of CAN logs; None takes the frames of all.
+        steady: messages of CAN logs with a counter whose sender keeps an even schedule: their frames get its stamps,
+            however late each came.
+    """
+
+    variable: str | None = None
+    time: int | str | None = None
+    columns: dict[str, int | str] | None = None
+    units: dict[str, str] = {}
+    header: int | None = Field(None, ge=0)
+    units_line: int | None = Field(None, ge=0)
+    separator: Separator | None = None
+    decimal: Decimal | None = None
+    encoding: str | None = None
+    dates: Dates | None = None
+    time_zone: str | None = None
+    database: Path | None = None
+    channel: int | None = Field(None, ge=0)
+    steady: list[str] = []
+
+    def layout(self, base: Path) -> Layout:
+        """How to read a recording; the database is relative to `base`."""
+        return Layout(**(dict(self) | {"database": self.database_file(base)}))
+
+    def database_file(self, base: Path) -> Path | None:
+        """Where the database is: where the file says, or beside the file by its own name, as in a result folder."""
+        if self.database is None:
+            return None
+        beside = base / self.database.name
+        return beside if beside.is_file() and not (base / self.database).is_file() else base / self.database
+
+
+class LayoutFileBlock(Block):
+    """A file with a layout alone, as `servotwin trace info` prints it."""
+
+    layout: LayoutBlock

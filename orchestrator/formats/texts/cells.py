@@ -1,0 +1,82 @@
+"""What a cell of a table of text holds, and which mark its decimal point is."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Literal
+
+from fmus.errors import TraceError
+from orchestrator.formats.layout import Decimal
+
+Kind = Literal["number", "grouped", "flag", "stamp", "text", "missing"]
+
+MISSING = ("-", "--", "---", "n.a.", "n/a", "na", "nan", "-nan", "null", "none", "#n/a", "#nv", "?", "")
+STAMP = (
+    r"^\s*(?:(?P<a>\d{1,4})(?P<mark>[-/.])(?P<b>\d{1,2}|[A-Za-z]{3})[-/.](?P<c>\d{1,4})(?:[ T_]|, )\s*)?"
+    r"(?P<hour>\d{1,2}):(?P<minute>\d{2})(?::(?P<second>\d{2})(?:[.,:](?P<fraction>\d{1,9})\d*)?)?"
+    r"\s*(?P<half>[AaPp]\.?[Mm]\.?)?\s*(?P<zone>Z|UTC|[+-]\d{2}:?\d{2})?\s*$"
+)
+_STAMP = re.compile(STAMP)
+_ANY_NUMBER = re.compile(r"[+-]?(\d([\d.,']*\d)?[.,]?|[.,]\d+)([eE][+-]?\d+)?")
+_UNSURE = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}")
+_PLAIN: dict[Decimal, re.Pattern[str]] = {
+    ".": re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", re.IGNORECASE),
+    ",": re.compile(r"[+-]?(\d+(,\d*)?|,\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", re.IGNORECASE),
+}
+_GROUPED: dict[Decimal, re.Pattern[str]] = {
+    ".": re.compile(r"[+-]?\d{1,3}([,']\d{3})+(\.\d*)?"),
+    ",": re.compile(r"[+-]?\d{1,3}([.']\d{3})+(,\d*)?"),
+}
+
+
+def is_value(cell: str) -> bool:
+    """Whether a cell may be a sample, whatever its decimal point."""
+    text = cell.strip()
+    return bool(_ANY_NUMBER.fullmatch(text) or _STAMP.match(text) or text.lower() in (*MISSING, "inf", "-inf"))
+
+
+def kind(cell: str, decimal: Decimal) -> Kind:
+    """What a cell holds when `decimal` is the mark of decimals."""
+    text = cell.strip()
+    if text.lower() in MISSING:
+        return "missing"
+    if _PLAIN[decimal].fullmatch(text):
+        return "number"
+    if _GROUPED[decimal].fullmatch(text):
+        return "grouped"
+    if text.lower() in ("true", "false"):
+        return "flag"
+    return "stamp" if _STAMP.match(text) else "text"
+
+
+def decimal_mark(cells: Iterable[str], separator: str, place: Path) -> Decimal:
+    """The mark of decimals that the cells agree on.
+
+    Raises:
+        TraceError: they do not tell, such as 1,234 alone.
+    """
+    numbers = [cell for cell in map(str.strip, cells) if set(cell) & set(".,") and _ANY_NUMBER.fullmatch(cell)]
+    told = {mark for cell in numbers if (mark := _mark(cell))}
+    unsure = next((cell for cell in numbers if "," in cell or separator == ";"), None)
+    if len(told) > 1:
+        raise TraceError(place, "has decimal points and decimal commas", "say `decimal: '.'` or `decimal: ','`")
+    if not told and unsure is not None:
+        grouped = unsure.replace(",", "").replace(".", "")
+        raise TraceError(
+            place,
+            f"'{unsure}' may be {grouped} or {unsure.replace(',', '.')}",
+            f"say `decimal: '{',' if ',' in unsure else '.'}'` if its mark is the decimal point, else the other",
+        )
+    return told.pop() if told else "."
+
+
+def _mark(number: str) -> Decimal | None:
+    """The mark of decimals in a number that has marks, None where it may be one of thousands."""
+    marks: list[Decimal] = ["." if letter == "." else "," for letter in number if letter in ".,"]
+    if len(set(marks)) == 2:
+        return marks[-1]
+    if len(marks) > 1:
+        return "." if marks[0] == "," else ","
+    return None if _UNSURE.fullmatch(number) else marks[0]

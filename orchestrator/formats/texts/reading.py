@@ -1,0 +1,115 @@
+"""A table of text as a recording."""
+
+from __future__ import annotations
+
+import io
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+import pyarrow as pa
+from pyarrow import compute, csv
+
+from fmus.errors import TraceError
+from orchestrator.formats.arrow import numbers
+from orchestrator.formats.layout import Choice, Columns, Layout, choose
+from orchestrator.formats.recording import Recording, excerpt
+from orchestrator.formats.texts.cells import MISSING
+from orchestrator.formats.texts.encoding import first_lines
+from orchestrator.formats.texts.grid import SEPARATORS, Grid, grid
+from orchestrator.formats.texts.stamps import seconds
+from orchestrator.trace import FloatArray
+
+TYPES = {"number": pa.float64(), "missing": pa.float64(), "flag": pa.bool_()}
+NULLS = [
+    spelling for word in MISSING for spelling in {word, word.upper(), word.capitalize(), word.replace("nan", "NaN")}
+]
+
+
+def read(path: Path, layout: Layout) -> Recording:
+    """The wanted columns; the others may hold anything.
+
+    Raises:
+        TraceError: no table, one that looks two ways, a column that is not there, text in a number, a row of another
+            length.
+    """
+    lines, encoding = first_lines(path, layout.encoding)
+    seen = grid(lines, layout, path)
+    told = replace(
+        layout,
+        encoding=encoding,
+        separator=seen.separator,
+        decimal=seen.decimal,
+        header=seen.header,
+        units_line=seen.units_line,
+    )
+    choice = choose(told, _columns(seen), path)
+    table = _table(path, seen, encoding, choice)
+    guessed = [f"its text is {encoding}"] if layout.encoding is None and not encoding.startswith("utf-8") else []
+
+    def column(number: int) -> FloatArray:
+        if seen.kinds[number] == "grouped":
+            return _ungrouped(table[str(number)], seen.decimal, path)
+        return numbers(table[str(number)])
+
+    stamped = seen.kinds[choice.time] == "stamp"
+    stamps = seconds(table[str(choice.time)], layout.dates, layout.time_zone, path) if stamped else None
+    return choice.recording(column, "", stamps, [*guessed, *seen.notes])
+
+
+def _columns(seen: Grid) -> Columns:
+    def head(number: int) -> list[float]:
+        cells = [row[number].replace(seen.decimal, ".") for row in seen.head]
+        return [float(cell) if re.fullmatch(r"[-+.\deE]*\d[-+.\deE]*", cell) else np.nan for cell in cells]
+
+    useless = {number: "text" for number, kind in enumerate(seen.kinds) if kind == "text"}
+    if seen.names:
+        useless |= {n: "" for n, kind in enumerate(seen.kinds) if kind == "missing" and not seen.names[n]}
+    stamped = [number for number, kind in enumerate(seen.kinds) if kind == "stamp"]
+    return Columns(len(seen.kinds), seen.names, seen.units, useless, stamped, head)
+
+
+def _table(path: Path, seen: Grid, encoding: str, choice: Choice) -> Any:
+    names = [str(number) for number in range(len(seen.kinds))]
+    wanted = [names[number] for number in choice.wanted]
+    reading = csv.ReadOptions(
+        column_names=names, skip_rows=seen.skipped, use_threads=False, encoding=encoding.replace("utf-8-sig", "utf8")
+    )
+    mark = "\t" if seen.separator == "blank" else SEPARATORS[seen.separator]
+    converting = csv.ConvertOptions(
+        include_columns=wanted,
+        decimal_point=seen.decimal,
+        null_values=NULLS,
+        strings_can_be_null=True,
+        column_types={name: TYPES.get(seen.kinds[int(name)], pa.string()) for name in wanted},
+    )
+    try:
+        with path.open("rb") as file:
+            content: BinaryIO = _unblanked(file.read(), encoding) if seen.separator == "blank" else file
+            if seen.separator == "blank":
+                reading.encoding = "utf8"
+            return csv.read_csv(
+                content, reading, csv.ParseOptions(delimiter=mark, newlines_in_values=False), converting
+            )
+    except (pa.ArrowInvalid, pa.ArrowKeyError, UnicodeError) as problem:
+        raise TraceError(path, excerpt(problem), "correct or cut that row") from None
+
+
+def _unblanked(content: bytes, encoding: str) -> BinaryIO:
+    """The text with a tab between cells, without what stands behind `#`; as many lines as before."""
+    text = content.decode(encoding).replace("\r\n", "\n").replace("\r", "\n")
+    text = re.sub(r"[ \t]*(#.*)?$", "", text, flags=re.MULTILINE)
+    return io.BytesIO(re.sub(r"(?<=\S)[ \t]+", "\t", re.sub(r"^[ \t]+", "", text, flags=re.MULTILINE)).encode())
+
+
+def _ungrouped(texts: Any, decimal: str, path: Path) -> FloatArray:
+    """Numbers with marks of thousands, 1,234.5 or 1.234,5."""
+    form = rf"^[+-]?(\d{{1,3}}([{',' if decimal == '.' else '.'}']\d{{3}})+|\d+)([{decimal}]\d*)?([eE][+-]?\d+)?$"
+    odd = compute.invert(compute.match_substring_regex(compute.utf8_trim_whitespace(texts), form))
+    if compute.any(odd).as_py():
+        text = texts.filter(odd)[0].as_py()
+        raise TraceError(path, f"has '{text[:40]}' among numbers with marks of thousands", "correct or cut that row")
+    plain = compute.replace_substring_regex(texts, "[,' ]" if decimal == "." else "[.' ]", "")
+    return numbers(compute.replace_substring(plain, decimal, "."))

@@ -1,0 +1,228 @@
+"""Tables of text as people have them are read as pandas reads them once it is told how; what is seen is told, and what
+may be read two ways is asked for.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fmus.errors import TraceError
+from orchestrator.formats import Layout, Recording, read
+from orchestrator.formats.layout import spelled
+from orchestrator.formats.schema import LayoutBlock
+from orchestrator.trace import Trace
+
+TIME = np.array([0.0, 0.5, 1.5, 2.0])
+SPEED = np.array([1.5, 1234.25, -0.125, 7.0])
+
+
+def written(folder: Path, text: str, encoding: str = "utf-8", name: str = "log.csv") -> Path:
+    path = folder / name
+    path.write_bytes(text.encode(encoding))
+    return path
+
+
+def table(separator: str = ",", decimal: str = ".", head: str = "time [s]{0}speed [rpm]") -> str:
+    rows = (f"{t}{separator}{v}".replace(".", decimal) for t, v in zip(TIME, SPEED, strict=True))
+    return "\n".join([head.format(separator), *rows]) + "\n"
+
+
+def again(recording: Recording) -> Trace:
+    """The trace that the layout gives which is printed for a recording."""
+    assert recording.layout is not None
+    block = LayoutBlock.model_validate(json.loads(json.dumps(spelled(recording.layout, Layout()))))
+    back = read(recording.path, block.layout(recording.path.parent))
+    assert not [note for note in back.notes if "time" in note]
+    return back.trace
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t", "|"])
+@pytest.mark.parametrize("decimal", [".", ","])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252", "utf-16", "utf-16-le"])
+def test_separator_decimal_mark_and_encoding_are_seen(
+    tmp_path: Path, separator: str, decimal: str, encoding: str
+) -> None:
+    if separator == decimal:
+        return
+    path = written(tmp_path, table(separator, decimal, "Zeit [ms]{0}Winkel [°]"), encoding)
+    recording = read(path)
+    frame = pandas.read_csv(path, sep=separator, decimal=decimal, encoding=encoding)
+    assert recording.trace.time.tolist() == (frame["Zeit [ms]"] / 1000).tolist()
+    assert recording.trace["Winkel"].tolist() == frame["Winkel [°]"].tolist()
+    assert recording.trace.units == {"Winkel": "°"}
+    assert any("'Zeit'" in note for note in recording.notes)
+    assert (decimal == ",") == any("decimal commas" in note for note in recording.notes)
+    assert again(recording) == recording.trace
+
+
+@pytest.mark.parametrize("encoding", ["gbk", "gb18030"])
+def test_chinese_headings_are_seen(tmp_path: Path, encoding: str) -> None:
+    recording = read(written(tmp_path, table(head="时间{0}转速 [rpm]"), encoding))
+    assert recording.trace.names == ("转速",)
+    assert "its text is gbk" in recording.notes
+
+
+def test_an_encoding_that_may_be_two_is_asked_for_and_taken(tmp_path: Path) -> None:
+    path = written(tmp_path, table(head="time{0}скорость"), "cp1251")
+    with pytest.raises(TraceError, match="say its `encoding`"):
+        read(path)
+    assert read(path, Layout(encoding="cp1251")).trace.names == ("скорость",)
+    with pytest.raises(TraceError, match="'zip' is no encoding of text"):
+        read(path, Layout(encoding="zip"))
+
+
+PREAMBLE = "Recorder;X-7\nRate;1000\nOperator;Ms Smith; left early\n\n"
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        "Zeit;Drehzahl\ns;1/min",
+        "Zeit;Drehzahl\n[s];[1/min]",
+        PREAMBLE + "Zeit;Drehzahl\ns;1/min",
+        "Zeit;Drehzahl\n;1/min",
+    ],
+)
+def test_lines_above_the_headings_and_a_row_of_units_are_seen(tmp_path: Path, head: str) -> None:
+    recording = read(written(tmp_path, table(";", ",", head)))
+    assert recording.trace["Drehzahl"].tolist() == SPEED.tolist()
+    assert recording.trace.units == {"Drehzahl": "1/min"}
+    assert any("their units" in note for note in recording.notes)
+    assert head.startswith("Zeit") or "lines above the samples that are skipped: 1, 2, 3" in recording.notes
+    assert again(recording) == recording.trace
+
+
+@pytest.mark.parametrize("heading", ["speed [rpm]", "speed (rpm)", "speed / rpm", "speed in rpm", "speed[rpm]"])
+def test_units_in_headings_are_units(tmp_path: Path, heading: str) -> None:
+    recording = read(written(tmp_path, table(head=f"t (ms){{0}}{heading}")))
+    assert recording.trace.units == {"speed": "rpm"}
+    assert recording.trace.time.tolist() == (TIME / 1000).tolist()
+
+
+@pytest.mark.parametrize("heading", ["speed (filtered)", "speed[3]", "in / out", "flag [ "])
+def test_what_is_no_unit_stays_in_the_name(tmp_path: Path, heading: str) -> None:
+    assert read(written(tmp_path, table(head=f"time{{0}}{heading}"))).trace.names == (heading.strip(),)
+
+
+@pytest.mark.parametrize(
+    "stamp",
+    [
+        "2026-11-28 09:15:{:06.3f}",
+        "2026-11-28T09:15:{:06.3f}Z",
+        "2026-11-28T10:15:{:06.3f}+01:00",
+        "28.11.2026 09:15:{:06.3f}",
+        "28-Nov-2026 09:15:{:06.3f}",
+        "11/28/2026 9:15:{:06.3f} AM",
+        "28/11/2026 09:15:{:06.3f}",
+    ],
+)
+def test_dates_become_seconds_and_their_first_is_told(tmp_path: Path, stamp: str) -> None:
+    rows = [f"{stamp.format(t)},{v}" for t, v in zip(TIME, SPEED, strict=True)]
+    recording = read(written(tmp_path, "\n".join(["Timestamp,speed", *rows])))
+    assert recording.trace.time.tolist() == TIME.tolist()
+    assert recording.start == pandas.Timestamp("2026-11-28T09:15:00Z").timestamp()
+    told = stamp.endswith(("Z", "+01:00"))
+    assert told or any("taken as UTC" in note for note in recording.notes)
+
+
+def test_a_time_zone_says_when_the_clock_was_read(tmp_path: Path) -> None:
+    path = written(tmp_path, "time,a\n2026-10-25 01:59:59,1\n2026-10-25 03:00:00,2\n")
+    recording = read(path, Layout(time_zone="Europe/Berlin"))
+    assert recording.trace.time.tolist() == [0.0, 7201.0]
+    assert recording.start == pandas.Timestamp("2026-10-25 01:59:59", tz="Europe/Berlin").timestamp()
+    with pytest.raises(TraceError, match="none of `time_zone: Mars/Olympus`"):
+        read(path, Layout(time_zone="Mars/Olympus"))
+    written(tmp_path, "time,a\n2026-10-25 02:30:00,1\n2026-10-25 02:30:01,2\n")
+    with pytest.raises(TraceError, match="none of `time_zone: Europe/Berlin`"):
+        read(path, Layout(time_zone="Europe/Berlin"))
+
+
+def test_times_of_day_go_on_after_midnight(tmp_path: Path) -> None:
+    recording = read(written(tmp_path, "Uhrzeit;a\n23:59:59,5;1\n00:00:00,5;2\n00:00:01,25;3\n"))
+    assert recording.trace.time.tolist() == [0.0, 1.0, 1.75]
+    assert any("midnight" in note for note in recording.notes)
+
+
+ASKED = [
+    ("time;a\n0;1,234\n1;2,345\n", {}, "'1,234' may be 1234 or 1.234; say `decimal", {"decimal": ","}, [1.234, 2.345]),
+    ("time;a\n0;1,234\n1;2,345\n", {}, "'1,234' may be 1234 or 1.234; say `decimal", {"decimal": "."}, [1234, 2345]),
+    ("time;a\n0;1.234\n1;2.345\n", {}, "'1.234' may be 1234 or 1.234; say `decimal", {"decimal": "."}, [1.234, 2.345]),
+    ('time,a\n0,"1,234"\n1,"2,345"\n', {}, "'1,234' may be 1234", {"decimal": "."}, [1234, 2345]),
+    ("time;a\n0;1,5\n1;2.5\n", {}, "decimal points and decimal commas", {"columns": {"a": "a"}, "decimal": ","}, None),
+    ("time,a\n03/04/2026 1:00,1\n03/04/2026 1:01,2\n", {}, "03/04/2026, may be read two", {"dates": "dmy"}, [1, 2]),
+    ("time,a\n03/04/26 1:00,1\n03/14/26 1:01,2\n", {}, "two ways; say `dates`", {"dates": "mdy"}, [1, 2]),
+    ("a,b\n0,1\n1,2\n2,3\n", {}, "2 columns that may be the time: 'a', 'b'; say which", {"time": "b"}, None),
+    ("time,a\n46354.1,1\n46354.10000001,2\n", {}, "look like days since 1900", {"units": {"time": "d"}}, [1, 2]),
+    ("time,a\n1764321300123,1\n1764321300124,2\n", {}, "look like millis", {"units": {"time": "ms"}}, [1, 2]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "said", "problem", "fix", "values"), ASKED)
+def test_what_may_be_read_two_ways_is_asked_for(
+    tmp_path: Path, text: str, said: dict[str, object], problem: str, fix: dict[str, object], values: list[float] | None
+) -> None:
+    path = written(tmp_path, text)
+    with pytest.raises(TraceError, match=problem):
+        read(path)
+    if values is not None:
+        assert read(path, replace(Layout(), **fix)).trace["a"].tolist() == values  # type: ignore[arg-type]
+
+
+def test_marks_of_thousands_are_taken_out(tmp_path: Path) -> None:
+    path = written(tmp_path, "time;a;b\n0;1.234,5;1\n1;-12,25;2\n2;1.000.000;3\n")
+    trace = read(path).trace
+    assert trace["a"].tolist() == pandas.read_csv(path, sep=";", decimal=",", thousands=".")["a"].tolist()
+
+
+def test_flags_are_numbers_and_words_are_left_out_and_told(tmp_path: Path) -> None:
+    recording = read(written(tmp_path, "time,on,state,a\n0,True,RUN,1\n1,false,STOP,n.a.\n"))
+    assert recording.trace.names == ("on", "a")
+    assert recording.trace["on"].tolist() == [1.0, 0.0]
+    assert np.array_equal(recording.trace["a"], [1, np.nan], equal_nan=True)
+    assert recording.notes == ("column 'state' holds text and is left out",)
+    with pytest.raises(TraceError, match="column 'state': holds text, not numbers"):
+        read(recording.path, Layout(columns={"state": "state"}))
+
+
+def test_columns_of_one_name_or_none_get_names_of_their_own_and_are_told(tmp_path: Path) -> None:
+    recording = read(written(tmp_path, ",time,a,a,\n0,0,1,2,\n1,1,3,4,\n"))
+    assert recording.trace.names == ("column_0", "a", "a_2")
+    assert recording.trace["a_2"].tolist() == [2.0, 4.0]
+    assert len(recording.notes) == 2
+    assert again(recording) == recording.trace
+
+
+def test_a_bad_row_is_refused_and_not_taken_for_a_heading(tmp_path: Path) -> None:
+    for text in ("time,a\n0,abc\n1,2\n2,3\n", "time,a\n0,1\n1,abc\n2,3\n", "time,a,b\n0,1,2\n1,2,3\ntime,a,b\n0,1,2\n"):
+        with pytest.raises(TraceError, match="correct or cut that row"):
+            read(written(tmp_path, text))
+
+
+def test_an_export_with_a_column_of_labels_is_seen(tmp_path: Path) -> None:
+    text = "version;2\n\nname;t;speed\nunit;ms;rpm\ntrace_values;0,5;1,5\n;1,5;2,5\n;2,5;3,5\n"
+    recording = read(written(tmp_path, text))
+    assert recording.trace.names == ("speed",) and recording.trace.units == {"speed": "rpm"}
+    assert recording.trace.time.tolist() == [0.0005, 0.0015, 0.0025]
+
+
+@given(
+    st.lists(st.tuples(st.floats(0, 1e6), st.floats(-1e6, 1e6)), min_size=3, max_size=20, unique_by=lambda row: row[0])
+)
+def test_what_pandas_writes_for_german_eyes_comes_back(rows: list[tuple[float, float]]) -> None:
+    frame = pandas.DataFrame(sorted(rows), columns=["Zeit [s]", "n [1/min]"])
+    text = io.StringIO()
+    frame.to_csv(text, sep=";", decimal=",", index=False)
+    with tempfile.TemporaryDirectory() as folder:
+        recording = read(written(Path(folder), text.getvalue()), Layout(decimal=","))
+    assert recording.trace.time.tolist() == frame["Zeit [s]"].tolist()
+    assert recording.trace["n"].tolist() == frame["n [1/min]"].tolist()
