@@ -1,59 +1,107 @@
-"""Unit names such as "N.m.s/rad" as powers of the SI base units, for FMI unit definitions and for checking wiring.
+"""Units as factor, offset and powers of the SI base units: read from names, or as an FMU defines them; and conversion.
 
-Names follow FMI: factors joined by dots, one slash, integer exponents behind a symbol ("kg.m2/s2").
+Names follow FMI, "N.m.s/rad": factors joined by dots, slashes, integer exponents behind a symbol ("kg.m2/s2"). Other
+common spellings are known too (`unit_table`). The radian is kept as a base, as in FMI: without it turns and radians,
+rad/s and Hz, could not be told apart.
 """
 
 from __future__ import annotations
 
+import math
 import re
-from dataclasses import dataclass
+import unicodedata
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, TypeVar
+
+from fmus.unit_table import HEADS, OFFSETS, PLAIN, PREFIXED, PREFIXES, SIGNS, TAILS, WHOLE, WORDS
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+_LONGEST = 60  # letters of a name
+_RADIANS = BASES.index("rad")
 
-_SYMBOLS: dict[str, tuple[float, str]] = {
-    "N": (1.0, "kg.m/s2"),
-    "J": (1.0, "kg.m2/s2"),
-    "W": (1.0, "kg.m2/s3"),
-    "Pa": (1.0, "kg/m.s2"),
-    "V": (1.0, "kg.m2/s3.A"),
-    "Ohm": (1.0, "kg.m2/s3.A2"),
-    "H": (1.0, "kg.m2/s2.A2"),
-    "F": (1.0, "s4.A2/kg.m2"),
-    "C": (1.0, "A.s"),
-    "Hz": (1.0, "1/s"),
-    "g": (1e-3, "kg"),
-    "mm": (1e-3, "m"),
-    "cm": (1e-2, "m"),
-    "ms": (1e-3, "s"),
-    "us": (1e-6, "s"),
-    "min": (60.0, "s"),
-    "h": (3600.0, "s"),
-    "mA": (1e-3, "A"),
-    "mV": (1e-3, "kg.m2/s3.A"),
-    "kN": (1e3, "kg.m/s2"),
-    "kW": (1e3, "kg.m2/s3"),
-    "deg": (0.017453292519943295, "rad"),
-    "rev": (6.283185307179586, "rad"),
-    "rpm": (0.10471975511965977, "rad/s"),
-}
+Values = TypeVar("Values", float, "NDArray[np.float64]")
 
 
 @dataclass(frozen=True)
 class Unit:
-    """factor * product of base units: multiply by `factor` to get SI. `exponents` go with `BASES`."""
+    """SI value = factor * value + offset, in the product of base units with these exponents (in order of `BASES`)."""
 
     factor: float
     exponents: tuple[int, ...]
+    offset: float = 0.0
+
+    @property
+    def radians(self) -> int:
+        """Exponent of the radian."""
+        return self.exponents[_RADIANS]
+
+    @property
+    def difference(self) -> Unit:
+        """The unit of differences between values in this one, which have no offset."""
+        return replace(self, offset=0.0)
 
     def fits(self, other: Unit) -> bool:
         """Same quantity; radians count as a pure number, as the mechanics' equations have it."""
-        return self.exponents[:-1] == other.exponents[:-1]
+        return self.exponents[:_RADIANS] == other.exponents[:_RADIANS]
+
+    def times(self, other: Unit, power: int = 1) -> Unit:
+        """The product with a power of another, both as units of differences."""
+        exponents = tuple(a + power * b for a, b in zip(self.exponents, other.exponents, strict=True))
+        return Unit(self.factor * other.factor**power, exponents)
 
 
+ONE = Unit(1.0, (0,) * len(BASES))
+SECOND = Unit(1.0, tuple(int(base == "s") for base in BASES))
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """Value in one unit = factor * value in the other + offset."""
+
+    factor: float = 1.0
+    offset: float = 0.0
+
+    def __call__(self, value: Values) -> Values:
+        return self.factor * value + self.offset
+
+
+SAME = Conversion()
+
+
+def conversion(source: Unit, target: Unit) -> Conversion | None:
+    """From values in one unit to values in the other; None where they are units of different quantities."""
+    if not source.fits(target):
+        return None
+    return Conversion(source.factor / target.factor, (source.offset - target.offset) / target.factor)
+
+
+@lru_cache(4096)
 def parse(name: str) -> Unit | None:
     """The unit of that name, None when it is not one we know."""
-    tight = re.sub(r"\s*([./*])\s*", r"\1", name.strip())
-    numerator, *denominators = re.sub(r"[\s*]", ".", tight).replace("^", "").split("/")
+    if len(name) > _LONGEST:
+        return None
+    text = " ".join(unicodedata.normalize("NFKC", name).split())
+    for sign, plain in SIGNS.items():
+        text = text.replace(sign, plain)
+    text = WHOLE.get(text, text)
+    if (alone := OFFSETS.get(WORDS.get(text.lower(), text))) is not None:
+        return Unit(alone[0], _power_of("K"), alone[1])
+    try:
+        unit = _quotient(text)
+    except OverflowError:
+        return None
+    return unit if unit is not None and 0 < unit.factor < math.inf else None
+
+
+def _quotient(text: str) -> Unit | None:
+    tight = re.sub(r"\s*([./])\s*", r"\1", text.strip())
+    joined = re.sub(r"(?<=[A-Za-z])-(?=[A-Za-z])", ".", tight).replace(" ", ".").replace("^", "")
+    numerator, *denominators = joined.split("/")
     if len(denominators) > 1 and not all(denominators):
         return None
     unit = _product(numerator)
@@ -61,35 +109,54 @@ def parse(name: str) -> Unit | None:
         below = _product(denominator)
         if unit is None or below is None:
             return None
-        unit = Unit(
-            unit.factor / below.factor,
-            tuple(a - b for a, b in zip(unit.exponents, below.exponents, strict=True)),
-        )
+        unit = unit.times(below, -1)
     return unit
 
 
 def _product(text: str) -> Unit | None:
-    factor, exponents = 1.0, [0] * len(BASES)
+    unit = ONE
     for term in text.strip("()").split("."):
-        match = re.fullmatch(r"([A-Za-z]+|1)(-?[0-9]{1,2})?", term)
+        match = re.fullmatch(r"([A-Za-zμ%]+|1)(-?[0-9]{1,2})?", term)
         if match is None:
             return None
-        symbol, power = match[1], int(match[2] or 1)
-        if symbol == "1":
-            continue
-        one = _symbol(symbol)
+        one = ONE if match[1] == "1" else _power(match[1], int(match[2] or 1))
         if one is None:
             return None
-        factor *= one.factor**power
-        exponents = [total + power * exponent for total, exponent in zip(exponents, one.exponents, strict=True)]
-    return Unit(factor, tuple(exponents))
+        unit = unit.times(one)
+    return unit
 
 
-def _symbol(symbol: str) -> Unit | None:
+def _power(symbol: str, power: int) -> Unit | None:
+    """A power of a symbol or word; of two symbols side by side ("kgm2") only the second has it."""
+    known = WORDS.get(symbol.lower(), symbol) if len(symbol) > 1 else symbol
+    plain = _defined(symbol) or _defined(known)
+    return _attached(symbol, power) if plain is None else ONE.times(plain, power)
+
+
+def _defined(symbol: str) -> Unit | None:
     if symbol in BASES:
-        return Unit(1.0, tuple(int(base == symbol) for base in BASES))
-    if symbol not in _SYMBOLS:
+        return Unit(1.0, _power_of(symbol))
+    if symbol in OFFSETS:
+        return Unit(OFFSETS[symbol][0], _power_of("K"))
+    scale, found = 1.0, PLAIN.get(symbol) or PREFIXED.get(symbol)
+    if found is None and symbol[0] in PREFIXES:
+        scale, found = PREFIXES[symbol[0]], PREFIXED.get(symbol[1:])
+    if found is None:
         return None
-    factor, definition = _SYMBOLS[symbol]
-    base = parse(definition)
-    return base and Unit(factor * base.factor, base.exponents)
+    base = _quotient(found[1])
+    return base and Unit(scale * found[0] * base.factor, base.exponents)
+
+
+def _attached(symbol: str, power: int) -> Unit | None:
+    """A product without a dot, of a few symbols that are written so: Nm, mNm, kgm, Vs, Ah, Nms."""
+    for tail in TAILS:
+        head = symbol.removesuffix(tail)
+        if head and head != symbol and head.endswith(HEADS):
+            before, after = _power(head, 1), _defined(tail)
+            if before is not None and after is not None:
+                return before.times(after, power)
+    return None
+
+
+def _power_of(base: str) -> tuple[int, ...]:
+    return tuple(int(base == other) for other in BASES)

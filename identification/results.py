@@ -13,6 +13,7 @@ from typing_extensions import TypedDict
 
 from fmus.errors import InputError
 from identification.recordings.campaign import StudyTrace
+from orchestrator.crossing import CrossingDocument
 from orchestrator.display.table import Cell
 from orchestrator.fmi.interface import Value
 from orchestrator.report import Section
@@ -92,6 +93,7 @@ class Summary(TypedDict):
     parameters: dict[str, ParameterSummary]
     fit: FitsSummary
     data: list[TraceSummary]
+    units: NotRequired[list[CrossingDocument]]
     versions: dict[str, str]
     warnings: list[str]
     verdict: NotRequired[VerdictSummary]

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Literal
 
-from fmus import units
 from fmus.errors import WiringError
+from orchestrator.crossing import Crossing, crossing
 from orchestrator.fmi.interface import Interface, Port, Value
 
 FeedThrough = Literal["declared", "none", "all"]
@@ -69,12 +69,13 @@ class Endpoint:
 
 @dataclass(frozen=True)
 class Connection:
-    """target = factor * source + offset; factor and offset convert units."""
+    """target = factor * source + offset; factor and offset convert units, as `crossing` says."""
 
     source: Endpoint
     target: Endpoint
     factor: float = 1.0
     offset: float = 0.0
+    crossing: Crossing | None = field(default=None, compare=False, repr=False)
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,11 @@ class System:
     parts: Mapping[str, Part]
     connections: tuple[Connection, ...] = ()
     stimulated: frozenset[Endpoint] = field(default_factory=frozenset)
+
+    @property
+    def crossings(self) -> list[Crossing]:
+        """How values pass through the connections."""
+        return [link.crossing for link in self.connections if link.crossing is not None]
 
     def port(self, endpoint: Endpoint, place: str = "") -> Port:
         """The variable at an endpoint.
@@ -105,7 +111,7 @@ class System:
 
 
 def wire(parts: Mapping[str, Part], connections: Iterable[tuple[str, str]], stimulated: Iterable[str] = ()) -> System:
-    """The system with these connections (source, target); units are converted where they differ in scale.
+    """The system with these connections (source, target); units are converted where they differ.
 
     Raises:
         WiringError: an unknown name, a source that is no output, a target that is no input, an input with two sources,
@@ -214,7 +220,8 @@ def _link(system: System, source: Endpoint, target: Endpoint) -> Connection:
             f"{with_article(output.type)} cannot drive {with_article(input_.type)}",
             "round it in a component between",
         )
-    return Connection(source, target, unit_factor(place, output.unit, input_.unit))
+    passed = crossing(place, output.measure, input_.measure)
+    return Connection(source, target, passed.conversion.factor, passed.conversion.offset, passed)
 
 
 def require(system: System, endpoint: Endpoint, causality: str, role: str, place: str = "") -> Port:
@@ -244,20 +251,6 @@ def must_be(system: System, name: str, causality: str, key: str) -> None:
     port = system.port(Endpoint.parse(name), f"{key}.{name}")
     if port.causality != causality and not (causality == "parameter" and port.start is not None):
         raise WiringError(f"{key}.{name}", f"is {with_article(port.causality)}", f"name {with_article(causality)}")
-
-
-def unit_factor(place: str, source: str | None, target: str | None) -> float:
-    """What a value in the unit `source` is multiplied by to be one in `target`; 1 where either is not known.
-
-    Raises:
-        WiringError: they are units of different quantities.
-    """
-    one, other = units.parse(source or ""), units.parse(target or "")
-    if not source or not target or source == target or one is None or other is None:
-        return 1.0
-    if not one.fits(other):
-        raise WiringError(place, f"{source} does not fit {target}", "connect like quantities")
-    return one.factor / other.factor
 
 
 def _one_source_each(links: Iterable[Connection], driven: Iterable[Endpoint]) -> None:

@@ -37,7 +37,11 @@ def calibrate(
     with terminal.bar(study.stem) as move:
         document = calibrate_study(study, data, folder, move)
     fmus = f"FMUs in {folder / 'fmus'}, " if (folder / "fmus").is_dir() else ""
-    shown: list[Listing | str] = [_table(document), *_fits(document["fit"]), *_warnings(document["warnings"])]
+    shown: list[Listing | str] = [
+        _table(document),
+        *_fits(document["fit"]),
+        *_remarks(document),
+    ]
     shown.append(f"{fmus}report in {folder / 'report.html'}")
     return _judged(document, document.get("verdict"), shown)
 
@@ -55,7 +59,7 @@ def validate(
     target = out or folder / "validation"
     with terminal.bar("validating") as move:
         document = validate_result(folder, data, target, move)
-    shown: list[Listing | str] = [*_fits(document["fit"]), *_warnings(document["warnings"])]
+    shown: list[Listing | str] = [*_fits(document["fit"]), *_remarks(document)]
     shown.append(f"report in {target / 'report.html'}")
     return _judged(document, document["verdict"], shown)
 
@@ -124,5 +128,7 @@ def _figure(value: float | None) -> str:
     return "none" if value is None else f"{value:.4f}"
 
 
-def _warnings(warnings: list[str]) -> list[str]:
-    return [f"warning: {warning}" for warning in warnings]
+def _remarks(document: Summary | ValidationSummary) -> list[str]:
+    """What a reader of the figures must know, and what of the recordings was converted without a doubt."""
+    sure = [crossing for crossing in document.get("units", []) if not crossing["doubtful"]]
+    return [f"warning: {one}" for one in document["warnings"]] + [f"note: {crossing['text']}" for crossing in sure]

@@ -20,9 +20,11 @@ from identification.output_error.study import OutputErrorStudy
 from identification.output_error.windows import FreeRunWindow, cut_windows
 from identification.recordings.campaign import StudyTrace, load_campaign, recording_warnings, split
 from orchestrator.assembly.assembly import Assembled, OpenSystem
+from orchestrator.crossing import Crossing, noted
+from orchestrator.fmi.interface import Port
 from orchestrator.processes import processors
 from orchestrator.progress import Progress, silent
-from orchestrator.system import Endpoint, check_values, must_be
+from orchestrator.system import Endpoint, System, check_values, must_be
 from orchestrator.trace import FloatArray, ReadOnlyArrays
 
 LOADED = 0.05  # of the whole when the traces are there, roughly
@@ -47,6 +49,11 @@ class Judged(ReadOnlyArrays):
     def median(self) -> float:
         """Median FIT over all windows and outputs; nan where none of them moves."""
         return _median(self.fit)
+
+    @property
+    def crossings(self) -> list[Crossing]:
+        """How the windows' signals got to the units of the variables."""
+        return [crossing for window in self.windows for crossing in window.crossings]
 
     def by_trace(self) -> dict[str, float]:
         """trace -> median FIT of its windows."""
@@ -82,6 +89,7 @@ class Calibration:
         compared: name -> free runs with the parameters of the study's `compare`, on the validation windows (on the
             fitted ones where there are none).
         system: the FMUs as they were before.
+        wired: how values pass through the connections.
     """
 
     study: OutputErrorStudy
@@ -92,11 +100,19 @@ class Calibration:
     validation: Judged | None
     compared: Mapping[str, Judged]
     units: Mapping[str, str]
+    wired: tuple[Crossing, ...]
 
     @property
     def warnings(self) -> list[str]:
         """What a reader of the figures must know."""
-        return [*self.estimate.warnings, *recording_warnings(self.recorded)]
+        doubts = [str(crossing) for crossing in self.crossings if crossing.doubtful]
+        return [*doubts, *self.estimate.warnings, *recording_warnings(self.recorded)]
+
+    @property
+    def crossings(self) -> tuple[Crossing, ...]:
+        """Signals that were converted, or taken as they are although their units differ; connections alike."""
+        sides = (self.train, self.validation) if self.validation else (self.train,)
+        return noted([*self.wired, *(crossing for side in sides for crossing in side.crossings)])
 
 
 def calibrate(study: OutputErrorStudy, data: Path | None = None, progress: Progress = silent) -> Calibration:
@@ -112,9 +128,9 @@ def calibrate(study: OutputErrorStudy, data: Path | None = None, progress: Progr
     recorded = load_campaign(study.traces, data, lambda fraction, doing: progress(LOADED * fraction, doing))
     fitted, kept = split(recorded, study.traces.hold_out)
     system = BuiltSystem(study.system, sorted(study.run.inputs))
-    units = _checked_units(study, system.assembled)
-    train = cut_windows(study.run, fitted, study.windows)
-    unseen = cut_windows(study.run, kept, study.validation)
+    units, ports, wired = _checked(study, system.assembled)
+    train = cut_windows(study.run, fitted, study.windows, ports)
+    unseen = cut_windows(study.run, kept, study.validation, ports)
     found = _fit(study, system.assembled, train, units, _watch(study, progress))
     validation = judge(study, system.assembled, unseen, found.values) if unseen else None
     compared = {
@@ -122,7 +138,7 @@ def calibrate(study: OutputErrorStudy, data: Path | None = None, progress: Progr
         for name, other in study.compare.items()
     }
     judged = Judged(study.outputs, tuple(train), found.simulated, found.fit)
-    return Calibration(study, system, tuple(recorded), found, judged, validation, compared, units)
+    return Calibration(study, system, tuple(recorded), found, judged, validation, compared, units, wired)
 
 
 def _watch(study: OutputErrorStudy, progress: Progress) -> Watch:
@@ -203,8 +219,16 @@ def _window_weight(study: OutputErrorStudy, window: FreeRunWindow) -> FloatArray
     return spread_weights([window.measured])
 
 
-def _checked_units(study: OutputErrorStudy, assembled: Assembled) -> dict[str, str]:
-    """Units of the parameters, once every name of the study is seen to exist."""
+def ports_of(study: OutputErrorStudy, system: System) -> dict[str, Port]:
+    """component.variable -> what a signal of the traces goes to or is compared with."""
+    names = (*study.run.outputs, *study.run.inputs, *study.run.initial)
+    return {name: system.port(Endpoint.parse(name)) for name in names}
+
+
+def _checked(
+    study: OutputErrorStudy, assembled: Assembled
+) -> tuple[dict[str, str], dict[str, Port], tuple[Crossing, ...]]:
+    """Units of the parameters, what signals go to, and the connections, once all of the study is seen to exist."""
     delays, parameters = study.delays, study.parameters
     with OpenSystem(assembled) as opened:
         system = opened.system
@@ -222,7 +246,7 @@ def _checked_units(study: OutputErrorStudy, assembled: Assembled) -> dict[str, s
             check_values(system, {name: value for name, value in values.items() if name not in delays})
         named = [*parameters.names, *study.outputs, *study.run.initial]
         units = {name: system.port(Endpoint.parse(name)).unit or "1" for name in named if name not in delays}
-        return units | dict.fromkeys(delays, "s")
+        return units | dict.fromkeys(delays, "s"), ports_of(study, system), tuple(system.crossings)
 
 
 def _named_parameters(study: OutputErrorStudy) -> dict[str, list[str]]:

@@ -10,6 +10,7 @@ from identification.method import Calibrated
 from identification.output_error.calibration import Calibration, Judged
 from identification.output_error.verdict import calibration_verdict
 from identification.results import FitSummary, ParameterSummary, Summary, data_summary, finite
+from orchestrator.crossing import documents_of
 from orchestrator.results import versions
 
 
@@ -71,6 +72,7 @@ def summary(calibration: Calibration) -> OutputErrorSummary:
             "reasons": list(found.tally.reasons),
         },
         "data": data_summary(calibration.recorded, study.traces.hold_out),
+        "units": documents_of(calibration.crossings),
         "versions": versions(),
         "warnings": calibration.warnings,
         "verdict": calibration_verdict(calibration),

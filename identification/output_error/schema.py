@@ -24,6 +24,7 @@ from identification.recordings.campaign import TraceSource
 from identification.recordings.schema import RecordedStudyBlock, UsedSignals
 from orchestrator.assembly.assembly import SystemSpec
 from orchestrator.assembly.schema import SystemBlock
+from orchestrator.crossing import Given
 from orchestrator.yaml_file import Block, Seconds, exact
 
 
@@ -39,25 +40,35 @@ class SignalBlock(Block):
     """A signal of the traces, and how much later than the system it is (an output) or reaches it (an input).
 
     Attributes:
-        factor: from the signal's unit to the variable's.
+        factor, offset: variable = factor * signal + offset, over what their units say.
         delay: [s] or the name of a parameter of the study; a command with a delay counts by its mean over each
             communication step, one without by its value at the beginning.
     """
 
     signal: str
-    factor: float = TraceSignal.factor
+    factor: float | None = None
+    offset: float | None = None
     delay: DelayEntry | None = None
 
 
 class InitialBlock(Block):
-    """A start value read off a signal around the beginning of each window; see `StartSpec`."""
+    """A start value read off a signal around the beginning of each window; see `StartSpec`.
+
+    Attributes:
+        factor, offset: variable = factor * reading + offset, over what their units say.
+    """
 
     signal: str
-    factor: float = StartSpec.factor
+    factor: float | None = None
+    offset: float | None = None
     derivative: int = Field(StartSpec.derivative, ge=0, le=2)
     half_width: float = Field(StartSpec.half_width, gt=0)
     degree: int = Field(StartSpec.degree, ge=0, le=6)
     estimated: bool = StartSpec.estimated
+
+    def spec(self) -> StartSpec:
+        given = Given(self.factor, self.offset)
+        return StartSpec(self.signal, given, self.derivative, self.half_width, self.degree, self.estimated)
 
     @model_validator(mode="after")
     def _differentiable(self) -> InitialBlock:
@@ -220,7 +231,7 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
         Raises:
             IdentificationError: a parameter has no start value, or one outside its bounds.
         """
-        initial = {name: StartSpec(**dict(block)) for name, block in self.initial.items()}
+        initial = {name: block.spec() for name, block in self.initial.items()}
         return OutputErrorStudy(
             title=self.title,
             system=system,
@@ -240,7 +251,8 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
 
     def _signal_specs(self, blocks: Mapping[str, SignalBlock]) -> dict[str, TraceSignal]:
         return {
-            name: TraceSignal(block.signal, block.factor, self._delay(block.delay)) for name, block in blocks.items()
+            name: TraceSignal(block.signal, Given(block.factor, block.offset), self._delay(block.delay))
+            for name, block in blocks.items()
         }
 
     def _delay(self, entry: DelayEntry | None) -> Delay | None:

@@ -5,14 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from typing import Literal
+from typing import Literal, TypeVar
 
+from fmus.units import SAME, Conversion
 from identification.estimation.arrow_least_squares import LEAST_SQUARES, Loss
 from identification.estimation.parameters import ParameterSet
 from identification.output_error.delays import Delay, Estimated, Known
 from identification.output_error.estimator import Options
 from identification.recordings.campaign import TraceSource
 from orchestrator.assembly.assembly import SystemSpec
+from orchestrator.crossing import NOTHING_GIVEN, Crossing, Given, crossing
+from orchestrator.fmi.interface import Port
+from orchestrator.trace import Trace
 
 OutputWeight = Literal["window", "output", "none"]
 
@@ -22,30 +26,41 @@ class TraceSignal:
     """A signal of the traces, and how much later than the system it is (an output) or reaches it (an input).
 
     Attributes:
-        factor: from the signal's unit to the variable's.
+        given: what it is converted to the variable's unit by, over its own.
         delay: None takes the value at the beginning of each communication step; a command with a delay, 0 too, counts
             by its mean over each step.
+        conversion: what it is converted by, once the trace is known.
     """
 
     signal: str
-    factor: float = 1.0
+    given: Given = NOTHING_GIVEN
     delay: Delay | None = None
+    conversion: Conversion = SAME
 
 
 @dataclass(frozen=True)
 class StartSpec:
     """A start value read off a signal around the beginning of each window.
 
-    A polynomial of `degree` is fitted to the samples within `half_width` [s]; its value or derivative there counts,
-    times `factor`, which makes a start value of a reading in a converter's units.
+    A polynomial of `degree` is fitted to the samples within `half_width` [s]; its value or derivative there counts, in
+    the variable's unit.
+
+    Attributes:
+        given: what it is converted to the variable's unit by, over the signal's.
+        conversion: what it is converted by, once the trace is known.
     """
 
     signal: str
-    factor: float = 1.0
+    given: Given = NOTHING_GIVEN
     derivative: int = 0
     half_width: float = 0.018
     degree: int = 2
     estimated: bool = False
+    conversion: Conversion = SAME
+
+
+NOWHERE = Port("", 0, "Real", "local")  # in no unit
+Spec = TypeVar("Spec", TraceSignal, StartSpec)
 
 
 @dataclass(frozen=True)
@@ -75,6 +90,27 @@ class FreeRunSpec:
         """The delays that are parameters."""
         delays = (spec.delay for spec in (*self.inputs.values(), *self.outputs.values()))
         return tuple(delay for delay in delays if isinstance(delay, Estimated))
+
+    def in_units_of(self, ports: Mapping[str, Port], trace: Trace) -> tuple[FreeRunSpec, tuple[Crossing, ...]]:
+        """The same for one trace, its signals converted to the units of the variables; and how they get there.
+
+        Raises:
+            WiringError: units of different quantities.
+        """
+        crossed: list[Crossing] = []
+
+        def converted(key: str, specs: Mapping[str, Spec]) -> dict[str, Spec]:
+            return {name: one(f"{key}.{name} from {spec.signal}", name, spec) for name, spec in specs.items()}
+
+        def one(place: str, name: str, spec: Spec) -> Spec:
+            port = ports.get(name, NOWHERE)
+            unit = port.meaning(trace.unit(spec.signal)).rate(getattr(spec, "derivative", 0))
+            crossed.append(crossing(place, unit, port.measure, spec.given))
+            return replace(spec, conversion=crossed[-1].conversion)
+
+        outputs, inputs = converted("outputs", self.outputs), converted("inputs", self.inputs)
+        spec = replace(self, outputs=outputs, inputs=inputs, initial=converted("initial", self.initial))
+        return spec, tuple(crossed)
 
     def by_means(self) -> FreeRunSpec:
         """The same with all commands by their means over each step: frames never come at its beginning."""

@@ -13,7 +13,7 @@ from fmus.errors import InputError
 from fmus.packaging import archive
 from fmus.parameters import ssv
 from fmus.parameters.write_back import description_of, is_ours
-from identification.output_error.calibration import Judged, judge
+from identification.output_error.calibration import Judged, judge, ports_of
 from identification.output_error.report import fits, overlays
 from identification.output_error.results import judged_summary
 from identification.output_error.study import OutputErrorStudy
@@ -31,8 +31,9 @@ from identification.results import (
     verdict,
     verdict_callout,
 )
-from orchestrator.assembly.assembly import SystemSpec, assemble
+from orchestrator.assembly.assembly import OpenSystem, SystemSpec, assemble
 from orchestrator.assembly.schema import SystemBlock
+from orchestrator.crossing import Crossing, CrossingDocument, documents_of, noted
 from orchestrator.fmi.interface import Value
 from orchestrator.progress import Progress, silent
 from orchestrator.report import Report, figures
@@ -53,6 +54,7 @@ class ValidationSummary(TypedDict):
     at_least: float | None
     held: bool
     data: list[TraceSummary]
+    units: list[CrossingDocument]
     versions: dict[str, str]
     warnings: list[str]
     verdict: VerdictSummary
@@ -70,6 +72,11 @@ class Validation:
     recorded: tuple[StudyTrace, ...]
     judged: Mapping[str, Judged]
     unseen: tuple[str, ...]
+
+    @property
+    def crossings(self) -> tuple[Crossing, ...]:
+        """Signals that were converted, or taken as they are although their units differ."""
+        return noted(crossing for judged in self.judged.values() for crossing in judged.crossings)
 
     @property
     def verdict(self) -> VerdictSummary:
@@ -99,12 +106,14 @@ def validate(
         "fitted": [trace for trace in recorded if trace.sha256 in used],
     }
     assembled = assemble(study.system, folder, sorted(study.run.inputs))
+    with OpenSystem(assembled) as opened:
+        ports = ports_of(study, opened.system)
     judged = {}
     for number, (name, traces) in enumerate(groups.items()):
         progress(number / 2, f"{len(traces)} {name} traces")
         if traces:
             with naming(folder / STUDY):
-                windows = cut_windows(study.run, traces, study.validation)
+                windows = cut_windows(study.run, traces, study.validation, ports)
                 judged[name] = judge(study, assembled, windows, delays)
     return Validation(study, tuple(recorded), judged, tuple(trace.trace.name for trace in groups["unseen"]))
 
@@ -146,7 +155,12 @@ def summary(validation: Validation) -> ValidationSummary:
         "held": validation.verdict["held"],
         "data": data_summary(validation.recorded, validation.unseen),
         "versions": versions(),
-        "warnings": ([] if "unseen" in validation.judged else [nothing_new]) + recording_warnings(validation.recorded),
+        "units": documents_of(validation.crossings),
+        "warnings": [
+            *([] if "unseen" in validation.judged else [nothing_new]),
+            *(str(crossing) for crossing in validation.crossings if crossing.doubtful),
+            *recording_warnings(validation.recorded),
+        ],
         "verdict": validation.verdict,
     }
 

@@ -9,7 +9,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from fmus.errors import ScenarioError, TraceError
+from fmus.errors import ScenarioError, TraceError, WiringError
 from identification.output_error.delays import (
     Command,
     Delay,
@@ -24,7 +24,8 @@ from identification.output_error.delays import (
 from identification.output_error.problem import Window
 from identification.output_error.study import FreeRunSpec, StartSpec, TraceSignal, WindowSpec
 from identification.recordings.campaign import StudyTrace
-from orchestrator.fmi.interface import Value
+from orchestrator.crossing import Crossing
+from orchestrator.fmi.interface import Port, Value
 from orchestrator.rational import multiples
 from orchestrator.trace import FloatArray, Trace, usable
 
@@ -46,6 +47,7 @@ class FreeRunWindow(Window):
         initial: component.variable -> measured start value, with the delay that the study starts from.
         readings: those that are read off a delayed output.
         constants: component.variable -> value that holds for this trace.
+        crossings: how its signals got to the units of the variables.
     """
 
     start: float
@@ -58,6 +60,7 @@ class FreeRunWindow(Window):
     initial: Mapping[str, float]
     readings: Mapping[str, StartReading]
     constants: Mapping[str, Value]
+    crossings: tuple[Crossing, ...] = ()
 
     @property
     def run_time(self) -> FloatArray:
@@ -91,11 +94,17 @@ class FreeRunWindow(Window):
         return late_outputs(simulated, float(self.step), delays, self.rows)
 
 
-def cut_windows(run: FreeRunSpec, traces: Iterable[StudyTrace], windows: WindowSpec) -> list[FreeRunWindow]:
+def cut_windows(
+    run: FreeRunSpec, traces: Iterable[StudyTrace], windows: WindowSpec, ports: Mapping[str, Port] | None = None
+) -> list[FreeRunWindow]:
     """The windows of these traces, all outputs of weight 1.
+
+    Args:
+        ports: component.variable -> what a signal goes to or is compared with, in whose unit it is then.
 
     Raises:
         TraceError: a signal is missing, constant or not finite, or a trace is too short for one window.
+        WiringError: the units of a signal and its variable are of different quantities.
         ScenarioError: delays leave nothing of a window to compare.
     """
     _check_rows(run, windows)
@@ -104,7 +113,14 @@ def cut_windows(run: FreeRunSpec, traces: Iterable[StudyTrace], windows: WindowS
         named = replace(recorded.trace, name=recorded.place)
         trace = replace(usable(named.select(run.signals), run.signals), name=recorded.trace.name)
         own = run.by_means() if recorded.held else run
-        cut += [_window(own, trace, start, windows.length, recorded.values) for start in _starts(own, trace, windows)]
+        try:
+            own, crossed = own.in_units_of(ports or {}, trace)
+        except WiringError as error:
+            raise WiringError(f"{error.place} of {recorded.place}", error.problem, error.fix) from error
+        cut += [
+            replace(_window(own, trace, start, windows.length, recorded.values), crossings=crossed)
+            for start in _starts(own, trace, windows)
+        ]
     return cut
 
 
@@ -181,12 +197,12 @@ def _window(
 
 def _sampled(trace: Trace, spec: TraceSignal, instants: FloatArray, delay: float) -> FloatArray:
     """(K,) what the trace shows of a variable at these instants [s], that much later; its ends last."""
-    return np.asarray(spec.factor * np.interp(instants + delay, trace.time, trace[spec.signal]))
+    return np.asarray(np.interp(instants + delay, trace.time, spec.conversion(trace[spec.signal])))
 
 
 def _command(spec: TraceSignal, delay: Delay, trace: Trace, raster: FloatArray, step: float) -> Command:
     """A delayed command, as far as it matters from the first instant to a step after the last."""
-    held = Held(trace.time, spec.factor * trace[spec.signal])
+    held = Held(trace.time, spec.conversion(trace[spec.signal]))
     return Command(delay, held.between(raster[0] - delay.highest, raster[-1] + step - delay.lowest))
 
 
@@ -198,7 +214,7 @@ def _reading(run: FreeRunSpec, trace: Trace, start: float, spec: StartSpec) -> S
 
 
 def start_curve(trace: Trace, start: float, spec: StartSpec) -> Polynomial:
-    """A start value as a polynomial over the time of the signal: value or derivative, scaled.
+    """A start value as a polynomial over the time of the signal: value or derivative, converted.
 
     Raises:
         TraceError: fewer samples lie around `start` than it has coefficients.
@@ -211,4 +227,4 @@ def start_curve(trace: Trace, start: float, spec: StartSpec) -> Polynomial:
             "widen `half_width`",
         )
     polynomial = Polynomial.fit(near.time, near[spec.signal], spec.degree)
-    return spec.factor * polynomial.deriv(spec.derivative)
+    return spec.conversion.factor * polynomial.deriv(spec.derivative) + spec.conversion.offset

@@ -16,6 +16,7 @@ from fmus.modelling.model import Model, Table
 from fmus.packaging import targets
 from orchestrator.assembly.stimulus import Stimulus
 from orchestrator.assembly.whole_arrays import check_shapes
+from orchestrator.crossing import logged
 from orchestrator.engine import Result, Simulation, Timing
 from orchestrator.fmi.component import Component
 from orchestrator.fmi.exchange_slave import ExchangeSlave
@@ -26,7 +27,7 @@ from orchestrator.fmi.isolation_worker import Make
 from orchestrator.fmi.slave import Slave
 from orchestrator.rational import seconds
 from orchestrator.solvers.base import SolverSettings
-from orchestrator.system import FeedThrough, Part, System, wire
+from orchestrator.system import Endpoint, FeedThrough, Part, System, wire
 from orchestrator.trace import Trace
 
 
@@ -188,6 +189,11 @@ class OpenSystem:
         driven = {
             name: given if isinstance(given, Stimulus) else Stimulus(given) for name, given in (stimuli or {}).items()
         }
+        crossed = []
+        for name, stimulus in driven.items():
+            driven[name], how = stimulus.brought(name, self.system.port(Endpoint.parse(name)))
+            crossed += [] if how is None else [how]
+        logged(crossed)
         with self.simulation(Timing(seconds(stop, "stop"), seconds(step, "step"))) as simulation:
             samples = {name: stimulus.values(simulation.instants()) for name, stimulus in driven.items()}
             return simulation.run({**self.assembled.system.values(), **(values or {})}, samples, record)

@@ -13,6 +13,7 @@ from fmus.modelling.model import Table
 from orchestrator import formats
 from orchestrator.assembly.assembly import ComponentSpec, SystemSpec, link
 from orchestrator.assembly.whole_arrays import Values, elements, shapes
+from orchestrator.crossing import Given
 from orchestrator.engine import CycleSettings, Order, Timing
 from orchestrator.fmi.interface import Value
 from orchestrator.solvers.base import SolverMethod, SolverSettings
@@ -22,10 +23,21 @@ from orchestrator.yaml_file import Block, Seconds
 
 
 class SignalFileBlock(Block):
-    """A signal of a trace file."""
+    """A signal of a trace file.
+
+    Attributes:
+        factor, offset: variable = factor * signal + offset, over what their units say.
+    """
 
     file: Path
     signal: str
+    factor: float | None = None
+    offset: float | None = None
+
+    @property
+    def given(self) -> Given:
+        """What it is converted by, over its unit."""
+        return Given(self.factor, self.offset)
 
     def trace(self, base: Path) -> Trace:
         """The signal alone; the file is relative to `base`."""
@@ -34,7 +46,8 @@ class SignalFileBlock(Block):
     def table(self, name: str, base: Path) -> Table:
         """The signal as a table that a model plays back."""
         trace = self.trace(base)
-        return Table(name, tuple(trace.time.tolist()), tuple(trace[self.signal].tolist()))
+        values = (self.factor or 1.0) * trace[self.signal] + (self.offset or 0.0)
+        return Table(name, tuple(trace.time.tolist()), tuple(values.tolist()))
 
 
 class SolverBlock(Block):

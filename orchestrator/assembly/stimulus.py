@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fmus.errors import TraceError
+from orchestrator.crossing import NOTHING_GIVEN, Crossing, Given, crossing
+from orchestrator.fmi.interface import Port
 from orchestrator.trace import FloatArray, Trace
 
 
@@ -15,8 +17,9 @@ class Stimulus:
     """A constant, or a recording that is played back.
 
     Attributes:
-        source: a value, or a trace with one signal [unit of the input].
+        source: a value, or a trace with one signal [its own unit; the unit of the input where it has none].
         hold: whether the recording's last value is kept until its next, instead of a line between them.
+        given: what a recording is converted by, over its unit.
 
     Raises:
         TraceError: the trace has no signal, or several.
@@ -24,11 +27,23 @@ class Stimulus:
 
     source: float | Trace
     hold: bool = False
+    given: Given = NOTHING_GIVEN
 
     def __post_init__(self) -> None:
         if isinstance(self.source, Trace) and len(self.source.names) != 1:
             names = ", ".join(self.source.names) or "none"
             raise TraceError(self.source.name, f"drives an input with {names}", "select one signal")
+
+    def brought(self, name: str, port: Port) -> tuple[Stimulus, Crossing | None]:
+        """The same in the unit of the input of this name, and how it got there.
+
+        Raises:
+            WiringError: its unit does not fit.
+        """
+        if not isinstance(self.source, Trace):
+            return self, None
+        trace, crossed = brought(self.source, name, port, self.given)
+        return replace(self, source=trace, given=NOTHING_GIVEN), crossed
 
     @property
     def varies(self) -> bool:
@@ -45,3 +60,15 @@ class Stimulus:
             return np.full(len(time), float(self.source))
         (name,) = self.source.names
         return self.source.resampled(time, hold=[name] if self.hold else [])[name]
+
+
+def brought(trace: Trace, place: str, port: Port, given: Given = NOTHING_GIVEN) -> tuple[Trace, Crossing]:
+    """A trace with one signal in the unit of a variable, and how it got there; `place` is named.
+
+    Raises:
+        WiringError: its unit does not fit.
+    """
+    (name,) = trace.names
+    crossed = crossing(f"{place} from {name}", port.meaning(trace.unit(name)), port.measure, given)
+    signals = {name: crossed.conversion(trace[name])}
+    return Trace(trace.time, signals, {name: port.unit} if port.unit else {}, trace.name), crossed

@@ -127,7 +127,7 @@ def _judged(job: BridgeJob, system: PreparedBridge, result: Result, ending: Endi
     state = CaseState.INTERRUPTED if early else CaseState.DONE
     judged = CaseResult(case.name, result, ending.failure, checks, file if file.exists() else None, state)
     keeping = Keeping(job.every, file.parent)
-    return ScenarioResult(system.scenario, system.assembled, (judged,), keeping, interrupted=early)
+    return ScenarioResult(system.scenario, system.assembled, (judged,), keeping, early, system.crossings)
 
 
 def _check(expectation: Expectation | Refusal, trace: Trace) -> Check:

@@ -14,6 +14,7 @@ import can
 from orchestrator.can.codec.single_decoding import SingleDecoder
 from orchestrator.can.database.database import Database, MessageSpec
 from orchestrator.can.statistics import FrameStatistics
+from orchestrator.crossing import Crossing
 from orchestrator.trace import FloatArray
 
 Key = tuple[int, bool]  # identifier, and whether it is an extended one
@@ -27,14 +28,14 @@ class ReceivedSignal:
         name: its public name.
         input: component.input.
         place: its number among the inputs.
-        factor: from the signal's unit to the input's.
+        crossing: from the signal's unit to the input's.
         safe: value while no frame comes [unit of the input].
     """
 
     name: str
     input: str
     place: int
-    factor: float
+    crossing: Crossing
     safe: float
 
 
@@ -88,7 +89,7 @@ class Reception:
         for signal in message.signals:
             value = values.get(signal.name)
             if value is not None:
-                inputs[signal.place] = signal.factor * value
+                inputs[signal.place] = signal.crossing.conversion(value)
         return message
 
 

@@ -12,10 +12,11 @@ from orchestrator.bridge.outputs import SentMessage, SentSignal
 from orchestrator.can.database.database import Database, MessageSpec, SignalSpec
 from orchestrator.can.frames import LONGEST
 from orchestrator.can.statistics import FrameStatistics
+from orchestrator.crossing import Crossing, crossing
 from orchestrator.fmi.interface import Port
 from orchestrator.rational import multiples, seconds
 from orchestrator.scenario.can_block import CanBlock, ReceivedBlock
-from orchestrator.system import Endpoint, System, check_bounds, require, unit_factor, with_article
+from orchestrator.system import Endpoint, System, check_bounds, require, with_article
 
 _WHOLE = ("Boolean", "Enumeration")
 
@@ -33,6 +34,12 @@ class Coupling:
     sent: tuple[SentMessage, ...]
     outputs: tuple[str, ...]
     sent_statistics: FrameStatistics
+
+    @property
+    def crossings(self) -> list[Crossing]:
+        """How values pass between signals and variables."""
+        received = [signal.crossing for message in self.reception.messages for signal in message.signals]
+        return received + [signal.crossing for message in self.sent for signal in message.signals]
 
     def notes(self) -> list[str]:
         """What is sent without having been asked for."""
@@ -101,7 +108,8 @@ def _received_signal(
         raise WiringError(where, f"{signal.name} cannot drive {with_article(port.type)}", "it takes whole numbers")
     if _whole(port) and block.safe != int(block.safe):
         raise WiringError(f"{where}.safe", f"{block.safe:g} is not whole", f"it is {with_article(port.type)}")
-    return ReceivedSignal(public, name, place, unit_factor(where, signal.unit, port.unit), block.safe)
+    crossed = crossing(where, port.meaning(signal.unit), port.measure)
+    return ReceivedSignal(public, name, place, crossed, block.safe)
 
 
 def _whole(port: Port) -> bool:
@@ -127,8 +135,8 @@ def _sent(
             raise WiringError(where, f"{with_article(port.type)} cannot be sent", "send a number")
         if wanted.safe is not None:
             check_bounds(f"{where}.safe", port, wanted.safe)
-        factor = unit_factor(where, port.unit, signal.unit)
-        given = SentSignal(signal, wanted.source, outputs.index(wanted.source), factor, wanted.safe)
+        crossed = crossing(where, port.measure, port.meaning(signal.unit))
+        given = SentSignal(signal, wanted.source, outputs.index(wanted.source), crossed, wanted.safe)
         messages.setdefault(message, []).append(given)
     sent = [message.name for message in messages]
     idle = sorted(set(block.every) - set(sent))

@@ -16,6 +16,7 @@ from orchestrator.can.codec.fields import longest, raw_limits, resting
 from orchestrator.can.database.database import MessageSpec, SignalSpec, checksum_byte
 from orchestrator.can.database.protection import checksum
 from orchestrator.can.statistics import FrameStatistics
+from orchestrator.crossing import Crossing
 
 
 @dataclass(frozen=True)
@@ -25,14 +26,14 @@ class SentSignal:
     Attributes:
         output: component.output.
         place: its number among the outputs that are read.
-        factor: from the output's unit to the signal's.
+        crossing: from the output's unit to the signal's.
         safe: value that is sent when the coupling ends [unit of the output].
     """
 
     spec: SignalSpec
     output: str
     place: int
-    factor: float
+    crossing: Crossing
     safe: float | None
 
 
@@ -69,7 +70,7 @@ class SentMessage:
     def frame(self, outputs: Sequence[float]) -> can.Message:
         """The next frame, with these values of the outputs that are read."""
         for signal, limits in self._limits:
-            self._fill(signal.spec, limits, outputs[signal.place] * signal.factor)
+            self._fill(signal.spec, limits, signal.crossing.conversion(outputs[signal.place]))
         return self._sealed()
 
     def safe_frame(self) -> can.Message | None:
@@ -78,7 +79,7 @@ class SentMessage:
             return None
         for signal, limits in self._limits:
             if signal.safe is not None:
-                self._fill(signal.spec, limits, signal.safe * signal.factor)
+                self._fill(signal.spec, limits, signal.crossing.conversion(signal.safe))
         return self._sealed()
 
     def _fill(self, signal: SignalSpec, limits: tuple[float, float], value: float) -> None:

@@ -18,6 +18,7 @@ from orchestrator.bridge.session import Course
 from orchestrator.can import frame_time
 from orchestrator.can.database.database import load as load_database
 from orchestrator.can.live.bus import BusSettings
+from orchestrator.crossing import Crossing, logged
 from orchestrator.engine import Run, Simulation
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.isolation import scratch
@@ -25,6 +26,7 @@ from orchestrator.rational import multiples
 from orchestrator.scenario.can_block import CanBlock
 from orchestrator.scenario.scenario import Case, Scenario
 from orchestrator.scenario.schema import load_scenario
+from orchestrator.scenario.units import in_units_of
 from orchestrator.trace import FloatArray
 from orchestrator.yaml_file import naming
 
@@ -57,6 +59,7 @@ class PreparedBridge:
     Attributes:
         database: file of the bus' messages.
         run: values, what is recorded, and what the inputs have at first.
+        crossings: values that are converted, or taken as they are although their units differ.
     """
 
     scenario: Scenario
@@ -67,6 +70,7 @@ class PreparedBridge:
     coupling: Coupling
     run: Run
     course: Course
+    crossings: tuple[Crossing, ...]
 
 
 @contextmanager
@@ -80,16 +84,22 @@ def prepared(job: BridgeJob) -> Iterator[PreparedBridge]:
     can = _can_block(scenario)
     file = scenario.path.parent / can.database
     database, step = load_database(file), scenario.timing.step
-    with scratch(None) as folder, naming(job.scenario):
+    with (
+        naming(job.scenario),
+        scratch(None) as folder,
+        OpenSystem(assemble(scenario.system.given(job.overrides), folder, scenario.driven)) as opened,
+    ):
+        coupling = coupled(can, opened.system, database, step, job.bus.data_bitrate is not None)
+        _check_bus(job.bus, coupling.sent, step)
+        scenario, crossed = in_units_of(opened.system, scenario)
+        crossings = logged([*opened.system.crossings, *crossed, *coupling.crossings])
         case = _case(scenario, job.case)
-        with OpenSystem(assemble(scenario.system.given(job.overrides), folder, scenario.driven)) as system:
-            coupling = coupled(can, system.system, database, step, job.bus.data_bitrate is not None)
-            _check_bus(job.bus, coupling.sent, step)
-            with system.simulation(scenario.timing) as simulation:
-                course, first = _course(job, scenario, simulation)
-                values = {**case.values, **job.overrides}
-                run = Run(values, first, scenario.recorded(simulation.outputs), record_every=job.every)
-                yield PreparedBridge(scenario, case, file, system.assembled, simulation, coupling, run, course)
+        with opened.simulation(scenario.timing) as simulation:
+            course, first = _course(job, scenario, simulation)
+            values = {**case.values, **job.overrides}
+            run = Run(values, first, scenario.recorded(simulation.outputs), record_every=job.every)
+            assembled = opened.assembled
+            yield PreparedBridge(scenario, case, file, assembled, simulation, coupling, run, course, crossings)
 
 
 def _can_block(scenario: Scenario) -> CanBlock:

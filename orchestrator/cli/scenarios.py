@@ -108,6 +108,9 @@ def run(
         with whole():
             write_run(result, values, folder)
     document = document_of(result, values, folder)
+    for crossing in result.crossings:
+        if not (crossing.doubtful or crossing.wired):
+            terminal.say(f"note: {crossing}")
     if result.interrupted:
         line = f"{interruption(result)}; the result up to there is in {folder}"
         return Answer(document, held=False, interrupted=line)

@@ -21,7 +21,8 @@ from fmpy.model_description import InterfaceType, ModelDescription, ModelVariabl
 
 from fmus.errors import FmuFileError, ServotwinError
 from fmus.packaging import archive
-from orchestrator.fmi import arrays, unpacked
+from fmus.units import Unit
+from orchestrator.fmi import arrays, definitions, unpacked
 from orchestrator.fmi.arrays import Sizes
 from orchestrator.fmi.interface import Interface, Port, Value
 
@@ -174,15 +175,16 @@ def _interface(
     path: Path, description: ModelDescription, offer: InterfaceType, parameters: Mapping[str, Value]
 ) -> Interface:
     fixed = getattr(offer, "fixedInternalStepSize", None)
+    units = definitions.units(path, description)
     variables = description.modelVariables
     dimensions = {size.valueReference for variable in variables for size in variable.dimensions}
     sizing = [v for v in variables if v.causality == "structuralParameter" or v.valueReference in dimensions]
-    sizes = arrays.sizes(path, [_port(path, variable) for variable in sizing], parameters)
+    sizes = arrays.sizes(path, [_port(path, variable, {}) for variable in sizing], parameters)
     ports: dict[str, Port] = {}
     elements: dict[str, list[str]] = {}
     left_out: dict[str, tuple[int, ...]] = {}
     for variable in variables:
-        found = _ports(path, variable, sizes)
+        found = _ports(path, variable, sizes, units)
         elements[variable.name] = names = [port.name for port in found]
         if any(name in ports for name in names):
             raise FmuFileError(path, "two variables have one name", "ask its supplier for a valid FMU")
@@ -202,9 +204,9 @@ def _interface(
     )
 
 
-def _ports(path: Path, variable: ModelVariable, sizes: Sizes) -> list[Port]:
+def _ports(path: Path, variable: ModelVariable, sizes: Sizes, units: Mapping[str, Unit]) -> list[Port]:
     """A scalar's port, or one for each element of an array unless they are too many."""
-    port = _port(path, variable)
+    port = _port(path, variable, units)
     if not variable.dimensions:
         return [replace(port, start=str(sizes.given[port.name]))] if port.name in sizes.given else [port]
     shape = sizes.shape(variable)
@@ -216,8 +218,10 @@ def _ports(path: Path, variable: ModelVariable, sizes: Sizes) -> list[Port]:
     return list(arrays.elements(port, shape, starts))
 
 
-def _port(path: Path, variable: ModelVariable) -> Port:
+def _port(path: Path, variable: ModelVariable, units: Mapping[str, Unit]) -> Port:
     declared = variable.declaredType
+    if variable.relativeQuantity or (declared is not None and declared.relativeQuantity):
+        units = {name: unit.difference for name, unit in units.items()}
     items = {item.name: int(item.value) for item in declared.items} if declared is not None and declared.items else None
     reference = int(variable.valueReference)
     if not 0 <= reference < 1 << 32:
@@ -234,6 +238,7 @@ def _port(path: Path, variable: ModelVariable) -> Port:
         items=items,
         description=variable.description or "",
         variability=variable.variability or "continuous",
+        definitions=units,
     )
 
 

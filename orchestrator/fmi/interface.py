@@ -7,8 +7,11 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from fmus import units
 from fmus.errors import FmuFileError
 from fmus.modelling.model import element
+from fmus.units import Unit
+from orchestrator.crossing import NamedUnit
 
 Value = float | int | bool | str
 _REAL = ("Real", "Float64", "Float32")
@@ -40,6 +43,7 @@ class Port:
         items: name -> value of an enumeration.
         array: what it is an element of.
         element: its number there, from 0 and row by row.
+        definitions: what units are by the FMU's own word, by name.
     """
 
     name: str
@@ -55,6 +59,17 @@ class Port:
     variability: str = "continuous"
     array: Array | None = field(default=None, repr=False)
     element: int = 0
+    definitions: Mapping[str, Unit] = field(default_factory=dict, repr=False)
+
+    @property
+    def measure(self) -> NamedUnit:
+        """Its unit, as the FMU defines it; by its name where the FMU does not."""
+        return self.meaning(self.unit)
+
+    def meaning(self, name: str | None) -> NamedUnit:
+        """A unit of a value that comes to it or goes from it: by the FMU's word, or else by its name."""
+        known = self.definitions.get(name or "")
+        return NamedUnit(name or "", known or units.parse(name or ""), known is not None)
 
     @property
     def numeric(self) -> bool:

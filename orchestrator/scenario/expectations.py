@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from fmus.errors import ScenarioError, ServotwinError
+from orchestrator.crossing import NOTHING_GIVEN, Given
 from orchestrator.trace import FloatArray, Trace
 
 
@@ -63,11 +64,13 @@ class Near:
 
     Attributes:
         name: what the value or the trace is called in words.
+        given: what the trace is converted by, over its unit.
     """
 
     target: float | Trace
     within: float
     name: str = ""
+    given: Given = NOTHING_GIVEN
 
     def __str__(self) -> str:
         if isinstance(self.target, Trace):

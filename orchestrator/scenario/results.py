@@ -11,6 +11,7 @@ from typing import NotRequired
 
 from fmus.files import sha256
 from orchestrator import formats
+from orchestrator.crossing import Crossing, CrossingDocument, documents_of
 from orchestrator.fmi.interface import Value
 from orchestrator.report import Report, Section, figures
 from orchestrator.results import CaseDocument, FileDocument, result_folder, versions, write_json
@@ -38,6 +39,7 @@ class RunDocument(FileDocument):
     scenario: dict[str, str]
     interrupted: bool
     overrides: dict[str, Value]
+    units: list[CrossingDocument]
     fmus: dict[str, str]
     record: dict[str, int | bool]
     versions: dict[str, str]
@@ -69,6 +71,7 @@ def document_of(result: ScenarioResult, overrides: Mapping[str, Value], folder: 
         "passed": result.passed,
         "interrupted": result.interrupted,
         "overrides": dict(overrides),
+        "units": documents_of(result.crossings),
         "out": str(folder),
         "fmus": {name: "model" if name in result.assembled.built else "file" for name in result.assembled.files},
         "record": {"stride": result.keeping.every, "stream": result.keeping.stream is not None},
@@ -93,12 +96,26 @@ def report(result: ScenarioResult) -> Report:
     else:
         section.callout("ok" if result.passed else "error", "All held." if result.passed else "Not all held.")
     section.table(HEADERS, result.rows())
+    tell_units(page, result.crossings)
     if not result.interrupted:
         _draw(result, page.section("Traces"))
     stepping = page.section("Step statistics")
     stepping.paragraph(accounts.sentence_of(result))
     stepping.table(accounts.HEADERS, accounts.rows_of(result))
     return page
+
+
+def tell_units(page: Report, crossings: Sequence[Crossing]) -> None:
+    """A section about what was converted, where something was; what is doubtful first."""
+    if not crossings:
+        return
+    section = page.section("Units")
+    for one in crossings:
+        if one.doubtful:
+            section.callout("warning", str(one))
+    sure = [(str(one),) for one in crossings if not one.doubtful]
+    if sure:
+        section.table(("converted",), sure)
 
 
 def _draw(result: ScenarioResult, section: Section) -> None:

@@ -11,6 +11,7 @@ from fmus.errors import ScenarioError, ServotwinError, WiringError
 from orchestrator import formats
 from orchestrator.assembly.assembly import Assembled, OpenSystem, assemble
 from orchestrator.assembly.whole_arrays import check_shapes
+from orchestrator.crossing import Crossing, logged
 from orchestrator.display.table import table
 from orchestrator.engine import Interrupted, Result, Run, Simulation
 from orchestrator.fmi.interface import Value
@@ -21,6 +22,7 @@ from orchestrator.progress import Progress, silent
 from orchestrator.scenario.expectations import Check, Refusal
 from orchestrator.scenario.scenario import Case, Scenario
 from orchestrator.scenario.schema import load_scenario
+from orchestrator.scenario.units import in_units_of
 from orchestrator.trace import FloatArray, Trace
 from orchestrator.yaml_file import naming
 
@@ -95,13 +97,19 @@ class CaseResult:
 
 @dataclass(frozen=True)
 class ScenarioResult:
-    """A scenario that was run."""
+    """A scenario that was run.
+
+    Attributes:
+        scenario: in the units of its system.
+        crossings: values that were converted, or taken as they are although their units differ.
+    """
 
     scenario: Scenario
     assembled: Assembled
     cases: tuple[CaseResult, ...]
     keeping: Keeping
     interrupted: bool = False
+    crossings: tuple[Crossing, ...] = ()
 
     @property
     def passed(self) -> bool:
@@ -169,8 +177,11 @@ def run_scenario(
     with naming(scenario.path), scratch(isolation) as folder:
         assembled = assemble(scenario.system.given(overrides or {}), fmus or folder, scenario.driven)
         cases: list[CaseResult] = []
+        crossings: tuple[Crossing, ...] = ()
         try:
             with OpenSystem(assembled) as opened, opened.simulation(scenario.timing, isolation) as simulation:
+                scenario, crossed = in_units_of(opened.system, scenario)
+                crossings = logged([*opened.system.crossings, *crossed])
                 stimuli = _stimuli(scenario, simulation)
                 simulation.check_record(scenario.recorded(simulation.outputs))
                 for case in scenario.cases:
@@ -183,9 +194,9 @@ def run_scenario(
             cases += _unfinished(scenario, len(cases), stop, keeping)
             if all(case.state is CaseState.NOT_RUN for case in cases):
                 raise
-            result = ScenarioResult(scenario, assembled, tuple(cases), keeping, interrupted=True)
+            result = ScenarioResult(scenario, assembled, tuple(cases), keeping, interrupted=True, crossings=crossings)
             raise ScenarioInterrupted(result) from None
-        return ScenarioResult(scenario, assembled, tuple(cases), keeping)
+        return ScenarioResult(scenario, assembled, tuple(cases), keeping, crossings=crossings)
 
 
 def _stimuli(scenario: Scenario, simulation: Simulation) -> dict[str, FloatArray]:

@@ -17,17 +17,25 @@ from orchestrator.yaml_file import Block, load, naming
 
 
 class StimulusBlock(Block):
-    """What drives an input: a constant, or a signal of a trace file."""
+    """What drives an input: a constant, or a signal of a trace file.
+
+    Attributes:
+        factor, offset: input = factor * signal + offset, over what their units say.
+    """
 
     constant: float | None = None
     file: Path | None = None
     signal: str | None = None
+    factor: float | None = None
+    offset: float | None = None
     interpolation: Literal["linear", "hold"] = "linear"
 
     @model_validator(mode="after")
     def _one_kind(self) -> StimulusBlock:
         if (self.constant is None) == (self.file is None) or (self.file is None) != (self.signal is None):
             raise ValueError("give `constant`, or `file` and `signal`")
+        if self.constant is not None and (self.factor is not None or self.offset is not None):
+            raise ValueError("`factor` and `offset` go with `file`; write the constant in the input's unit")
         return self
 
     def stimulus(self, base: Path) -> Stimulus:
@@ -35,8 +43,8 @@ class StimulusBlock(Block):
         if self.constant is not None:
             return Stimulus(self.constant)
         assert self.file is not None and self.signal is not None
-        recording = SignalFileBlock(file=self.file, signal=self.signal)
-        return Stimulus(recording.trace(base), self.interpolation == "hold")
+        recording = SignalFileBlock(file=self.file, signal=self.signal, factor=self.factor, offset=self.offset)
+        return Stimulus(recording.trace(base), self.interpolation == "hold", recording.given)
 
 
 class ExpectationBlock(Block):
@@ -82,7 +90,7 @@ class ExpectationBlock(Block):
         assert self.within is not None
         if self.reference is not None:
             name = f"{self.reference.signal} of {self.reference.file.name}"
-            return Near(self.reference.trace(base), self.within, name)
+            return Near(self.reference.trace(base), self.within, name, self.reference.given)
         assert self.near is not None
         return Near(self.near, self.within)
 

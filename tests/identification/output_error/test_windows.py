@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fmus.errors import TraceError
+from fmus.units import Conversion
 from identification.output_error.calibration import evenly_weighed
 from identification.output_error.study import StartSpec
 from identification.output_error.windows import FreeRunWindow, cut_windows, start_curve
@@ -149,7 +150,7 @@ def test_start_values_are_exact_for_polynomials_of_the_degree(
 def test_a_factor_makes_start_values_of_readings() -> None:
     counts = Trace(EVEN, {"encoder": 651.9 * np.cos(3 * EVEN)})
     speed = StartSpec("encoder", derivative=1, half_width=0.035)
-    radians = replace(speed, factor=1 / 651.9)
+    radians = replace(speed, conversion=Conversion(1 / 651.9))
     found = start_value(counts, 5.0, radians)
     assert found == pytest.approx(start_value(counts, 5.0, speed) / 651.9, rel=1e-12)
     assert found == pytest.approx(-3 * math.sin(15), abs=0.02)

@@ -31,8 +31,8 @@ run: {stop: 0.5, step: 0.01}
 """
 
 
-def voltage(*values: float) -> Trace:
-    return Trace(np.linspace(0.0, 1.0, len(values)), {"u": list(values)}, {"u": "V"}, "volts")
+def torque(*values: float) -> Trace:
+    return Trace(np.linspace(0.0, 1.0, len(values)), {"u": list(values)}, {"u": "N.m"}, "torques")
 
 
 def test_two_components_run_without_a_file_as_they_do_with_one(tmp_path: Path) -> None:
@@ -68,7 +68,7 @@ def test_each_run_starts_afresh_with_its_own_values_and_stimuli() -> None:
 def test_a_recording_drives_an_input_by_lines_or_by_steps() -> None:
     with open_system({"hand": "pendulum"}, stimulated=["hand.torque"]) as system:
         recorded = {
-            hold: system.run(1, 0.1, stimuli={"hand.torque": Stimulus(voltage(1.0, 3.0), hold)}, record=["hand.torque"])
+            hold: system.run(1, 0.1, stimuli={"hand.torque": Stimulus(torque(1.0, 3.0), hold)}, record=["hand.torque"])
             for hold in (False, True)
         }
     assert recorded[False].trace["hand.torque"] == pytest.approx(np.linspace(1.0, 3.0, 11))
@@ -76,11 +76,11 @@ def test_a_recording_drives_an_input_by_lines_or_by_steps() -> None:
 
 
 def test_a_stimulus_has_one_signal_and_covers_the_run() -> None:
-    with pytest.raises(TraceError, match=r"volts: drives an input with u, v; select one signal"):
-        Stimulus(replace(voltage(1.0, 2.0), signals={"u": [0.0, 1.0], "v": [0.0, 1.0]}))
+    with pytest.raises(TraceError, match=r"torques: drives an input with u, v; select one signal"):
+        Stimulus(replace(torque(1.0, 2.0), signals={"u": [0.0, 1.0], "v": [0.0, 1.0]}))
     with open_system({"hand": "pendulum"}, stimulated=["hand.torque"]) as system:
         with pytest.raises(TraceError, match="covers 0 to 1 s, not 0 to 2 s"):
-            system.run(2, 0.1, stimuli={"hand.torque": voltage(1.0, 2.0)})
+            system.run(2, 0.1, stimuli={"hand.torque": torque(1.0, 2.0)})
         with pytest.raises(WiringError, match=r"stimuli: \[\] given; give \['hand.torque'\]"):
             system.run(1, 0.1)
 

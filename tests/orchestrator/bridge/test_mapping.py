@@ -21,6 +21,7 @@ from orchestrator.can.codec.fields import raw_limits
 from orchestrator.can.database.database import Database
 from orchestrator.can.database.database import load as load_database
 from orchestrator.can.statistics import FrameStatistics
+from orchestrator.crossing import NamedUnit, crossing
 from orchestrator.scenario.can_block import CanBlock
 from orchestrator.trace import FloatArray
 from orchestrator.yaml_file import load
@@ -28,6 +29,7 @@ from tests.support.coupling_samples import frame, sample_database, sample_system
 from tests.support.random_databases import databases, written
 
 STEP = Fraction(1, 1000)
+AS_IT_IS = crossing("rig.any", NamedUnit(), NamedUnit())
 INPUTS = ["rig.enable", "rig.gear", "rig.label", "rig.page", "rig.target", "rig.voltage"]  # in the order of the values
 SAFE = {"signal": "Command.voltage", "safe": 1.5}
 
@@ -129,7 +131,7 @@ def test_any_value_goes_into_any_message_as_the_nearest_that_it_holds(made: Any,
         if any(signal.is_multiplexer for signal in message.signals):
             continue
         statistics = FrameStatistics()
-        sent = [SentSignal(signal, "rig.any", place, 1.0, None) for place, signal in enumerate(message.signals)]
+        sent = [SentSignal(signal, "rig.any", place, AS_IT_IS, None) for place, signal in enumerate(message.signals)]
         values = data.draw(st.lists(st.floats(), min_size=len(sent), max_size=len(sent)))
         found = message.raw.decode(bytes(SentMessage(message, sent, 1, statistics).frame(values).data))
         assert sum(statistics.not_finite.values()) == sum(map(math.isnan, values))

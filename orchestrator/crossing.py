@@ -1,0 +1,224 @@
+"""How a value crosses the border between two units: by what it is converted, on whose word, and what is said of it."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import StrEnum
+
+from typing_extensions import TypedDict
+
+from fmus import units
+from fmus.errors import WiringError
+from fmus.units import ONE, SAME, SECOND, Conversion, Unit
+
+LOG = logging.getLogger("servotwin.units")
+_FREQUENCY = ONE.times(SECOND, -1)
+_PER_TURN = units.parse("rev")
+
+
+@dataclass(frozen=True)
+class NamedUnit:
+    """A unit as it is written somewhere, "" where none is, and what it means, None where that is not known.
+
+    Attributes:
+        declared: whether an FMU defines it.
+    """
+
+    name: str = ""
+    unit: Unit | None = None
+    declared: bool = False
+
+    @property
+    def counts_turns(self) -> bool:
+        """Whether it is written with a Hz: periods, where a rad/s counts radians."""
+        return "Hz" in self.name
+
+    def rate(self, order: int) -> NamedUnit:
+        """The unit of its derivative of that order by time."""
+        if not order:
+            return self
+        name = self.name + "/s" * order if self.name else ""
+        return NamedUnit(name, self.unit and self.unit.times(SECOND, -order), self.declared)
+
+
+def named(name: str | None) -> NamedUnit:
+    """A unit that goes by its name alone."""
+    return NamedUnit(name or "", units.parse(name or ""))
+
+
+class Basis(StrEnum):
+    """On whose word a value is converted, or not."""
+
+    SAME = "same"
+    UNITS = "units"
+    ASSUMED = "assumed"
+    GIVEN = "given"
+
+
+@dataclass(frozen=True)
+class Given:
+    """What somebody wrote to convert by, over the units; None leaves it to them."""
+
+    factor: float | None = None
+    offset: float | None = None
+
+    def __bool__(self) -> bool:
+        return self.factor is not None or self.offset is not None
+
+
+NOTHING_GIVEN = Given()
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """How a value passes from one unit to another.
+
+    Attributes:
+        place: what crosses, and where to.
+        by_units: what the units say, where somebody's factor or offset is used instead; None where they say nothing.
+    """
+
+    place: str
+    source: str
+    target: str
+    conversion: Conversion
+    basis: Basis
+    by_units: Conversion | None = None
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether it rests on an assumption, or on a factor that the units contradict."""
+        return self.basis is Basis.ASSUMED or (self.by_units is not None and not _agree(self.conversion, self.by_units))
+
+    @property
+    def wired(self) -> bool:
+        """Whether it is a connection between components, whose units both stand in files that say so."""
+        return " -> " in self.place
+
+    def __str__(self) -> str:
+        if self.basis is Basis.ASSUMED:
+            return f"{self.place}: {self.source} is taken for {self.target or 'the unit'} as it is, by factor 1"
+        if self.basis is Basis.GIVEN:
+            return f"{self.place}: {_words(self.conversion)} as given{self._instead()}"
+        how = "as it is" if self.conversion == SAME else _words(self.conversion)
+        return f"{self.place}: {self.source or 'no unit'} to {self.target or 'no unit'}, {how}"
+
+    def _instead(self) -> str:
+        if self.by_units is None:
+            return ", whatever the units"
+        verdict = "which is" if _agree(self.conversion, self.by_units) else "not"
+        return f", {verdict} {self.source} to {self.target} ({_words(self.by_units)})"
+
+
+def crossing(place: str, source: NamedUnit, target: NamedUnit, given: Given = NOTHING_GIVEN) -> Crossing:
+    """How a value in one unit becomes one in another.
+
+    A `given` factor or offset stands over the units. Without a unit on one side nothing is converted; one that is not
+    known is taken for the other.
+
+    Raises:
+        WiringError: they are units of different quantities, or cannot be told apart by 2 pi.
+    """
+    if given:
+        return _by_hand(place, source, target, given)
+    if source.unit == target.unit and (source.unit or source.name == target.name):
+        return Crossing(place, source.name, target.name, SAME, Basis.SAME)
+    if source.unit is None or target.unit is None:
+        basis = Basis.ASSUMED if source.name and target.name else Basis.SAME
+        return Crossing(place, source.name, target.name, SAME, basis)
+    found, basis = _converted(place, source, target, source.unit, target.unit)
+    return Crossing(place, source.name, target.name, found, basis)
+
+
+def noted(crossings: Iterable[Crossing]) -> tuple[Crossing, ...]:
+    """Those that are to be told, each once: a value changes, or equal units are not the reason that it does not."""
+    return tuple(one for one in dict.fromkeys(crossings) if one.conversion != SAME or one.basis is not Basis.SAME)
+
+
+def logged(crossings: Iterable[Crossing]) -> tuple[Crossing, ...]:
+    """Those that are to be told; what is doubtful is logged as a warning at once, the others for those who want it."""
+    told = noted(crossings)
+    for one in told:
+        LOG.log(logging.WARNING if one.doubtful else logging.INFO, "%s", one)
+    return told
+
+
+class CrossingDocument(TypedDict):
+    """A crossing in plain values: target = factor * source + offset, on whose word, and all of that in words."""
+
+    place: str
+    source: str
+    target: str
+    factor: float
+    offset: float
+    basis: str
+    doubtful: bool
+    text: str
+
+
+def documents_of(crossings: Iterable[Crossing]) -> list[CrossingDocument]:
+    """Crossings in plain values."""
+    return [
+        {
+            "place": one.place,
+            "source": one.source,
+            "target": one.target,
+            "factor": one.conversion.factor,
+            "offset": one.conversion.offset,
+            "basis": str(one.basis),
+            "doubtful": one.doubtful,
+            "text": str(one),
+        }
+        for one in crossings
+    ]
+
+
+def _by_hand(place: str, source: NamedUnit, target: NamedUnit, given: Given) -> Crossing:
+    try:
+        by_units = crossing(place, source, target)
+    except WiringError:
+        by_units = None
+    known = by_units.conversion if by_units is not None and by_units.basis is Basis.UNITS else None
+    factor, offset = given.factor, given.offset
+    if factor is None:
+        factor = 1.0 if known is None else known.factor
+    elif offset is None:
+        offset = 0.0
+    if offset is None:
+        offset = 0.0 if known is None else known.offset
+    return Crossing(place, source.name, target.name, Conversion(factor, offset), Basis.GIVEN, known)
+
+
+def _converted(place: str, source: NamedUnit, target: NamedUnit, one: Unit, other: Unit) -> tuple[Conversion, Basis]:
+    found = units.conversion(one, other)
+    if found is None:
+        raise WiringError(place, f"{source.name} does not fit {target.name}", "connect like quantities")
+    if one.radians == other.radians:
+        return found, Basis.UNITS
+    turns = source.counts_turns != target.counts_turns
+    if not turns and not one.fits(_FREQUENCY):
+        return found, Basis.UNITS
+    if not (source.declared and target.declared):
+        raise WiringError(
+            place,
+            f"{source.name} and {target.name} differ by 2 pi, or do not",
+            "write rad/s, rpm or Hz on both sides, or give a factor",
+        )
+    if not turns:
+        return found, Basis.ASSUMED
+    assert _PER_TURN is not None
+    return Conversion(found.factor * _PER_TURN.factor ** (other.radians - one.radians)), Basis.UNITS
+
+
+def _agree(one: Conversion, other: Conversion) -> bool:
+    """Whether they are the same but for the digits that people leave out."""
+    pairs = ((one.factor, other.factor), (one.offset, other.offset))
+    return all(math.isclose(a, b, rel_tol=1e-3) for a, b in pairs)
+
+
+def _words(conversion: Conversion) -> str:
+    plus = f" {'-' if conversion.offset < 0 else '+'} {abs(conversion.offset):.6g}" if conversion.offset else ""
+    return f"times {conversion.factor:.6g}{plus}"
