@@ -120,11 +120,11 @@ def _write_fmus(calibrated: Calibrated, folder: Path, provenance: Mapping[str, A
 
 
 def _keep(study: Study, folder: Path) -> None:
-    """Copy the study into a result folder, and the database of its CAN logs beside it."""
+    """Copy the study into a result folder, and the databases of its CAN logs beside it."""
     shutil.copyfile(study.file, folder / STUDY)
-    database = study.block.database(study.base)
-    if database is not None and database.is_file():
-        shutil.copyfile(database, folder / database.name)
+    for database in study.block.databases(study.base):
+        if database.is_file():
+            shutil.copyfile(database, folder / database.name)
 
 
 def validate(folder: str | Path, data: str | Path, progress: Progress = silent) -> Validation:

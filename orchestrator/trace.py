@@ -182,6 +182,11 @@ class Trace:
         first, last = np.searchsorted(self.time, [start, np.nextafter(stop, np.inf)])
         return self._rows(slice(int(first), int(last)))
 
+    def complete(self) -> Trace:
+        """Samples from where every signal has had a finite value."""
+        finite = [np.flatnonzero(np.isfinite(values)) for values in self.signals.values()]
+        return self._rows(slice(max((int(rows[0]) if len(rows) else len(self) for rows in finite), default=0), None))
+
     def shifted(self, offset: float) -> Trace:
         """The same samples with `offset` [s] added to every stamp."""
         return Trace(self.time + offset, self.signals, self.units, self.name)
@@ -344,9 +349,11 @@ def usable(trace: Trace, names: Sequence[str]) -> Trace:
         values = trace[name]
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
+            begins = np.flatnonzero(np.isfinite(values))[:1]
+            late = f"; its first value comes at {trace.time[begins[0]]:g} s" if bad[0] == 0 and len(begins) else ""
             raise TraceError(
                 f"{trace.name}.{name}",
-                f"is not finite at t = {trace.time[bad[0]]:g} s ({len(bad)} samples)",
+                f"is not finite at t = {trace.time[bad[0]]:g} s ({len(bad)} samples{late})",
                 "repair or cut the recording",
             )
         if np.all(values == values[0]):

@@ -202,10 +202,9 @@ def _distinct(files: list[Path]) -> list[Path]:
 def _read(file: Path, source: TraceSource) -> StudyTrace:
     fields = _fields(file, source.file_name) if source.file_name else {}
     recording = formats.read(file, source.layout)
-    trace, stamps = replace(recording.trace, name=file.stem), recording.stamps
-    return StudyTrace(
-        trace, fields, file, recording.sha256, str(stamps), stamps.clean, recording.notes, held=is_log(file)
-    )
+    trace, stamps, held = replace(recording.trace, name=file.stem), recording.stamps, is_log(file)
+    begun = trace.complete() if held else trace  # what a message says first comes a little later than others
+    return StudyTrace(begun, fields, file, recording.sha256, str(stamps), stamps.clean, recording.notes, held=held)
 
 
 def _fields(file: Path, name: FileName) -> dict[str, float]:

@@ -9,6 +9,7 @@ from pathlib import Path
 from pydantic import model_validator
 
 from identification.recordings.campaign import DecimalPoint, FileField, FileName, TraceSource
+from orchestrator.can.database.sources import paths
 from orchestrator.formats import Layout
 from orchestrator.formats.schema import LayoutBlock
 from orchestrator.yaml_file import Block
@@ -112,9 +113,9 @@ class StudyBlock(Block):
         """How the study reads its recordings; `base` is the folder of its file."""
         return Layout()
 
-    def database(self, base: Path) -> Path | None:
-        """The database of its CAN logs, where it has one."""
-        return None
+    def databases(self, base: Path) -> list[Path]:
+        """The database files of its CAN logs."""
+        return []
 
 
 class RecordedStudyBlock(StudyBlock):
@@ -135,6 +136,7 @@ class RecordedStudyBlock(StudyBlock):
         """How the study reads its recordings; `base` is the folder of its file."""
         return self.source(base).layout
 
-    def database(self, base: Path) -> Path | None:
-        """The database of its CAN logs, where it has one."""
-        return self.traces.layout.database_file(base)
+    def databases(self, base: Path) -> list[Path]:
+        """The database files of its CAN logs."""
+        files = self.traces.layout.database_file(base)
+        return [] if files is None else paths(files)

@@ -54,12 +54,17 @@ class Stimulus:
         """(K,) values at these times (K,) [s].
 
         Raises:
-            TraceError: the recording does not cover them.
+            TraceError: the recording does not cover them, or has no value there.
         """
         if not isinstance(self.source, Trace):
             return np.full(len(time), float(self.source))
         (name,) = self.source.names
-        return self.source.resampled(time, hold=[name] if self.hold else [])[name]
+        values = self.source.resampled(time, hold=[name] if self.hold else [])[name]
+        missing = np.flatnonzero(np.isnan(values))
+        if len(missing):
+            place, problem = f"{self.source.name}.{name}", f"has no value at t = {time[missing[0]]:g} s"
+            raise TraceError(place, problem, "cut the recording to where it has one, or fill it in")
+        return values
 
 
 def brought(trace: Trace, place: str, port: Port, given: Given = NOTHING_GIVEN) -> tuple[Trace, Crossing]:

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 import can
 
 from orchestrator.can.codec.single_decoding import SingleDecoder
-from orchestrator.can.database.database import Database, MessageSpec
+from orchestrator.can.database.database import Database
+from orchestrator.can.database.message import MessageSpec
 from orchestrator.can.statistics import FrameStatistics
 from orchestrator.crossing import Crossing
 from orchestrator.trace import FloatArray
@@ -95,4 +96,4 @@ class Reception:
 
 def _timeless(database: Database) -> Database:
     """Without cycle times: on a live bus frames bunch, and only counters tell of those that are missing."""
-    return Database(database.path, [replace(message, cycle=None) for message in database.messages])
+    return database.changed(replace(message, cycle=None) for message in database.messages)

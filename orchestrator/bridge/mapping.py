@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-from fmus.errors import WiringError
+from fmus.errors import DatabaseError, WiringError
 from orchestrator.bridge.inputs import ReceivedMessage, ReceivedSignal, Reception
 from orchestrator.bridge.outputs import SentMessage, SentSignal
-from orchestrator.can.database.database import Database, MessageSpec, SignalSpec
-from orchestrator.can.frames import LONGEST
+from orchestrator.can.codec.fields import check_sendable
+from orchestrator.can.database.database import Database
+from orchestrator.can.database.message import MessageSpec, SignalSpec
 from orchestrator.can.statistics import FrameStatistics
 from orchestrator.crossing import Crossing, crossing
 from orchestrator.fmi.interface import Port
@@ -149,10 +150,10 @@ def _check_free(where: str, message: MessageSpec, signal: SignalSpec, others: Se
     """See that something can be sent in this signal."""
     if any(other.spec.name == signal.name for other in others):
         raise WiringError(where, f"{message.name}.{signal.name} is sent twice", "remove one")
-    if message.length > LONGEST:
-        raise WiringError(where, f"{message.name} is longer than a frame", "use a message of its own")
-    if any(other.scale == 0 for other in message.signals):
-        raise WiringError(where, f"{message.name} has a signal with the scale 0", "correct the database")
+    try:
+        check_sendable(message)
+    except DatabaseError as error:
+        raise WiringError(where, f"{error.place} {error.problem}", error.fix) from None
     if any(other.is_multiplexer for other in message.signals):
         raise WiringError(where, f"{message.name} is multiplexed, which cannot be sent", "use a message of its own")
     protection = message.protection

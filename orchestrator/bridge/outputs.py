@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import can
 
 from orchestrator.can.codec.fields import longest, raw_limits, resting
-from orchestrator.can.database.database import MessageSpec, SignalSpec, checksum_byte
+from orchestrator.can.database.message import MessageSpec, SignalSpec, checksum_byte
 from orchestrator.can.database.protection import checksum
 from orchestrator.can.statistics import FrameStatistics
 from orchestrator.crossing import Crossing
@@ -55,7 +55,6 @@ class SentMessage:
         self.spec, self.signals, self.every = spec, tuple(signals), every
         self._statistics, self._switched = statistics, switched
         self._raw = {signal.name: _raw(signal, raw_limits(signal), resting(signal)) for signal in spec.signals}
-        self._raw |= dict.fromkeys(spec.left_out, 0)
         self._limits = [(signal, raw_limits(signal.spec)) for signal in signals]
         self._seal, self._length = _seal(spec), longest(spec)
 

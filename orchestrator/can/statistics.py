@@ -40,6 +40,7 @@ class FrameStatistics:
         short: message -> frames with too few bytes, which are not decoded; long: with too many, which are.
         multiplexers: message -> frames whose multiplexer has a value that no signal belongs to.
         duplicates: message -> frames that repeat the one before in stamp and data; they are dropped.
+        crowded: message -> frames that shared a stamp with another of it; they are spread over the log's smallest step.
         missing: message -> lost frames, estimated from its counter or else from its cycle time.
         counters: message -> steps of its counter that are not one; checksums: wrong checksums.
         not_finite: signal -> received values that are NaN or infinite (the last finite one is held).
@@ -47,6 +48,7 @@ class FrameStatistics:
         saturated: signal -> sent values that did not fit and were limited.
         disordered: frames with a stamp before that of a frame before them (sorted).
         late: rows with a stamp before what had been passed on (dropped).
+        covered: samples with the very stamp of a later one of their message (dropped).
         strays: frames whose stamp alone is off, or not a time; they take the stamp before.
         setbacks: clocks that jumped backwards, the first `MOST`; setback_count counts all.
     """
@@ -60,6 +62,7 @@ class FrameStatistics:
     long: Counter[str] = field(default_factory=Counter)
     multiplexers: Counter[str] = field(default_factory=Counter)
     duplicates: Counter[str] = field(default_factory=Counter)
+    crowded: Counter[str] = field(default_factory=Counter)
     missing: Counter[str] = field(default_factory=Counter)
     counters: Counter[str] = field(default_factory=Counter)
     checksums: Counter[str] = field(default_factory=Counter)
@@ -68,6 +71,7 @@ class FrameStatistics:
     saturated: Counter[str] = field(default_factory=Counter)
     disordered: int = 0
     late: int = 0
+    covered: int = 0
     strays: int = 0
     setbacks: list[Setback] = field(default_factory=list)
     setback_count: int = 0
@@ -114,6 +118,7 @@ class FrameStatistics:
             "frames longer than their message": self.long,
             "frames with an unknown multiplexer value": self.multiplexers,
             "repeated frames, dropped": self.duplicates,
+            "frames of one message with equal stamps, spread over the log's smallest step": self.crowded,
             "frames missing (estimated)": self.missing,
             "wrong steps of the message counter": self.counters,
             "wrong checksums": self.checksums,
@@ -128,6 +133,7 @@ class FrameStatistics:
             "remote frames": self.remotes,
             "frames out of order, sorted": self.disordered,
             "frames too late to be sorted in, dropped": self.late,
+            "samples with the stamp of a later one of their message, dropped": self.covered,
             "frames with a stray stamp, given the one before": self.strays,
         }
 

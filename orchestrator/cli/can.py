@@ -21,7 +21,10 @@ BusInterface = Annotated[
     str, typer.Option("--interface", help="python-can's name: socketcan, pcan, kvaser, slcan, ...")
 ]
 Channel = Annotated[str, typer.Option("--channel", help="What the interface calls the bus: can0, a serial port, ...")]
-Dbc = Annotated[Path | None, typer.Option("--dbc", help="Database of the bus: DBC, ARXML, KCD or SYM.")]
+Dbc = Annotated[
+    list[Path] | None, typer.Option("--dbc", metavar="FILE", help="Database of the bus: .dbc, .arxml, ...; repeatable.")
+]
+Encoding = Annotated[str | None, typer.Option("--encoding", help="Of the databases' text: utf-8, gbk, cp1252, ...")]
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,7 @@ def record(
     channel: Channel,
     adapter: Adapter,
     dbc: Dbc = None,
+    encoding: Encoding = None,
     out: Annotated[Path | None, typer.Option("--out", help="Folder of the recording; a new one by default.")] = None,
     duration: Annotated[float | None, typer.Option(min=0.0, metavar="SECONDS", help="Until Ctrl-C by default.")] = None,
     rotate_size: Annotated[float | None, typer.Option(min=0.0, metavar="MB", help="New files at this size.")] = None,
@@ -67,7 +71,9 @@ def record(
     folder = out or Path("out") / f"recording_{datetime.now():%Y-%m-%d_%H%M%S}"
     bus = adapter.bus(interface, channel)
     size = None if rotate_size is None else rotate_size * 1e6
-    recording = BusRecording(bus, folder, dbc, duration, size, rotate_after, f".{format_.lower()}")
+    recording = BusRecording(
+        bus, folder, dbc or None, duration, size, rotate_after, f".{format_.lower()}", encoding=encoding
+    )
     with terminal.bar(bus.place) as move:
         manifest = record_bus(recording, move, lambda: terminal.say(f"recording {bus.place}"))
     document = manifest.document()

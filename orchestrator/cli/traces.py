@@ -42,7 +42,15 @@ class Reading:
         ),
     ] = None
     dbc: Annotated[
-        Path | None, typer.Option("--dbc", metavar="FILE", help="Database of a CAN log: .dbc, .arxml, ...")
+        list[str] | None,
+        typer.Option(
+            "--dbc",
+            metavar="[CHANNEL=]FILE",
+            help="Database of a CAN log: .dbc, .arxml, ...; repeatable, also for one channel: 0=FILE, can1=FILE.",
+        ),
+    ] = None
+    encoding: Annotated[
+        str | None, typer.Option("--encoding", help="Of text, or of a database: utf-8, gbk, cp1252, ...")
     ] = None
     signal: Annotated[list[str] | None, typer.Option("--signal", help="Only this one of the database; repeatable.")] = (
         None
@@ -53,13 +61,15 @@ class Reading:
 
     def chosen(self) -> Layout:
         """The layout that a file gives, with what the command says over it."""
+        from orchestrator.can.database.sources import parsed
         from orchestrator.formats import Layout
 
         layout = Layout() if self.layout is None else _layout_of(self.layout)
         said = {
             "time": None if self.time is None else _column(self.time),
             "columns": None if self.columns is None else dict(map(_assignment, self.columns)),
-            "database": self.dbc,
+            "database": parsed(self.dbc) if self.dbc else None,
+            "encoding": self.encoding,
             "channel": self.channel,
             "signals": self.signal,
         }

@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
 
-from fmus.errors import TraceError
+from fmus.errors import DatabaseError, TraceError
 from fmus.files import atomic_write
 from orchestrator import formats
 from orchestrator.can import logs
 from orchestrator.can.codec.decoding import Decoder
 from orchestrator.can.codec.encoding import Encoder
-from orchestrator.can.codec.merging import Merger
-from orchestrator.can.database.database import Database, load
+from orchestrator.can.codec.merging import LateBegins, Merger
+from orchestrator.can.codec.streams import SignalNames, Stream
+from orchestrator.can.database.bus import LogDatabase, load_all
+from orchestrator.can.database.database import Database
+from orchestrator.can.database.sources import paths
 from orchestrator.can.logs.frame_count import moment
 from orchestrator.formats import can_log, csv, parquet
 from orchestrator.formats.layout import Layout
@@ -82,7 +86,7 @@ def convert(source: Path, target: Path, layout: Layout, progress: Progress) -> C
 def relogged(source: Path, target: Path, layout: Layout, progress: Progress) -> Conversion:
     """The same frames in another format of logs, all or those of the layout's channel."""
     log, lost = logs.read(source, progress), Counter[str]()
-    count = logs.write(target, (can_log.of_channel(batch, layout) for batch in log), layout.database, lost)
+    count = logs.write(target, (can_log.of_channel(batch, layout) for batch in log), _attached(layout), lost)
     told = tuple(f"{target.suffix} does not hold {what}: {times} times" for what, times in lost.items())
     found = can_log.damage(log) | ({"lost": dict(lost)} if lost else {})
     return Conversion(count, "frames", None, (*log.findings.lines(), *told), found)
@@ -95,7 +99,7 @@ def encoded(source: Path, target: Path, layout: Layout) -> Conversion:
     """
     if layout.database is None:
         raise TraceError(target, "takes frames; a database says how signals become frames", "give it as --dbc FILE")
-    recording, database = formats.read(source, replace(layout, database=None, signals=None)), load(layout.database)
+    recording, database = formats.read(source, replace(layout, database=None, signals=None)), _of_one_bus(layout)
     known = {
         name
         for message in database.messages
@@ -107,13 +111,15 @@ def encoded(source: Path, target: Path, layout: Layout) -> Conversion:
     )
     wanted = layout.signals or [name for name in trace.names if name in known]
     if not wanted:
-        raise TraceError(source, f"has no signal of {layout.database}", f"it holds {', '.join(trace.names)}")
+        raise TraceError(source, f"has no signal of {database.path}", f"it holds {', '.join(trace.names)}")
     encoder, lost = Encoder(database, list(wanted)), Counter[str]()
-    count = logs.write(target, [encoder.encode(trace)], layout.database, lost)
+    count = logs.write(target, [encoder.encode(trace)], _attached(layout), lost)
     left = [name for name in trace.names if name not in wanted]
     told = [f"not in the database: {', '.join(left)}"] if left and layout.signals is None else []
     told += [f"{target.suffix} does not hold {what}: {times} times" for what, times in lost.items()]
-    return Conversion(count, "frames", None, (*encoder.statistics.lines(), *told), encoder.statistics.document())
+    return Conversion(
+        count, "frames", None, (*database.notes, *encoder.statistics.lines(), *told), encoder.statistics.document()
+    )
 
 
 def streamed(source: Path, target: Path, layout: Layout, progress: Progress) -> Conversion:
@@ -122,24 +128,45 @@ def streamed(source: Path, target: Path, layout: Layout, progress: Progress) -> 
     The log is read twice: first to know which signals are in it, from when on rows are complete.
     """
     database = can_log.database_of(source, layout)
-    start, units = _survey(source, database, layout, lambda share, doing: progress(share / 2, doing))
+    survey = _survey(source, database, layout, lambda share, doing: progress(share / 2, doing))
     log = logs.read(source, lambda share, doing: progress(0.5 + share / 2, doing))
-    decoder = Decoder(database, list(units))
-    merger = Merger(list(units), start=start, name=source.stem, statistics=decoder.statistics)
+    decoder, units = Decoder(database, can_log.signals(layout)), survey.units
+    merger = Merger(list(units), start=survey.start, name=source.stem, statistics=decoder.statistics)
     known = {name: unit for name, unit in units.items() if unit}
-    rows = 0
+    begins = LateBegins()
 
     def content(file: BinaryIO) -> None:
-        nonlocal rows
         with STREAMED[target.suffix.lower()](Path(file.name)) as append:
-            for piece in _pieces(log, decoder, merger, layout):
-                whole = Trace(piece.time, piece.signals, known, piece.name)
-                append(can_log.laid_out(whole, layout, database))
-                rows += len(piece)
+            for piece in _pieces(log, decoder, merger, layout, survey.names):
+                whole = can_log.laid_out(Trace(piece.time, piece.signals, known, piece.name), layout, survey.names)
+                append(whole)
+                begins.feed(whole)
 
     atomic_write(target, content)
-    notes = (*log.findings.lines(), *decoder.statistics.lines())
-    return Conversion(rows, "samples", start, notes, {**decoder.statistics.document(), **can_log.damage(log)})
+    told = (*can_log.notes(log, database, survey.names, decoder.statistics), *begins.lines())
+    return Conversion(
+        begins.rows, "samples", survey.start, told, {**decoder.statistics.document(), **can_log.damage(log)}
+    )
+
+
+def _of_one_bus(layout: Layout) -> Database:
+    """The databases that frames are made with.
+
+    Raises:
+        DatabaseError: they are of several channels, or cannot be read.
+    """
+    assert layout.database is not None
+    read = load_all(layout.database, layout.encoding)
+    if read.own or read.everywhere is None:
+        channels = ", ".join(read.own)
+        raise DatabaseError(f"channel {channels}", "frames are made for one bus", "give the database without a channel")
+    return read.everywhere
+
+
+def _attached(layout: Layout) -> Path | None:
+    """The database that a log may carry along."""
+    files = [] if layout.database is None else paths(layout.database)
+    return files[0] if len(files) == 1 else None
 
 
 def _copied(source: Path, target: Path, layout: Layout) -> Conversion:
@@ -149,34 +176,42 @@ def _copied(source: Path, target: Path, layout: Layout) -> Conversion:
     return Conversion(len(recording.trace), "samples", recording.start, notes, dict(recording.found))
 
 
-def _pieces(log: logs.LogReader, decoder: Decoder, merger: Merger, layout: Layout) -> Iterator[Trace]:
+def _pieces(
+    log: logs.LogReader, decoder: Decoder, merger: Merger, layout: Layout, names: SignalNames
+) -> Iterator[Trace]:
     for batch in log:
-        yield merger.feed(decoder.feed(can_log.of_channel(batch, layout)))
+        found = decoder.feed(can_log.of_channel(batch, layout))
+        yield merger.feed({stream: series.renamed(partial(names.name, stream)) for stream, series in found.items()})
     yield merger.finish()
 
 
-def _survey(source: Path, database: Database, layout: Layout, progress: Progress) -> tuple[float, dict[str, str]]:
-    """Stamp of the first frame, and the signals that have a value in the log with their units ("" unknown).
+@dataclass(frozen=True)
+class Survey:
+    """What is in a log: stamp of its first frame [s], its streams, and units ("" unknown) of what has a value."""
+
+    start: float
+    names: SignalNames
+    units: Mapping[str, str]
+
+
+def _survey(source: Path, database: LogDatabase, layout: Layout, progress: Progress) -> Survey:
+    """Reads the log for what is in it.
 
     Raises:
-        TraceError: there are none, or one that was asked for is not among them.
+        TraceError: no signal has a value, or one that was asked for has none.
     """
     wanted = can_log.signals(layout)
     counted = can_log.Counted(logs.read(source, progress))
-    decoder, units = Decoder(database, wanted), dict[str, str]()
+    decoder, there = Decoder(database, wanted), dict[tuple[Stream, str], str]()
     for batch in counted:
-        for series in decoder.feed(can_log.of_channel(batch, layout)).values():
+        for stream, series in decoder.feed(can_log.of_channel(batch, layout)).items():
             for name, values in series.values.items():
-                if name not in units and np.isfinite(values).any():
-                    units[name] = series.units.get(name, "")
-    order = [database.public_name(message, signal) for message in database.messages for signal in message.signals]
-    if wanted is not None:
-        order = [database.public_name(*database.signal(name)) for name in wanted]
-        missing = [name for name in order if name not in units]
-        if missing:
-            error = TraceError(source, f"holds no frame with the signal {', '.join(missing)}", "check the database")
-            raise can_log.refusal(source, error, counted.frame_count)
-    if not units:
-        error = TraceError(source, "holds no frame of the database", "check that log and database belong together")
-        raise can_log.refusal(source, error, counted.frame_count)
-    return decoder.start or 0.0, {name: units[name] for name in order if name in units}
+                if (stream, name) not in there and np.isfinite(values).any():
+                    there[stream, name] = series.units.get(name, "")
+    names = decoder.names()
+    units = {names.name(*signal): unit for signal, unit in there.items()}
+    try:
+        chosen = names.chosen(wanted, units, str(source))
+    except TraceError as error:
+        raise can_log.refusal(source, error, counted.frame_count) from None
+    return Survey(decoder.start or 0.0, names, {name: units[name] for name in chosen})

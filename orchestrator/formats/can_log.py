@@ -10,9 +10,12 @@ from fmus.errors import TraceError
 from fmus.files import sha256
 from orchestrator.can import logs
 from orchestrator.can.codec import decoding
-from orchestrator.can.database.database import Database, load
+from orchestrator.can.codec.merging import LateBegins
+from orchestrator.can.codec.streams import SignalNames
+from orchestrator.can.database.bus import LogDatabase, load_all
 from orchestrator.can.frames import Frames
 from orchestrator.can.logs.frame_count import FrameCount
+from orchestrator.can.statistics import FrameStatistics
 from orchestrator.formats.layout import Layout
 from orchestrator.formats.recording import Recording
 from orchestrator.progress import Progress, silent
@@ -38,9 +41,18 @@ def read(path: Path, layout: Layout, progress: Progress = silent) -> Recording:
     trace, stamps = ordered(decoded.trace.time, decoded.trace.signals, decoded.trace.units, str(path))
     schedules = {"schedules": [*map(str, decoded.schedules)]} if decoded.schedules else {}
     found = {**decoded.statistics.document(), **damage(log), **schedules}
-    notes = (*log.findings.lines(), *decoded.statistics.lines())
-    named = laid_out(Trace(trace.time, trace.signals, trace.units, path.stem), layout, database)
-    return Recording(named, stamps, path, sha256(path), notes, decoded.start, found)
+    named = laid_out(Trace(trace.time, trace.signals, trace.units, path.stem), layout, decoded.names)
+    begins = LateBegins()
+    begins.feed(named)
+    told = notes(log, database, decoded.names, decoded.statistics)
+    return Recording(named, stamps, path, sha256(path), (*told, *begins.lines()), decoded.start, found)
+
+
+def notes(
+    log: logs.LogReader, database: LogDatabase, names: SignalNames, statistics: FrameStatistics
+) -> tuple[str, ...]:
+    """What was found in log and database, a line each."""
+    return (*database.notes, *log.findings.lines(), *names.notes(), *statistics.lines())
 
 
 @dataclass
@@ -56,7 +68,7 @@ class Counted:
             yield batch
 
 
-def database_of(path: Path, layout: Layout) -> Database:
+def database_of(path: Path, layout: Layout) -> LogDatabase:
     """The database that the layout names.
 
     Raises:
@@ -68,7 +80,7 @@ def database_of(path: Path, layout: Layout) -> Database:
             "holds raw CAN frames; a database says what they mean",
             "give it as --dbc FILE, in a study as traces.layout.database",
         )
-    return load(layout.database)
+    return load_all(layout.database, layout.encoding)
 
 
 def of_channel(frames: Frames, layout: Layout) -> Frames:
@@ -83,20 +95,30 @@ def signals(layout: Layout) -> list[str] | None:
     return None if layout.signals is None else list(layout.signals)
 
 
-def laid_out(trace: Trace, layout: Layout, database: Database) -> Trace:
+def laid_out(trace: Trace, layout: Layout, names: SignalNames) -> Trace:
     """The trace with the names and units that the layout gives.
 
     Raises:
-        TraceError: units are given for a signal that is not read.
+        TraceError: units are given for a signal that is not read, or a column is in the log several times.
     """
     if layout.columns is not None:
-        names = {name: database.public_name(*database.signal(str(column))) for name, column in layout.columns.items()}
-        units = {name: trace.units[source] for name, source in names.items() if source in trace.units}
-        trace = Trace(trace.time, {name: trace[source] for name, source in names.items()}, units, trace.name)
+        chosen = {name: _only(trace, str(column), names) for name, column in layout.columns.items()}
+        units = {name: trace.units[source] for name, source in chosen.items() if source in trace.units}
+        trace = Trace(trace.time, {name: trace[source] for name, source in chosen.items()}, units, trace.name)
     stray = set(layout.units) - set(trace.names)
     if stray:
         raise TraceError(trace.name, f"units are given for '{min(stray)}', which is not read", "correct the layout")
     return Trace(trace.time, trace.signals, {**trace.units, **layout.units}, trace.name)
+
+
+def _only(trace: Trace, column: str, names: SignalNames) -> str:
+    """The one signal of the trace that a column of the layout means."""
+    found = [name for name in names.of(column) if name in trace.names]
+    if len(found) > 1:
+        raise TraceError(
+            trace.name, f"has '{column}' {len(found)} times, as {' and '.join(found)}", "name one, or give the channel"
+        )
+    return found[0]
 
 
 def refusal(path: Path, error: TraceError, frame_count: FrameCount) -> TraceError:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 import pyarrow as pa
+from pyarrow import compute as pc
 from pyarrow import csv as arrow
 
 from orchestrator.formats import headings
@@ -40,7 +41,8 @@ def appending(path: Path) -> Iterator[Callable[[Trace], None]]:
 
 
 def _write_rows(trace: Trace, file: BinaryIO) -> None:
-    table = pa.table(arrays(trace), names=headings.headings(trace))
+    columns = [pc.if_else(pc.is_nan(column), None, column) for column in arrays(trace)]
+    table = pa.table(columns, names=headings.headings(trace))
     arrow.write_csv(table, file, arrow.WriteOptions(include_header=False))
 
 

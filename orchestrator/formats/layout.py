@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from fmus.errors import TraceError
 from fmus.files import sha256
+from orchestrator.can.database.sources import DatabaseFiles
 from orchestrator.formats.headings import SECONDS, names_time, split, time_unit
 from orchestrator.formats.recording import Recording
 from orchestrator.formats.stamps import Stamps
@@ -35,7 +36,7 @@ class Layout:
         time: column of the time stamps, a number from 0 or a name.
         columns: signal name -> column number or name; None takes every column under its own name.
         units: signal name (or the time column's) -> unit, over what the file says.
-        database: what the frames of a CAN log mean; its signals are the columns.
+        database: what the frames of a CAN log mean, of all channels or of each; its signals are the columns.
         signals: those to read of the database; None reads all.
         interpolated: signals of the database that run linearly between their frames instead of being held.
         channel: of the log, from 0; None takes the frames of all.
@@ -44,7 +45,7 @@ class Layout:
         units_line: number of the line with their units; 0 where there is none.
         separator: of the cells of a line: "," ";" "|" "tab" "blank".
         decimal: mark of the decimals, a point or a comma.
-        encoding: of a text file, such as cp1252.
+        encoding: of a text file, or of the database of a CAN log, such as cp1252.
         dates: order of day, month and year.
         time_zone: where the clock was that gave times without a zone, such as Europe/Berlin.
     """
@@ -53,7 +54,7 @@ class Layout:
     time: int | str | None = None
     columns: Mapping[str, int | str] | None = None
     units: Mapping[str, str] = field(default_factory=dict)
-    database: Path | None = None
+    database: DatabaseFiles | None = None
     signals: Sequence[str] | None = None
     interpolated: Collection[str] = ()
     channel: int | None = None

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from pydantic import Field
 
+from orchestrator.can.database.sources import DatabaseFiles, moved
 from orchestrator.formats.layout import Dates, Decimal, Layout, Separator
 from orchestrator.yaml_file import Block
 
@@ -14,8 +15,8 @@ class LayoutBlock(Block):
     """How a recording is laid out, and which of its columns is which signal; see `Layout`.
 
     Attributes:
-        database: of CAN logs, beside the file; there `columns` names signals of the database, and without them those
-            of a study are the database's.
+        database: of CAN logs, beside the file: one, several, or those of each channel by number or interface. There
+            `columns` names signals of the database, and without them those of a study are the database's.
         channel: of CAN logs; None takes the frames of all.
         steady: messages of CAN logs with a counter whose sender keeps an even schedule: their frames get its stamps,
             however late each came.
@@ -32,7 +33,7 @@ class LayoutBlock(Block):
     encoding: str | None = None
     dates: Dates | None = None
     time_zone: str | None = None
-    database: Path | None = None
+    database: Path | list[Path] | dict[int | str, Path | list[Path]] | None = None
     channel: int | None = Field(None, ge=0)
     steady: list[str] = []
 
@@ -40,12 +41,18 @@ class LayoutBlock(Block):
         """How to read a recording; the database is relative to `base`."""
         return Layout(**(dict(self) | {"database": self.database_file(base)}))
 
-    def database_file(self, base: Path) -> Path | None:
-        """Where the database is: where the file says, or beside the file by its own name, as in a result folder."""
-        if self.database is None:
+    def database_file(self, base: Path) -> DatabaseFiles | None:
+        """The database: where the file says, or beside the file by its own name, as in a result folder."""
+        given = self.database
+        if given is None:
             return None
-        beside = base / self.database.name
-        return beside if beside.is_file() and not (base / self.database).is_file() else base / self.database
+        files = {str(channel): own for channel, own in given.items()} if isinstance(given, dict) else given
+        return moved(files, lambda file: _found(base, file))
+
+
+def _found(base: Path, file: Path) -> Path:
+    beside = base / file.name
+    return beside if beside.is_file() and not (base / file).is_file() else base / file
 
 
 class LayoutFileBlock(Block):

@@ -18,7 +18,10 @@ import numpy as np
 
 from orchestrator.can.codec import decoding
 from orchestrator.can.codec.encoding import Encoder
+from orchestrator.can.codec.merging import Merger
+from orchestrator.can.codec.streams import Stream
 from orchestrator.can.database import database
+from orchestrator.can.database.bus import LogDatabase
 from orchestrator.can.database.writing import Declared, generate
 from orchestrator.can.frames import Frames
 from orchestrator.trace import Trace
@@ -47,7 +50,7 @@ def figures() -> list[Figure]:
     encoder = Encoder(base, trace.names)
     log = queued(encoder.encode(trace))
     encoded = len(log) / timed(lambda: encoder.encode(trace))
-    decoded = len(log) / timed(lambda: decoding.trace([log], base))
+    decoded = len(log) / timed(lambda: decoding.trace([log], LogDatabase(base)))
     decoding_alone, plain = cantools_rates(base, log[:PLAIN])
     return [
         Figure(
@@ -140,18 +143,18 @@ def cantools_rates(base: database.Database, log: Frames) -> tuple[float, float]:
 
 def different(base: database.Database, log: Frames) -> int:
     """Number of values that differ from cantools'."""
-    decoded, wrong = decoding.Decoder(base).feed(log), 0
+    decoded, wrong = decoding.Decoder(LogDatabase(base)).feed(log), 0
     for message in base.messages:
         own = log[log.id == message.id]
         expected = [message.raw.decode(each.data, decode_choices=False) for each in own.messages()]
-        for name, values in decoded[message.name].values.items():
+        for name, values in decoded[Stream(message.name, "can0")].values.items():
             wrong += int(np.count_nonzero(values != [each[name] for each in expected]))
     return wrong
 
 
 def streamed(base: database.Database, batch: Frames, seconds: float) -> list[Figure]:
     """Frames of a long log through decoder and merger, the same batch over and over with later stamps."""
-    decoder, merger = decoding.Decoder(base), decoding.Merger([each.name for each in SIGNALS])
+    decoder, merger = decoding.Decoder(LogDatabase(base)), Merger([each.name for each in SIGNALS])
     period = float(batch.time[-1] - batch.time[0]) + 0.001
     count, rows, begun, memory, most = int(seconds / period) + 1, 0, perf_counter(), 0, 0
     for number in range(count):

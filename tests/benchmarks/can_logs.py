@@ -21,7 +21,7 @@ import numpy as np
 
 from orchestrator.can import logs
 from orchestrator.can.codec.decoding import trace
-from orchestrator.can.database.database import load
+from orchestrator.can.database.bus import load_all
 from orchestrator.can.frames import Frames
 from orchestrator.progress import silent
 
@@ -65,7 +65,7 @@ def speed(folder: Path) -> list[Figure]:
     """Frames a second of our way and of the plain one."""
     path, dbc = log(folder), database(folder)
     ours, plain = seconds(lambda: sum(map(len, logs.read(path)))), seconds(lambda: sum(1 for _ in can.BLFReader(path)))
-    mine = seconds(lambda: trace(logs.read(path), load(dbc)))
+    mine = seconds(lambda: trace(logs.read(path), load_all(dbc)))
     theirs = seconds(lambda: plain_loop(path, dbc), repeats=1)
     return [
         Figure("BLF to frames", "-", f"{FRAMES / ours:,.0f} frames/s"),

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 
 import can
 import numpy as np
 from hypothesis import strategies as st
 
+from orchestrator.can.codec.merging import Series
+from orchestrator.can.codec.streams import Stream
 from orchestrator.can.frames import Flag, Frames, concatenated
 
 LENGTHS = [*range(9), 12, 16, 20, 24, 32, 48, 64]
@@ -120,3 +123,9 @@ def different(one: Frames, other: Frames, columns: str = "id flags channel lengt
 def latest_difference(one: Frames, other: Frames) -> float:
     """The largest difference of the stamps [s]."""
     return float(np.abs(one.time - other.time).max()) if len(one) else math.nan
+
+
+def by_message(series: Mapping[Stream, Series]) -> dict[str, Series]:
+    """Message -> its series, where each has one."""
+    assert len({stream.message for stream in series}) == len(series)
+    return {stream.message: own for stream, own in series.items()}

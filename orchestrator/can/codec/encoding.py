@@ -8,7 +8,8 @@ import numpy as np
 
 from fmus.errors import TraceError
 from orchestrator.can.codec.message_writer import MessageWriter
-from orchestrator.can.database.database import Database, MessageSpec
+from orchestrator.can.database.database import Database
+from orchestrator.can.database.message import MessageSpec
 from orchestrator.can.frames import Frames, concatenated
 from orchestrator.can.statistics import FrameStatistics
 from orchestrator.trace import FloatArray, Trace

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from cantools.database.errors import Error as CantoolsError
 
+from fmus.errors import DatabaseError
 from orchestrator.can.codec.bits import Field
-from orchestrator.can.database.database import MessageSpec, SignalSpec
+from orchestrator.can.database.message import MessageSpec, SignalSpec
+from orchestrator.can.frames import LONGEST
 
 FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
 
@@ -26,6 +29,23 @@ def field_of(signal: SignalSpec) -> Field:
 def longest(spec: MessageSpec) -> int:
     """Data bytes a frame of the message has at most: CAN FD fills up to the next length it knows."""
     return next((size for size in FD_LENGTHS if size >= spec.length), spec.length) if spec.fd else spec.length
+
+
+def check_sendable(spec: MessageSpec) -> None:
+    """See that the message can be sent: as one frame, with every signal in bits of its own.
+
+    Raises:
+        DatabaseError: it cannot.
+    """
+    if spec.length > LONGEST:
+        raise DatabaseError(f"message {spec.name}", f"has {spec.length} bytes, more than a frame", "split it")
+    for signal in spec.signals:
+        if signal.scale == 0:
+            raise DatabaseError(f"{spec.name}.{signal.name}", "cannot be sent: its scale is 0", "correct the scale")
+    try:
+        spec.raw.refresh(strict=True)
+    except CantoolsError as error:
+        raise DatabaseError(f"message {spec.name}", f"cannot be sent: {str(error).rstrip('.')}", "correct it") from None
 
 
 def raw_limits(signal: SignalSpec) -> tuple[float, float]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,11 @@ class Series:
     def __getitem__(self, rows: slice | NDArray[np.intp] | BoolArray) -> Series:
         return Series(self.time[rows], {name: column[rows] for name, column in self.values.items()}, self.units)
 
+    def renamed(self, name: Callable[[str], str]) -> Series:
+        """The same with other names of its signals."""
+        values = {name(signal): column for signal, column in self.values.items()}
+        return Series(self.time, values, {name(signal): unit for signal, unit in self.units.items()})
+
 
 def joined(parts: Sequence[Series]) -> Series:
     """Parts of one message's series in a row."""
@@ -52,9 +58,9 @@ def ascending(series: Series) -> Series:
 
 @dataclass
 class Merger:
-    """Rows at all stamps of all messages, where every signal holds its last finite value.
+    """Rows at all stamps of all messages, where every signal holds its last finite value, NaN before the first.
 
-    Rows begin when every one of `signals` has been seen. Samples newer than the newest less `patience` are kept back
+    Samples newer than the newest less `patience` are kept back
     until later ones have come, so that disorder up to there is sorted; a sample older than the last row passed on is
     dropped and counted. Signals in `interpolated` run linearly between their own samples instead, which needs a
     whole recording in one feed: between batches they hold.
@@ -72,11 +78,11 @@ class Merger:
     statistics: FrameStatistics = field(default_factory=FrameStatistics)
     _held: dict[str, float] = field(default_factory=dict)
     _units: dict[str, str] = field(default_factory=dict)
-    _kept: dict[str, Series] = field(default_factory=dict)
+    _kept: dict[Hashable, Series] = field(default_factory=dict)
     _passed: float = -np.inf
 
-    def feed(self, batch: Mapping[str, Series]) -> Trace:
-        """The rows that can be told after these series, by name of their message; maybe none."""
+    def feed(self, batch: Mapping[Any, Series]) -> Trace:
+        """The rows that can be told after these series, by what they are of; maybe none."""
         for message, series in batch.items():
             if len(series):
                 self._units |= series.units
@@ -108,11 +114,13 @@ class Merger:
         }
         if len(time):
             self._passed = float(time[-1]) + self.start
-        return self._begun(time, columns)
+        units = {name: unit for name, unit in self._units.items() if name in columns}
+        return Trace(time, columns, units, self.name)
 
     def _in_time(self, series: Series) -> Series:
         late = int(np.searchsorted(series.time, self._passed, side="right"))
         self.statistics.late += late
+        self.statistics.covered += int(np.count_nonzero(np.diff(series.time[late:]) == 0))
         return series[late:]
 
     def _columns(self, series: Series, rows: NDArray[np.intp], time: FloatArray) -> dict[str, FloatArray]:
@@ -143,12 +151,6 @@ class Merger:
         left = self._held.get(name, np.nan)
         return np.asarray(np.interp(time, at[distinct], values[distinct], left=left), np.float64)
 
-    def _begun(self, time: FloatArray, columns: dict[str, FloatArray]) -> Trace:
-        """The trace from the row on where every signal has been seen."""
-        first = max((_first_finite(values) for values in columns.values()), default=0)
-        units = {name: unit for name, unit in self._units.items() if name in columns}
-        return Trace(time[first:], {name: values[first:] for name, values in columns.items()}, units, self.name)
-
 
 def _union(times: Iterable[FloatArray]) -> tuple[FloatArray, list[NDArray[np.intp]]]:
     """All distinct stamps, ascending, and for each of the ascending columns the rows of its stamps among them."""
@@ -172,9 +174,29 @@ def _newest(rows: NDArray[np.intp], count: int) -> NDArray[np.intp]:
     return np.maximum.accumulate(newest)
 
 
-def _first_finite(values: FloatArray) -> int:
-    """Place of the first finite value; past the end where there is none."""
-    if len(values) and np.isfinite(values[0]):
-        return 0
-    finite = np.isfinite(values)
-    return int(np.argmax(finite)) if finite.any() else len(values)
+@dataclass
+class LateBegins:
+    """From when on the signals of a trace, told piece by piece, have values.
+
+    Attributes:
+        rows: of the pieces so far.
+        begins: signal -> rows before its first value, and when that was [s].
+    """
+
+    rows: int = 0
+    begins: dict[str, tuple[int, float]] = field(default_factory=dict)
+
+    def feed(self, piece: Trace) -> None:
+        """Look at this piece, too."""
+        for name in piece.names:
+            if name not in self.begins and len(found := np.flatnonzero(np.isfinite(piece[name]))):
+                self.begins[name] = self.rows + int(found[0]), float(piece.time[found[0]])
+        self.rows += len(piece)
+
+    def lines(self) -> list[str]:
+        """A line for each signal that comes so late that more than a hundredth of the rows is empty before."""
+        return [
+            f"{name} is first seen at {time:.6g} s: it is empty in the {count} of {self.rows} rows before"
+            for name, (count, time) in self.begins.items()
+            if count > 0.01 * self.rows
+        ]

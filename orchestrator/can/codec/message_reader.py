@@ -12,8 +12,10 @@ from orchestrator.can.codec import bits
 from orchestrator.can.codec.fields import field_of, longest
 from orchestrator.can.codec.merging import Series
 from orchestrator.can.codec.multiplexing import Presence, whole
+from orchestrator.can.codec.time_stamps import spread
 from orchestrator.can.database import protection as checks
-from orchestrator.can.database.database import Database, MessageSpec, SignalSpec, checksum_byte
+from orchestrator.can.database.database import Database
+from orchestrator.can.database.message import MessageSpec, SignalSpec, checksum_byte
 from orchestrator.can.statistics import FrameStatistics, add
 from orchestrator.trace import BoolArray, Bytes, FloatArray
 
@@ -70,24 +72,21 @@ def channel(name: str, spec: SignalSpec) -> SignalColumn:
     return SignalColumn(name, spec, place, low, high)
 
 
-def signal_columns(database: Database, signals: Sequence[str] | None) -> dict[str, list[SignalColumn]]:
-    """Message -> its signals that are wanted; all signals where none are named."""
-    if signals is None:
-        pairs = [(message, signal) for message in database.messages for signal in message.signals]
-    else:
-        pairs = [database.signal(name) for name in dict.fromkeys(signals)]
-    found: dict[str, dict[str, SignalColumn]] = {}
-    for message, signal in pairs:
-        name = database.public_name(message, signal)
-        found.setdefault(message.name, {})[name] = channel(name, signal)
-    return {message: list(columns.values()) for message, columns in found.items()}
+def columns(database: Database, message: MessageSpec) -> list[SignalColumn]:
+    """All signals of a message."""
+    return [channel(database.public_name(message, signal), signal) for signal in message.signals]
 
 
 class MessageReader:
-    """Decodes the frames of one message, batch after batch."""
+    """Decodes the frames of one message from one sender, batch after batch.
+
+    Attributes:
+        count: of the frames that were decoded.
+    """
 
     def __init__(self, spec: MessageSpec, signal_columns: Sequence[SignalColumn], statistics: FrameStatistics) -> None:
         self.spec, self._columns, self._statistics = spec, signal_columns, statistics
+        self.count = 0
         self._longest = longest(spec)
         self._units: Mapping[str, str] = {
             column.name: column.spec.unit for column in signal_columns if column.spec.unit
@@ -95,9 +94,19 @@ class MessageReader:
         self._multiplexed = any(signal.multiplexer for signal in spec.signals)
         self._last: MessageRows | None = None
         self._last_count: int | None = None
+        self._latest: float | None = None
 
-    def read(self, time: FloatArray, length: Bytes, data: Bytes) -> Series:
-        """The signals of these frames: stamps (K,), data bytes (K,), data (K, n)."""
+    @property
+    def signals(self) -> list[str]:
+        """Names of the columns."""
+        return [column.name for column in self._columns]
+
+    def read(self, time: FloatArray, length: Bytes, data: Bytes, tick: float = 0.0) -> Series:
+        """The signals of these frames: stamps (K,), data bytes (K,), data (K, n).
+
+        Args:
+            tick: how far apart two stamps of the log are at least [s].
+        """
         name = self.spec.name
         self._statistics.messages[name] += len(time)
         rows = MessageRows(time, data)
@@ -108,10 +117,19 @@ class MessageReader:
             rows = rows[~short]
         if len(rows):
             rows = self._without_duplicates(rows)
-        if len(rows):
-            self._check(rows)
-            self._last = MessageRows(rows.time[-1:], rows.data[-1:])
+        if not len(rows):
+            return Series(np.empty(0), {column.name: np.empty(0) for column in self._columns}, self._units)
+        self.count += len(rows)
+        last, self._last = self._last, MessageRows(rows.time[-1:], rows.data[-1:])
+        rows = self._spread(rows, last, tick)
+        self._check(rows)
+        self._latest = float(rows.time[-1])
         return Series(rows.time, self._values(rows), self._units)
+
+    def _spread(self, rows: MessageRows, last: MessageRows | None, tick: float) -> MessageRows:
+        time, crowded = spread(rows.time, None if last is None else float(last.time[0]), self._latest, tick)
+        add(self._statistics.crowded, self.spec.name, crowded)
+        return MessageRows(time, rows.data) if crowded else rows
 
     def _without_duplicates(self, rows: MessageRows) -> MessageRows:
         before = self._last
@@ -131,8 +149,7 @@ class MessageReader:
         if protection and protection.counter:
             self._check_counter(rows, protection)
         elif self.spec.cycle:
-            last = None if self._last is None else float(self._last.time[0])
-            add(self._statistics.missing, name, checks.gaps(rows.time, self.spec.cycle, last))
+            add(self._statistics.missing, name, checks.gaps(rows.time, self.spec.cycle, self._latest))
         if protection and protection.checksum:
             signal = self.spec.signal(protection.checksum)
             data = rows.data[:, : self.spec.length]

@@ -6,12 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from fmus.errors import DatabaseError
 from orchestrator.can.codec import bits
-from orchestrator.can.codec.fields import field_of, longest, raw_limits, resting
+from orchestrator.can.codec.fields import check_sendable, field_of, longest, raw_limits, resting
 from orchestrator.can.codec.multiplexing import Presence, whole
 from orchestrator.can.database import protection as checks
-from orchestrator.can.database.database import MessageSpec, SignalSpec, checksum_byte
+from orchestrator.can.database.message import MessageSpec, SignalSpec, checksum_byte
 from orchestrator.can.frames import CLASSIC, LONGEST, Flag, Frames
 from orchestrator.can.statistics import FrameStatistics, add
 from orchestrator.trace import Bytes, FloatArray
@@ -27,16 +26,12 @@ class MessageWriter:
         sent: signals that are sent: name in the message -> name of their column.
 
     Raises:
-        DatabaseError: the message is no single frame, or a signal has no scale.
+        DatabaseError: the message cannot be sent.
     """
 
     def __init__(self, spec: MessageSpec, sent: Mapping[str, str], statistics: FrameStatistics) -> None:
         self.spec, self._sent, self._statistics = spec, dict(sent), statistics
-        if spec.length > LONGEST:
-            raise DatabaseError(f"message {spec.name}", f"has {spec.length} bytes, more than a frame", "split it")
-        for signal in spec.signals:
-            if signal.scale == 0:
-                raise DatabaseError(f"{spec.name}.{signal.name}", "cannot be sent: its scale is 0", "correct the scale")
+        check_sendable(spec)
         self._width = CLASSIC if longest(spec) <= CLASSIC else LONGEST
         self._pages = _pages(spec, self._sent)
         self._count = 0  # frames so far

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from orchestrator.can.codec.bits import Field, Words
-from orchestrator.can.database.database import MessageSpec, SignalSpec
+from orchestrator.can.database.message import MessageSpec, SignalSpec
 from orchestrator.trace import BoolArray
 
 Whole = NDArray[np.int64]

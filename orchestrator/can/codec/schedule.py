@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fmus.errors import TraceError
 from orchestrator.can.codec.merging import Series
-from orchestrator.can.database.database import Database
+from orchestrator.can.database.bus import LogDatabase
 from orchestrator.trace import FloatArray
 
 FEWEST = 20  # frames of a stretch that a line is put through
@@ -44,19 +44,28 @@ class Schedule:
         return f"{text}; {self.left} frames too far from others keep theirs" if self.left else text
 
 
-def counter_of(database: Database, message: str) -> str:
-    """Public name of the counter of a message.
+@dataclass(frozen=True)
+class CounterSignal:
+    """The counter of a message: its public name, and how many values it has."""
+
+    name: str
+    modulus: int
+
+
+def counter_of(log: LogDatabase, message: str) -> CounterSignal:
+    """The counter of a message.
 
     Raises:
         TraceError: it has none, so that its frames cannot be told from each other.
         DatabaseError: there is no such message.
     """
-    spec = database.message(message)
+    database, spec = log.message(message)
     if spec.protection is None or not spec.protection.counter:
         raise TraceError(
             database.path, f"{message} has no counter, so its schedule cannot be recovered", "leave it out of `steady`"
         )
-    return database.public_name(spec, spec.signal(spec.protection.counter))
+    name = database.public_name(spec, spec.signal(spec.protection.counter))
+    return CounterSignal(name, spec.protection.modulus)
 
 
 def on_schedule(series: Series, message: str, counter: FloatArray, modulus: int) -> tuple[Series, Schedule]:

@@ -9,9 +9,10 @@ import can
 import cantools
 
 from orchestrator.can.codec.fields import longest
-from orchestrator.can.codec.message_reader import SignalColumn, signal_columns
+from orchestrator.can.codec.message_reader import SignalColumn, columns
 from orchestrator.can.database import protection as checks
-from orchestrator.can.database.database import Database, MessageSpec, checksum_byte
+from orchestrator.can.database.database import Database
+from orchestrator.can.database.message import MessageSpec, checksum_byte
 from orchestrator.can.statistics import FrameStatistics, add
 
 
@@ -24,9 +25,14 @@ class SingleDecoder:
 
     def __init__(self, database: Database, signals: Sequence[str] | None = None) -> None:
         self.statistics = FrameStatistics()
-        wanted = signal_columns(database, signals)
+        names = None if signals is None else {database.public_name(*database.signal(signal)) for signal in signals}
         self._readers = {
-            (m.id, m.extended): _Reader(m, wanted.get(m.name, ()), self.statistics) for m in database.messages
+            (message.id, message.extended): _Reader(
+                message,
+                [column for column in columns(database, message) if names is None or column.name in names],
+                self.statistics,
+            )
+            for message in database.messages
         }
 
     def decode(self, message: can.Message) -> dict[str, float] | None:

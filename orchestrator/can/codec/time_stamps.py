@@ -60,8 +60,7 @@ class StampRepair:
         if not far.any():
             return time
         returns = np.abs(steps[:-1] + steps[1:]) <= JUMP
-        stray = np.append(far[:-1] & returns & far[1:], False)
-        stray[1:] &= ~stray[:-1]
+        stray = _every_other(np.append(far[:-1] & returns & far[1:], False))
         self.statistics.strays += int(np.count_nonzero(stray))
         return _filled(time, stray, self.last)
 
@@ -78,6 +77,45 @@ class StampRepair:
         highest = np.maximum.accumulate(np.concatenate(([self.latest], time)))
         self.statistics.disordered += int(np.count_nonzero(time < highest[:-1]))
         self.latest = float(highest[-1])
+
+
+def smallest_step(time: FloatArray) -> float:
+    """How far apart two different stamps (K,) in a row are at least; 0 where there is one only [s]."""
+    steps = np.diff(time)
+    return float(np.min(steps, initial=np.inf, where=steps > 0)) if (steps > 0).any() else 0.0
+
+
+def spread(time: FloatArray, last: float | None, latest: float | None, tick: float) -> tuple[FloatArray, int]:
+    """(K,) stamps of one message's frames, equal ones taken apart in the order of the frames; and how many were equal.
+
+    A clock that ticks coarsely gives all frames since its last tick the same stamp: they are spread evenly over that
+    tick, as far as the frame before leaves room; where it leaves none they follow each other by a microsecond.
+
+    Args:
+        last: stamp of the frame before them as the log has it, and `latest` where it was put; None where there is none.
+        tick: of the clock [s].
+    """
+    equal = np.diff(time, prepend=np.nan if last is None else last) == 0
+    if not equal.any():
+        return time, 0
+    first = np.flatnonzero(~np.concatenate(([False], equal[1:])))
+    count = np.diff(np.append(first, len(time)))
+    before = np.concatenate(([time[0] if latest is None else latest], time[first[1:] - 1]))
+    room = time[first] - before
+    step = np.where(room > 0, np.minimum(room / count, np.maximum(tick / count, CONTINUED)), CONTINUED)
+    begin = np.where(room > 0, time[first] - (count - 1) * step, time[first])
+    if equal[0] and latest is not None:
+        begin[0], step[0] = latest + CONTINUED, CONTINUED
+    place = np.arange(len(time)) - np.repeat(first, count)
+    moved = np.repeat(begin, count) + place * np.repeat(step, count)
+    return np.where(np.repeat(count > 1, count) | equal, moved, time), int(np.count_nonzero(equal))
+
+
+def _every_other(flags: BoolArray) -> BoolArray:
+    """The first, third, ... of each run of flags: a stamp between two strays that are alike looks like one itself."""
+    rows = np.arange(len(flags))
+    begun = np.maximum.accumulate(np.where(flags & ~np.concatenate(([False], flags[:-1])), rows, 0))
+    return np.asarray(flags & ((rows - begun) % 2 == 0), np.bool_)
 
 
 def _filled(time: FloatArray, wrong: BoolArray, last: float | None) -> FloatArray:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import re
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -47,9 +48,9 @@ def read(path: Path, encoding: str | None) -> Any:
         raise DatabaseError(path, f"'{path.suffix}' is no format of a CAN database", f"use {', '.join(SUFFIXES)}")
     text = _text(path, encoding)
     _refuse_hostile(path, suffix, text)
-    _silence()
     try:
-        return cantools.database.load_string(text, suffix[1:], prune_choices=False)
+        with _silenced():
+            return cantools.database.load_string(text, suffix[1:], prune_choices=False, strict=False)
     except UnsupportedDatabaseFormatError as error:
         cause = error.e_dbc or error.e_arxml or error.e_kcd or error.e_sym or error
         raise _complaint(path, suffix, text, cause) from error
@@ -57,11 +58,16 @@ def read(path: Path, encoding: str | None) -> Any:
         raise DatabaseError(path, f"is too deeply nested or too large ({type(error).__name__})") from error
 
 
-def _silence() -> None:
-    """Keep cantools' warnings off the terminal where nobody asked for them: what matters in them is refused here."""
+@contextmanager
+def _silenced() -> Iterator[None]:
+    """Keep cantools' warnings off the terminal: what matters in them is told by what is used of the file."""
     logger = logging.getLogger("cantools")
-    if not logger.handlers:
-        logger.addHandler(logging.NullHandler())
+    level = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
 
 
 def _text(path: Path, encoding: str | None) -> str:

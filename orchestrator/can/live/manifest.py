@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from orchestrator.can.database.sources import DatabaseFiles, paths
 from orchestrator.can.live.bus import BusSettings
 from orchestrator.can.logs.rotation import LogFile, writer_of
 from orchestrator.can.statistics import FrameStatistics
@@ -22,7 +23,7 @@ class BusRecording:
 
     Attributes:
         out: folder of the log files and of the manifest.
-        database: of the bus, for counts by message.
+        database: of the bus, for counts by message; its text in this `encoding`, or in what it seems to be.
         duration: None: until it is told to end [s].
         rotate_size, rotate_seconds: when a new file begins [bytes], [s].
         suffix: names the format.
@@ -34,12 +35,18 @@ class BusRecording:
 
     bus: BusSettings
     out: Path
-    database: Path | None = None
+    database: DatabaseFiles | None = None
     duration: float | None = None
     rotate_size: float | None = None
     rotate_seconds: float | None = None
     suffix: str = ".blf"
     queue: int = QUEUE
+    encoding: str | None = None
+
+    @property
+    def database_names(self) -> str | None:
+        """Names of the database's files, None where there is none."""
+        return None if self.database is None else ", ".join(path.name for path in paths(self.database))
 
     def __post_init__(self) -> None:
         writer_of(self.suffix)
@@ -87,7 +94,7 @@ class RecordingManifest:
             "fd": bus.fd,
             "data_bitrate": bus.data_bitrate,
             "options": dict(bus.options),
-            "database": None if recording.database is None else recording.database.name,
+            "database": recording.database_names,
             "started": self.started.isoformat(),
             "stopped": None if self.stopped is None else self.stopped.isoformat(),
             "ended": self.ended,
@@ -106,7 +113,7 @@ class RecordingManifest:
 
     def remarks(self) -> list[str]:
         """What somebody should know about it, a line each."""
-        database, errors = self.recording.database, self.statistics.errors
+        database, errors = self.recording.database_names, self.statistics.errors
         first = moment(self.bus_off[0]) if self.bus_off else ""
         told = {
             f"{self.dropped:,} frames were dropped: they came faster than they could be written": self.dropped,
@@ -119,7 +126,7 @@ class RecordingManifest:
         }
         lines = [line for line, holds in told.items() if holds]
         if database is not None:
-            return lines + [f"decoded with {database.name}: {line}" for line in self.statistics.lines()]
+            return lines + [f"decoded with {database}: {line}" for line in self.statistics.lines()]
         return lines + ([f"{errors:,} error frames"] if errors else [])
 
 

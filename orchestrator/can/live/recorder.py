@@ -18,7 +18,7 @@ import can
 from fmus.errors import BusError, InputError
 from orchestrator.can import frame_time, frames
 from orchestrator.can.codec.decoding import Decoder
-from orchestrator.can.database.database import Database, load
+from orchestrator.can.database.bus import LogDatabase, load_all
 from orchestrator.can.live.bus import is_bus_off, opened
 from orchestrator.can.live.manifest import BusRecording, RecordingManifest, moment
 from orchestrator.can.live.receiver import Receiver
@@ -96,7 +96,7 @@ def record(
         InputError: the folder holds something, or cannot be written; the database cannot be read.
         BusError: the adapter does not open, or failed; what had been received is on disk.
     """
-    database = None if recording.database is None else load(recording.database)
+    database = None if recording.database is None else load_all(recording.database, recording.encoding)
     _check_free(recording.out)
     with (
         quiet(),  # takes a while, in which frames would wait for their stamps, so it comes first
@@ -120,7 +120,9 @@ def record(
 class _BusRecorder:
     """One recording while it is made."""
 
-    def __init__(self, recording: BusRecording, bus: can.BusABC, receiver: Receiver, database: Database | None) -> None:
+    def __init__(
+        self, recording: BusRecording, bus: can.BusABC, receiver: Receiver, database: LogDatabase | None
+    ) -> None:
         settings = recording.bus
         decoder = None if database is None else Decoder(database)
         self._recording, self._bus, self._receiver = recording, bus, receiver

@@ -58,9 +58,10 @@ def test_a_log_of_any_format_is_a_recording_with_units_and_absolute_start(rig: P
     assert set(trace.names) == {"angle", "speed", "voltage"} and trace.name == "rig"
     assert trace.units == {"angle": "rad", "speed": "rad/s", "voltage": "V"}
     assert recording.start == pytest.approx(START, abs=1e-3) and recording.notes == ()
-    assert trace.time[0] == pytest.approx(2e-4, abs=2e-6) and len(trace) == 999
-    at = trace.time[1::2]  # State comes on whole milliseconds
-    np.testing.assert_allclose(trace["angle"][1::2], np.sin(np.round(at * 1e3) * 1e-2), atol=1e-6)
+    assert trace.time[0] == 0 and trace.time[1] == pytest.approx(2e-4, abs=2e-6) and len(trace) == 1000
+    assert np.flatnonzero(np.isnan(trace["voltage"])).tolist() == [0]  # Command comes after State
+    at = trace.time[0::2]  # State comes on whole milliseconds
+    np.testing.assert_allclose(trace["angle"][0::2], np.sin(np.round(at * 1e3) * 1e-2), atol=1e-6)
 
 
 def test_signals_are_chosen_named_and_interpolated_by_the_layout(rig: Path) -> None:
@@ -124,7 +125,7 @@ def test_what_was_found_is_in_the_recording(rig: Path) -> None:
 @pytest.mark.parametrize("suffix", [".parquet", ".csv", ".mat", ".txt"])
 def test_a_converted_log_equals_the_recording(rig: Path, suffix: str) -> None:
     document = answer_of("trace", "convert", rig / "rig.blf", rig / f"b{suffix}", "--dbc", rig / "rig.dbc")
-    assert document["samples"] == 999 and document["start"] == "2023-11-14T22:13:20.250Z"
+    assert document["samples"] == 1000 and document["start"] == "2023-11-14T22:13:20.250Z"
     one = formats.read(rig / "rig.blf", Layout(database=rig / "rig.dbc")).trace
     other = formats.read(rig / f"b{suffix}").trace
     assert one.names == other.names and (suffix == ".mat" or one.units == other.units)

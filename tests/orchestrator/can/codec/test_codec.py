@@ -18,13 +18,18 @@ from fmus.errors import DatabaseError, TraceError
 from orchestrator.can import frames
 from orchestrator.can.codec import decoding
 from orchestrator.can.codec.bits import BIG, LITTLE, Field, words
-from orchestrator.can.codec.decoding import Decoder, SingleDecoder
+from orchestrator.can.codec.decoding import Decoder
 from orchestrator.can.codec.encoding import Encoder
 from orchestrator.can.codec.fields import raw_limits
+from orchestrator.can.codec.merging import Merger
+from orchestrator.can.codec.single_decoding import SingleDecoder
 from orchestrator.can.database import database
-from orchestrator.can.database.database import Database, MessageSpec
+from orchestrator.can.database.bus import LogDatabase
+from orchestrator.can.database.database import Database
+from orchestrator.can.database.message import MessageSpec
 from orchestrator.can.frames import Flag, Frames
 from orchestrator.trace import Trace
+from tests.support.can_samples import by_message
 from tests.support.random_databases import databases, written
 
 QUICK = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -67,8 +72,8 @@ def test_decoding_gives_the_values_of_cantools_bit_for_bit(random: Any, seed: in
     base = loaded(random)
     for message in base.messages:
         batch, refused = payloads(message, seed), 0
-        decoder = Decoder(base)
-        series = decoder.feed(batch)[message.name]
+        decoder = Decoder(LogDatabase(base))
+        series = by_message(decoder.feed(batch))[message.name]
         for row in range(len(batch)):
             try:
                 expected = message.raw.decode(batch.data[row, : message.length].tobytes(), decode_choices=False)
@@ -87,8 +92,8 @@ def test_one_frame_at_a_time_gives_the_same_as_many(random: Any, seed: int) -> N
     base = loaded(random)
     for message in base.messages:
         batch = payloads(message, seed)
-        many, single = Decoder(base), SingleDecoder(base)
-        series = many.feed(batch)[message.name]
+        many, single = Decoder(LogDatabase(base)), SingleDecoder(base)
+        series = by_message(many.feed(batch))[message.name]
         for row, frame in enumerate(batch.messages()):
             values = single.decode(frame)
             assert values is None or all(same(float(series.values[name][row]), v) for name, v in values.items())
@@ -114,7 +119,7 @@ def test_encoding_gives_the_bytes_of_cantools_and_decodes_to_what_was_sent(rando
             others = {signal.name: 0 for signal in message.signals if signal.multiplexer}
             given = others | {name: float(column[row]) for name, column in values.items()}
             assert out.data[row, : message.length].tobytes() == expected(message, given, list(others))
-        back = Decoder(base).feed(out)[message.name]
+        back = by_message(Decoder(LogDatabase(base)).feed(out))[message.name]
         for name, column in values.items():
             np.testing.assert_allclose(back.values[name], column, rtol=1e-12, atol=1e-12)
 
@@ -178,11 +183,11 @@ def sent(base: Database, time: list[float], start: float = 0.0, **values: list[f
 def test_rows_of_a_trace_are_the_stamps_of_all_messages_with_held_values(base: Database) -> None:
     commands = sent(base, [0.0, 0.03], 100.0, voltage=[1.0, 2.0], current=[0.5, 0.25])
     states = sent(base, [0.005, 0.025], 100.0, angle=[3.0, 4.0], speed=[1.0, 1.5])
-    decoded = decoding.trace([frames.concatenated([commands, states])], base, name="log")
+    decoded = decoding.trace([frames.concatenated([commands, states])], LogDatabase(base), name="log")
     assert decoded.start == 100.0
-    np.testing.assert_allclose(decoded.trace.time, [0.005, 0.015, 0.025, 0.03], atol=1e-9)
-    np.testing.assert_allclose(decoded.trace["angle"], [3, 3, 4, 4])
-    np.testing.assert_allclose(decoded.trace["voltage"], [1, 1, 1, 2])
+    np.testing.assert_allclose(decoded.trace.time, [0, 0.005, 0.015, 0.025, 0.03], atol=1e-9)
+    np.testing.assert_allclose(decoded.trace["angle"], [np.nan, 3, 3, 4, 4])
+    np.testing.assert_allclose(decoded.trace["voltage"], [1, 1, 1, 1, 2])
     assert decoded.trace.units == {"angle": "rad", "speed": "rad/s", "voltage": "V", "current": "A"}
 
 
@@ -190,7 +195,7 @@ def test_interpolated_signals_run_linearly_between_their_frames(base: Database) 
     commands = sent(base, [0.0, 0.0125], voltage=[1.0, 2.0], current=[0.0, 0.0])
     states = sent(base, [0.0, 0.02], angle=[0.0, 4.0], speed=[1.0, 1.0])
     both = frames.concatenated([commands, states[states.time != 0.01]])
-    decoded = decoding.trace([both], base, interpolated=["State.angle"])
+    decoded = decoding.trace([both], LogDatabase(base), interpolated=["State.angle"])
     np.testing.assert_allclose(decoded.trace.time, [0, 0.0125, 0.02])
     np.testing.assert_allclose(decoded.trace["angle"], [0, 2.5, 4.0])
     np.testing.assert_allclose(decoded.trace["speed"], 1.0)
@@ -198,20 +203,20 @@ def test_interpolated_signals_run_linearly_between_their_frames(base: Database) 
 
 def test_only_the_asked_signals_and_channel_are_in_the_trace(base: Database) -> None:
     states = sent(base, [0.0, 0.02], angle=[0.0, 4.0])
-    assert decoding.trace([states], base, ["State.angle"], channel=0).trace.names == ("angle",)
+    assert decoding.trace([states], LogDatabase(base), ["State.angle"], channel=0).trace.names == ("angle",)
     with pytest.raises(TraceError, match="no frame with the signal angle"):
-        decoding.trace([states], base, ["angle"], channel=1)
+        decoding.trace([states], LogDatabase(base), ["angle"], channel=1)
     with pytest.raises(DatabaseError, match="did you mean 'angle'"):
-        decoding.trace([states], base, ["angel"])
+        decoding.trace([states], LogDatabase(base), ["angel"])
 
 
 def test_multiplexed_signals_hold_their_own_last_value(base: Database) -> None:
     out = sent(base, [0.0, 1.0, 2.0, 3.0], first=[1, 2, 3, 4], second=[5, 6, 7, 8], third=[9, 9, 9, 9])
     assert out.data[:, 0].tolist() == [0, 1, 0, 1]
-    decoded = decoding.trace([out], base, ["first", "second"])
-    assert decoded.trace["first"].tolist() == [1, 3, 3]
-    assert decoded.trace["second"].tolist() == [6, 6, 8]
-    assert np.isnan(decoded.series["Muxed"].values["second"]).tolist() == [True, False, True, False]
+    decoded = decoding.trace([out], LogDatabase(base), ["first", "second"])
+    assert decoded.trace["first"].tolist() == [1, 1, 3, 3]
+    np.testing.assert_array_equal(decoded.trace["second"], [np.nan, 6, 6, 8])
+    assert np.isnan(by_message(decoded.series)["Muxed"].values["second"]).tolist() == [True, False, True, False]
 
 
 def test_a_multiplexer_that_is_sent_itself_says_what_the_frames_hold(base: Database) -> None:
@@ -223,7 +228,7 @@ def test_a_message_with_a_cycle_time_is_sent_in_that_cycle_and_others_at_every_r
     out = sent(base, [0.0, 0.004, 0.025], 5.0, angle=[1.0, 2.0, 3.0], voltage=[1.0, 2.0, 3.0])
     assert out.time[out.id == 100].tolist() == pytest.approx([5.0, 5.01, 5.02])
     assert out.time[out.id == 101].tolist() == pytest.approx([5.0, 5.004, 5.025])
-    back = Decoder(base).feed(out)
+    back = by_message(Decoder(LogDatabase(base)).feed(out))
     np.testing.assert_allclose(back["State"].values["angle"], [1, 2, 2])
     assert np.all(np.diff(out.time) >= 0)
 
@@ -232,7 +237,7 @@ def test_values_that_do_not_fit_are_limited_and_counted(base: Database) -> None:
     encoder = Encoder(base, ["voltage", "speed", "current"])
     columns = {"voltage": [30.0, -24.0, 24.0], "speed": [1e9, -1e9, 0.0], "current": [1e300, 0.1, -1e300]}
     out = encoder.encode(Trace(np.array([0.0, 0.01, 0.02]), {k: np.array(v) for k, v in columns.items()}))
-    back = Decoder(base).feed(out)
+    back = by_message(Decoder(LogDatabase(base)).feed(out))
     np.testing.assert_allclose(back["Command"].values["voltage"], [24, -24, 24])
     np.testing.assert_allclose(back["State"].values["speed"], [16384.5, -16383, 0])
     assert np.isfinite(back["Command"].values["current"]).all()
@@ -253,10 +258,10 @@ def test_a_long_log_is_decoded_in_chunks_with_nothing_lost_between_them(
 ) -> None:
     time, signals = [0.01 * k for k in range(20)], {name: [float(k) for k in range(20)] for name in ("angle", "first")}
     batch = sent(base, time, **signals)
-    whole = Decoder(base).feed(batch)
+    whole = by_message(Decoder(LogDatabase(base)).feed(batch))
     monkeypatch.setattr(decoding, "CHUNK", 7)
-    decoder = Decoder(base)
-    chunked = decoder.feed(batch)
+    decoder = Decoder(LogDatabase(base))
+    chunked = by_message(decoder.feed(batch))
     assert decoder.statistics.frames == len(batch) == 40
     assert chunked.keys() == whole.keys() == {"State", "Muxed"}
     for name, series in whole.items():
@@ -285,13 +290,14 @@ def test_raw_numbers_stand_for_values_within_the_range(
 
 
 def test_a_frame_that_comes_twice_counts_once_also_between_two_feeds(base: Database) -> None:
-    decoder, batch = Decoder(base), sent(base, [0.0, 1.0], voltage=[1.0, 2.0])
+    decoder, batch = Decoder(LogDatabase(base)), sent(base, [0.0, 1.0], voltage=[1.0, 2.0])
     other = sent(base, [0.0, 1.0], voltage=[1.0, 3.0])[1:]  # at the same time, but not the same frame
     values = [
-        decoder.feed(part)["Command"].values["voltage"].tolist()
-        for part in (batch, batch[1:], frames.concatenated([batch[1:], other]))
+        by_message(decoder.feed(part))["Command"].values["voltage"].tolist()
+        for part in (batch, frames.concatenated([batch[1:], other]))
     ]
-    assert values == [pytest.approx([1.0, 2.0]), [], pytest.approx([3.0])]
+    assert values == [pytest.approx([1.0, 2.0]), pytest.approx([3.0])]
+    assert decoder.feed(other) == {}
     assert decoder.statistics.duplicates == {"Command": 2}
 
 
@@ -303,7 +309,7 @@ def test_a_value_that_is_no_number_is_not_sent(base: Database) -> None:
 def test_no_frame_is_lost_when_the_clock_is_set_back(base: Database) -> None:
     first = sent(base, [0.0, 1.0, 2.0], 5000.0, voltage=[1, 2, 3])
     later = sent(base, [0.0, 1.0, 2.0], 40.0, voltage=[4, 5, 6])
-    decoded = decoding.trace([frames.concatenated([first, later])], base, ["voltage"])
+    decoded = decoding.trace([frames.concatenated([first, later])], LogDatabase(base), ["voltage"])
     np.testing.assert_allclose(decoded.trace["voltage"], [1, 2, 3, 4, 5, 6])
     np.testing.assert_allclose(decoded.trace.time, [0, 1, 2, 2, 3, 4], atol=1e-5)
     assert [str(setback) for setback in decoded.statistics.setbacks] == ["at frame 3 from 5002.000000 s to 40.000000 s"]
@@ -312,7 +318,7 @@ def test_no_frame_is_lost_when_the_clock_is_set_back(base: Database) -> None:
 def test_a_float_signal_that_is_no_number_is_counted_and_the_last_value_held(base: Database) -> None:
     out = sent(base, [0.0, 1.0, 2.0], voltage=[1, 2, 3], current=[0.5, 1.5, 2.5])
     out.data[1, 4:] = np.frombuffer(np.float32(np.nan).tobytes(), np.uint8)
-    decoded = decoding.trace([out], base)
+    decoded = decoding.trace([out], LogDatabase(base))
     assert decoded.trace["current"].tolist() == [0.5, 0.5, 2.5]
     assert decoded.statistics.not_finite == {"current": 1}
 
@@ -320,7 +326,7 @@ def test_a_float_signal_that_is_no_number_is_counted_and_the_last_value_held(bas
 def test_frames_of_a_wrong_length_are_counted_and_only_longer_ones_decoded(base: Database) -> None:
     out = sent(base, [0.0, 1.0, 2.0], first=[1, 2, 3])
     out.length[0], out.length[1] = 3, 8
-    decoded = decoding.trace([out], base)
+    decoded = decoding.trace([out], LogDatabase(base))
     assert (decoded.statistics.short, decoded.statistics.long) == ({"Muxed": 1}, {"Muxed": 1})
     assert decoded.trace["first"].tolist() == [2, 3]
 
@@ -329,8 +335,8 @@ def test_error_remote_and_unknown_frames_are_counted(base: Database) -> None:
     out = sent(base, [0.0, 1.0, 2.0, 3.0, 4.0], voltage=[1, 2, 3, 4, 5])
     out.flags[0], out.flags[1] = Flag.ERROR, Flag.REMOTE
     out.id[2], out.flags[3] = 0x7AB, Flag.EXTENDED
-    decoder = Decoder(base)
-    series = decoder.feed(out)
+    decoder = Decoder(LogDatabase(base))
+    series = by_message(decoder.feed(out))
     assert decoder.statistics.errors == decoder.statistics.remotes == 1
     assert decoder.statistics.unknown == {"7AB": 1, "00000065": 1}
     assert series["Command"].values["voltage"].tolist() == [5.0]
@@ -353,14 +359,16 @@ def test_no_frame_is_refused_with_an_exception_and_each_is_accounted_for(
         rng.integers(0, width + 1, count).astype(np.uint8),
         rng.integers(0, 256, (count, width)).astype(np.uint8),
     )
-    decoder = Decoder(base)
+    decoder = Decoder(LogDatabase(base))
     parts = [decoder.feed(batch[begin : begin + 100]) for begin in range(0, count, 100)]
     statistics = decoder.statistics
     accounted = statistics.errors + statistics.remotes + statistics.unknown.total() + statistics.messages.total()
     assert accounted == statistics.frames == count
     decoded = sum(len(series) for part in parts for series in part.values())
     assert decoded == statistics.messages.total() - statistics.short.total() - statistics.duplicates.total()
-    merger = decoding.Merger(["angle", "voltage"])
+    merger = Merger(["angle", "voltage"])
     rows = [merger.feed(part) for part in parts] + [merger.finish()]
-    assert all(np.isfinite(trace[name]).all() for trace in rows for name in trace.names)
+    for name in ("angle", "voltage"):
+        known = np.isfinite(np.concatenate([trace[name] for trace in rows]))
+        assert np.all(known[1:] >= known[:-1])  # once seen it is held
     assert statistics.document()["frames"] == count

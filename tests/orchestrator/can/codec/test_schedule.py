@@ -15,6 +15,7 @@ from orchestrator.can.codec.encoding import Encoder
 from orchestrator.can.codec.merging import Series
 from orchestrator.can.codec.schedule import on_schedule
 from orchestrator.can.database import writing
+from orchestrator.can.database.bus import LogDatabase
 from orchestrator.can.database.database import load
 from orchestrator.trace import Trace
 
@@ -80,7 +81,9 @@ def test_a_log_is_read_with_the_stamps_of_the_sender() -> None:
     angle = np.round(np.sin(3 * time), 4)
     sent = Encoder(database, ["State.angle"]).encode(Trace(time, {"State.angle": angle}, {}))
     object.__setattr__(sent, "time", np.maximum.accumulate(sent.time + rng.exponential(1e-3, len(sent))))
-    plain, steady = (decoding.trace([sent], database, ["angle"], steady=names) for names in ((), ("State",)))
+    plain, steady = (
+        decoding.trace([sent], LogDatabase(database), ["angle"], steady=names) for names in ((), ("State",))
+    )
     assert np.abs(np.diff(steady.trace.time) - 0.005).max() < 1e-5 < np.abs(np.diff(plain.trace.time) - 0.005).max()
     assert steady.trace["angle"] == pytest.approx(angle, abs=1e-9)
     assert steady.trace.names == ("angle",)
@@ -91,4 +94,4 @@ def test_a_message_without_a_counter_has_no_schedule_to_be_found(tmp_path: Path)
     writing.generate([writing.Declared("angle", "rad", -1.0, 1.0, None, 0.01)], tmp_path / "a.dbc")
     database = load(tmp_path / "a.dbc")
     with pytest.raises(TraceError, match="has no counter, so its schedule cannot be recovered"):
-        decoding.trace([], database, steady=[database.messages[0].name])
+        decoding.trace([], LogDatabase(database), steady=[database.messages[0].name])

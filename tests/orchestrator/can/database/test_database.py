@@ -161,19 +161,12 @@ BO_ 1 Pages: 2 A
 LINE = r"rig\.dbc, line {}: "
 BAD = {
     "syntax": (DBC.replace("@1- (0.1,0)", "@1 (0.1,0)"), LINE.format(4) + "cannot be read at column"),
-    "overlap": (DBC.replace("angle : 0|16", "angle : 0|24"), LINE.format("[45]") + ".*overlapping"),
-    "too long": (DBC.replace("voltage : 0|16", "voltage : 50|16"), LINE.format(9) + ".*does not fit"),
     "huge signal": (DBC.replace("voltage : 0|16", "voltage : 0|99999999"), LINE.format(9) + ".*more than any frame"),
     "huge message": (DBC.replace("Status: 2", "Status: 99999999"), LINE.format(11) + ".*more than any frame"),
     "huge number": (DBC.replace("Status: 2", "Status: " + "9" * 6000), LINE.format(11) + ".*more than any frame"),
-    "endless scale": (DBC.replace("(0.001,0)", "(1e999,0)"), "Command.voltage: its scale or offset is not finite"),
-    "one identifier": (PAGES + "BO_ 1 Other: 1 A\n", "'Pages' and 'Other' have the same identifier 0x1"),
-    "one name": (DBC.replace("102 Status", "102 State"), "two messages 'State'"),
-    "twice": (PAGES.replace("second", "first"), "Pages.first: is there twice"),
     "no message": ('VERSION ""\n', "defines no messages"),
     "empty": ("  \n", "is empty"),
     "not a database": ("time,angle\n0,1\n", LINE.format(1) + "cannot be read"),
-    "no such signal": (DBC.replace('100 "crc"', '100 "sum"'), "message State: has no signal 'sum'"),
     "selections": (DBC + "SG_MUL_VAL_ 102 status angle 0-4000000000;\n", LINE.format(27) + ".*too many multiplexer"),
     "long range": (DBC + "SG_MUL_VAL_ 102 status angle 900000000000-9000000000000;\n", "too many multiplexer"),
     "hidden": (DBC.replace(" SG_ voltage : 0|16", ' SG_ //"\n voltage : 0|99999999'), LINE.format(9) + ".*more than"),
@@ -183,6 +176,59 @@ BAD = {
     "nested": (DBC + "".join(f"SG_MUL_VAL_ 102 s{n + 1} s{n} 0-9, 20-29;\n" for n in range(30)), "too many combin"),
     "loop": (DBC + "SG_MUL_VAL_ 102 a b 0-1;\nSG_MUL_VAL_ 102 b a 0-1;\n", "too many combinations"),
 }
+
+
+LENIENT = {
+    "overlap": (DBC.replace("angle : 0|16", "angle : 0|24"), "angle torque alive_counter crc", ""),
+    "too long": (
+        DBC.replace("voltage : 0|16", "voltage : 50|16"),
+        "angle torque",
+        "Command.voltage is left out: it does not lie",
+    ),
+    "endless scale": (
+        DBC.replace("(0.001,0)", "(1e999,0)"),
+        "angle",
+        "voltage is left out: its scale or offset is not finite",
+    ),
+    "one identifier": (
+        PAGES + "BO_ 1 Other: 1 A\n",
+        "first second",
+        "Other is left out: it has the identifier 0x1 of Pages",
+    ),
+    "one name": (DBC.replace("102 Status", "102 State"), "State_66.status", "0x66 is called State_66 here"),
+    "twice": (
+        PAGES.replace("m1 : 8|8", "m1 : 8|4").replace("second", "first"),
+        "page",
+        "first is left out: it is there twice",
+    ),
+    "on two pages": (PAGES.replace("second", "first"), "page first", ""),
+    "no such signal": (
+        DBC.replace('100 "crc"', '100 "sum"'),
+        "angle",
+        "counter and checksum are not checked, has no signal 'sum'",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", LENIENT)
+def test_what_is_sound_in_a_database_is_used_and_what_is_not_is_told(tmp_path: Path, case: str) -> None:
+    text, signals, note = LENIENT[case]
+    read = database.load(file(tmp_path, text))
+    assert [read.signal(name) for name in signals.split()]
+    assert note in "\n".join(read.notes) and bool(note) == bool(read.notes)
+
+
+def test_a_signal_that_is_wanted_and_not_sound_is_refused_with_the_reason(tmp_path: Path) -> None:
+    read = database.load(file(tmp_path, PAGES + 'BO_ 1 Other: 1 A\n SG_ x : 0|8@1+ (1,0) [0|0] "" A\n'))
+    for name in ("x", "Other.x"):
+        with pytest.raises(
+            DatabaseError, match=r"in message Other, which is left out: it has the identifier 0x1 of Pages"
+        ):
+            read.signal(name)
+    read = database.load(file(tmp_path, LENIENT["too long"][0]))
+    for name in ("voltage", "Command.voltage"):
+        with pytest.raises(DatabaseError, match="is left out: it does not lie in the 8 bytes"):
+            read.signal(name)
 
 
 @pytest.mark.parametrize("case", BAD)
@@ -234,5 +280,5 @@ def test_a_signal_that_is_no_number_is_left_out(tmp_path: Path) -> None:
     path = tmp_path / "long.dbc"
     cantools.database.dump_file(cantools.database.can.Database([message]), str(path))
     read = database.load(path).message("Long")
-    assert read.left_out == ("name",)
+    assert read.left_out == {"name": "it has 72 bits"}
     assert [signal.name for signal in read.signals] == ["value"]

@@ -10,13 +10,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from orchestrator.can.codec.decoding import Decoder, SingleDecoder
+from orchestrator.can.codec.decoding import Decoder
 from orchestrator.can.codec.encoding import Encoder
+from orchestrator.can.codec.single_decoding import SingleDecoder
 from orchestrator.can.database import database, protection
+from orchestrator.can.database.bus import LogDatabase
 from orchestrator.can.database.database import Database
 from orchestrator.can.database.protection import Protection
 from orchestrator.can.frames import Frames
 from orchestrator.trace import Trace
+from tests.support.can_samples import by_message
 
 DBC = """VERSION ""
 BU_: A B
@@ -72,7 +75,7 @@ def test_checksums_of_one_and_of_many_are_the_division_by_definition(data: bytes
 
 
 def test_what_is_sent_passes_its_own_checks(base: Database) -> None:
-    decoder = Decoder(base)
+    decoder = Decoder(LogDatabase(base))
     encoder = Encoder(base, ["angle"])
     for start in (0.0, 10.0):  # counters go on from one trace to the next
         decoder.feed(encoder.encode(Trace(0.01 * np.arange(40.0), {"angle": np.linspace(-9, 9, 40)}), start))
@@ -87,7 +90,7 @@ def test_lost_repeated_and_corrupt_frames_are_counted(base: Database) -> None:
     frames = frames[kept]
     frames.time[50] += 0.001
     frames.data[5, 4] ^= 1
-    decoder, single = Decoder(base), SingleDecoder(base)
+    decoder, single = Decoder(LogDatabase(base)), SingleDecoder(base)
     for begin in range(0, len(frames), 7):
         decoder.feed(frames[begin : begin + 7])
     for message in frames.messages():
@@ -108,7 +111,7 @@ def test_missing_frames_are_told_from_the_cycle_time_where_there_is_no_counter(b
     time = np.delete(0.01 * np.arange(100) + np.random.default_rng(0).uniform(0, 0.002, 100), [20, 50, 51, 52])
     frames = Encoder(base, ["speed"]).encode(Trace(np.array([0.0, 0.95]), {"speed": np.zeros(2)}))
     frames = Frames(time, frames.id, frames.flags, frames.channel, frames.length, frames.data)
-    decoder, single = Decoder(base), SingleDecoder(base)
+    decoder, single = Decoder(LogDatabase(base)), SingleDecoder(base)
     for begin in range(0, 96, 19):
         decoder.feed(frames[begin : begin + 19])
     for message in frames.messages():
@@ -119,8 +122,8 @@ def test_missing_frames_are_told_from_the_cycle_time_where_there_is_no_counter(b
 def test_a_frame_logged_twice_is_dropped_and_counted(base: Database) -> None:
     frames = states(base, 20)
     twice = frames[np.repeat(np.arange(20), 2)]
-    decoder = Decoder(base)
-    parts = [decoder.feed(twice[begin : begin + 7]).get("State") for begin in range(0, 40, 7)]
+    decoder = Decoder(LogDatabase(base))
+    parts = [by_message(decoder.feed(twice[begin : begin + 7])).get("State") for begin in range(0, 40, 7)]
     assert sum(len(part) for part in parts if part) == 20
     assert decoder.statistics.duplicates == {"State": 20}
     assert not decoder.statistics.counters

@@ -16,9 +16,11 @@ from orchestrator.can.codec.decoding import Decoder
 from orchestrator.can.codec.encoding import Encoder
 from orchestrator.can.codec.fields import raw_limits
 from orchestrator.can.database import database
+from orchestrator.can.database.bus import LogDatabase
 from orchestrator.can.database.database import Database
 from orchestrator.can.database.writing import Declared, generate, signal_names
 from orchestrator.trace import Trace
+from tests.support.can_samples import by_message
 
 bounds = st.floats(-1e9, 1e9, allow_nan=False).map(lambda value: float(f"{value:.6g}"))
 
@@ -79,7 +81,7 @@ def test_bounds_are_sent_to_within_a_step_and_nominal_values_to_a_thousandth(dec
         signal = base.signal(name)[1]
         sent = Encoder(base, [name])
         out = sent.encode(Trace(np.array([0.0, 1.0]), {name: np.array([wanted.minimum, wanted.maximum])}))
-        values = Decoder(base).feed(out)[base.signal(name)[0].name].values[name]
+        values = by_message(Decoder(LogDatabase(base)).feed(out))[base.signal(name)[0].name].values[name]
         step = 1e-7 * max(abs(wanted.minimum), abs(wanted.maximum)) if signal.is_float else signal.scale
         assert abs(values[0] - wanted.minimum) <= step
         assert abs(values[-1] - wanted.maximum) <= step

@@ -1,0 +1,38 @@
+"""Which files say what the frames of a log mean: one or several for all its channels, or some for one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+Files = Path | Sequence[Path]
+DatabaseFiles = Files | Mapping[str, Files]
+"""A file, several, or those of each channel, by its number from 0 or its interface's name; `all` is every channel."""
+
+ALL = "all"
+
+
+def by_channel(files: DatabaseFiles) -> dict[str, list[Path]]:
+    """Channel, or `all` -> its files."""
+    given = files if isinstance(files, Mapping) else {ALL: files}
+    return {channel: [own] if isinstance(own, Path) else list(own) for channel, own in given.items()}
+
+
+def paths(files: DatabaseFiles) -> list[Path]:
+    """All files, each once."""
+    return list(dict.fromkeys(path for own in by_channel(files).values() for path in own))
+
+
+def moved(files: DatabaseFiles, move: Callable[[Path], Path]) -> DatabaseFiles:
+    """The same choice of files that are somewhere else."""
+    return {channel: [move(path) for path in own] for channel, own in by_channel(files).items()}
+
+
+def parsed(options: Sequence[str]) -> DatabaseFiles:
+    """The files of options as `FILE` or `CHANNEL=FILE`."""
+    found: dict[str, list[Path]] = {}
+    for option in options:
+        channel, equals, file = option.partition("=")
+        whole = not equals or Path(option).is_file()
+        found.setdefault(ALL if whole else channel, []).append(Path(option if whole else file))
+    return found
