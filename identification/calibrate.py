@@ -100,7 +100,7 @@ def calibrate_study(study_file: Path, data: Path | None, target: Path, progress:
         FmuError: the FMUs fail.
     """
     study = load_study(study_file)
-    check_target(target)
+    check_target(target, [study_file, *([data] if data is not None else [])])
     found = calibrate(study, data, progress)
     progress(1.0, "writing")
     with naming(study_file):
@@ -153,7 +153,7 @@ def validate_result(folder: Path, data: Path, target: Path, progress: Progress) 
     Raises:
         InputError, FmuError: as in `validate`, or the target holds something else.
     """
-    check_target(target)
+    check_target(target, [folder, data])
     validation = validate(folder, data, progress)
     summary = output_error_validation.summary(validation)
     with result_folder(target) as fresh:

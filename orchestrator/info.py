@@ -14,7 +14,7 @@ from fmus.errors import InputError
 from fmus.packaging import archive, defaults
 from orchestrator.can.log_suffixes import is_log
 from orchestrator.progress import Progress, silent
-from orchestrator.results import MARKS
+from orchestrator.results import MARKS, RECORD
 
 if TYPE_CHECKING:
     from orchestrator import formats
@@ -179,7 +179,9 @@ def about_result(folder: Path) -> InfoDocument:
         raise InputError(mark, "its `parameters` are no parameters", "run the command again")
     if parameters:
         facts["parameters"] = [{"name": name, **entry} for name, entry in parameters.items()]
-    facts["files"] = sorted(str(file.relative_to(folder)) for file in folder.rglob("*") if file.is_file())
+    facts["files"] = sorted(
+        str(file.relative_to(folder)) for file in folder.rglob("*") if file.is_file() and file.name != RECORD
+    )
     return facts
 
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 import json
 import mmap
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 SIZE = 1 << 16  # bytes; what does not fit is not said
@@ -64,6 +66,15 @@ class LastWords:
             body = json.dumps([entry for entry, count in self._said.items() if count > 0]).encode()
             if len(body) <= SIZE - _TEXT:
                 self._memory[_TEXT:] = body.ljust(SIZE - _TEXT, b"\0")
+
+    @contextmanager
+    def saying(self, kind: str, text: object) -> Iterator[None]:
+        """Say something while the block lasts."""
+        self.say(kind, str(text))
+        try:
+            yield
+        finally:
+            self.say(kind, str(text), -1)
 
 
 FMU, OURS, GONE, LITTER = "FMU", "FMU of ours", "FMU that was closed", "litter"  # kinds of what is said

@@ -5,18 +5,23 @@ from __future__ import annotations
 import json
 import platform
 import shutil
-import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, NotRequired, TypedDict
 
 from fmus.errors import InputError
+from fmus.owned import MARK, owned_folder
+from orchestrator import last_words
 
 PACKAGES = ("servotwin", "fmpy", "pythonfmu", "numpy", "scipy", "sympy", "control")
 MARKS = ("manifest.json", "summary.json")
+RECORD = ".written.json"  # in a result: its files and their sizes, so that what others put there is known
+LEAST_FREE = 16 << 20  # bytes
+_JUNK = {".DS_Store", "Thumbs.db", "desktop.ini"}  # that file managers leave
 
 
 class CheckDocument(TypedDict):
@@ -51,40 +56,146 @@ class FileDocument(TypedDict):
     cases: Sequence[CaseDocument]
 
 
+@dataclass(frozen=True)
+class Permission:
+    """What may be replaced by results.
+
+    Attributes:
+        force: whether also what is no result, and results that hold files of others.
+        inputs: what is read; no folder with one of them is replaced in any case.
+    """
+
+    force: bool = False
+    inputs: tuple[Path, ...] = ()
+
+
+_permission: ContextVar[Permission | None] = ContextVar("permission", default=None)
+
+
+def permission() -> Permission:
+    """That which holds now."""
+    return _permission.get() or Permission()
+
+
 @contextmanager
-def result_folder(target: Path) -> Iterator[Path]:
+def permitted(given: Permission) -> Iterator[None]:
+    """Have this permission hold for the block."""
+    token = _permission.set(given)
+    try:
+        yield
+    finally:
+        _permission.reset(token)
+
+
+@contextmanager
+def result_folder(target: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
     """A folder to fill that becomes `target` when all went well; an earlier result there is replaced.
 
     Raises:
-        InputError: `target` is there and holds something that is no result of ours, or cannot be written.
+        InputError: see `check_target`.
     """
-    place = target.resolve()
-    try:
-        check_target(target)
-        place.parent.mkdir(parents=True, exist_ok=True)
-        aside = Path(tempfile.mkdtemp(prefix=f".{place.name}.", dir=place.parent))
-    except OSError as error:
-        raise InputError(target, f"cannot be written ({error.strerror})", "give another --out") from error
-    fresh, earlier = aside / "fresh", aside / "earlier"
-    fresh.mkdir()
-    try:
+    check_target(target, inputs)
+    with aside(target) as near:
+        fresh = near / "fresh"
+        fresh.mkdir()
         yield fresh
-        _exchange(fresh, place, earlier)
-    finally:
-        shutil.rmtree(aside, ignore_errors=True)
+        files = {str(path.relative_to(fresh)): path.stat().st_size for path in fresh.rglob("*") if path.is_file()}
+        write_json(fresh / RECORD, {"files": dict(sorted(files.items()))})
+        place = target.resolve()
+        try:
+            place.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise _unwritable(target, error) from error
+        _exchange(fresh, place, near / "earlier")
 
 
-def check_target(target: Path) -> None:
-    """See that a result may be written there, before the work for it is done.
+@contextmanager
+def aside(target: Path) -> Iterator[Path]:
+    """A hidden folder on the disk that a result goes to; those that killed commands have left there go.
 
     Raises:
-        InputError: `target` is there and holds something that is no result of ours.
+        InputError: there is no writing there.
     """
     place = target.resolve()
+    hidden, near = f".{place.name}", next(parent for parent in place.parents if parent.exists())
+    with ExitStack() as stack:
+        try:
+            for earlier in near.glob(f"{hidden}{MARK}*/earlier"):
+                if near == place.parent and not place.exists():  # killed between taking it away and putting the new one
+                    earlier.rename(place)
+            folder = stack.enter_context(owned_folder(near, hidden))
+        except OSError as error:
+            raise _unwritable(target, error) from error
+        stack.enter_context(last_words.own().saying(last_words.LITTER, folder))
+        yield folder
+
+
+def _unwritable(target: Path, error: OSError) -> InputError:
+    return InputError(target, f"cannot be written ({error.strerror})", "give another --out")
+
+
+def check_target(target: Path, inputs: Iterable[Path] = (), *, replaces: bool = True) -> None:
+    """See that a result may be written there, before the work for it is done.
+
+    Args:
+        inputs: what the work reads, besides what the permission names.
+        replaces: whether what is there goes, or is only added to.
+
+    Raises:
+        InputError: `target` is there and holds something that is no result of ours, or that others put beside one;
+            or it is or contains the working folder or an input; or it cannot be written; or the disk is full.
+    """
+    place, allowed = target.resolve(), permission()
     if place.exists() and not place.is_dir():
         raise InputError(target, "is a file", "give another --out")
-    if place.is_dir() and any(place.iterdir()) and not any(_is_ours(place / mark) for mark in MARKS):
-        raise InputError(target, "is not empty and holds no result", "give another --out")
+    if replaces:
+        _spare(target, {Path.cwd(): "the working folder", Path.home(): "your home folder"})
+        _spare(target, {path: f"{path}, which is read" for path in (*allowed.inputs, *inputs)})
+    if place.is_dir() and any(place.iterdir()) and not allowed.force:
+        if not any(_is_ours(place / mark) for mark in MARKS):
+            raise InputError(target, "is not empty and holds no result", "give another --out, or --force to replace it")
+        if replaces and (foreign := list(_foreign(place, place, _written(place)))):
+            others = f" and {len(foreign) - 1} more" if len(foreign) > 1 else ""
+            raise InputError(
+                target,
+                f"holds {foreign[0]}{others}, which no command of ours wrote so",
+                "move that away, give another --out, or --force to replace all",
+            )
+    with aside(target) as near:
+        if (free := shutil.disk_usage(near).free) < LEAST_FREE:
+            raise InputError(target, f"is on a disk with {free / 1e6:.0f} MB left", "make space, or give another --out")
+
+
+def _spare(target: Path, kept: Mapping[Path, str]) -> None:
+    """Refuse a target that is one of these, or contains one."""
+    for path, name in kept.items():
+        found = path.resolve()
+        if target.resolve() in (found, *found.parents):
+            raise InputError(target, f"is or contains {name}", "give another --out")
+
+
+def _written(folder: Path) -> dict[str, int]:
+    """Name -> size of the files of a result, as it says itself."""
+    try:
+        files = json.loads((folder / RECORD).read_text(encoding="utf-8"))["files"]
+        return {RECORD: (folder / RECORD).stat().st_size, **files}
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return {}
+
+
+def _foreign(folder: Path, result: Path, written: Mapping[str, int]) -> Iterator[str]:
+    """Files below a folder of a result that others wrote or changed, by their names in the result."""
+    for path in sorted(folder.iterdir()):
+        name = str(path.relative_to(result))
+        if path.is_dir() and not path.is_symlink():
+            own = _written(path)
+            yield from (
+                (str(path.relative_to(result) / each) for each in _foreign(path, path, own))
+                if own
+                else _foreign(path, result, written)
+            )
+        elif path.name not in _JUNK and name not in MARKS and written.get(name) != path.lstat().st_size:
+            yield name
 
 
 def _is_ours(mark: Path) -> bool:
@@ -116,6 +227,8 @@ def versions() -> dict[str, str]:
 @cache
 def version_of(package: str) -> str:
     """Its version, or that it is not installed."""
+    from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415 (slow to load)
+
     try:
         return version(package)
     except PackageNotFoundError:

@@ -94,7 +94,7 @@ def run_procedure(path: Path, out: Path) -> ProcedureDocument:
         ScenarioError: the file does not fit, or a command is never ready or never ends.
     """
     block = load(path, ProcedureBlock)
-    check_target(out)
+    check_target(out, replaces=False)
     out.mkdir(parents=True, exist_ok=True)
     names = {"here": str(path.parent), "out": str(out)}
     cases: list[CaseDocument] = []

@@ -12,7 +12,7 @@ from fmus.errors import FmuError, ScenarioError, ServotwinError
 from orchestrator.batch.procedure import run_procedure
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.processes import Died, Processes, calling
-from orchestrator.results import FileDocument
+from orchestrator.results import FileDocument, Permission, check_target, permission, permitted
 from orchestrator.scenario.results import document_of, write_run
 from orchestrator.scenario.run import run_scenario
 from orchestrator.scenario.schema import ScenarioBlock
@@ -89,7 +89,10 @@ def run_suite(
     """
     verdicts: dict[Path, Verdict] = {}
     order = list(files)
-    tasks = [partial(_judged, judge, file, out / file.parent.name / file.stem) for file, judge in files.items()]
+    allowed = permission()
+    tasks = [
+        partial(_judged, judge, file, out / file.parent.name / file.stem, allowed) for file, judge in files.items()
+    ]
     with Processes[Callable[[], Verdict], Verdict](calling, processes, [__name__], fresh=True) as pool:
         for number, answer in pool.answers(tasks):
             verdict = _crashed(order[number], answer) if isinstance(answer, Died) else answer
@@ -104,17 +107,19 @@ def _crashed(file: Path, died: Died) -> Verdict:
     return Verdict(file, died.seconds, None, str(crash))
 
 
-def _judged(judge: FileJudge, file: Path, out: Path) -> Verdict:
+def _judged(judge: FileJudge, file: Path, out: Path, allowed: Permission) -> Verdict:
     begun = perf_counter()
     document, problem = None, ""
     try:
-        document = judge(file, out)
+        with permitted(allowed):
+            document = judge(file, out)
     except ServotwinError as error:
         problem = str(error)
     return Verdict(file, perf_counter() - begun, document, problem)
 
 
 def _run_scenario(file: Path, out: Path, isolation: Isolation | None) -> FileDocument:
+    check_target(out, [file])
     result = run_scenario(file, isolation=isolation)
     write_run(result, {}, out)
     return document_of(result, {}, out)

@@ -11,7 +11,7 @@ import typer
 
 from fmus.errors import InputError
 from orchestrator.cli.can import Adapter, BusInterface, Channel
-from orchestrator.cli.scenarios import Overrides, beside, overrides
+from orchestrator.cli.scenarios import Overrides, overrides
 from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 from orchestrator.interrupts import whole
 
@@ -104,11 +104,13 @@ def _coupled(job: BridgeJob, folder: Path, terminal: Terminal) -> tuple[BridgeRe
     """
     from orchestrator.bridge.bridge import couple
     from orchestrator.bridge.results import write
+    from orchestrator.results import aside, check_target
 
-    with terminal.bar(job.scenario.stem) as move, beside(folder) as aside:
+    check_target(folder)
+    with terminal.bar(job.scenario.stem) as move, aside(folder) as near:
         coupled = couple(
             job,
-            aside,
+            near,
             lambda *_: terminal.say(f"{job.scenario.stem} is on {job.bus.place}"),
             move,
         )

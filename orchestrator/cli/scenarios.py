@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -64,7 +61,7 @@ def build(
     platform: Annotated[
         list[str] | None, typer.Option(help="Of native FMUs: host, all, x86_64-linux, aarch64-darwin, ...; repeatable.")
     ] = None,
-    out: Out = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Folder for the FMUs.")] = None,
 ) -> Answer:
     """Build FMUs from model files."""
     from fmus import library
@@ -94,13 +91,15 @@ def run(
     isolate: Isolate,
 ) -> Answer:
     """Run one scenario; exit code 1 when an expectation fails."""
+    from orchestrator.results import aside, check_target
     from orchestrator.scenario import accounts
     from orchestrator.scenario.results import document_of, interruption, write_run
     from orchestrator.scenario.run import HEADERS, Keeping, ScenarioInterrupted, run_scenario
 
     values, isolation, folder = overrides(set_), isolate.isolation(), out or Path("out") / scenario.stem
-    with terminal.bar(scenario.stem) as move, beside(folder) as aside:
-        keeping = Keeping(stride, aside if stream else None)
+    check_target(folder)
+    with terminal.bar(scenario.stem) as move, aside(folder) as near:
+        keeping = Keeping(stride, near if stream else None)
         try:
             result = run_scenario(scenario, values, move, keeping=keeping, isolation=isolation)
         except ScenarioInterrupted as stop:
@@ -193,18 +192,3 @@ def overrides(texts: list[str] | None) -> dict[str, Value]:
     from orchestrator.scenario.run import parse_override
 
     return dict(map(parse_override, texts or []))
-
-
-@contextmanager
-def beside(folder: Path) -> Iterator[Path]:
-    """A folder for what is written meanwhile, on the disk that the result goes to.
-
-    Raises:
-        InputError: a result must not be written there.
-    """
-    from orchestrator.results import check_target
-
-    check_target(folder)
-    near = next(parent for parent in folder.resolve().parents if parent.is_dir())
-    with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=near) as aside:
-        yield Path(aside)

@@ -21,12 +21,14 @@ from fmus.errors import InputError, InternalError, ServotwinError
 from orchestrator.cli.stdout import stdout_kept
 from orchestrator.interrupts import Interrupts, requested
 from orchestrator.progress import Progress, silent
+from orchestrator.results import Permission, permitted
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 WIDE = 120  # columns of output that goes to no terminal
 Out = Annotated[Path | None, typer.Option("--out", help="Folder for the results.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace what is in the folder, whatever it is.")]
 
 
 @dataclass(frozen=True)
@@ -95,7 +97,8 @@ Work = TypeVar("Work", bound=Callable[..., Answer])
 def command(app: typer.Typer, name: str | None = None) -> Callable[[Work], Work]:
     """Make a function that is given a terminal and options, and returns the answer, a command.
 
-    A parameter whose type is a dataclass stands for its fields, a group of options; --json, -q and -v come last. The
+    A parameter whose type is a dataclass stands for its fields, a group of options; --json, -q and -v come last, and
+    where results go to a folder --force comes before them. The
     exit code is 0, 1 (did not hold), 2, 3, 4 (a fault of ours) or 130.
     """
 
@@ -104,11 +107,15 @@ def command(app: typer.Typer, name: str | None = None) -> Callable[[Work], Work]
         kinds: dict[str, Any] = {parameter.name: parameter.annotation for parameter in (*others, terminal)}
         groups: dict[str, Any] = {key: kind for key, kind in kinds.items() if is_dataclass(kind)}
         options = [_evaluated(groups[one.name]) if one.name in groups else [one] for one in (*others, terminal)]
+        if Out in kinds.values():
+            options.insert(-1, [Parameter("force", Parameter.KEYWORD_ONLY, default=False, annotation=Force)])
 
         def run(**given: Any) -> None:
+            allowed = Permission(given.pop("force", False), tuple(_inputs(given)))
             for group, kind in groups.items():
                 given[group] = kind(**{field.name: given.pop(field.name) for field in fields(kind)})
-            _answered(partial(work, **given), given[terminal.name])
+            with permitted(allowed):
+                _answered(partial(work, **given), given[terminal.name])
 
         run.__signature__ = Signature(list(chain(*options)))  # type: ignore[attr-defined]
         run.__doc__, run.__name__ = work.__doc__, work.__name__
@@ -116,6 +123,13 @@ def command(app: typer.Typer, name: str | None = None) -> Callable[[Work], Work]
         return work
 
     return register
+
+
+def _inputs(given: Mapping[str, Any]) -> Iterator[Path]:
+    """The files and folders that a command is given to read."""
+    for name, value in given.items():
+        if name != "out":
+            yield from (path for path in (value if isinstance(value, list) else [value]) if isinstance(path, Path))
 
 
 def _evaluated(function: Callable[..., Any]) -> list[Parameter]:

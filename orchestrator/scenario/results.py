@@ -47,7 +47,7 @@ class RunDocument(FileDocument):
 
 def write_run(result: ScenarioResult, overrides: Mapping[str, Value], target: Path) -> None:
     """Write the folder of a run: `<case>.parquet` (or, of a recorder, `<case>.csv`), manifest.json, report.html."""
-    with result_folder(target) as folder:
+    with result_folder(target, [result.scenario.path, *result.assembled.files.values()]) as folder:
         for case in result.cases:
             if case.result is not None and case.file is not None:
                 shutil.move(case.file, folder / trace_file(result, case))

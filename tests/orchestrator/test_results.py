@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import stat
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,9 @@ from typing import Any
 import pytest
 
 from fmus.errors import InputError
+from fmus.owned import MARK
 from orchestrator import results
-from orchestrator.results import result_folder, versions, write_json
+from orchestrator.results import RECORD, Permission, permitted, result_folder, versions, write_json
 
 
 def fill(target: Path, **files: str) -> None:
@@ -24,7 +26,8 @@ def fill(target: Path, **files: str) -> None:
 
 
 def contents(folder: Path) -> set[str]:
-    return {path.name for path in folder.iterdir()}
+    """What is there, besides the record of a result."""
+    return {path.name for path in folder.iterdir()} - {RECORD}
 
 
 def test_a_result_appears_where_it_was_asked_for_with_its_parents(tmp_path: Path) -> None:
@@ -113,7 +116,10 @@ def test_a_folder_that_holds_something_else_is_refused_and_left_alone(tmp_path: 
     before = contents(target)
     with pytest.raises(InputError) as refused:
         fill(target)
-    assert str(refused.value) == f"{target}: is not empty and holds no result; give another --out"
+    assert (
+        str(refused.value)
+        == f"{target}: is not empty and holds no result; give another --out, or --force to replace it"
+    )
     assert contents(target) == before
     assert contents(tmp_path) == {"project"}
 
@@ -125,6 +131,65 @@ def test_a_folder_with_a_mark_of_ours_is_replaced(tmp_path: Path, mark: str) -> 
     write_json(target / mark, {"versions": versions()})
     fill(target, a="1")
     assert contents(target) == {"manifest.json", "a"}
+
+
+@pytest.mark.parametrize("foreign", ["notes.txt", "fmus/own.fmu", "sub/deep/er", ".hidden", "a", "validation/note"])
+def test_a_result_that_holds_files_of_others_is_replaced_by_force_only(tmp_path: Path, foreign: str) -> None:
+    target = tmp_path / "out"
+    fill(target, a="1", b="2")
+    fill(target / "validation", c="3")
+    fill(target, a="1")  # a result beside it is ours, too
+    fill(target / "validation", c="3")
+    (target / foreign).parent.mkdir(exist_ok=True, parents=True)
+    (target / foreign).write_text("hours of work")
+    with pytest.raises(InputError, match=re.escape(f"out: holds {foreign}, which") + ".*--force to replace all"):
+        fill(target, a="2")
+    assert (target / foreign).read_text() == "hours of work"
+    with permitted(Permission(force=True)):
+        fill(target, a="2")
+    assert contents(target) == {"manifest.json", "a"}
+
+
+@pytest.mark.parametrize("force", [False, True])
+@pytest.mark.parametrize("name", [".", "..", "results", "results/data"])
+def test_neither_the_working_folder_nor_one_that_holds_it_or_an_input_is_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, force: bool
+) -> None:
+    fill(tmp_path / "results", data="1")
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path if name.startswith("results") else tmp_path / "here")
+    before = sorted(tmp_path.rglob("*"))
+    with permitted(Permission(force, (tmp_path / "results" / "data",))), pytest.raises(InputError):
+        fill(Path(name), a="1")
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_full_disk_and_a_place_without_writing_are_told_before_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(results, "LEAST_FREE", 1 << 60)
+    with pytest.raises(InputError, match=r"out: is on a disk with \d+ MB left; make space"):
+        results.check_target(tmp_path / "deep" / "out")
+    monkeypatch.setattr(results, "owned_folder", refused)
+    with pytest.raises(InputError, match=r"out: cannot be written \(Read-only file system\)"):
+        results.check_target(tmp_path / "deep" / "out")
+    assert contents(tmp_path) == set()
+
+
+def refused(*_: object) -> None:
+    raise OSError(30, "Read-only file system")
+
+
+def test_what_a_killed_command_left_goes_and_the_result_it_took_away_comes_back(tmp_path: Path) -> None:
+    target, left = tmp_path / "out", tmp_path / f".out{MARK}0123abcd"
+    fill(target, old="1")
+    left.mkdir()
+    target.rename(left / "earlier")
+    (tmp_path / ".out.backup").mkdir()
+    with pytest.raises(RuntimeError), result_folder(target):
+        raise RuntimeError
+    assert contents(target) == {"manifest.json", "old"}
+    assert contents(tmp_path) == {"out", ".out.backup"}
 
 
 def test_an_empty_folder_is_filled(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from fmus.parameters.ssv import read_values
 from identification.calibrate import calibrate_study
 from identification.cli import app
 from orchestrator import formats
+from orchestrator.results import RECORD
 from orchestrator.trace import Trace
 from tests.support.pendulum_resonance import resonance_frequency
 
@@ -123,7 +124,7 @@ def test_the_corrected_resonances_are_those_of_the_closed_form(result: Path) -> 
 
 
 def test_the_result_folder_has_the_same_shape_as_any_calibration(result: Path, data: Path) -> None:
-    files = {str(path.relative_to(result)) for path in result.rglob("*") if path.is_file()}
+    files = {str(path.relative_to(result)) for path in result.rglob("*") if path.is_file()} - {RECORD}
     assert files == {"fmus/motor.fmu", "fmus/hand.fmu", "parameters.ssv", "summary.json", "report.html", "study.yaml"}
     document = json.loads((result / "summary.json").read_text(), parse_constant=pytest.fail)
     assert {"parameters", "fit", "method", "data", "versions", "warnings"} <= set(document)

@@ -256,6 +256,13 @@ def test_results_never_replace_what_is_no_result(scenario: Path, tmp_path: Path)
     answer = servotwin("run", scenario, "--out", tmp_path / "out")
     assert answer.exit_code == 2 and "is not empty and holds no result; give another --out" in answer.stderr
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["precious.txt"]
+    assert servotwin("run", scenario, "--out", tmp_path / "out", "--force").exit_code == 0
+    (tmp_path / "out" / "notes.txt").write_text("mine")
+    answer = servotwin("run", scenario, "--out", tmp_path / "out")
+    assert answer.exit_code == 2 and "holds notes.txt, which no command of ours wrote" in answer.stderr
+    answer = servotwin("run", scenario, "--out", tmp_path, "--force")
+    assert answer.exit_code == 2 and "is or contains the working folder; give another --out" in answer.stderr
+    assert scenario.is_file() and (tmp_path / "out" / "notes.txt").is_file()
 
 
 def test_results_go_to_out_by_default(scenario: Path, tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from plotly.offline import get_plotlyjs
 from fmus.files import sha256
 from orchestrator import formats
 from orchestrator.engine import compiled
+from orchestrator.results import RECORD
 from orchestrator.scenario import accounts
 from orchestrator.scenario.results import document_of, interruption, trace_file, write_run
 from orchestrator.scenario.run import Keeping, ScenarioInterrupted, ScenarioResult, run_scenario
@@ -33,7 +34,7 @@ def run(folder: Path, overrides: dict[str, Any] | None = None, **changes: Any) -
 
 
 def names(folder: Path) -> set[str]:
-    return {path.name for path in folder.iterdir()}
+    return {path.name for path in folder.iterdir()} - {RECORD}
 
 
 def manifest(folder: Path) -> dict[str, Any]:
