@@ -19,6 +19,7 @@ from identification.output_error.validate import Validation, ValidationSummary
 from identification.results import STUDY, SUMMARY, ClaimsSummary, ClaimSummary, ParameterSummary, Summary, result_file
 from identification.study import Study, load_study
 from orchestrator.display.table import Cell, table
+from orchestrator.fmi.isolation import Isolation
 from orchestrator.formats import Layout
 from orchestrator.progress import Progress, silent
 from orchestrator.results import CaseDocument, CheckDocument, FileDocument, check_target, result_folder, write_json
@@ -74,13 +75,17 @@ class CalibratedStudy:
 
 
 def calibrate(
-    study: Study | str | Path, data: str | Path | None = None, progress: Progress = silent
+    study: Study | str | Path,
+    data: str | Path | None = None,
+    progress: Progress = silent,
+    isolation: Isolation | None = None,
 ) -> CalibratedStudy:
     """Fit what a study leaves free, by the study's method.
 
     Args:
         study: a study file, or what `load_study` made of one.
         data: folder or file of recordings, over the study's own.
+        isolation: how long a simulation may take; one that takes longer, or crashes, counts as failed.
 
     Raises:
         InputError: the study and the recordings do not fit together.
@@ -88,11 +93,13 @@ def calibrate(
     """
     known = study if isinstance(study, Study) else load_study(study)
     with naming(known.file):
-        result = known.method.run(known.block, known.base, None if data is None else Path(data), progress)
+        result = known.method.run(known.block, known.base, None if data is None else Path(data), progress, isolation)
     return CalibratedStudy(known, result, known.method.summary(result))
 
 
-def calibrate_study(study_file: Path, data: Path | None, target: Path, progress: Progress) -> Summary:
+def calibrate_study(
+    study_file: Path, data: Path | None, target: Path, progress: Progress, isolation: Isolation | None = None
+) -> Summary:
     """Calibrate and write the result folder; the summary comes back.
 
     Raises:
@@ -101,7 +108,7 @@ def calibrate_study(study_file: Path, data: Path | None, target: Path, progress:
     """
     study = load_study(study_file)
     check_target(target, [study_file, *([data] if data is not None else [])])
-    found = calibrate(study, data, progress)
+    found = calibrate(study, data, progress, isolation)
     progress(1.0, "writing")
     with naming(study_file):
         found.write(target)
@@ -127,13 +134,16 @@ def _keep(study: Study, folder: Path) -> None:
             shutil.copyfile(database, folder / database.name)
 
 
-def validate(folder: str | Path, data: str | Path, progress: Progress = silent) -> Validation:
+def validate(
+    folder: str | Path, data: str | Path, progress: Progress = silent, isolation: Isolation | None = None
+) -> Validation:
     """Free runs of the calibrated FMUs in a folder that `CalibratedStudy.write` made, on recordings.
 
     Recordings that the fit used count apart from the others; FIT is 1 - |y - ŷ| / |y - mean y|.
 
     Args:
         data: folder or file of recordings.
+        isolation: how long a simulation may take, in processes of their own.
 
     Raises:
         InputError: the folder holds no output-error result, or the recordings do not fit its study.
@@ -144,17 +154,20 @@ def validate(folder: str | Path, data: str | Path, progress: Progress = silent) 
         raise IdentificationError(study.file, "is no output-error study of recordings", "calibrate one")
     result, block = Path(folder), study.block
     calibrated = output_error_validation.calibrated_system(block, result)
-    return output_error_validation.validate(block.study(calibrated, block.source(result)), result, Path(data), progress)
+    asked = block.study(calibrated, block.source(result))
+    return output_error_validation.validate(asked, result, Path(data), progress, isolation)
 
 
-def validate_result(folder: Path, data: Path, target: Path, progress: Progress) -> ValidationSummary:
+def validate_result(
+    folder: Path, data: Path, target: Path, progress: Progress, isolation: Isolation | None = None
+) -> ValidationSummary:
     """Validate and write the folder of that; the summary comes back.
 
     Raises:
         InputError, FmuError: as in `validate`, or the target holds something else.
     """
     check_target(target, [folder, data])
-    validation = validate(folder, data, progress)
+    validation = validate(folder, data, progress, isolation)
     summary = output_error_validation.summary(validation)
     with result_folder(target) as fresh:
         output_error_validation.report(validation).write(fresh / "report.html")

@@ -14,6 +14,7 @@ from typing import Generic, TypeVar
 from identification.recordings.schema import StudyBlock
 from identification.results import Summary
 from orchestrator.fmi.interface import Value
+from orchestrator.fmi.isolation import Isolation
 from orchestrator.progress import Progress
 from orchestrator.report import Report
 
@@ -56,15 +57,15 @@ class Method(Generic[StudyType, ResultType]):
 
     Attributes:
         schema: of its study files; `method` there is its name in the table.
-        run: (study, folder of its file, recordings over the study's own, progress) -> result. Raises InputError where
-            the study and the recordings do not fit together, FmuError where FMUs fail.
+        run: (study, folder of its file, recordings over the study's own, progress, isolation of FMUs) -> result. Raises
+            InputError where the study and the recordings do not fit together, FmuError where FMUs fail.
         summary: the result as `summary.json` holds it.
         report: the result as a page.
         calibrated: what of it is written for other tools; FMUs that are built for that go into the given folder.
     """
 
     schema: type[StudyType]
-    run: Callable[[StudyType, Path, Path | None, Progress], ResultType]
+    run: Callable[[StudyType, Path, Path | None, Progress, Isolation | None], ResultType]
     summary: Callable[[ResultType], Summary]
     report: Callable[[ResultType], Report]
     calibrated: Callable[[ResultType, Path], Calibrated]

@@ -15,7 +15,6 @@ import sys
 import tempfile
 import threading
 import traceback
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -24,7 +23,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.context import BaseContext
 from multiprocessing.util import Finalize, get_temp_dir
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, sleep
 from types import ModuleType, TracebackType
 from typing import Any, Generic, Self, TypeVar
 
@@ -34,6 +33,7 @@ A = TypeVar("A")
 _PATIENCE = 5.0  # with a process that is to end by itself [s]
 _LONGEST = 70  # of a temporary folder's path; a socket's has some 35 bytes more, and 104 at most
 _CLEANING = 15.0  # with one that was interrupted and cleans up [s]
+_STARTING = 120.0  # with one that has still to make its worker [s]
 
 
 def processors() -> int:
@@ -43,10 +43,10 @@ def processors() -> int:
 
 @dataclass(frozen=True)
 class Died:
-    """What is there instead of an answer: the process that worked on the task died.
+    """What is there instead of an answer: the process that worked on the task died, or was killed.
 
     Attributes:
-        ending: how, by the name of a signal or an exit code.
+        ending: how, in words: "died (SIGSEGV)", "died (exit code 1)", "gave no answer for 60 s".
         seconds: wall time since it was given the task [s].
     """
 
@@ -71,12 +71,19 @@ class Processes(Generic[T, A]):
         count: how many work at the same time.
         modules: what they need, to be loaded ahead.
         fresh: whether each task gets a process of its own.
+        patience: how long an answer may take before its process is killed [s]; None waits for ever.
     """
 
     def __init__(
-        self, make: Callable[[], Callable[[T], A]], count: int, modules: Sequence[str] = (), *, fresh: bool = False
+        self,
+        make: Callable[[], Callable[[T], A]],
+        count: int,
+        modules: Sequence[str] = (),
+        *,
+        fresh: bool = False,
+        patience: float | None = None,
     ) -> None:
-        self._make, self._count, self._fresh = make, count, fresh
+        self._make, self._count, self._fresh, self._patience = make, count, fresh, patience
         self._context = _context(modules)
         self._processes: list[_Child] = []
 
@@ -86,20 +93,24 @@ class Processes(Generic[T, A]):
         return [process.pid for process in self._processes if process.alive]
 
     def answers(self, tasks: Iterable[T]) -> Iterator[tuple[int, A | Died]]:
-        """(number of the task, its answer), as they come.
+        """(number of the task, its answer), as they come; tasks are taken when a process is free for them.
 
         Raises:
             Exception: what `make` or a worker raised; as a note it has where.
         """
-        waiting = deque(enumerate(tasks))
+        waiting = enumerate(tasks)
         busy: dict[_Child, int] = {}
-        while waiting or busy:
-            while waiting and len(busy) < self._count:
+        while True:
+            while len(busy) < self._count and (following := next(waiting, None)):
                 process = next((idle for idle in self._processes if idle not in busy), None) or self._start()
-                busy[process], task = waiting.popleft()
+                busy[process], task = following
                 process.send(task)
-            for process in _speaking(busy):
+            if not busy:
+                return
+            for process in _speaking(busy, self._patience):
                 answer = process.answer()
+                if answer is _Ready:
+                    continue
                 if self._fresh or isinstance(answer, Died):
                     process.dismiss()
                     process.stop(_PATIENCE)
@@ -145,7 +156,7 @@ class _Child:
         self._process: Any = context.Process(  # type: ignore[attr-defined]
             target=_serve, args=(theirs, _life()[0], make, self._folder, _litter(), dict(os.environ)), daemon=False
         )
-        self._begun = 0.0
+        self._begun, self._ready, self._silent = 0.0, False, ""
         try:
             with _uninterrupted(), _without_main(make):
                 self._process.start()
@@ -180,11 +191,22 @@ class _Child:
             self.stop(_PATIENCE)
             code = self._process.exitcode
             ending = signal.Signals(-code).name if code is not None and code < 0 else f"exit code {code}"
-            return Died(ending, perf_counter() - self._begun)
+            return Died(self._silent or f"died ({ending})", perf_counter() - self._begun)
+        if answer is _Ready:
+            self._begun, self._ready = perf_counter(), True
         if isinstance(answer, _Raised):
             answer.error.add_note(answer.trace)
             raise answer.error
         return answer
+
+    def left(self, patience: float) -> float:
+        """How long its answer may still take [s]."""
+        return self._begun + (patience if self._ready else _STARTING) - perf_counter()
+
+    def give_up(self) -> None:
+        """Kill it: it owes an answer, and may be where nothing else ends it."""
+        self._silent = f"gave no answer for {perf_counter() - self._begun:.3g} s"
+        self._process.kill()
 
     def dismiss(self) -> None:
         """Ask it to close its worker and end."""
@@ -207,6 +229,10 @@ class _Child:
             self._process.join()
         self.connection.close()
         shutil.rmtree(self._folder, ignore_errors=True)
+
+
+class _Ready:
+    """What a process says when its worker is made."""
 
 
 @dataclass(frozen=True)
@@ -246,10 +272,16 @@ def _context(modules: Sequence[str]) -> BaseContext:
     return context
 
 
-def _speaking(processes: Iterable[_Child]) -> list[_Child]:
-    """Those with an answer or an end to read, at least one."""
+def _speaking(processes: Iterable[_Child], patience: float | None) -> list[_Child]:
+    """Those with an answer or an end to read, at least one; those that are silent for too long get an end."""
     known = {process.connection: process for process in processes}
-    return [known[connection] for connection in wait(list(known)) if isinstance(connection, Connection)]
+    while True:
+        left = None if patience is None else max(0.0, min(process.left(patience) for process in known.values()))
+        if speaking := wait(list(known), left):
+            return [known[connection] for connection in speaking if isinstance(connection, Connection)]
+        for process in known.values():
+            if patience is not None and process.left(patience) <= 0:
+                process.give_up()
 
 
 @contextlib.contextmanager
@@ -302,7 +334,7 @@ def _serve(
         signal.signal(signal.SIGTERM, signal.default_int_handler)
         if hasattr(signal, "pthread_sigmask"):  # for those that are started from here
             signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-            threading.Thread(target=_await_end, args=[life, litter], daemon=True).start()
+            threading.Thread(target=_await_end, args=[life, litter, folder], daemon=True).start()
         _work(connection, make)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
 
@@ -314,6 +346,7 @@ def _work(connection: Connection, make: Callable[[], Any]) -> None:
     except Exception as error:
         _complain(connection, error)
         return
+    connection.send(_Ready)
     with contextlib.closing(worker) if hasattr(worker, "close") else contextlib.nullcontext():
         while (task := connection.recv()) is not None:
             try:
@@ -322,8 +355,8 @@ def _work(connection: Connection, make: Callable[[], Any]) -> None:
                 _complain(connection, error)
 
 
-def _await_end(life: Connection, litter: str) -> None:
-    """Interrupt this process when the main one is gone, and remove what that left."""
+def _await_end(life: Connection, litter: str, folder: str) -> None:
+    """Interrupt this process when the main one is gone, and remove what that left; kill it where that does not help."""
     with contextlib.suppress(EOFError, OSError):
         life.recv()
     if litter:
@@ -331,6 +364,9 @@ def _await_end(life: Connection, litter: str) -> None:
     main_thread = threading.main_thread().ident
     assert main_thread is not None
     signal.pthread_kill(main_thread, signal.SIGTERM)
+    sleep(_CLEANING)
+    shutil.rmtree(folder, ignore_errors=True)
+    os.kill(os.getpid(), signal.SIGKILL)
 
 
 def _complain(connection: Connection, error: Exception) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
+from orchestrator.cli.scenarios import Isolate
 from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 
 if TYPE_CHECKING:
@@ -24,8 +25,10 @@ Data = Annotated[Path | None, typer.Option("--data", help="Folder (or file) of r
 def calibrate(
     terminal: Terminal,
     study: Annotated[Path, typer.Argument(help="A study file.")],
+    *,
     data: Data = None,
     out: Out = None,
+    isolate: Isolate,
 ) -> Answer:
     """Traces to calibrated FMUs, parameters.ssv, summary.json and report.html.
 
@@ -35,7 +38,7 @@ def calibrate(
 
     folder = out or Path("out") / study.stem
     with terminal.bar(study.stem) as move:
-        document = calibrate_study(study, data, folder, move)
+        document = calibrate_study(study, data, folder, move, isolate.isolation())
     fmus = f"FMUs in {folder / 'fmus'}, " if (folder / "fmus").is_dir() else ""
     shown: list[Listing | str] = [
         _table(document),
@@ -50,15 +53,17 @@ def calibrate(
 def validate(
     terminal: Terminal,
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that `calibrate` wrote.")],
+    *,
     data: Annotated[Path, typer.Option("--data", help="Folder (or file) of other recordings.")],
     out: Out = None,
+    isolate: Isolate,
 ) -> Answer:
     """Judge a calibrated result on other traces; exit code 1 when it misses the study's target."""
     from identification.calibrate import validate_result
 
     target = out or folder / "validation"
     with terminal.bar("validating") as move:
-        document = validate_result(folder, data, target, move)
+        document = validate_result(folder, data, target, move, isolate.isolation())
     shown: list[Listing | str] = [*_fits(document["fit"]), *_remarks(document)]
     shown.append(f"report in {target / 'report.html'}")
     return _judged(document, document["verdict"], shown)

@@ -22,6 +22,7 @@ LossKind = Literal["linear", "soft_l1", "huber", "cauchy"]
 _SUFFICIENT = 1e-4
 _NO_DAMPING = 1e-12
 _MOST_DAMPING = 1e12
+_CAREFUL = 0.1  # damping, at least, after a point that could not be evaluated: it may have cost a long wait
 _ROUGHNESS = 1e3  # times the tolerance: what a linear model may still promise of a cost that does not follow it
 
 
@@ -314,7 +315,8 @@ class _Search:
                 return None
             self.left -= 1
             there = evaluated(self.system, (here.point + step).clipped(self.box), self.loss)
-            self.failed += there is None
+            if there is None:
+                self.failed, self.damping = self.failed + 1, max(self.damping, _CAREFUL)
             expected = model.reduction(step)
             gain = (here.cost - there.cost) / expected if there and expected > 0 else -math.inf
             if there is not None and gain > _SUFFICIENT:
@@ -324,7 +326,7 @@ class _Search:
         return None
 
     def _trust(self, gain: float) -> None:
-        if gain > 0.75:
+        if gain > 0.75 and not self.failed:
             self.damping = max(0.1 * self.damping, _NO_DAMPING)
         elif gain < 0.25:
             self.damping *= 3.0

@@ -5,17 +5,18 @@ Failures come back as values; a worker that dies costs one simulation, is named 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from types import TracebackType
 from typing import Protocol, Self
 
 from fmus.errors import FmuError, IdentificationError
+from orchestrator.fmi.isolation import Isolation
 from orchestrator.processes import Died, Processes
 from orchestrator.trace import FloatArray
 
-MAX_RESTARTS = 10
+MAX_RESTARTS = 50
 
 
 class Simulator(Protocol):
@@ -37,10 +38,16 @@ Factory = Callable[[], Simulator]
 
 @dataclass(frozen=True)
 class Task:
-    """One simulation: which window, and name -> value of all parameters and its initial states."""
+    """One simulation.
+
+    Attributes:
+        values: name -> value of all parameters and of the window's initial states.
+        group: of simulations that are worthless once one of them has failed; None where it stands for itself.
+    """
 
     window: int
     values: Mapping[str, float]
+    group: int | None = None
 
 
 Simulated = FloatArray | FmuError
@@ -49,8 +56,8 @@ Simulated = FloatArray | FmuError
 class Pool(Protocol):
     """Something that simulates many tasks; a context manager that leaves nothing behind."""
 
-    def run(self, tasks: Sequence[Task]) -> list[Simulated]:
-        """The outcome of every task, in their order."""
+    def run(self, tasks: Sequence[Task]) -> list[Simulated | None]:
+        """The outcome of every task, in their order; None for those not begun, as one of their group had failed."""
 
     def __enter__(self) -> Self: ...
 
@@ -59,15 +66,20 @@ class Pool(Protocol):
     ) -> None: ...
 
 
-def open_pool(factory: Factory, processes: int) -> Pool:
+def open_pool(factory: Factory, processes: int, isolation: Isolation | None = None) -> Pool:
     """A pool of that many processes; with 1 everything runs in this one and nothing is pickled.
+
+    Args:
+        isolation: how long a simulation may take; all of them run in other processes then.
 
     Raises:
         IdentificationError: fewer than one process.
     """
     if processes < 1:
         raise IdentificationError("processes", f"{processes} is too few", "use 1 or more")
-    return LocalPool(factory) if processes == 1 else ProcessPool(factory, processes)
+    if processes == 1 and isolation is None:
+        return LocalPool(factory)
+    return ProcessPool(factory, processes, isolation)
 
 
 class LocalPool:
@@ -76,9 +88,10 @@ class LocalPool:
     def __init__(self, factory: Factory) -> None:
         self._simulator = factory()
 
-    def run(self, tasks: Sequence[Task]) -> list[Simulated]:
-        """The outcome of every task, in their order."""
-        return [_simulated(self._simulator, task) for task in tasks]
+    def run(self, tasks: Sequence[Task]) -> list[Simulated | None]:
+        """See `Pool`."""
+        wanted = _Wanted(tasks)
+        return wanted.outcomes((number, _simulated(self._simulator, task)) for number, task in enumerate(wanted))
 
     def __enter__(self) -> Self:
         return self
@@ -92,13 +105,17 @@ class LocalPool:
 class ProcessPool:
     """Simulates in `processes` processes, which live until the pool is left.
 
-    A process that dies while it simulates (a crash in native code) makes that outcome an FmuError naming the
-    window and is replaced, at most `MAX_RESTARTS` times in the pool's life.
+    A process that dies while it simulates (a crash in native code) or takes longer than the isolation's patience (a
+    hang) makes that outcome an FmuError naming the window and is replaced, at most `MAX_RESTARTS` times in the
+    pool's life.
     """
 
-    def __init__(self, factory: Factory, processes: int) -> None:
+    def __init__(self, factory: Factory, processes: int, isolation: Isolation | None = None) -> None:
         self._processes: Processes[Task, Simulated] = Processes(
-            partial(_Simulating, factory), processes, [type(factory).__module__]
+            partial(_Simulating, factory),
+            processes,
+            [type(factory).__module__],
+            patience=isolation.patience if isolation else None,
         )
         self.restarts = 0
 
@@ -116,24 +133,56 @@ class ProcessPool:
         """Process ids of the workers alive now."""
         return self._processes.pids
 
-    def run(self, tasks: Sequence[Task]) -> list[Simulated]:
-        """The outcome of every task, in their order.
+    def run(self, tasks: Sequence[Task]) -> list[Simulated | None]:
+        """See `Pool`.
 
         Raises:
             FmuError: workers kept dying.
             Exception: what the factory, or the simulator beside FmuError, raised in a worker.
         """
-        outcomes: dict[int, Simulated] = {}
-        for number, answer in self._processes.answers(tasks):
-            outcomes[number] = self._crash(tasks[number], answer) if isinstance(answer, Died) else answer
-        return [outcomes[number] for number in range(len(tasks))]
+        wanted = _Wanted(tasks)
+        return wanted.outcomes(
+            (place, self._lost(wanted.task(place), answer) if isinstance(answer, Died) else answer)
+            for place, answer in self._processes.answers(wanted)
+        )
 
-    def _crash(self, task: Task, died: Died) -> FmuError:
-        place, problem = f"window {task.window}", f"the simulating process died ({died.ending})"
+    def _lost(self, task: Task, died: Died) -> FmuError:
+        place, problem = f"window {task.window}", f"the simulating process {died.ending}"
         if self.restarts >= MAX_RESTARTS:
-            raise FmuError(place, f"{problem}, after {self.restarts} others", "look for a crash in the FMUs")
+            raise FmuError(
+                place, f"{problem}, after {self.restarts} others were lost", "mend the FMUs, or narrow `min` and `max`"
+            )
         self.restarts += 1
-        return FmuError(place, problem, "look for a crash in the FMUs")
+        return FmuError(place, problem, "an FMU crashes or hangs with these values")
+
+
+class _Wanted:
+    """Tasks that are handed out one by one, but for those of a group in which one has failed."""
+
+    def __init__(self, tasks: Sequence[Task]) -> None:
+        self._tasks, self._failed = tasks, set[int]()
+        self._numbers: list[int] = []  # of those that were handed out
+
+    def __iter__(self) -> Iterator[Task]:
+        for number, task in enumerate(self._tasks):
+            if task.group not in self._failed:
+                self._numbers.append(number)
+                yield task
+
+    def task(self, place: int) -> Task:
+        """The one that was handed out so many others after the first."""
+        return self._tasks[self._numbers[place]]
+
+    def outcomes(self, answers: Iterable[tuple[int, Simulated]]) -> list[Simulated | None]:
+        """The answers in the order of the tasks; None for those that were not handed out."""
+        outcomes: list[Simulated | None] = [None] * len(self._tasks)
+        for place, outcome in answers:
+            number = self._numbers[place]
+            outcomes[number] = outcome
+            group = self._tasks[number].group
+            if group is not None and isinstance(outcome, FmuError):
+                self._failed.add(group)
+        return outcomes
 
 
 class _Simulating:

@@ -19,6 +19,7 @@ from identification.experiments.reduction import Reduction
 from identification.experiments.schema import ExampleBlock, ExperimentsBlock, NamedConditioningBlock
 from identification.experiments.set_result import SetResult, identified
 from identification.recordings.campaign import StudyTrace, TraceSource, load_campaign
+from orchestrator.fmi.isolation import Isolation
 from orchestrator.processes import Died, Processes, calling, processors
 from orchestrator.progress import Progress
 
@@ -57,12 +58,15 @@ class Experiments:
         return {example.name: found[example.name] for example in self.study.examples}
 
 
-def run(study: ExperimentsBlock, base: Path, data: Path | None, progress: Progress) -> Experiments:
+def run(
+    study: ExperimentsBlock, base: Path, data: Path | None, progress: Progress, isolation: Isolation | None = None
+) -> Experiments:
     """All data sets of a study.
 
     Args:
         base: folder of the study file.
         data: folder with the data sets as CSV files named by their codes, to take instead of simulating them.
+        isolation: of FMUs that are simulated.
 
     Raises:
         InputError: the study and its data do not fit together.
@@ -73,7 +77,7 @@ def run(study: ExperimentsBlock, base: Path, data: Path | None, progress: Progre
     }
     preparations = [study.preparation, *([study.compare] if study.compare else [])]
     with Workers(calling, processors(), [__name__]) as pool:
-        recorded = _read(study, base, data) if data else _simulated(pool, study, base, progress)
+        recorded = _read(study, base, data) if data else _simulated(pool, study, base, progress, isolation)
         sets = [_data_sets(study, preparation, recorded, physical) for preparation in preparations]
         results = _identified(pool, list(itertools.chain(*sets)), progress)
     made = [
@@ -116,17 +120,20 @@ def _read(study: ExperimentsBlock, base: Path, data: Path) -> list[StudyTrace]:
     return _wanted(study, load_campaign(TraceSource(base, files="**/*.csv"), data))
 
 
-def _simulated(pool: Workers, study: ExperimentsBlock, base: Path, progress: Progress) -> list[StudyTrace]:
+def _simulated(
+    pool: Workers, study: ExperimentsBlock, base: Path, progress: Progress, isolation: Isolation | None
+) -> list[StudyTrace]:
     found: list[StudyTrace] = []
     scenarios = [base / path for path in study.scenarios]
-    for done, (number, cases) in enumerate(_answers(pool, [partial(_simulate, path) for path in scenarios]), start=1):
+    tasks = [partial(_simulate, path, isolation) for path in scenarios]
+    for done, (number, cases) in enumerate(_answers(pool, tasks), start=1):
         found += cases
         progress(SIMULATED * done / len(scenarios), f"simulated {scenarios[number].stem}")
     return _wanted(study, found)
 
 
-def _simulate(scenario: Path) -> list[StudyTrace]:
-    return load_campaign(TraceSource(scenario.parent, scenario=scenario))
+def _simulate(scenario: Path, isolation: Isolation | None) -> list[StudyTrace]:
+    return load_campaign(TraceSource(scenario.parent, scenario=scenario), isolation=isolation)
 
 
 def _wanted(study: ExperimentsBlock, found: list[StudyTrace]) -> list[StudyTrace]:

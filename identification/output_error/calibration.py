@@ -22,6 +22,7 @@ from identification.recordings.campaign import StudyTrace, load_campaign, record
 from orchestrator.assembly.assembly import Assembled, OpenSystem
 from orchestrator.crossing import Crossing, noted
 from orchestrator.fmi.interface import Port
+from orchestrator.fmi.isolation import Isolation
 from orchestrator.processes import processors
 from orchestrator.progress import Progress, silent
 from orchestrator.system import Endpoint, System, check_values, must_be
@@ -115,17 +116,23 @@ class Calibration:
         return noted([*self.wired, *(crossing for side in sides for crossing in side.crossings)])
 
 
-def calibrate(study: OutputErrorStudy, data: Path | None = None, progress: Progress = silent) -> Calibration:
+def calibrate(
+    study: OutputErrorStudy, data: Path | None = None, progress: Progress = silent, isolation: Isolation | None = None
+) -> Calibration:
     """Fit the study's parameters to its traces and judge them on the traces kept aside.
 
     Args:
         data: the recordings, over the study's own.
+        isolation: of simulations, over the study's own.
 
     Raises:
         InputError: the study, the system or the traces do not fit together; nothing has been simulated.
         FmuError: the FMUs fail with every start, or with the estimates on the traces kept aside.
     """
-    recorded = load_campaign(study.traces, data, lambda fraction, doing: progress(LOADED * fraction, doing))
+    study = isolated(study, isolation)
+    recorded = load_campaign(
+        study.traces, data, lambda fraction, doing: progress(LOADED * fraction, doing), study.options.isolation
+    )
     fitted, kept = split(recorded, study.traces.hold_out)
     system = BuiltSystem(study.system, sorted(study.run.inputs))
     units, ports, wired = _checked(study, system.assembled)
@@ -139,6 +146,11 @@ def calibrate(study: OutputErrorStudy, data: Path | None = None, progress: Progr
     }
     judged = Judged(study.outputs, tuple(train), found.simulated, found.fit)
     return Calibration(study, system, tuple(recorded), found, judged, validation, compared, units, wired)
+
+
+def isolated(study: OutputErrorStudy, isolation: Isolation | None) -> OutputErrorStudy:
+    """The study with this isolation of simulations, where one is given."""
+    return replace(study, options=replace(study.options, isolation=isolation)) if isolation else study
 
 
 def _watch(study: OutputErrorStudy, progress: Progress) -> Watch:

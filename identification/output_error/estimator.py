@@ -19,6 +19,7 @@ from identification.estimation.validation import fit
 from identification.estimation.workers import Factory, Pool, Simulator, open_pool
 from identification.output_error.free_run import FreeRun, Tally
 from identification.output_error.problem import Problem, Window, spread_weights
+from orchestrator.fmi.isolation import Isolation
 from orchestrator.trace import FloatArray, ReadOnlyArrays
 
 __all__ = [
@@ -56,6 +57,8 @@ class Options:
         step_tolerance: or when no scaled unknown moves by more than this.
         difference_step: relative step of forward differences, about the root of the simulation's accuracy.
         processes: worker processes; 1 simulates in this process.
+        isolation: how long a simulation may take; every one runs in a worker process then, which is replaced when it
+            crashes or hangs.
     """
 
     starts: int = 1
@@ -67,6 +70,7 @@ class Options:
     step_tolerance: float = 1e-5
     difference_step: float = 1e-4
     processes: int = 1
+    isolation: Isolation | None = None
 
     def __post_init__(self) -> None:
         for name in ("starts", "start_windows", "start_iterations", "max_evaluations", "processes"):
@@ -209,7 +213,7 @@ def estimate(
     options = options or Options()
     if not problem.unknowns:
         raise IdentificationError("parameters", "nothing is free", "free a parameter, or use predict")
-    with open_pool(factory, options.processes) as pool:
+    with open_pool(factory, options.processes, options.isolation) as pool:
         work = _Work(problem, options, pool, Tally(), watch)
         begin, starts = _begin(work)
         found = _search(work, work.all_windows, begin, "fit", options.max_evaluations)
@@ -238,7 +242,7 @@ def predict(problem: Problem, factory: Factory, options: Options | None = None) 
     """
     options = options or Options()
     problem = problem.fixed_at({})
-    with open_pool(factory, options.processes) as pool:
+    with open_pool(factory, options.processes, options.isolation) as pool:
         work = _Work(problem, options, pool, Tally(), None)
         windows = work.all_windows
         begin = evaluated(work.over(windows), problem.start(windows), problem.loss)

@@ -64,7 +64,7 @@ class FreeRun:
     def residuals(self, point: Point) -> list[FloatArray] | None:
         """One (K m,) vector a window; None when a simulation failed."""
         self.tally.evaluations += 1
-        found = self._simulated([(row, point) for row in range(len(self.windows))])
+        found = self._simulated([(row, point, 0) for row in range(len(self.windows))])
         complete = [residual for residual in found if residual is not None]
         return complete if len(complete) == len(found) else None
 
@@ -116,22 +116,26 @@ class FreeRun:
 
     def _shifted(self, point: Point, steps: FloatArray, base: list[FloatArray]) -> list[list[FloatArray | None]]:
         """Residuals [column][window] with one entry moved by its step; the base where the step is 0."""
-        places = [(int(c), int(w)) for c, w in np.argwhere(steps != 0)]
-        moved = [(w, _moved(point, c, w, float(steps[c, w]))) for c, w in places]
+        places, n = [(int(c), int(w)) for c, w in np.argwhere(steps != 0)], len(point.parameters)
+        moved = [(w, _moved(point, c, w, float(steps[c, w])), c if c < n else None) for c, w in places]
         table: list[list[FloatArray | None]] = [list(base) for _ in steps]
         for (c, w), residual in zip(places, self._simulated(moved), strict=True):
             table[c][w] = residual
         return table
 
-    def _simulated(self, places: Sequence[tuple[int, Point]]) -> list[FloatArray | None]:
-        """Residuals of (row, point) pairs; None where the simulation failed."""
-        tasks = [Task(self.windows[row], self.problem.values(self.windows[row], at, row)) for row, at in places]
-        self.tally.simulations += len(tasks)
+    def _simulated(self, places: Sequence[tuple[int, Point, int | None]]) -> list[FloatArray | None]:
+        """Residuals of (row, point, group); None where the simulation failed, or another one of the group before it."""
+        tasks = [
+            Task(self.windows[row], self.problem.values(self.windows[row], at, row), group) for row, at, group in places
+        ]
         outcomes = self.pool.run(tasks)
+        self.tally.simulations += sum(outcome is not None for outcome in outcomes)
         return [self._residual(task.window, outcome) for task, outcome in zip(tasks, outcomes, strict=True)]
 
-    def _residual(self, index: int, outcome: FloatArray | FmuError) -> FloatArray | None:
+    def _residual(self, index: int, outcome: FloatArray | FmuError | None) -> FloatArray | None:
         window = self.problem.windows[index]
+        if outcome is None:
+            return None
         if isinstance(outcome, FmuError):
             self.tally.failed(outcome)
             return None

@@ -13,7 +13,7 @@ from fmus.errors import InputError
 from fmus.packaging import archive
 from fmus.parameters import ssv
 from fmus.parameters.write_back import description_of, is_ours
-from identification.output_error.calibration import Judged, judge, ports_of
+from identification.output_error.calibration import Judged, isolated, judge, ports_of
 from identification.output_error.report import fits, overlays
 from identification.output_error.results import judged_summary
 from identification.output_error.study import OutputErrorStudy
@@ -35,6 +35,7 @@ from orchestrator.assembly.assembly import OpenSystem, SystemSpec, assemble
 from orchestrator.assembly.schema import SystemBlock
 from orchestrator.crossing import Crossing, CrossingDocument, documents_of, noted
 from orchestrator.fmi.interface import Value
+from orchestrator.fmi.isolation import Isolation
 from orchestrator.progress import Progress, silent
 from orchestrator.report import Report, figures
 from orchestrator.results import versions
@@ -86,7 +87,11 @@ class Validation:
 
 
 def validate(
-    study: OutputErrorStudy, folder: Path, data: Path | None = None, progress: Progress = silent
+    study: OutputErrorStudy,
+    folder: Path,
+    data: Path | None = None,
+    progress: Progress = silent,
+    isolation: Isolation | None = None,
 ) -> Validation:
     """Free runs of the calibrated FMUs in a result folder; recordings that the fit used (by their hash) count apart.
 
@@ -97,10 +102,10 @@ def validate(
         InputError: the folder holds no result of the study, or the recordings do not fit it.
         FmuError: the FMUs fail.
     """
-    earlier = read_summary(folder)
+    study, earlier = isolated(study, isolation), read_summary(folder)
     used = {trace["sha256"] for trace in earlier["data"] if trace["role"] == "fit"}
     delays = _found_delays(study, earlier, folder)
-    recorded = load_campaign(study.traces, data)
+    recorded = load_campaign(study.traces, data, isolation=study.options.isolation)
     groups = {
         "unseen": [trace for trace in recorded if trace.sha256 not in used],
         "fitted": [trace for trace in recorded if trace.sha256 in used],

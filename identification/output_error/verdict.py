@@ -29,7 +29,8 @@ def _remedies(calibration: Calibration) -> Iterator[str]:
         yield f"`options.max_evaluations` above {study.options.max_evaluations}"
     if found.tally.failures:
         yield "narrower `min` and `max`, where all runs succeed"
-    entangled = dict.fromkeys(name for combination in (*seen.unseen, *seen.weak) for name in combination.coefficients)
+    tangles = [combination.coefficients for combination in (*seen.unseen, *seen.weak)]
+    entangled = dict.fromkeys(name for names in tangles if len(names) > 1 for name in names)
     if entangled:
         yield f"`fixed: true` for one of {', '.join(entangled)}"
     wide = [parameter.name for parameter in study.parameters.free if _is_wide(parameter)]

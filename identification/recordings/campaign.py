@@ -15,6 +15,7 @@ from fmus.files import sha256
 from orchestrator import formats
 from orchestrator.can.log_suffixes import is_log
 from orchestrator.fmi.interface import Value
+from orchestrator.fmi.isolation import Isolation
 from orchestrator.formats import Layout
 from orchestrator.progress import Progress, silent
 from orchestrator.scenario.run import run_scenario
@@ -108,11 +109,14 @@ class StudyTrace:
         return str(self.source) if self.source.stem == self.trace.name else self.trace.name
 
 
-def load_campaign(source: TraceSource, data: Path | None = None, progress: Progress = silent) -> list[StudyTrace]:
+def load_campaign(
+    source: TraceSource, data: Path | None = None, progress: Progress = silent, isolation: Isolation | None = None
+) -> list[StudyTrace]:
     """All traces of a study, by name.
 
     Args:
         data: folder (or one file) of recordings, over the source's folder.
+        isolation: how FMUs of a scenario are isolated, None where they are not.
 
     Raises:
         TraceError: there are none, one cannot be read, or its name does not tell what it has to.
@@ -120,7 +124,7 @@ def load_campaign(source: TraceSource, data: Path | None = None, progress: Progr
         ScenarioError: a field that the study takes a value from is not known of a trace.
     """
     if source.scenario is not None:
-        traces = _simulated(source.scenario, progress)
+        traces = _simulated(source.scenario, progress, isolation)
     else:
         traces = [_read(file, source) for file in _files(source, data or source.folder)]
     known = [replace(trace, values=trace_values(source.values, trace.trace.name, trace.fields)) for trace in traces]
@@ -222,8 +226,8 @@ def _fields(file: Path, name: FileName) -> dict[str, float]:
     return fields
 
 
-def _simulated(path: Path, progress: Progress) -> list[StudyTrace]:
-    result = run_scenario(path, progress=progress)
+def _simulated(path: Path, progress: Progress, isolation: Isolation | None) -> list[StudyTrace]:
+    result = run_scenario(path, progress=progress, isolation=isolation)
     digest = sha256(path)
     traces = []
     for case, asked in zip(result.cases, result.scenario.cases, strict=True):

@@ -16,6 +16,7 @@ from identification.resonance.steps import LoadResult, ResonanceStudy
 from identification.resonance.study import CampaignStudy
 from identification.results import ParameterSummary, Summary, data_summary, finite, provenance
 from orchestrator.assembly.assembly import OpenSystem
+from orchestrator.fmi.isolation import Isolation
 from orchestrator.progress import Progress, silent
 from orchestrator.report import Report, Section, figures
 from orchestrator.results import versions
@@ -39,18 +40,21 @@ class ResonanceCalibration:
         return self.published if self.study.take == "published" else self.corrected
 
 
-def calibrate(study: CampaignStudy, data: Path | None = None, progress: Progress = silent) -> ResonanceCalibration:
+def calibrate(
+    study: CampaignStudy, data: Path | None = None, progress: Progress = silent, isolation: Isolation | None = None
+) -> ResonanceCalibration:
     """Steps 1-4 on the study's traces.
 
     Args:
         data: the recordings, over the study's own.
+        isolation: of FMUs whose runs are the recordings.
 
     Raises:
         InputError: traces are missing, too short or too few, or a field is not known.
     """
     system = BuiltSystem(study.system)
     _check_targets(study, system)
-    recorded = load_campaign(study.traces, data, progress)
+    recorded = load_campaign(study.traces, data, progress, isolation)
     experiments = [study.campaign.experiment(trace) for trace in recorded]
     signal, processing = study.campaign.signal, study.processing
     published = steps.study_as_published(experiments, processing, study.bounds, signal)

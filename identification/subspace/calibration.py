@@ -20,6 +20,7 @@ from identification.subspace.prediction_error import Refined, refine, uncertaint
 from identification.subspace.realisation import SubspaceResult, simulated
 from identification.subspace.schema import ReductionBlock, SubspaceBlock
 from identification.subspace.subspace import subspace
+from orchestrator.fmi.isolation import Isolation
 from orchestrator.progress import Progress
 from orchestrator.trace import FloatArray
 
@@ -68,17 +69,21 @@ class SubspaceCalibration:
         return self.candidates[self.study.taken]
 
 
-def calibrate(study: SubspaceBlock, base: Path, data: Path | None, progress: Progress) -> SubspaceCalibration:
+def calibrate(
+    study: SubspaceBlock, base: Path, data: Path | None, progress: Progress, isolation: Isolation | None = None
+) -> SubspaceCalibration:
     """Identify, refine, reduce, and judge on the traces kept aside.
 
     Args:
         base: folder of the study file.
         data: the recordings, over the study's own.
+        isolation: of FMUs whose runs are the recordings.
 
     Raises:
         InputError: the study and the traces do not fit together, or the data do not bear the model.
     """
-    recorded = load_campaign(study.source(base), data, lambda fraction, doing: progress(0.5 * fraction, doing))
+    source = study.source(base)
+    recorded = load_campaign(source, data, lambda fraction, doing: progress(0.5 * fraction, doing), isolation)
     fitted, aside = split(recorded, study.traces.hold_out)
     given = {recording.trace.name: _record(study, recording) for recording in recorded}
     how = study.preparation.preparation(scaled=study.preparation.scaled)

@@ -26,14 +26,12 @@ Overrides = Annotated[
 
 @dataclass(frozen=True)
 class Isolate:
-    """How FMUs given as files are kept apart."""
+    """How FMUs are kept apart from this process; what a command isolates is one simulation, or an FMU in it."""
 
-    isolate: Annotated[bool, typer.Option("--isolate", help="Run FMUs given as files in processes of their own.")] = (
-        False
-    )
+    isolate: Annotated[bool, typer.Option("--isolate", help="Run FMUs in processes that may crash and hang.")] = False
     patience: Annotated[
         float | None,
-        typer.Option(metavar="SECONDS", help="With --isolate: how long an FMU may take for an answer; 60 by default."),
+        typer.Option(metavar="SECONDS", help="With --isolate: how long an answer may take; 60 by default."),
     ] = None
 
     def isolation(self) -> Isolation | None:

@@ -282,6 +282,54 @@ def test_a_target_without_recordings_held_out_is_for_the_fitted_ones(tmp_path: P
     assert answer.stdout.splitlines()[-1].startswith("held: median FIT, fitted (no trace was held out), 0.9")
 
 
+HANGING = '''"""Its solver takes steps without end where the rate is above 0.7."""
+from . import ops
+from .model import Model, State, input_, output, parameter
+
+def derivatives(t, x, u, p):
+    return {"y": u.v - p.rate * x.y}
+
+MODEL = Model("hanging", "Hanging", (
+    input_("v", "V", "Input"), output("y", "1", "Output"), parameter("rate", "1/s", 1.0, "Rate"),
+), states=(State("y"),), derivatives=derivatives, solver_step=lambda p: ops.where(p.rate > 0.7, 1e-13, 0.01))
+'''
+
+
+def hanging(folder: Path) -> Change:
+    """A study of the hanging model; the true rate is 0.8 / s."""
+    (folder / "hanging.py").write_text(HANGING)
+    v, y = np.repeat([1.0, -1.0, 0.5, 0.0], 50), [0.0]
+    for driven in v[:-1]:
+        y.append(y[-1] * np.exp(-0.08) + driven * (1 - np.exp(-0.08)) / 0.8)
+    formats.write(Trace(np.arange(200) * 0.1, {"v": v, "y": np.array(y)}), folder / "hanging.csv")
+    return {
+        "components": {"plant": {"model": "hanging.py"}},
+        "connections": None,
+        "step": 0.1,
+        "traces": {"files": "hanging.csv"},
+        "inputs": {"plant.v": {"signal": "v"}},
+        "outputs": {"plant.y": {"signal": "y"}},
+        "parameters": {"plant.rate": {"start": 0.5, "min": 0.05, "max": 5}},
+        "truth": None,
+        "windows": {"length": 19},
+        "validation": None,
+    }
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_an_fmu_that_hangs_for_some_values_is_calibrated_on_the_others(tmp_path: Path) -> None:
+    """The best of the plant is where it hangs: what it takes to learn that is counted and bounded."""
+    study_file = write_study(tmp_path / "study.yaml", **hanging(tmp_path))
+    command = ["calibrate", str(study_file), "--data", str(tmp_path), "--out", str(tmp_path / "out"), "--json"]
+    answer = CliRunner().invoke(app, [*command, "--isolate", "--patience", "1"])
+    assert answer.exit_code == 0, answer.stderr
+    document = json.loads(answer.stdout)
+    assert 0.6 < document["parameters"]["plant.rate"]["value"] <= 0.7
+    assert document["search"]["failures"] > 0 and "gave no answer for" in document["search"]["reasons"][0]
+    assert "points ahead could not be simulated; try narrower `min` and `max`" in document["verdict"]["said"]
+
+
 def test_a_search_that_was_cut_short_says_on_the_last_line_what_to_do(tmp_path: Path, data: Path) -> None:
     answer = calibrated(tmp_path, data, "--json", options={"max_evaluations": 1}, validation=None)
     assert answer.exit_code == 0

@@ -15,6 +15,7 @@ from identification.method import Calibrated, CalibratedFmu, Method
 from identification.recordings.schema import StudyBlock
 from identification.results import Summary, read_summary
 from identification.study import METHODS, load_study, method
+from orchestrator.fmi.isolation import Isolation
 from orchestrator.info import about
 from orchestrator.progress import Progress, silent
 from orchestrator.report import Report
@@ -27,7 +28,9 @@ class WeighingBlock(StudyBlock):
     kilograms: float
 
 
-def weigh(block: WeighingBlock, base: Path, data: Path | None, progress: Progress) -> WeighingBlock:
+def weigh(
+    block: WeighingBlock, base: Path, data: Path | None, progress: Progress, isolation: Isolation | None
+) -> WeighingBlock:
     progress(0.5, "weighing")
     return block
 

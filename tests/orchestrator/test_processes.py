@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
@@ -21,11 +22,11 @@ PARENT = """
 import time
 from functools import partial
 from orchestrator.processes import Processes, calling
-from tests.orchestrator.test_processes import note_and_sleep
+from tests.orchestrator.test_processes import note_and_hang, note_and_sleep
 
 if __name__ == "__main__":
     with Processes(calling, 2) as pool:
-        list(pool.answers([partial(note_and_sleep, {folder!r}, number) for number in range(2)]))
+        list(pool.answers([partial({work}, {folder!r}, number) for number in range(2)]))
 """
 
 
@@ -34,6 +35,13 @@ def note_and_sleep(folder: str, number: int) -> None:
     Path(folder, f"{number}.part").write_text(f"{os.getpid()} {tempfile.gettempdir()}")
     Path(folder, f"{number}.part").rename(Path(folder, str(number)))
     time.sleep(60)
+
+
+def note_and_hang(folder: str, number: int) -> None:
+    """The same, but nothing that Python code could handle ends it."""
+    with contextlib.suppress(KeyboardInterrupt):
+        note_and_sleep(folder, number)
+    note_and_hang(folder, number)
 
 
 def alive(pid: int) -> bool:
@@ -72,8 +80,29 @@ def test_a_death_costs_one_task_and_is_named(fresh: bool) -> None:
     with Processes[Task, object](calling, 1, fresh=fresh) as pool:
         answers = dict(pool.answers(tasks))
     died = answers.pop(1)
-    assert isinstance(died, Died) and died.ending == "SIGKILL"
+    assert isinstance(died, Died) and died.ending == "died (SIGKILL)"
     assert all(isinstance(pid, int) for pid in answers.values())
+
+
+def test_patience_ends_with_the_task_that_is_silent_and_the_next_one_is_answered() -> None:
+    with Processes[Task, object](calling, 1, patience=0.5) as pool:
+        answers = dict(pool.answers([partial(time.sleep, 60), os.getpid]))
+    silent = answers[0]
+    assert isinstance(silent, Died) and silent.ending.startswith("gave no answer for 0.5")
+    assert isinstance(answers[1], int)
+
+
+def test_tasks_are_taken_when_there_is_a_process_for_them() -> None:
+    taken: list[int] = []
+
+    def tasks() -> Iterator[Task]:
+        for number in range(6):
+            taken.append(number)
+            yield partial(abs, number)
+
+    with Processes[Task, object](calling, 2) as pool:
+        for done, _ in enumerate(pool.answers(tasks()), start=1):
+            assert len(taken) <= done + 2
 
 
 def test_a_process_sees_the_environment_of_now(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -91,9 +120,10 @@ def test_temporary_files_go_with_the_pool() -> None:
 
 
 @pytest.mark.slow
-def test_processes_and_their_files_go_when_the_main_process_is_killed(tmp_path: Path) -> None:
+@pytest.mark.parametrize("work", ["note_and_sleep", "note_and_hang"])
+def test_processes_and_their_files_go_when_the_main_process_is_killed(tmp_path: Path, work: str) -> None:
     script = tmp_path / "parent.py"
-    script.write_text(PARENT.format(folder=str(tmp_path)))
+    script.write_text(PARENT.format(folder=str(tmp_path), work=work))
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
     with subprocess.Popen([sys.executable, str(script)], env=environment) as parent:
         wait_until(lambda: all((tmp_path / number).exists() for number in "01"))

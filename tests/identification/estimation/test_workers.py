@@ -11,6 +11,7 @@ import pytest
 from fmus.errors import FmuError, IdentificationError
 from identification.estimation import workers
 from identification.estimation.workers import LocalPool, ProcessPool, Task, open_pool
+from orchestrator.fmi.isolation import Isolation
 from tests.support.closed_form import Moody
 
 ANSWER, FAIL, DIE, BUG, SLEEP = ({"mood": float(mood)} for mood in range(5))
@@ -61,6 +62,24 @@ def test_a_crashed_worker_costs_one_simulation_and_is_replaced():
     assert "window 7" in str(outcomes[1]) and "exit code 7" in str(outcomes[1])
     assert not any(isinstance(outcome, FmuError) for i, outcome in enumerate(outcomes) if i != 1)
     assert _gone(before | set(pids))
+
+
+def test_a_worker_that_hangs_costs_one_simulation_and_is_replaced():
+    with open_pool(Moody, 1, Isolation(0.5)) as pool:
+        (hung,) = pool.pids
+        first, second = pool.run([Task(3, SLEEP), Task(1, ANSWER)])
+        assert pool.pids != [hung] and _gone([hung])
+    assert isinstance(first, FmuError) and str(first).startswith("window 3: the simulating process gave no answer for")
+    assert second[0, 0] == 10
+
+
+@pytest.mark.parametrize("isolation", [None, Isolation()])
+def test_once_a_task_has_failed_no_other_of_its_group_is_begun(isolation):
+    tasks = [Task(0, ANSWER), Task(1, FAIL, 5), Task(2, ANSWER, 5), Task(2, ANSWER), Task(3, ANSWER, 6)]
+    with open_pool(Moody, 1, isolation) as pool:
+        first, failed, skipped, alone, other = pool.run(tasks)
+    assert isinstance(failed, FmuError) and skipped is None
+    assert [first[0, 0], alone[0, 0], other[0, 0]] == [0, 20, 30]
 
 
 def test_workers_that_keep_dying_end_the_run_and_leave_nothing(monkeypatch):
