@@ -10,11 +10,14 @@ ServotwinError            anything we refuse; the command line prints its one li
 │   ├── FmuFileError      an FMU that cannot be read, or has no binary for this platform
 │   └── IdentificationError   data or settings that cannot answer the question that was asked
 ├── FmuError              an FMU failed while it was used (exit code 3)
+│   └── FmuEnded          it asked to stop: the run ends well where whoever steps it knows what to do with one that ends
 ├── BusError              a CAN bus or its adapter failed while it was used (exit code 3)
 └── InternalError         what should not be possible: the fault is in this project (exit code 4)
 """
 
 from __future__ import annotations
+
+from typing import Self
 
 
 class ServotwinError(Exception):
@@ -25,6 +28,13 @@ class ServotwinError(Exception):
     def __init__(self, place: object, problem: str, fix: str = "") -> None:
         self.place, self.problem, self.fix = str(place), problem, fix
         super().__init__(f"{place}: {problem}" + (f"; {fix}" if fix else ""))
+
+    def within(self, place: object) -> Self:
+        """The same error, with a place before its own."""
+        wider = type(self).__new__(type(self))
+        wider.__dict__.update(self.__dict__)
+        ServotwinError.__init__(wider, f"{place}: {self.place}", self.problem, self.fix)
+        return wider
 
     def __reduce__(self) -> tuple[type, tuple[str, str, str]]:
         return type(self), (self.place, self.problem, self.fix)
@@ -62,6 +72,10 @@ class FmuError(ServotwinError, RuntimeError):
     """An FMU returned an error status, or did not take a value."""
 
     exit_code = 3
+
+
+class FmuEnded(FmuError):  # noqa: N818 - nothing is wrong
+    """An FMU asked to stop."""
 
 
 class BusError(ServotwinError, RuntimeError):

@@ -119,7 +119,7 @@ def naming(path: Path) -> Iterator[None]:
     except ServotwinError as error:
         if error.place.startswith(str(path)):
             raise
-        raise type(error)(f"{path}: {error.place}", error.problem, error.fix) from error
+        raise error.within(path) from error
 
 
 def _parse(path: Path) -> Any:

@@ -92,16 +92,19 @@ def run(
     from orchestrator.results import aside, check_target
     from orchestrator.scenario import accounts
     from orchestrator.scenario.results import document_of, interruption, write_run
-    from orchestrator.scenario.run import HEADERS, Keeping, ScenarioInterrupted, run_scenario
+    from orchestrator.scenario.run import HEADERS, Keeping, ScenarioFailed, ScenarioInterrupted, run_scenario
 
     values, isolation, folder = overrides(set_), isolate.isolation(), out or Path("out") / scenario.stem
     check_target(folder)
+    failure: ScenarioFailed | None = None
     with terminal.bar(scenario.stem) as move, aside(folder) as near:
         keeping = Keeping(stride, near if stream else None)
         try:
             result = run_scenario(scenario, values, move, keeping=keeping, isolation=isolation)
         except ScenarioInterrupted as stop:
             result = stop.result
+        except ScenarioFailed as error:
+            result, failure = error.result, error
         with whole():
             write_run(result, values, folder)
     document = document_of(result, values, folder)
@@ -120,7 +123,7 @@ def run(
         ]
         statistics = Listing(accounts.HEADERS, rows, "Step statistics, all cases")
         shown[1:1] = [statistics, accounts.sentence_of(result)]
-    return Answer(document, shown, result.passed)
+    return Answer(document, shown, result.passed, failure=failure)
 
 
 @command(app)

@@ -51,12 +51,14 @@ class Answer:
 
     Attributes:
         interrupted: where an interrupt left something that is worth to be kept, a line about it.
+        failure: where an error did, the error.
     """
 
     document: Mapping[str, object]
     shown: Sequence[Listing | str] = ()
     held: bool = True
     interrupted: str = ""
+    failure: ServotwinError | None = None
 
 
 @dataclass(frozen=True)
@@ -158,6 +160,8 @@ def _answered(work: Callable[[], Answer], terminal: Terminal) -> NoReturn:
         _tell(answer, terminal)
     if answer.interrupted or interrupts.requested:
         _interrupted(answer.interrupted or "interrupted")
+    if answer.failure is not None:
+        _fail(answer.failure, terminal)
     raise typer.Exit(0 if answer.held else 1)
 
 

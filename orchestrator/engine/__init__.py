@@ -5,7 +5,7 @@ from orchestrator.engine.compiled import Engine
 from orchestrator.engine.live import LiveRun
 from orchestrator.engine.plan import REFUSED, CycleSettings, Order, Plan, make_plan
 from orchestrator.engine.recording import Sink
-from orchestrator.engine.simulation import Interrupted, Result, Run, Simulation, Timing
+from orchestrator.engine.simulation import Interrupted, Result, Run, RunFailed, Simulation, Timing
 
 __all__ = [
     "REFUSED",
@@ -18,6 +18,7 @@ __all__ = [
     "Plan",
     "Result",
     "Run",
+    "RunFailed",
     "Share",
     "Simulation",
     "Sink",

@@ -6,8 +6,6 @@ from orchestrator.trace import FloatArray
 
 Row = tuple[int, ...]
 
-ARRAYS: bool
-
 class Storage(IntEnum):
     FLOAT64 = 0
     INT32 = 1
@@ -28,6 +26,7 @@ class Stage(IntEnum):
     WRITE = 2
     STEP = 3
     READ = 4
+    VALUE = 5
 
 class Core:
     tick: int
@@ -45,15 +44,18 @@ class Core:
         clock: tuple[int, int, int],
         record_outputs: list[int],
         record_inputs: list[int],
+        finite: bool,
     ) -> None: ...
     def add_rate(self, every: int, deferred: list[Row]) -> None: ...
     def add_node(
         self,
         rate: int,
         version: int,
-        instance: int | None,
+        instance: int,
         step: int,
-        flags: list[int] | None,
+        flags: list[int],
+        reached: int,
+        asking: list[int],
         duration: float,
         sources: list[int],
         scale: FloatArray | None,

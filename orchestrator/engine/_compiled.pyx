@@ -21,6 +21,8 @@ cdef extern from *:
     typedef int (*Access2)(void *, const unsigned int *, size_t, void *);
     typedef int (*Access3)(void *, const unsigned int *, size_t, void *, size_t);
     typedef int (*Step2)(void *, double, double, int);
+    typedef int (*Asked2)(void *, int, int *);
+    typedef int (*Reached2)(void *, int, double *);
     typedef int (*Step3)(void *, double, double, bool, void *, void *, void *, double *);
 
     #ifdef __GNUC__
@@ -52,6 +54,8 @@ cdef extern from *:
     ctypedef int (*Access3)(void *, const unsigned int *, size_t, void *, size_t) noexcept nogil
     ctypedef int (*Step2)(void *, double, double, int) noexcept nogil
     ctypedef int (*Step3)(void *, double, double, bint, void *, void *, void *, double *) noexcept nogil
+    ctypedef int (*Asked2)(void *, int, int *) noexcept nogil
+    ctypedef int (*Reached2)(void *, int, double *) noexcept nogil
     double rint(double) noexcept nogil
     double ldexp(double, int) noexcept nogil
     double now() noexcept nogil
@@ -63,8 +67,9 @@ cpdef enum Storage:
     FLOAT64, INT32, FLAG, FLOAT32, BOOL, INT8, UINT8, INT16, UINT16, UINT32, INT64, UINT64
 
 cpdef enum Stage:
-    """Where in a component's step the loop stopped; RUNNING where it did not. MISFIT: an input fits not its type."""
-    RUNNING, MISFIT, WRITE, STEP, READ
+    """Where in a component's step the loop stopped; RUNNING where it did not. MISFIT: an input fits not its type.
+    VALUE: an output is not finite."""
+    RUNNING, MISFIT, WRITE, STEP, READ, VALUE
 
 ctypedef fused Whole:
     int8_t
@@ -93,6 +98,7 @@ cdef struct Call:  # of a function that gets or sets values of one type
     size_t count
     void *values
     size_t total  # of values; more than references where there are arrays among them
+    int width  # of a value [bytes], where it is of a type that can be infinite
 
 cdef struct Calls:
     const Call *of
@@ -113,8 +119,11 @@ cdef struct Node:
     Values packed  # those of `held` that the FMU wants in another type or elsewhere
     Calls writing
     Calls reading
-    void *instance
+    void **instance  # where it is kept: it may be exchanged for a fresh one
     void *step
+    void *has_asked  # FMI 2.0: function that says whether it asked to stop, and the one that says where
+    void *has_reached
+    bint asked  # to stop, at the end of the latest step
     double duration
     Values instant
     Values late  # its outputs that are not instant
@@ -128,10 +137,12 @@ cdef struct Node:
     double *reached
 
 cdef enum:
+    DISCARD = 2  # status of a step
+    TERMINATED = 3  # what FMI 2.0 is asked for: whether the FMU wants to stop, and how far it came
+    LAST_TIME = 2
     AHEAD = 16  # rows between the one that is written and the one whose memory is fetched into the cache
 
-ARRAYS = True  # that a call knows how many values it carries
-
+cdef double ALMOST = 1 - 1e-9  # of a step that is whole but for rounding
 cdef double SLOW = 5e-6  # steps longer than this are all timed [s]
 
 
@@ -223,8 +234,8 @@ cdef inline void _unpack(const Values *values) noexcept nogil:
 
 cdef inline int _call(const Node *node, const Call *call) noexcept nogil:
     if usually(node.version == 2):
-        return (<Access2>call.function)(node.instance, call.references, call.count, call.values)
-    return (<Access3>call.function)(node.instance, call.references, call.count, call.values, call.total)
+        return (<Access2>call.function)(node.instance[0], call.references, call.count, call.values)
+    return (<Access3>call.function)(node.instance[0], call.references, call.count, call.values, call.total)
 
 
 cdef inline int _call_all(const Node *node, const Calls *calls) noexcept nogil:
@@ -237,6 +248,23 @@ cdef inline int _call_all(const Node *node, const Calls *calls) noexcept nogil:
         status = _call(node, &calls.of[i])
         worst = max(worst, status)
     return worst
+
+
+cdef inline bint _finite(const Calls *calls) noexcept nogil:
+    """Whether all values that were got are finite."""
+    cdef const Call *call
+    cdef double zero = 0.0  # what is not finite makes it NaN
+    cdef size_t k
+    cdef int i
+    for i in range(calls.count):
+        call = &calls.of[i]
+        if usually(call.width == 8):
+            for k in range(call.total):
+                zero += 0.0 * (<double *>call.values)[k]
+        elif call.width == 4:
+            for k in range(call.total):
+                zero += 0.0 * (<float *>call.values)[k]
+    return zero == 0.0
 
 
 @cython.final
@@ -276,10 +304,12 @@ cdef class Core:
     cdef int64_t record_every
     cdef double deadline
     cdef bint late
+    cdef bint finite  # outputs have to be
     cdef uint64_t dice
 
-    def __init__(self, int capacity, list targets, int64_t hold, clock, list record_outputs, list record_inputs):
-        self._kept = [None]
+    def __init__(self, int capacity, list targets, int64_t hold, clock, list record_outputs, list record_inputs,
+                 bint finite):
+        self._kept, self.finite = [None], finite
         self.nodes = <Node *>self._room(capacity * sizeof(Node))
         self.rates = <Rate *>self._room(capacity * sizeof(Rate))
         self.stimulus_count, self.hold = len(targets), hold
@@ -295,18 +325,19 @@ cdef class Core:
         rate.every, rate.deferred = every, self._values(deferred)
         self.rate_count += 1
 
-    def add_node(self, int rate, int version, uintptr_t instance, uintptr_t step, flags, double duration,
-                 list sources, double[::1] scale, list held, list packed, list writing, list reading, list instant, list late):
+    def add_node(self, int rate, int version, uintptr_t instance, uintptr_t step, list flags, uintptr_t reached,
+                 list asking, double duration, list sources, double[::1] scale, list held, list packed, list writing, list reading, list instant, list late):
         """The next node, of the rate of this number; packed, instant and late as (kind, typed, plain), writing and
-        reading as (function, references, count, values, total)."""
+        reading as (function, references, count, values, total, width)."""
         cdef Node *node = &self.nodes[self.node_count]
         cdef int i
         node.rate = &self.rates[rate]
-        node.version, node.instance, node.step, node.duration = version, <void *>instance, <void *>step, duration
-        if version == 3:
-            for i in range(3):
-                node.flags[i] = <uint8_t *><uintptr_t>flags[i]
-            node.reached = <double *><uintptr_t>flags[3]
+        node.version, node.instance, node.step, node.duration = version, <void **>instance, <void *>step, duration
+        node.reached = <double *>reached
+        for i in range(len(flags)):
+            node.flags[i] = <uint8_t *><uintptr_t>flags[i]
+        if asking:
+            node.has_asked, node.has_reached = <void *><uintptr_t>asking[0], <void *><uintptr_t>asking[1]
         node.inputs, node.sources = len(sources), self._addresses(sources)
         if held:
             node.held = <double *><uintptr_t>held[0]
@@ -334,6 +365,7 @@ cdef class Core:
             node.gap = node.countdown = 1
             node.calls = node.warnings = node.accounted = 0
             node.seconds = 0.0
+            node.asked = False
 
     def pass_on(self, bint writing):
         """Have the values that all nodes give hold, in order, each after it was given its inputs; False where one
@@ -378,9 +410,9 @@ cdef class Core:
         cdef Call *of = <Call *>self._room(len(given) * sizeof(Call))
         cdef uintptr_t function, references, values
         cdef size_t count, total
-        cdef int i
-        for i, (function, references, count, values, total) in enumerate(given):
-            of[i] = Call(<void *>function, <const unsigned int *>references, count, <void *>values, total)
+        cdef int i, width
+        for i, (function, references, count, values, total, width) in enumerate(given):
+            of[i] = Call(<void *>function, <const unsigned int *>references, count, <void *>values, total, width)
         return Calls(of, len(given))
 
     def run(self, int64_t last, double budget, double[:, :] rows, int64_t record_every):
@@ -452,6 +484,8 @@ cdef inline bint _advance(Core core, Node *node, double time) noexcept nogil:
         _time(core, node, begun)
     if node.instant.count:
         _unpack(&node.instant)
+    if core.finite and not _finite(&node.reading):
+        return _stop(core, VALUE, 0)
     return True
 
 
@@ -473,13 +507,36 @@ cdef inline bint _write(Core core, Node *node) noexcept nogil:
 
 cdef inline bint _step(Core core, Node *node, double time) noexcept nogil:
     cdef int status
+    cdef bint ended
+    if node.asked:
+        return _stop(core, STEP, DISCARD if node.version == 2 else 0)
     if node.version == 2:
-        return _passes(core, node, STEP, (<Step2>node.step)(node.instance, time, node.duration, 1))
-    status = (<Step3>node.step)(node.instance, time, node.duration, True, node.flags[0], node.flags[1],
-                                node.flags[2], node.reached)
-    if node.flags[1][0] or node.flags[2][0]:
+        status = (<Step2>node.step)(node.instance[0], time, node.duration, 1)
+        ended = status == DISCARD
+    else:
+        status = (<Step3>node.step)(node.instance[0], time, node.duration, True, node.flags[0], node.flags[1],
+                                    node.flags[2], node.reached)
+        ended = node.flags[1][0] or node.flags[2][0]
+    if usually(not ended):
+        return _passes(core, node, STEP, status)
+    if not _whole(node, time, status):
         return _stop(core, STEP, status)
-    return _passes(core, node, STEP, status)
+    node.asked = True
+    return True
+
+
+cdef bint _whole(Node *node, double time, int status) noexcept nogil:
+    """Whether a step that the FMU ended because it asks to stop came to its end."""
+    cdef int asked = 0
+    if node.version == 2:
+        if node.has_asked == NULL:
+            return False
+        node.reached[0] = time
+        (<Asked2>node.has_asked)(node.instance[0], TERMINATED, &asked)
+        (<Reached2>node.has_reached)(node.instance[0], LAST_TIME, node.reached)
+    else:
+        asked = status < DISCARD and node.flags[1][0]
+    return asked and node.reached[0] >= time + node.duration * ALMOST
 
 
 cdef inline bint _read(Core core, Node *node) noexcept nogil:

@@ -19,13 +19,14 @@ from fmus.errors import WiringError
 from orchestrator.engine.loop import Loop, Node, Stepper
 from orchestrator.engine.recording import Recorder
 from orchestrator.fmi.functions import Fmi3, VariableGroup
+from orchestrator.fmi.instance import stepping
 from orchestrator.fmi.slave import Slave
 from orchestrator.trace import FloatArray
 
 try:
     from orchestrator.engine import _compiled
 
-    _compiled.ARRAYS  # noqa: B018 - not there in what was built from older sources
+    _compiled.Stage.VALUE  # noqa: B018 - not there in what was built from older sources
 except (ImportError, AttributeError):  # no compiler at installation
     _compiled = None  # type: ignore[assignment]
 
@@ -114,6 +115,7 @@ class CompiledLoop:
             (loop.time.first, loop.time.step, loop.time.denominator),
             [slots[slot] for slot in loop.record_slots],
             [inputs[id(node)][place] for node, place in loop.record_inputs],
+            loop.finite,
         )
         rates: dict[int, list[Row]] = {}
         for fmu in self._nodes:
@@ -170,6 +172,9 @@ class CompiledLoop:
             fmu.slave.written(status)
         elif self._core.stage == _compiled.Stage.STEP:
             fmu.slave.stepped(status, self._loop.time(self.tick), fmu.node.duration)
+        elif self._core.stage == _compiled.Stage.VALUE:
+            doing = stepping(self._loop.time(self.tick), fmu.node.duration)
+            self._loop.require_finite(fmu.node, fmu.slave.read(), doing)
         else:
             fmu.slave.got(status)
         raise AssertionError(f"{fmu.slave.name}: the compiled loop stopped at status {status}, the slave did not")
@@ -201,13 +206,17 @@ class _FmuNode:
     def described(self) -> tuple[Any, ...]:
         """Arguments of `Core.add_node` after the rate."""
         node, fmi = self.node, self.slave.functions
-        flags = [*map(ctypes.addressof, fmi.flags), ctypes.addressof(fmi.reached)] if isinstance(fmi, Fmi3) else None
+        modern = isinstance(fmi, Fmi3)
+        flags = [*map(ctypes.addressof, fmi.flags)] if isinstance(fmi, Fmi3) else []
+        asking = ("GetBooleanStatus", "GetRealStatus")
         scale = None if node.scale is None else np.ascontiguousarray(np.array(node.scale, dtype=float).T).ravel()
         return (
-            3 if flags else 2,
-            fmi.handle.value,
+            3 if modern else 2,
+            ctypes.addressof(fmi.handle),
             _entry(fmi.do_step),
             flags,
+            ctypes.addressof(fmi.reached),
+            [] if modern or not all(map(fmi.has, asking)) else [_entry(fmi.function(name)) for name in asking],
             node.duration,
             self._sources,
             scale,
@@ -235,8 +244,9 @@ def _moved(group: VariableGroup, floats: Sequence[int], verb: str, direct: bool)
             values += [
                 (kind, memory + size * slot, floats[place]) for slot, place in zip(typed.slots, places, strict=True)
             ]
+        width = size if kind in (_compiled.Storage.FLOAT64, _compiled.Storage.FLOAT32) else 0
         references = ctypes.addressof(typed.references), len(typed.references)
-        calls.append((_entry(getattr(typed, verb)), *references, memory, total))
+        calls.append((_entry(getattr(typed, verb)), *references, memory, total, width))
     return values, calls
 
 

@@ -7,6 +7,7 @@ the record has outputs as they are reported at t_k (left limits) and inputs as t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from time import perf_counter
@@ -18,6 +19,7 @@ from fmus.errors import FmuError
 from orchestrator.engine.plan import CycleSettings
 from orchestrator.engine.recording import Recorder
 from orchestrator.fmi.component import Component
+from orchestrator.fmi.instance import stepping
 from orchestrator.rational import Clock
 from orchestrator.trace import FloatArray
 
@@ -48,6 +50,7 @@ class Node:
         instant: for each output whether it holds at once.
         every: communication step [ticks].
         duration: communication step [s].
+        outputs: names of its outputs.
         held: the inputs of its latest step.
     """
 
@@ -58,6 +61,7 @@ class Node:
     instant: Sequence[bool]
     every: int
     duration: float
+    outputs: Sequence[str]
     statistics: Statistics = field(default_factory=Statistics)
     held: Sequence[float] = ()
 
@@ -110,6 +114,7 @@ class Loop:
         hold: ticks for which a row of stimuli holds.
         time: tick -> time [s].
         record_slots, record_inputs: what each row of the record takes: slots, and (node, input) pairs.
+        finite: whether an output that is not finite ends the run.
         nodes: all nodes in stepping order.
         values: current value of each slot.
         stimuli: (K, s) values of the stimuli.
@@ -124,6 +129,7 @@ class Loop:
     cycles: CycleSettings
     record_slots: Sequence[int]
     record_inputs: Sequence[tuple[Node, int]]
+    finite: bool = True
 
     def __post_init__(self) -> None:
         self.nodes = [node for group in self.groups for node in group]
@@ -177,14 +183,31 @@ class Loop:
         self.arrive(self.tick)
         return [self.values[slot] for slot in slots]
 
-    def record(self, recorder: Recorder) -> None:
-        """Fill the row of a tick from which no step is taken."""
+    def record(self, recorder: Recorder, begun: bool = False) -> None:
+        """Fill the row of a tick from which no step is taken, or one was `begun` and failed."""
         tick, row = self.tick, recorder.row(self.recorded)
-        self.arrive(tick)
-        row[: len(self.record_slots)] = [self.values[slot] for slot in self.record_slots]
+        if not begun:
+            self.arrive(tick)
+            row[: len(self.record_slots)] = [self.values[slot] for slot in self.record_slots]
         for column, (node, number) in enumerate(self.record_inputs, start=len(self.record_slots)):
             row[column] = node.held[number] if tick % node.every and node.held else node.inputs(self.values)[number]
         self.recorded += 1
+
+    def require_finite(self, node: Node, outputs: Sequence[float], doing: str) -> None:
+        """See that outputs are finite, where they have to be.
+
+        Raises:
+            FmuError: one is not.
+        """
+        if not self.finite or math.isfinite(sum(outputs)):
+            return
+        for name, value in zip(node.outputs, outputs, strict=True):
+            if not math.isfinite(value):
+                raise FmuError(
+                    f"{node.component.name}.{name}",
+                    f"is {value} after the {doing}",
+                    "see to its inputs, parameters and start values; `nonfinite: allow` in the run lets it pass",
+                )
 
     def defer(self, node: Node, outputs: Sequence[float], tick: int) -> None:
         """Let those outputs of a step hold from this tick on that are not instant."""
@@ -206,6 +229,7 @@ class Loop:
         for place, instant in enumerate(node.instant):
             if instant:
                 self.values[node.first + place] = outputs[place]
+        self.require_finite(node, outputs, stepping(self.time(tick), node.duration))
         self.defer(node, outputs, tick + node.every)
 
     def _step(self, node: Node, tick: int) -> Sequence[float]:

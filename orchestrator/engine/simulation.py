@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from functools import partial
 from time import perf_counter
 from types import TracebackType
 
 import numpy as np
 
-from fmus.errors import FmuError, ServotwinError, WiringError
+from fmus.errors import FmuEnded, FmuError, ServotwinError, WiringError
 from orchestrator.engine.account import Account
 from orchestrator.engine.compiled import Engine, Steppers
 from orchestrator.engine.live import FARTHEST, HELD, LiveRun
@@ -28,7 +27,13 @@ from orchestrator.trace import FloatArray, Trace
 
 @dataclass(frozen=True)
 class Timing:
-    """When a run starts and stops and how it steps; exact times [s]."""
+    """When a run starts and stops and how it steps; exact times [s].
+
+    Attributes:
+        tolerance: relative tolerance that co-simulation FMUs are told, None for none.
+        tell_stop: whether FMUs are told when the run stops; some then refuse to go beyond by a rounding error.
+        finite: whether an output that is not finite ends the run.
+    """
 
     stop: Fraction
     step: Fraction
@@ -36,6 +41,9 @@ class Timing:
     order: Order = Order.GAUSS_SEIDEL
     cycles: CycleSettings = REFUSED
     engine: Engine = Engine.AUTO
+    tolerance: float | None = None
+    tell_stop: bool = False
+    finite: bool = True
 
 
 @dataclass(frozen=True)
@@ -60,6 +68,7 @@ class Result:
         warnings: component -> number of warnings its FMU returned.
         iterations: steps of cycles that were taken and taken back.
         account: how it was stepped, and how far.
+        ended: what an FMU said that asked to stop before the run was over; nothing where none did.
     """
 
     trace: Trace
@@ -67,6 +76,7 @@ class Result:
     warnings: Mapping[str, int]
     iterations: int
     account: Account
+    ended: str = ""
 
 
 class Interrupted(KeyboardInterrupt):
@@ -81,6 +91,31 @@ class Interrupted(KeyboardInterrupt):
 
     def __reduce__(self) -> tuple[type, tuple[str]]:
         return KeyboardInterrupt, (str(self),)
+
+
+class RunFailed(FmuError):  # noqa: N818 - as `Interrupted`
+    """An FMU failed while a run was stepped; `result` is what it gave until then.
+
+    From one process to another it travels as a plain FmuError.
+    """
+
+    def __init__(self, error: FmuError, result: Result) -> None:
+        super().__init__(error.place, error.problem, error.fix)
+        self.result = result
+
+    def __reduce__(self) -> tuple[type, tuple[str, str, str]]:
+        return FmuError, (self.place, self.problem, self.fix)
+
+
+@dataclass(frozen=True)
+class _Done:
+    """A run that is over: its record, its loop, why that was Python's, and how long the steps took [s]."""
+
+    recorder: Recorder
+    loop: Loop
+    reason: str
+    spent: float
+    ended: str = ""
 
 
 @dataclass(frozen=True)
@@ -154,6 +189,14 @@ class Simulation:
             if name not in self.outputs and endpoint.variable not in self._inputs[endpoint.component]:
                 raise WiringError(name, "is neither an output nor a connected input", "record another variable")
 
+    def check_values(self, values: Mapping[str, Value]) -> None:
+        """See that a run can be given these values.
+
+        Raises:
+            WiringError: it cannot; the message names one.
+        """
+        self._checked(values)
+
     def run(
         self,
         values: Mapping[str, Value] | None = None,
@@ -177,6 +220,7 @@ class Simulation:
 
         Raises:
             Interrupted: a KeyboardInterrupt came while stepping; it carries the result up to there.
+            RunFailed: an FMU failed while stepping; it carries that, too.
         """
         return self.execute(Run(values or {}, stimuli or {}, record, stop, record_every), progress, sink)
 
@@ -191,49 +235,60 @@ class Simulation:
             try:
                 results.append(self.execute(run))
             except ServotwinError as error:
-                raise type(error)(f"run {number}: {error.place}", error.problem, error.fix) from error
+                raise error.within(f"run {number}") from error
             if progress is not None:
                 progress((number + 1) / len(runs))
         return results
 
     def execute(self, run: Run, progress: Callable[[float], None] | None = None, sink: Sink | None = None) -> Result:
         """The result of a run; see `run`."""
-        return self._result(*self._executed(run, progress, sink))
+        return self._result(self._executed(run, progress, sink))
 
     def rows(self, run: Run) -> FloatArray:
-        """(K, n) what a run records, a column a variable in the order of `run.record`, without anything around it."""
-        return self._executed(run)[0].kept()
+        """(K, n) what a run records, a column a variable in the order of `run.record`, without anything around it.
 
-    def _executed(
-        self, run: Run, progress: Callable[[float], None] | None = None, sink: Sink | None = None
-    ) -> tuple[Recorder, Loop, str, float]:
-        """A run that is over: its record, its loop, why that was Python's, and how long the steps took [s]."""
+        Raises:
+            FmuEnded: an FMU asked to stop before it was over.
+        """
+        done = self._executed(run)
+        if done.ended:
+            raise FmuEnded(done.ended, "before the run was over", "shorten it")
+        return done.recorder.kept()
+
+    def _executed(self, run: Run, progress: Callable[[float], None] | None = None, sink: Sink | None = None) -> _Done:
         steps = self._steps(self.timing.stop if run.stop is None else run.stop)
         if run.record_every < 1:
             raise WiringError("record_every", f"is {run.record_every}", "give 1 or more")
         own, stimuli = self._checked(run.values), self._driven(run.stimuli, steps + 1)
-        every = self._every
+        every, stop = self._every, self.timing.stop if run.stop is None else run.stop
+        self._reset()
         prepared = self._prepare(run.record, (), every)
         loop = prepared.loop
         loop.begin(stimuli)
         engine, reason = prepared.steppers.chosen(steps * every)
-        self._initialise(engine, loop, own)
+        self._initialise(engine, loop, own, float(stop))
         count = steps // run.record_every + 1
         recorder = Recorder(prepared.columns, loop.time, every * run.record_every, count, sink)
-        begun = perf_counter()
+        begun, end = perf_counter(), None
         try:
             _step(engine, steps * every, recorder, progress)
             engine.finish()
             if steps % run.record_every == 0:
                 loop.record(recorder)
             recorder.empty(loop.recorded)
-        except (KeyboardInterrupt, FmuError) as end:
-            if isinstance(end, FmuError) and not requested():
-                raise
+        except (KeyboardInterrupt, FmuError) as early:
+            end = early
             engine.finish()
+            if isinstance(end, FmuError) and loop.tick % recorder.every == 0:
+                loop.record(recorder, begun=True)
             recorder.empty(loop.recorded)
-            raise Interrupted(self._result(recorder, loop, reason, perf_counter() - begun)) from None
-        return recorder, loop, reason, perf_counter() - begun
+        done = _Done(recorder, loop, reason, perf_counter() - begun, str(end) if isinstance(end, FmuEnded) else "")
+        if end is not None and (requested() or isinstance(end, KeyboardInterrupt)):
+            raise Interrupted(self._result(done)) from None
+        self._terminate()
+        if isinstance(end, FmuError) and not done.ended:
+            raise RunFailed(end, self._result(done)) from end
+        return done
 
     def live(self, run: Run, outputs: Sequence[str], sink: Sink) -> LiveRun[Result]:
         """A run that is stepped from outside, without an end; `run` has one value of each stimulus to begin with.
@@ -243,13 +298,19 @@ class Simulation:
             sink: is given the record in pieces, in order.
         """
         own, stimuli = self._checked(run.values), self._driven(run.stimuli, 1)
+        self._reset()
         prepared = self._prepare(run.record, outputs, HELD)
         loop = prepared.loop
         loop.begin(stimuli)
         engine, reason = prepared.steppers.chosen(FARTHEST)
-        self._initialise(engine, loop, own)
+        self._initialise(engine, loop, own, None)
         recorder = Recorder(prepared.columns, loop.time, self._every * run.record_every, ROWS, sink)
         slots = prepared.slots
+
+        def conclude(spent: float) -> Result:
+            self._terminate()
+            return self._result(_Done(recorder, loop, reason, spent))
+
         read = [
             (name, slots[name], e.variable in self.plan.instant[e.component])
             for name in outputs
@@ -262,7 +323,7 @@ class Simulation:
             self._every,
             self.stimuli,
             read,
-            partial(self._result, recorder, loop, reason),
+            conclude,
         )
 
     def close(self) -> None:
@@ -348,19 +409,32 @@ class Simulation:
                 outputs[endpoint.component].append(endpoint.variable)
         return outputs
 
-    def _initialise(self, engine: Stepper, loop: Loop, own: Mapping[str, Mapping[str, Value]]) -> None:
-        """Have the components, with their own values, where a run begins."""
+    def _reset(self) -> None:
+        """Have the components where a run begins; what is prepared is void where one was loaded anew."""
         fresh, self._fresh = self._fresh, False
+        moved = [component.reset() for component in self.components.values() if not fresh]
+        if any(moved):
+            self._prepared = None
+
+    def _terminate(self) -> None:
+        for component in self.components.values():
+            component.terminate()
+
+    def _initialise(
+        self, engine: Stepper, loop: Loop, own: Mapping[str, Mapping[str, Value]], stop: float | None
+    ) -> None:
+        """Initialise the components, with their own values, for a run until `stop` [s]."""
+        start, told = float(self.timing.start), stop if self.timing.tell_stop else None
         for name, component in self.components.items():
-            if not fresh:
-                component.reset()
             component.set(own[name])
         for component in self.components.values():
-            component.begin(float(self.timing.start), None)
+            component.begin(start, told, self.timing.tolerance)
         self._propagate(engine, loop)
         for component in self.components.values():
             component.run()
-        engine.pass_on(writing=False)
+        values = engine.pass_on(writing=False)
+        for node in loop.nodes:
+            loop.require_finite(node, values[node.first : node.first + len(node.outputs)], "initialisation")
 
     def _loop(self, chosen: Sequence[str], outputs: Mapping[str, Sequence[str]], hold: int) -> Loop:
         read = [f"{name}.{variable}" for name, variables in outputs.items() for variable in variables]
@@ -376,6 +450,7 @@ class Simulation:
             cycles=self.timing.cycles,
             record_slots=[slots[name] for name in chosen if name in self.outputs],
             record_inputs=[(nodes[e.component], self._inputs[e.component].index(e.variable)) for e in inputs],
+            finite=self.timing.finite,
         )
 
     def _node(self, name: str, outputs: Sequence[str], slots: Mapping[str, int]) -> Node:
@@ -394,6 +469,7 @@ class Simulation:
             instant=[variable in self.plan.instant[name] for variable in outputs],
             every=every,
             duration=float(every * self.plan.tick),
+            outputs=outputs,
         )
 
     def _propagate(self, engine: Stepper, loop: Loop) -> None:
@@ -418,9 +494,10 @@ class Simulation:
             "break the circle, or give start values that fit",
         )
 
-    def _result(self, recorder: Recorder, loop: Loop, reason: str, spent: float) -> Result:
+    def _result(self, done: _Done) -> Result:
+        loop, reason = done.loop, done.reason
         return Result(
-            recorder.trace(),
+            done.recorder.trace(),
             {node.component.name: node.statistics for node in loop.nodes},
             {name: getattr(component, "warnings", 0) for name, component in self.components.items()},
             loop.iterations,
@@ -431,8 +508,9 @@ class Simulation:
                 step=float(self.timing.step),
                 start=float(self.timing.start),
                 reached=loop.time(loop.tick),
-                seconds=spent,
+                seconds=done.spent,
             ),
+            done.ended,
         )
 
 

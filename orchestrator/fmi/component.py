@@ -11,7 +11,7 @@ from orchestrator.fmi.interface import Interface, Value
 class Component(Protocol):
     """What the engine needs of a component; FMUs and scripted stand-ins alike.
 
-    Life cycle: set*, begin, (write, read)*, run, (write, step, read)*, then reset or close.
+    Life cycle: set*, begin, (write, read)*, run, (write, step, read)*, terminate, then reset or close.
     """
 
     name: str
@@ -20,8 +20,8 @@ class Component(Protocol):
     def set(self, values: Mapping[str, Value]) -> None:
         """Give parameters and start values; each is read back when the initialisation is over."""
 
-    def begin(self, start: float, stop: float | None) -> None:
-        """Enter initialisation; times in seconds."""
+    def begin(self, start: float, stop: float | None, tolerance: float | None = None) -> None:
+        """Enter initialisation; times in seconds, None where no end or relative tolerance is to be told."""
 
     def bind(self, inputs: Sequence[str], outputs: Sequence[str]) -> None:
         """Say which values `write` and `read` carry, in which order."""
@@ -36,7 +36,11 @@ class Component(Protocol):
         """Leave initialisation."""
 
     def step(self, time: float, duration: float) -> None:
-        """Advance from `time` by `duration` [s]."""
+        """Advance from `time` by `duration` [s].
+
+        Raises:
+            FmuEnded: it asked to stop, at `time` or within this step.
+        """
 
     def save(self) -> Any:
         """A snapshot of the whole state."""
@@ -47,8 +51,13 @@ class Component(Protocol):
     def drop(self, state: Any) -> None:
         """Free a snapshot."""
 
-    def reset(self) -> None:
-        """Back to where `begin` is allowed, all values at their defaults."""
+    def terminate(self) -> None:
+        """Say that the run is over; nothing where none is under way, or the FMU has failed. Trouble is only logged:
+        what was computed is whole."""
+
+    def reset(self) -> bool:
+        """Back to where `begin` is allowed, all values at their defaults, also after an error that nothing comes back
+        from; whether that moved its functions in memory."""
 
     def close(self) -> None:
         """Free everything."""

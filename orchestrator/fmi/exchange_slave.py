@@ -16,10 +16,10 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from fmus.errors import FmuFileError
+from fmus.errors import FmuEnded, FmuFileError
 from orchestrator.fmi.exchange_functions import Exchange2, Exchange3, ModelExchange
 from orchestrator.fmi.file import FmuFile
-from orchestrator.fmi.functions import DISCARD, FAILED, ended
+from orchestrator.fmi.functions import DISCARD, FAILED, Stop
 from orchestrator.fmi.instance import FmuInstance, stepping
 from orchestrator.solvers.base import Solver, SolverSettings, Stateless
 from orchestrator.solvers.choice import solver_type
@@ -75,7 +75,6 @@ class ExchangeSlave(FmuInstance[ModelExchange]):
         self._settings = settings or SolverSettings()
         self._type = solver_type(self._settings.method, name)
         self._solver: Solver = Stateless(self._rates, 0, self._settings)
-        self.tolerance = self._settings.relative_tolerance
         self._now = _Moment(0.0)
         self._running = False
         self._stale = True  # the solver has to start anew
@@ -84,9 +83,9 @@ class ExchangeSlave(FmuInstance[ModelExchange]):
         self._doing = ""
         super().__init__(fmu, name, debug_log=debug_log)
 
-    def begin(self, start: float, stop: float | None) -> None:
+    def begin(self, start: float, stop: float | None, tolerance: float | None = None) -> None:
         self._now = _Moment(start)
-        super().begin(start, stop)
+        super().begin(start, stop, self._settings.relative_tolerance)
 
     def bind(self, inputs: Sequence[str], outputs: Sequence[str]) -> None:
         super().bind(inputs, outputs)
@@ -153,9 +152,9 @@ class ExchangeSlave(FmuInstance[ModelExchange]):
         self._snapshots -= 1
         super().drop(state[0])
 
-    def reset(self) -> None:
-        super().reset()
+    def reset(self) -> bool:
         self._running, self._snapshots = False, 0
+        return super().reset()
 
     def close(self) -> None:
         super().close()
@@ -182,7 +181,7 @@ class ExchangeSlave(FmuInstance[ModelExchange]):
             status, news = self._fmi.update()
             self._require(status, "update its discrete states")
             if news.ending:
-                self._fail(ended(now.time, True))
+                raise FmuEnded(self.name, str(Stop(now.time, True)))
             if not news.again:
                 break
         else:
@@ -220,7 +219,7 @@ class ExchangeSlave(FmuInstance[ModelExchange]):
         status, event, ending = self._fmi.complete_step(self._snapshots == 0)
         self._require(status, "complete an internal step")
         if ending:
-            self._fail(ended(self._now.time, True))
+            raise FmuEnded(self.name, str(Stop(self._now.time, True)))
         self._now.due = self._now.due or event
 
     def _restart(self) -> None:

@@ -11,6 +11,7 @@ import itertools
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -23,6 +24,7 @@ from orchestrator.fmi.interface import Port, Value
 from orchestrator.fmi.library import FMU2Slave, FMU3Slave, absent
 
 DISCARD = FAILED = 2  # status discard, and worse
+ALMOST = 1 - 1e-9  # of a step that is whole but for rounding
 FATAL = 4  # no function of the FMU may be called again
 
 
@@ -198,9 +200,24 @@ class TypedValues:
             values[place] = self._uncast(found[slot]) if self._uncast else found[slot]
 
 
-def ended(reached: float, asked: bool) -> str:
-    """That an FMU ended a step by itself, at this time [s]."""
-    return f"ended early at t = {reached:g} s" + (" and asked to stop" if asked else "")
+@dataclass(frozen=True)
+class Stop:
+    """That an FMU ended a step by itself.
+
+    Attributes:
+        reached: up to where it came [s].
+        asked: whether it wants to be stepped no more.
+    """
+
+    reached: float
+    asked: bool
+
+    def whole(self, time: float, duration: float) -> bool:
+        """Whether the step from a time by a duration [s] came to its end."""
+        return self.asked and self.reached >= time + duration * ALMOST
+
+    def __str__(self) -> str:
+        return f"{'asked to stop' if self.asked else 'ended early'} at t = {self.reached:g} s"
 
 
 class FmiFunctions(ABC):
@@ -227,8 +244,17 @@ class FmiFunctions(ABC):
         """Extra arguments of get and set: the number of values, where the version wants it."""
 
     @abstractmethod
+    def instantiate(self) -> None:
+        """Make an instance; `handle` is that of the latest one.
+
+        Raises:
+            Exception: it cannot be made.
+        """
+
+    @abstractmethod
     def begin(self, start: float, stop: float | None, tolerance: float | None) -> int:
-        """Enter initialisation; times in seconds, the relative tolerance of the solver outside. The status."""
+        """Enter initialisation; times in seconds, the relative tolerance of its solver or of the one outside. The
+        status."""
 
     def accessor(self, verb: str, kind: str) -> Callable[..., int]:
         function = self.function(f"{verb}{kind}")
@@ -256,9 +282,6 @@ class FmiFunctions(ABC):
 
     def run(self) -> int:
         return self.call("ExitInitializationMode")
-
-    def reset(self) -> int:
-        return self.call("Reset")
 
     def call(self, name: str, *arguments: Any) -> int:
         """A function that takes the instance first, by the end of its name."""
@@ -299,19 +322,19 @@ class CoSimulation(FmiFunctions):
     """An FMU that brings its own solver.
 
     Attributes:
-        ending: how the FMU itself ended a step that came back discarded, nothing where it did not say.
+        reached: what it says on request, or after each step, of how far it came [s].
     """
 
     do_step: Any
-    ending = ""
+    reached: ctypes.c_double
 
     @abstractmethod
     def step(self, time: float, duration: float) -> int:
         """Advance from `time` by `duration` [s]. The status."""
 
     @abstractmethod
-    def judged(self, status: int) -> int:
-        """The status of a step that returned this one; discard where the FMU ended it early."""
+    def stop(self, status: int, time: float) -> Stop | None:
+        """How the FMU itself ended the step from a time [s] that returned this status, None where it did not."""
 
 
 class Version2(FmiFunctions):
@@ -334,13 +357,19 @@ class Version2(FmiFunctions):
             modelIdentifier=fmu.identifier,
             instanceName=name,
         )
-        self._ticket = Fmi2Logging.register(log)
+        self._log, self._debug_log, self._ticket = log, debug_log, 0
+        self.handle = ctypes.c_void_p()
+        self.instantiate()
+
+    def instantiate(self) -> None:
+        Fmi2Logging.forget(self._ticket)
+        self._ticket = Fmi2Logging.register(self._log)
         try:
-            self.fmu.instantiate(callbacks=Fmi2Logging.callbacks(self._ticket), loggingOn=debug_log)
+            self.fmu.instantiate(callbacks=Fmi2Logging.callbacks(self._ticket), loggingOn=self._debug_log)
         except Exception:
             Fmi2Logging.forget(self._ticket)
             raise
-        self.handle = ctypes.c_void_p(self.fmu.component)
+        self.handle.value = self.fmu.component
 
     def storage(self, kind: str) -> str:
         return "Integer" if kind == "Enumeration" else kind
@@ -363,6 +392,7 @@ class Fmi2(Version2, CoSimulation):
 
     def __init__(self, fmu: FmuFile, name: str, log: Logger, debug_log: bool) -> None:
         super().__init__(fmu, name, log, debug_log)
+        self.asked, self.reached = ctypes.c_int(), ctypes.c_double()
         self.do_step = self.function("DoStep")
         self.do_step.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int]
         self.do_step.restype = ctypes.c_int
@@ -370,13 +400,13 @@ class Fmi2(Version2, CoSimulation):
     def step(self, time: float, duration: float) -> int:
         return int(self.do_step(self.handle, time, duration, 1))
 
-    def judged(self, status: int) -> int:
-        if status == DISCARD and self.has("GetBooleanStatus") and self.has("GetRealStatus"):
-            asked, reached = ctypes.c_int(), ctypes.c_double()
-            self.call("GetBooleanStatus", fmi2.fmi2Terminated, ctypes.byref(asked))
-            self.call("GetRealStatus", fmi2.fmi2LastSuccessfulTime, ctypes.byref(reached))
-            self.ending = ended(reached.value, True) if asked.value else ""
-        return status
+    def stop(self, status: int, time: float) -> Stop | None:
+        if status != DISCARD or not (self.has("GetBooleanStatus") and self.has("GetRealStatus")):
+            return None
+        self.asked.value, self.reached.value = 0, time
+        self.call("GetBooleanStatus", fmi2.fmi2Terminated, ctypes.byref(self.asked))
+        self.call("GetRealStatus", fmi2.fmi2LastSuccessfulTime, ctypes.byref(self.reached))
+        return Stop(self.reached.value, True) if self.asked.value else None
 
 
 class Fmi2Logging:
@@ -443,8 +473,13 @@ class Version3(FmiFunctions):
         def receive(environment: int, status: int, category: bytes, message: bytes) -> None:
             log(status, (message or b"").decode(errors="replace").strip())
 
-        self.fmu.instantiate(loggingOn=debug_log, logMessage=receive)
-        self.handle = ctypes.c_void_p(self.fmu.component)
+        self._receive, self._debug_log = receive, debug_log
+        self.handle = ctypes.c_void_p()
+        self.instantiate()
+
+    def instantiate(self) -> None:
+        self.fmu.instantiate(loggingOn=self._debug_log, logMessage=self._receive)
+        self.handle.value = self.fmu.component
 
     def storage(self, kind: str) -> str:
         return "Int64" if kind == "Enumeration" else kind
@@ -479,8 +514,6 @@ class Fmi3(Version3, CoSimulation):
     def step(self, time: float, duration: float) -> int:
         return int(self.do_step(self.handle, time, duration, True, *self._results))
 
-    def judged(self, status: int) -> int:
+    def stop(self, status: int, time: float) -> Stop | None:
         _, asked, early = (flag.value for flag in self.flags)
-        ending = status < FAILED and (asked or early)
-        self.ending = ended(self.reached.value, asked) if ending else ""
-        return DISCARD if ending else status
+        return Stop(self.reached.value, asked) if status < FAILED and (asked or early) else None

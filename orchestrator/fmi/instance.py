@@ -9,10 +9,14 @@ import os
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from copy import copy
+from functools import cached_property
+from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from fmus.errors import FmuError, FmuFileError
 from orchestrator import last_words
+from orchestrator.fmi import unpacked
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.functions import DISCARD, FAILED, FATAL, FmiFunctions, VariableGroup
 from orchestrator.fmi.interface import Port, Value
@@ -21,6 +25,7 @@ LOG = logging.getLogger("servotwin.fmu")
 STATUS = ("OK", "warning", "discard", "error", "fatal error", "pending")
 # Errors are raised with what the FMU said, so their messages need no louder place in the log.
 _LEVELS = (logging.DEBUG, logging.WARNING, logging.INFO, logging.INFO, logging.INFO, logging.DEBUG)
+_MOST_EXACT = 256  # variables that are read back after a reset
 _TROUBLE = frozenset(f"logStatus{kind}" for kind in ("Warning", "Discard", "Error", "Fatal"))
 
 
@@ -32,36 +37,30 @@ class FmuInstance(Generic[A]):
 
     Attributes:
         versions: the FMU's functions, for FMI 2 and 3.
-        tolerance: relative tolerance of the solver that integrates its states, where that is not its own.
 
     Raises (any method):
         FmuError: the FMU returned discard, error or fatal; the message carries what it logged.
     """
 
     versions: tuple[type[A], type[A]]
-    tolerance: float | None = None
 
     def __init__(self, fmu: FmuFile, name: str, *, debug_log: bool = False) -> None:
         self.name = name
         self.interface = fmu.interface
         self.warnings = 0
+        self._fmu, self._debug_log = fmu, debug_log
+        self._copy: Path | None = None  # folder of a library that was loaded anew
         self._messages: deque[str] = deque(maxlen=20)
         self._given: dict[str, Value] = {}
         self._sizes = frozenset(port.name for port in fmu.interface.of("structuralParameter"))
-        self._alive = False
+        self._alive = self._under_way = False
+        self._sound = True  # the library has given a whole run since it was loaded or an instance of it died
+        self._resets, self._was_reset = True, False
+        self._doubtful: set[str] = set()  # variables whose start is not what the file declares
+        self._bound: tuple[Sequence[str], Sequence[str]] = (), ()
         self._known_as = last_words.OURS if fmu.is_ours else last_words.FMU, f"{name} ({fmu.path})"
         last_words.own().say(*self._known_as)
-        functions: Any = self.versions[fmu.interface.fmi_version.startswith("3")]
-        try:
-            with _same_folder():
-                self._fmi: A = functions(fmu, name, self._log, debug_log)
-        except Exception as error:
-            raise self._failure("instantiate", str(error)) from error
-        self._alive = True
-        self._log_errors(fmu, debug_log)
-        self._groups: dict[tuple[str, ...], VariableGroup] = {}
-        self._inputs = self._outputs = self._given_group = self._group()
-        self._configure()
+        self._load()
 
     def set(self, values: Mapping[str, Value]) -> None:
         given = {**self._given, **values}
@@ -81,7 +80,7 @@ class FmuInstance(Generic[A]):
             raise
         if FAILED <= status < FATAL:
             self._messages.clear()
-            self._check(self._fmi.reset(), "reset")
+            self._check(self._fmi.call("Reset"), "reset")
             self._configure()
             self._set_singly()
         if status:
@@ -93,10 +92,23 @@ class FmuInstance(Generic[A]):
         self._check(status, f"get {name}")
         return value
 
-    def begin(self, start: float, stop: float | None) -> None:
-        self._check(self._fmi.begin(start, stop, self.tolerance), "enter initialisation")
+    def begin(self, start: float, stop: float | None, tolerance: float | None = None) -> None:
+        self._enter(start, stop, tolerance)
+        if not self._was_reset:
+            return
+        odd = self._not_reset()
+        if odd:
+            self._instantiate()
+            self._group(*self._given).write(list(self._given.values()))
+            self._enter(start, stop, tolerance)
+            self._doubtful |= self._not_reset().keys()
+            odd = {name: value for name, value in odd.items() if name not in self._doubtful}
+        if odd:
+            name, value = next(iter(odd.items()))
+            self._distrust_reset(f"does not bring back its start values ({name} is {value:.6g} then)")
 
     def bind(self, inputs: Sequence[str], outputs: Sequence[str]) -> None:
+        self._bound = inputs, outputs
         self._inputs, self._outputs = self._group(*inputs), self._group(*outputs)
 
     def write(self, values: Sequence[float]) -> None:
@@ -123,6 +135,7 @@ class FmuInstance(Generic[A]):
 
     def run(self) -> None:
         self._check(self._fmi.run(), "initialise")
+        self._under_way = True
         if self._given:
             self._require_taken(self._given_group, self._given)
         if self.interface.sizes:
@@ -140,21 +153,46 @@ class FmuInstance(Generic[A]):
         if self._alive:
             self._check(self._fmi.state("Free", ctypes.byref(state)), "free a saved state")
 
-    def reset(self) -> None:
-        if not self._alive:
-            raise FmuError(self.name, "cannot run again after a fatal error", "load the FMU again")
+    def terminate(self) -> None:
+        if not self._under_way:
+            return
+        self._under_way, self._sound = False, True
+        if self._fmi.has("Terminate"):
+            try:
+                self._check(self._fmi.call("Terminate"), "terminate")
+            except FmuError as error:
+                LOG.warning("%s", error)
+
+    def reset(self) -> bool:
+        self.terminate()
         self._given.clear()
         self._messages.clear()
-        self.warnings = 0
-        self._check(self._fmi.reset(), "reset")
-        self._configure()
+        self.warnings, self._was_reset = 0, False
+        if not self._alive and not self._sound:
+            self._load(anew=True)
+            return True
+        self._sound = self._sound and self._alive
+        if self._alive and self._resets and self._fmi.has("Reset"):
+            status = self._fmi.call("Reset")
+            if status < FAILED:
+                self._was_reset = True
+                self._configure()
+                return False
+            self._alive = status < FATAL
+            self._distrust_reset(f"is refused ({returned(status)})")
+        self._instantiate()
+        return False
 
     def close(self) -> None:
+        self.terminate()
         if self._alive:
             self._alive = False
             self._fmi.free()
             last_words.own().say(*self._known_as, -1)
             last_words.own().say(last_words.GONE, self._known_as[1])
+        if self._copy is not None:
+            unpacked.give_back(self._copy)
+            self._copy = None
 
     def _configure(self) -> None:
         """Give the structural parameters their values, as the FMU's arrays have to have the interface's shapes."""
@@ -166,10 +204,75 @@ class FmuInstance(Generic[A]):
         self._check(status, f"set {', '.join(f'{name} = {value}' for name, value in sizes.items())}")
         self._check(self._fmi.call("ExitConfigurationMode"), "leave configuration mode")
 
-    def _log_errors(self, fmu: FmuFile, debug_log: bool) -> None:
+    def _load(self, anew: bool = False) -> None:
+        """Load its library and make an instance; `anew` of a copy, as loaded before nothing is left of what it was."""
+        fmu = self._fmu
+        try:
+            if anew:
+                folder, former = unpacked.take(fmu.path, alone=True), self._copy
+                fmu, self._copy = copy(fmu), folder
+                fmu.folder = folder
+                if former is not None:
+                    unpacked.give_back(former)
+            with _same_folder():
+                functions: Any = self.versions[fmu.interface.fmi_version.startswith("3")]
+                self._fmi: A = functions(fmu, self.name, self._log, self._debug_log)
+        except Exception as error:
+            raise self._failure("instantiate", str(error)) from error
+        self._alive = True
+        self._log_errors()
+        self._groups: dict[tuple[str, ...], VariableGroup] = {}
+        self._given_group = self._group()
+        self.bind(*self._bound)
+        self._configure()
+
+    def _instantiate(self) -> None:
+        """Take a fresh instance of the library that is loaded in the place of the present one."""
+        if self._alive:
+            self._alive = False
+            self._fmi.free()
+        try:
+            self._fmi.instantiate()
+        except Exception as error:
+            raise self._failure("instantiate anew", str(error)) from error
+        self._alive = True
+        self._log_errors()
+        self._configure()
+
+    def _enter(self, start: float, stop: float | None, tolerance: float | None) -> None:
+        self._check(self._fmi.begin(start, stop, tolerance), "enter initialisation")
+
+    @cached_property
+    def _exact(self) -> dict[str, float]:
+        """variable -> start value that tells whether a reset works; of many, states and outputs come first."""
+        ports = [port for port in self.interface.ports.values() if port.exact and port.numeric and not port.array]
+        ports.sort(key=lambda port: port.causality == "parameter")
+        starts = {port.name: _number(port) for port in ports[:_MOST_EXACT]}
+        return {name: start for name, start in starts.items() if start is not None}
+
+    def _not_reset(self) -> dict[str, float]:
+        """Variables with another value than the one they are declared to start from, and that value."""
+        starts = {n: v for n, v in self._exact.items() if n not in self._given and n not in self._doubtful}
+        if not starts:
+            return {}
+        status, values = self._group(*starts).read()
+        if status >= FAILED:
+            self._check(status, f"get {', '.join(starts)}")
+        if list(values) == list(starts.values()):
+            return {}
+        pairs = zip(starts.items(), values, strict=True)
+        return {name: value for (name, start), value in pairs if not self._close(name, start, value)}
+
+    def _distrust_reset(self, why: str) -> None:
+        """Go without resets from now on."""
+        if self._resets:
+            LOG.warning("%s: its reset %s; every run gets a fresh instance", self.name, why)
+        self._resets = False
+
+    def _log_errors(self) -> None:
         """Ask for messages about trouble, where the FMU keeps them apart from the rest."""
-        offered = [category.name for category in fmu.description.logCategories]
-        wanted = offered if debug_log else [name for name in offered if name in _TROUBLE]
+        offered = [category.name for category in self._fmu.description.logCategories]
+        wanted = offered if self._debug_log else [name for name in offered if name in _TROUBLE]
         if wanted and self._fmi.has("SetDebugLogging"):
             names = (ctypes.c_char_p * len(wanted))(*(name.encode() for name in wanted))
             self._fmi.call("SetDebugLogging", True, ctypes.c_size_t(len(wanted)), names)
@@ -211,27 +314,37 @@ class FmuInstance(Generic[A]):
                 )
 
     def _close(self, name: str, value: Value, taken: Value) -> bool:
-        """Whether two values differ by rounding only."""
+        """Whether two values differ by rounding only, be it to the single precision in which some FMUs keep theirs."""
         if not (isinstance(value, float) and isinstance(taken, float)):
             return False
-        return math.isclose(value, taken, rel_tol=1e-6 if self._fmi.single(self._port(name)) else 1e-12)
+        if math.isclose(value, taken, rel_tol=1e-12):
+            return True
+        single = math.isfinite(taken) and ctypes.c_float(value).value == ctypes.c_float(taken).value == taken
+        if single and not self._fmi.single(self._port(name)):
+            LOG.info("%s.%s: is kept in single precision, %r as %r", self.name, name, value, taken)
+        return single
 
     def _log(self, status: int, message: str) -> None:
         line = " ".join(message.split())
         self._messages.append(line)
         LOG.log(_LEVELS[status] if 0 <= status < len(_LEVELS) else logging.ERROR, "%s: %s", self.name, line)
 
-    def _check(self, status: int, action: str, ending: str = "") -> None:
+    def _check(self, status: int, action: str) -> None:
         if status == 1:
             self.warnings += 1
         elif status:
             self._alive = self._alive and status != FATAL
-            returned = f"returned {STATUS[status] if 0 < status < len(STATUS) else status}"
-            raise self._failure(action, ending if ending and status == DISCARD else returned)
+            self._under_way = self._under_way and status == DISCARD
+            raise self._failure(action, returned(status))
 
     def _failure(self, action: str, problem: str, fix: str = "") -> FmuError:
         said = f" ({'; '.join(list(self._messages)[-3:])})" if self._messages else ""
         return FmuError(self.name, f"{action}: {problem}{said}", fix)
+
+
+def returned(status: int) -> str:
+    """That a function returned this status."""
+    return f"returned {STATUS[status] if 0 < status < len(STATUS) else status}"
 
 
 def stepping(time: float, duration: float) -> str:
@@ -247,3 +360,12 @@ def _same_folder() -> Iterator[None]:
         yield
     finally:
         os.chdir(here)
+
+
+def _number(port: Port) -> float | None:
+    """Its declared start value as a number, None where it is none."""
+    text = (port.start or "").strip()
+    try:
+        return float({"true": "1", "false": "0"}.get(text, text))
+    except ValueError:
+        return None

@@ -44,6 +44,7 @@ class Port:
         array: what it is an element of.
         element: its number there, from 0 and row by row.
         definitions: what units are by the FMU's own word, by name.
+        exact: whether it has its start value once the initialisation has begun, unless it was given another.
     """
 
     name: str
@@ -60,6 +61,7 @@ class Port:
     array: Array | None = field(default=None, repr=False)
     element: int = 0
     definitions: Mapping[str, Unit] = field(default_factory=dict, repr=False)
+    exact: bool = False
 
     @property
     def measure(self) -> NamedUnit:

@@ -86,22 +86,20 @@ class IsolatedSlave:
         self._known: Sequence[float] | None = None  # outputs, where they are up to date
         self._said: deque[str] = deque(maxlen=3)
         self._inputs, self._outputs = messages.numbers(0), messages.answer(0)
-        self._worker: _Worker | None = _Worker(fmu.folder)
-        try:
-            self._call("start", "prepare", make, fmu, name, patience=_STARTING)
-            self._call("instantiate", "make")
-        except BaseException:
-            self._end()
-            raise
+        self._bound: tuple[list[str], list[str]] = [], []
+        self._fmu, self._make = fmu, make
+        self._worker: _Worker | None = None
+        self._start()
 
     def set(self, values: Mapping[str, Value]) -> None:
         self._call("set values", "set", dict(values))
 
-    def begin(self, start: float, stop: float | None) -> None:
-        self._call("enter initialisation", "begin", start, stop)
+    def begin(self, start: float, stop: float | None, tolerance: float | None = None) -> None:
+        self._call("enter initialisation", "begin", start, stop, tolerance)
 
     def bind(self, inputs: Sequence[str], outputs: Sequence[str]) -> None:
-        self._call("choose its inputs and outputs", "bind", list(inputs), list(outputs))
+        self._bound = list(inputs), list(outputs)
+        self._call("choose its inputs and outputs", "bind", *self._bound)
         self._inputs, self._outputs = messages.numbers(len(inputs)), messages.answer(len(outputs))
 
     def write(self, values: Sequence[float]) -> None:
@@ -133,11 +131,23 @@ class IsolatedSlave:
         if self._worker is not None:
             self._call("free a saved state", "drop", state[0])
 
-    def reset(self) -> None:
-        self._written = None
+    def terminate(self) -> None:
+        if self._worker is None:
+            return
+        try:
+            self._call("terminate", "terminate")
+        except FmuError as error:
+            LOG.warning("%s", error)
+
+    def reset(self) -> bool:
+        self._written = self._finished = None
         self._said.clear()
-        self._call("reset", "reset")
-        self._finished = None
+        if self._worker is None:
+            self._start()
+            self.bind(*self._bound)
+        else:
+            self._call("reset", "reset")
+        return False
 
     def close(self) -> None:
         """Free everything. An FMU that crashes or hangs over it is logged: what it has computed is whole."""
@@ -154,6 +164,15 @@ class IsolatedSlave:
             LOG.warning("%s", error)
         finally:
             self._end()
+
+    def _start(self) -> None:
+        self._worker = _Worker(self._fmu.folder)
+        try:
+            self._call("start", "prepare", self._make, self._fmu, self.name, patience=_STARTING)
+            self._call("instantiate", "make")
+        except BaseException:
+            self._end()
+            raise
 
     def _call(self, action: str, method: str, *arguments: Any, patience: float | None = None) -> Any:
         """What a method of the component returns; `action` is how errors call it."""
@@ -178,7 +197,7 @@ class IsolatedSlave:
         """What comes back, within this patience or the usual one."""
         worker = self._worker
         if worker is None:
-            raise FmuError(self.name, "cannot run again after its process has ended", "load the FMU again")
+            raise FmuError(self.name, "its process has ended", "reset it")
         try:
             worker.line.send(kind, body)
         except EOFError:

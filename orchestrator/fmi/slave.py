@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fmus.errors import FmuEnded
 from orchestrator.fmi.functions import CoSimulation, Fmi2, Fmi3, VariableGroup
 from orchestrator.fmi.instance import FmuInstance, stepping
 
@@ -10,6 +11,7 @@ class Slave(FmuInstance[CoSimulation]):
     """An instance of a co-simulation FMU, which steps by itself."""
 
     versions = (Fmi2, Fmi3)
+    _asked = False  # to stop, at the end of the latest step
 
     @property
     def functions(self) -> CoSimulation:
@@ -21,11 +23,24 @@ class Slave(FmuInstance[CoSimulation]):
         """What `write` and `read` carry."""
         return self._inputs, self._outputs
 
+    def begin(self, start: float, stop: float | None, tolerance: float | None = None) -> None:
+        self._asked = False
+        super().begin(start, stop, tolerance)
+
     def step(self, time: float, duration: float) -> None:
+        if self._asked:
+            raise FmuEnded(self.name, f"asked to stop at t = {time:g} s")
         self.stepped(self._fmi.step(time, duration), time, duration)
 
     def stepped(self, status: int, time: float, duration: float) -> None:
-        """Take note of how a step went."""
-        status = self._fmi.judged(status)
-        if status:
-            self._check(status, stepping(time, duration), self._fmi.ending)
+        """Take note of how a step went. An FMU that asked to stop at its very end does so before the next one."""
+        stop = self._fmi.stop(status, time)
+        if stop is None:
+            if status:
+                self._check(status, stepping(time, duration))
+        elif stop.whole(time, duration):
+            self._asked = True
+        elif stop.asked:
+            raise FmuEnded(self.name, str(stop))
+        else:
+            raise self._failure(stepping(time, duration), str(stop))

@@ -26,6 +26,7 @@ class RunCaseDocument(CaseDocument):
     """A case of a run; what follows its state is there where it gave a trace."""
 
     state: str
+    ended: NotRequired[str]
     trace: NotRequired[str]
     warnings: NotRequired[dict[str, int]]
     stepping: NotRequired[dict[str, str | int | float]]
@@ -95,6 +96,9 @@ def report(result: ScenarioResult) -> Report:
         section.callout("warning", f"The run was {interruption(result)}.")
     else:
         section.callout("ok" if result.passed else "error", "All held." if result.passed else "Not all held.")
+    for case in result.cases:
+        if case.ended or case.state is CaseState.FAILED:
+            section.callout("warning", f"Case {case.name}: {case.error or case.ended}.")
     section.table(HEADERS, result.rows())
     tell_units(page, result.crossings)
     if not result.interrupted:
@@ -123,6 +127,9 @@ def _draw(result: ScenarioResult, section: Section) -> None:
     if len(shown) > PLOTTED_CASES:
         section.paragraph(f"The first {PLOTTED_CASES} of {len(shown)} cases.")
     for case in shown[:PLOTTED_CASES]:
+        if not case.trace.names:
+            section.paragraph(f"Case {case.name} has recorded nothing.")
+            continue
         section.figure(figures.overlay(case.trace, (), case.trace.names[:PLOTTED_SIGNALS]), case.name)
 
 
@@ -150,5 +157,7 @@ def _case(result: ScenarioResult, case: CaseResult) -> RunCaseDocument:
     if case.result is not None:
         document["trace"] = trace_file(result, case)
         document["warnings"] = dict(case.result.warnings)
+        if case.ended:
+            document["ended"] = case.ended
         return {**document, **accounts.document_of(case.result)}
     return document

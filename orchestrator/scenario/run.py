@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+import logging
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
-from fmus.errors import ScenarioError, ServotwinError, WiringError
+from fmus.errors import FmuError, ScenarioError, ServotwinError, WiringError
 from orchestrator import formats
 from orchestrator.assembly.assembly import Assembled, OpenSystem, assemble
 from orchestrator.assembly.whole_arrays import check_shapes
 from orchestrator.crossing import Crossing, logged
 from orchestrator.display.table import table
-from orchestrator.engine import Interrupted, Result, Run, Simulation
+from orchestrator.engine import Interrupted, Result, Run, RunFailed, Simulation
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.isolation import Isolation, scratch
 from orchestrator.formats import parquet
 from orchestrator.interrupts import requested
 from orchestrator.progress import Progress, silent
-from orchestrator.scenario.expectations import Check, Refusal
+from orchestrator.scenario.expectations import Check, Expectation, Refusal
 from orchestrator.scenario.scenario import Case, Scenario
 from orchestrator.scenario.schema import load_scenario
 from orchestrator.scenario.units import in_units_of
@@ -44,6 +46,7 @@ class Keeping:
         return None if self.stream is None else self.stream / f"{number}.parquet"
 
 
+LOG = logging.getLogger("servotwin.scenario")
 HEADERS = ("case", "expectation", "held", "found")
 
 
@@ -52,6 +55,7 @@ class CaseState(StrEnum):
 
     DONE = "done"
     INTERRUPTED = "interrupted"
+    FAILED = "failed"
     NOT_RUN = "not run"
 
 
@@ -90,9 +94,14 @@ class CaseResult:
     @property
     def how_far(self) -> str:
         """How far it came, in words."""
-        if self.state is CaseState.INTERRUPTED and self.result is not None:
-            return f"interrupted at t = {self.result.account.reached:g} s"
-        return "ran through" if self.state is CaseState.DONE else str(self.state)
+        if self.state is not CaseState.DONE:
+            return str(self.state) if self.result is None else f"{self.state} at t = {self.result.account.reached:g} s"
+        return self.ended or "ran through"
+
+    @property
+    def ended(self) -> str:
+        """What an FMU said that asked to stop before the case was over."""
+        return "" if self.result is None else self.result.ended
 
 
 @dataclass(frozen=True)
@@ -147,6 +156,20 @@ class ScenarioInterrupted(KeyboardInterrupt):
         return KeyboardInterrupt, (str(self),)
 
 
+class ScenarioFailed(FmuError):  # noqa: N818 - as `ScenarioInterrupted`
+    """An FMU failed in a case that does not expect it; `result` has the cases before it, and all up to there.
+
+    From one process to another it travels as a plain FmuError.
+    """
+
+    def __init__(self, error: FmuError, result: ScenarioResult) -> None:
+        super().__init__(error.place, error.problem, error.fix)
+        self.result = result
+
+    def __reduce__(self) -> tuple[type, tuple[str, str, str]]:
+        return FmuError, (self.place, self.problem, self.fix)
+
+
 def run_scenario(
     scenario: Scenario | str | Path,
     overrides: Mapping[str, Value] | None = None,
@@ -164,7 +187,8 @@ def run_scenario(
 
     Raises:
         InputError: the file or the system does not fit; nothing has run.
-        FmuError: an FMU failed in a case that does not expect to be refused.
+        ScenarioFailed: an FMU failed in a case that does not expect to be refused, when something had been stepped.
+        FmuError: it failed before that.
         ScenarioInterrupted: a KeyboardInterrupt came when a case had begun to step.
     """
     if not isinstance(scenario, Scenario):
@@ -186,10 +210,12 @@ def run_scenario(
                 simulation.check_record(scenario.recorded(simulation.outputs))
                 for case in scenario.cases:
                     check_shapes(opened.system, case.arrays)
+                _check_values(scenario, simulation, overrides or {})
                 for number, case in enumerate(scenario.cases):
                     values = {**case.values, **(overrides or {})}
                     told = _part_of(progress, number, len(scenario.cases), case.name)
                     cases.append(_run_case(scenario, number, simulation, values, stimuli, keeping, told))
+                    _go_on(scenario, assembled, cases, keeping, crossings)
         except KeyboardInterrupt as stop:
             cases += _unfinished(scenario, len(cases), stop, keeping)
             if all(case.state is CaseState.NOT_RUN for case in cases):
@@ -197,6 +223,33 @@ def run_scenario(
             result = ScenarioResult(scenario, assembled, tuple(cases), keeping, interrupted=True, crossings=crossings)
             raise ScenarioInterrupted(result) from None
         return ScenarioResult(scenario, assembled, tuple(cases), keeping, crossings=crossings)
+
+
+def _check_values(scenario: Scenario, simulation: Simulation, overrides: Mapping[str, Value]) -> None:
+    """See that the values of all cases fit, but of those that expect to be refused."""
+    for case in scenario.cases:
+        if not case.may_be_refused:
+            with _named(scenario, case):
+                simulation.check_values({**case.values, **overrides})
+
+
+def _go_on(
+    scenario: Scenario,
+    assembled: Assembled,
+    cases: Sequence[CaseResult],
+    keeping: Keeping,
+    crossings: tuple[Crossing, ...],
+) -> None:
+    """See that the latest case did not fail."""
+    last = cases[-1]
+    if last.state is not CaseState.FAILED:
+        return
+    assert isinstance(last.error, FmuError)
+    if all(case.result is None for case in cases):
+        raise last.error
+    rest = [CaseResult(case.name, None, None, (), state=CaseState.NOT_RUN) for case in scenario.cases[len(cases) :]]
+    result = ScenarioResult(scenario, assembled, (*cases, *rest), keeping, crossings=crossings)
+    raise ScenarioFailed(last.error, result) from last.error
 
 
 def _stimuli(scenario: Scenario, simulation: Simulation) -> dict[str, FloatArray]:
@@ -222,7 +275,7 @@ def _run_case(
     progress: Callable[[float], None],
 ) -> CaseResult:
     case, file = scenario.cases[number], keeping.file(number)
-    result, error = None, None
+    result, error, state = None, None, CaseState.DONE
     try:
         run = Run(values, stimuli, scenario.recorded(simulation.outputs), record_every=keeping.every)
         if file is None:
@@ -232,16 +285,45 @@ def _run_case(
     except ServotwinError as failure:
         if requested():  # an FMU's answer to an interrupt
             raise KeyboardInterrupt from failure
-        if not any(isinstance(expectation, Refusal) for expectation in case.expected):
-            raise failure if len(scenario.cases) == 1 else _of_case(case, failure) from failure
         error = failure
-    trace = result.trace if result is not None else None
-    checks = tuple(expectation.check(trace, error) for expectation in case.expected)
-    return CaseResult(case.name, result, error, checks, file)
+        if isinstance(failure, RunFailed):
+            result, error = failure.result, FmuError(failure.place, failure.problem, failure.fix)
+        if not case.may_be_refused:
+            error = _of_case(scenario, case, error)
+            if not isinstance(error, FmuError):
+                raise error from failure
+            state = CaseState.FAILED
+    trace = result.trace if result is not None and error is None else None
+    checks = tuple(_checked(expectation, trace, error, result) for expectation in case.expected)
+    made = CaseResult(case.name, result, error, checks, file, state)
+    if made.ended:
+        LOG.warning("case %s: %s; the run ends there and is judged by what there is", case.name, made.ended)
+    return made
 
 
-def _of_case(case: Case, failure: ServotwinError) -> ServotwinError:
-    return type(failure)(f"case {case.name}: {failure.place}", failure.problem, failure.fix)
+def _checked(
+    expectation: Expectation | Refusal, trace: Trace | None, error: ServotwinError | None, result: Result | None
+) -> Check:
+    """How an expectation turned out; one about times that a run which an FMU ended has not reached does not hold."""
+    try:
+        return expectation.check(trace, error)
+    except ScenarioError:
+        if result is None or not result.ended:
+            raise
+        return Check(str(expectation), False, result.ended)
+
+
+def _of_case(scenario: Scenario, case: Case, failure: ServotwinError) -> ServotwinError:
+    """The error with the name of its case, where there are several."""
+    return failure if len(scenario.cases) == 1 else failure.within(f"case {case.name}")
+
+
+@contextmanager
+def _named(scenario: Scenario, case: Case) -> Iterator[None]:
+    try:
+        yield
+    except ServotwinError as failure:
+        raise _of_case(scenario, case, failure) from failure
 
 
 def _streamed(

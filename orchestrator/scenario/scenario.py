@@ -63,6 +63,11 @@ class Case:
     arrays: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
 
     @property
+    def may_be_refused(self) -> bool:
+        """Whether it is expected that the run ends in an error."""
+        return any(isinstance(expected, Refusal) for expected in self.expected)
+
+    @property
     def looked_at(self) -> dict[str, None]:
         """The signals that expectations look at."""
         return {expected.signal: None for expected in self.expected if isinstance(expected, Expectation)}

@@ -91,7 +91,7 @@ class Scripted:
     def set(self, values: Mapping[str, Value]) -> None:
         self.values.update({name: float(value) for name, value in values.items()})
 
-    def begin(self, start: float, stop: float | None) -> None:
+    def begin(self, start: float, stop: float | None, tolerance: float | None = None) -> None:
         self.log.append("begin")
         self.restart()
 
@@ -129,11 +129,15 @@ class Scripted:
     def drop(self, state: Any) -> None:
         self.log.append("drop")
 
-    def reset(self) -> None:
+    def terminate(self) -> None:
+        self.log.append("terminate")
+
+    def reset(self) -> bool:
         self.log.append("reset")
         self.values = dict(self._starts)
         self.warnings = self._count = 0
         self.restart()
+        return False
 
     def close(self) -> None:
         self.closed += 1

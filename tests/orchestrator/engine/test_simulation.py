@@ -45,7 +45,8 @@ def test_life_cycle_is_begin_run_step_and_reset_before_the_next_run() -> None:
     made = loop(stop=Fraction(2, 10))
     made.run()
     made.run()
-    assert scripted(made, "gain").log == ["begin", "run", "step", "step", "reset", "begin", "run", "step", "step"]
+    once = ["begin", "run", "step", "step", "terminate"]
+    assert scripted(made, "gain").log == [*once, "reset", *once]
 
 
 def test_a_run_repeats_bitwise_after_a_run_with_other_values() -> None:

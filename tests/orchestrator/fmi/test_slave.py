@@ -255,9 +255,9 @@ def test_coupled_subsystems_approach_the_exact_motion_with_order_one() -> None:
 
 
 @pytest.mark.parametrize("version", [2, 3])
-def test_an_fmu_that_asks_to_stop_ends_the_run_with_that_reason(version: int) -> None:
-    with pytest.raises(FmuError, match=r"fmu: step from t = .* ended early at t = .* s and asked to stop"):
-        run({"fmu": third_party.reference(version, "Stair")}, step=Fraction(1, 5), stop=Fraction(20))
+def test_an_fmu_that_asks_to_stop_ends_the_run_in_good_order(version: int) -> None:
+    trace = run({"fmu": third_party.reference(version, "Stair")}, step=Fraction(1, 5), stop=Fraction(20))
+    assert trace.time[-1] == 9.0 and trace["fmu.counter"][-1] == 10
 
 
 @pytest.mark.parametrize("version", [2, 3])
@@ -336,8 +336,8 @@ def test_after_a_fatal_error_no_function_of_the_fmu_is_called(moody_fmu: Path, p
     slave = load(moody_fmu, "fmu")
     with pytest.raises(FmuError, match="fatal"):
         life(slave, place, 4)
-    with pytest.raises(FmuError, match="fmu: cannot run again after a fatal error"):
-        slave.reset()
+    slave.reset()
+    life(slave, "step", 0)
     slave.close()
     assert moody.counter(slave, "calls_after_fatal") == 0
 
