@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -44,24 +45,26 @@ def about(path: Path) -> InfoDocument:
 def about_fmu(path: Path) -> InfoDocument:
     """Version, abilities and variables of an FMU; for one of ours also what its values come from."""
     from fmus.parameters.write_back import PROVENANCE  # noqa: PLC0415 (it brings lxml along)
-    from orchestrator.fmi.file import FmuFile  # noqa: PLC0415 (it brings FMPy along)
+    from orchestrator.fmi.file import FmuDescription  # noqa: PLC0415 (it brings FMPy along)
 
-    with FmuFile(path) as fmu:
-        interface = fmu.interface
-        files = archive.read(path)
-        document: dict[str, object] = {
-            "name": interface.model_name,
-            "fmi": interface.fmi_version,
-            "interfaces": ", ".join(fmu.kinds),
-            "description": fmu.description.description or "",
-            "tool": fmu.description.generationTool or "",
-            "defaults from resources": defaults.RESOURCE in files,
-            "state can be saved": interface.has_state,
-            "inputs": _ports(interface, "input"),
-            "outputs": _ports(interface, "output"),
-            "parameters": _ports(interface, "parameter"),
-            **_about_others(interface),
-        }
+    fmu, files = FmuDescription(path), archive.read(path)
+    interface = fmu.interface
+    document: dict[str, object] = {
+        "name": interface.model_name,
+        "fmi": interface.fmi_version,
+        "interfaces": ", ".join(fmu.kinds),
+        "description": fmu.description.description or "",
+        "tool": fmu.description.generationTool or "",
+        "platforms": sorted({name.split("/")[1] for name in files if re.match("binaries/[^/]+/[^/]", name)})
+        or ["none"],
+        "sources": any(name.startswith("sources/") for name in files),
+        "defaults from resources": defaults.RESOURCE in files,
+        "state can be saved": interface.has_state,
+        "inputs": _ports(interface, "input"),
+        "outputs": _ports(interface, "output"),
+        "parameters": _ports(interface, "parameter"),
+        **_about_others(interface),
+    }
     if PROVENANCE in files:
         provenance = _document(path, files[PROVENANCE])
         document["calibrated by"] = f"{provenance.get('title', '')} ({provenance.get('method', '')})"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Literal
@@ -268,6 +268,27 @@ def _every_input_set(system: System) -> None:
             given = port.start is not None or port.array is not None or port.alone
             if Endpoint(name, port.name) not in sources and not given:
                 raise WiringError(f"{name}.{port.name}", "is not connected and has no start value", "connect it")
+
+
+def remarks(system: System, component: str, given: Container[str]) -> list[str]:
+    """What is left to itself in a component that has these values: clocks, and elements of arrays that were resized."""
+    interface = system.parts[component].interface
+    clocks = [port.name for port in interface.of("input") if port.type == "Clock"]
+    driven = {link.target for link in system.connections} | system.stimulated
+    free = [
+        port.name
+        for port in (*interface.of("parameter"), *interface.of("input"))
+        if port.array is not None and port.array.starts is None and port.name not in given
+        if Endpoint(component, port.name) not in driven
+    ]
+    said = [f"nothing ticks its clocks ({_some(clocks)})"] if clocks else []
+    if free:
+        said.append(f"{_some(free)} of arrays without start values of this size keep what the FMU gives them")
+    return said
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
 
 
 def with_article(noun: str) -> str:

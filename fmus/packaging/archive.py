@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from lxml import etree
 
 LARGEST_UNPACKED = 4 << 30
+_FOLDERS = ("binaries", "documentation", "resources", "sources")
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
@@ -75,7 +76,22 @@ def opened(path: Path) -> zipfile.ZipFile:
     if sum(info.file_size for info in archive.infolist()) > LARGEST_UNPACKED:
         archive.close()
         raise FmuFileError(path, "unpacks to more than 4 GiB", "do not trust it")
+    for info in archive.infolist():
+        info.filename = _canonical(info.filename)
+    archive.filelist[:] = [info for info in archive.infolist() if info.filename]
+    archive.NameToInfo = {info.filename: info for info in archive.infolist()}
     return archive
+
+
+def _canonical(name: str) -> str:
+    """An entry's name as FMI writes it, where the tool that zipped it took backslashes, `./` or other capitals."""
+    parts = [part for part in name.replace("\\", "/").split("/") if part not in ("", ".")]
+    folder = name.endswith(("/", "\\"))
+    if len(parts) > 1 or folder:
+        parts[:1] = [part.lower() if part.lower() in _FOLDERS else part for part in parts[:1]]
+        if parts[:1] == ["binaries"] and (len(parts) > 2 or folder):
+            parts[1:2] = [part.lower() for part in parts[1:2]]
+    return "/".join(parts) + ("/" if parts and folder else "")
 
 
 def parse_xml(place: object, text: bytes) -> etree._Element:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 import tempfile
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from types import TracebackType
 
@@ -27,8 +28,10 @@ from orchestrator.fmi.isolation_worker import Make
 from orchestrator.fmi.slave import Slave
 from orchestrator.rational import seconds
 from orchestrator.solvers.base import SolverSettings
-from orchestrator.system import Endpoint, FeedThrough, Part, System, wire
+from orchestrator.system import Endpoint, FeedThrough, Part, System, remarks, wire
 from orchestrator.trace import Trace
+
+LOG = logging.getLogger("servotwin.assembly")
 
 
 @dataclass(frozen=True)
@@ -207,6 +210,8 @@ class OpenSystem:
         system = wire(parts, self.assembled.system.connections, self.assembled.stimulated)
         for name, component in components.items():
             check_shapes(system, {f"{name}.{array}": shape for array, shape in component.arrays.items()})
+            for remark in remarks(system, name, component.parameters):
+                _say(f"{name}: {remark}")
         return system
 
     def close(self) -> None:
@@ -218,6 +223,12 @@ class OpenSystem:
 
     def __exit__(self, kind: type | None, error: BaseException | None, traceback: TracebackType | None) -> None:
         self.close()
+
+
+@cache
+def _say(remark: str) -> None:
+    """Say it once in a process."""
+    LOG.warning("%s", remark)
 
 
 def open_system(

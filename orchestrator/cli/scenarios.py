@@ -59,12 +59,19 @@ def build(
     platform: Annotated[
         list[str] | None, typer.Option(help="Of native FMUs: host, all, x86_64-linux, aarch64-darwin, ...; repeatable.")
     ] = None,
+    from_sources: Annotated[
+        bool, typer.Option("--from-sources", help="The arguments are FMU files: compile the sources that they bring.")
+    ] = False,
     out: Annotated[Path | None, typer.Option("--out", help="Folder for the FMUs.")] = None,
 ) -> Answer:
-    """Build FMUs from model files."""
+    """Build FMUs from model files, or from the sources that FMUs bring along."""
     from fmus import library
     from fmus.packaging import targets
 
+    if from_sources:
+        if not models or target is not None:
+            raise InputError("--from-sources", "is for FMU files alone", "servotwin build --from-sources FILE.fmu")
+        return _compiled(terminal, [Path(model) for model in models], platform or ["host"], out or Path("out/fmus"))
     chosen = [library.find(name) for name in models or library.names()]
     packaging = target or targets.preferred()
     files = {model.name: (out or Path("out/fmus")) / f"{model.name}.fmu" for model in chosen}
@@ -75,6 +82,23 @@ def build(
     rows = [(model.name, str(files[model.name]), model.description) for model in chosen]
     document = {"fmus": {name: str(file) for name, file in files.items()}, "target": packaging, "fmi": fmi}
     return Answer(document, [Listing(("model", "FMU", "description"), rows)])
+
+
+def _compiled(terminal: Terminal, originals: list[Path], platforms: list[str], out: Path) -> Answer:
+    """FMUs with what their own sources were compiled to."""
+    from fmus.packaging import cache
+    from fmus.packaging.native import foreign_sources
+
+    rows, notes = [], {}
+    with terminal.bar("compiling") as move:
+        for number, file in enumerate(originals):
+            move(number / len(originals), file.name)
+            notes[str(file)] = found = foreign_sources.build(file, out / file.name, platforms)
+            rows.append((str(file), str(out / file.name), "; ".join(found)))
+    document = {"fmus": {file: made for file, made, _ in rows}, "notes": notes, "platforms": platforms}
+    kept = cache.current() is not None and {"host", "all"} & set(platforms)
+    said = ["files that bring no binary for this platform now run as they are, too"] if kept else []
+    return Answer(document, [Listing(("file", "FMU", "notes"), rows), *said])
 
 
 @command(app)

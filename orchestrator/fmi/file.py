@@ -6,6 +6,7 @@ The archive and its XML come from outside: paths, sizes and document types are c
 from __future__ import annotations
 
 import io
+import logging
 import math
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,7 +21,9 @@ import fmpy
 from fmpy.model_description import InterfaceType, ModelDescription, ModelVariable, read_model_description
 
 from fmus.errors import FmuFileError, ServotwinError
+from fmus.files import atomic_write
 from fmus.packaging import archive
+from fmus.packaging.native import foreign_sources
 from fmus.units import Unit
 from orchestrator.fmi import arrays, definitions, unpacked
 from orchestrator.fmi.arrays import Sizes
@@ -29,6 +32,7 @@ from orchestrator.fmi.interface import Interface, Port, Value
 if TYPE_CHECKING:
     from lxml import etree
 
+LOG = logging.getLogger("servotwin.fmu")
 DESCRIPTION = "modelDescription.xml"
 LARGEST_DESCRIPTION = 256 << 20
 
@@ -40,20 +44,18 @@ class Kind(StrEnum):
     MODEL_EXCHANGE = "model exchange"
 
 
-class FmuFile:
-    """An FMU unpacked into a folder; a context manager that lets go of the folder.
-
-    Equal files share a folder, and so their library; one that can be instantiated only once has a folder of its own.
+class FmuDescription:
+    """What an FMU says of itself, whether or not there is a binary of it for this platform.
 
     Args:
-        kind: which of its interfaces is used; None takes co-simulation where it is offered.
+        kind: which of its interfaces is meant; None takes co-simulation where it is offered.
         parameters: variable -> value; of these its structural parameters, which give its arrays their shapes.
 
     Attributes:
         kinds: the interfaces it offers.
 
-    Raises (on opening):
-        FmuFileError: no file, no zip, unsafe paths, bad XML, no such interface, no binary for this platform.
+    Raises (on reading):
+        FmuFileError: no file, no zip, unsafe paths, bad XML, no such interface.
     """
 
     def __init__(self, path: Path, kind: Kind | None = None, parameters: Mapping[str, Value] | None = None) -> None:
@@ -64,25 +66,40 @@ class FmuFile:
         self.kind = kind or self.kinds[0]
         if self.kind not in offers:
             raise FmuFileError(path, f"offers no {self.kind}, only {self.kinds[0]}", "remove its `solver`")
+        self.offer = offers[self.kind]
         with _guarded(path, DESCRIPTION):
-            self.interface = _interface(path, self.description, offers[self.kind], parameters or {})
+            self.interface = _interface(path, self.description, self.offer, parameters or {})
+
+    @property
+    def identifier(self) -> str:
+        return str(self.offer.modelIdentifier)
+
+    @property
+    def is_ours(self) -> bool:
+        """Whether it says that this project has built it."""
+        return bool(self.description.generationTool == "servotwin")
+
+
+class FmuFile(FmuDescription):
+    """An FMU unpacked into a folder; a context manager that lets go of the folder.
+
+    Equal files share a folder, and so their library; one that can be instantiated only once has a folder of its own.
+    A library that was compiled from its sources before takes the place of one that it does not bring along.
+
+    Raises (on opening):
+        FmuFileError: as its description; or there is no binary for this platform.
+    """
+
+    def __init__(self, path: Path, kind: Kind | None = None, parameters: Mapping[str, Value] | None = None) -> None:
+        super().__init__(path, kind, parameters)
         with _guarded(path, "contents"):
-            self.folder = unpacked.take(path, bool(offers[self.kind].canBeInstantiatedOnlyOncePerProcess))
+            self.folder = unpacked.take(path, bool(self.offer.canBeInstantiatedOnlyOncePerProcess))
         self._open = True
         try:
             self._require_binary()
         except BaseException:
             self.close()
             raise
-
-    @property
-    def identifier(self) -> str:
-        return str(_offers(self.description)[self.kind].modelIdentifier)
-
-    @property
-    def is_ours(self) -> bool:
-        """Whether it says that this project has built it."""
-        return bool(self.description.generationTool == "servotwin")
 
     def close(self) -> None:
         """Let go of the folder."""
@@ -102,11 +119,18 @@ class FmuFile:
         modern = self.description.fmiVersion.startswith("3")
         platform = fmpy.platform_tuple if modern else fmpy.platform
         binary = self.folder / "binaries" / platform / (self.identifier + fmpy.sharedLibraryExtension)
-        if not binary.is_file():
-            there = sorted(p.name for p in (self.folder / "binaries").glob("*")) or ["none"]
-            raise FmuFileError(
-                self.path, f"has no binary for {platform} (it has: {', '.join(there)})", "export it for this platform"
-            )
+        if binary.is_file():
+            return
+        library = foreign_sources.kept(self.path, self.identifier)
+        if library is not None:
+            LOG.info("%s: runs the library that was compiled from its sources", self.path)
+            atomic_write(binary, library)
+            return
+        there = sorted(p.name for p in (self.folder / "binaries").glob("*")) or ["none"]
+        fix = "export it for this platform"
+        if (self.folder / "sources").is_dir():
+            fix += f", or compile its sources: servotwin build --from-sources {self.path}"
+        raise FmuFileError(self.path, f"has no binary for {platform} (it has: {', '.join(there)})", fix)
 
 
 def read_description(path: Path) -> ModelDescription:

@@ -10,6 +10,7 @@ import tempfile
 import threading
 from collections import Counter
 from pathlib import Path
+from zipfile import ZipFile, ZipInfo
 
 from fmus.files import sha256
 from fmus.packaging import archive
@@ -53,8 +54,17 @@ def _unpack(path: Path) -> Path:
     folder = Path(tempfile.mkdtemp(prefix=UNPACKED))
     try:
         with archive.opened(path) as zipped:
-            zipped.extractall(folder)
+            for info in zipped.infolist():
+                _extract(zipped, info, folder)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise
     return folder
+
+
+def _extract(zipped: ZipFile, info: ZipInfo, folder: Path) -> None:
+    """Write an entry, and let what could be executed before be executed: FMUs bring programs along."""
+    there = Path(zipped.extract(info, folder))
+    executable = info.external_attr >> 16 & 0o111
+    if executable and there.is_file():
+        there.chmod(there.stat().st_mode | executable)

@@ -159,12 +159,12 @@ def identity(target: Platform) -> tuple[object, ...]:
 def _compiled(sources: tuple[tuple[str, str], ...], name: str, target: Platform, compiler: tuple[str, ...]) -> bytes:
     library = name + target.suffix
     units = [file for file, _ in sources if file.endswith(".c")]
-    command = [*compiler, *_position(target), "-o", library, *units, *_libraries(target)]
+    command = [*compiler, *position(target), "-o", library, *units, *libraries(target)]
     with tempfile.TemporaryDirectory(prefix="servotwin-cc-") as folder:
         for file, text in sources:
             (Path(folder) / file).write_text(text)
         LOG.info("in %s: %s", folder, shlex.join(command))
-        _run(command, folder, f"model {name}, {target.name}")
+        run(command, folder, f"model {name}, {target.name}")
         return (Path(folder) / library).read_bytes()
 
 
@@ -180,15 +180,22 @@ def universal(parts: Mapping[str, bytes]) -> bytes:
     return head.ljust(page, b"\0") + bodies
 
 
-def _position(target: Platform) -> list[str]:
+def position(target: Platform) -> list[str]:
+    """Flags for code that may lie anywhere in memory."""
     return [] if target.suffix == ".dll" else ["-fPIC"]
 
 
-def _libraries(target: Platform) -> list[str]:
+def libraries(target: Platform) -> list[str]:
+    """Flags for the libraries that every model needs."""
     return ["-lm"] if target.suffix == ".so" else []
 
 
-def _run(command: Sequence[str], folder: str, place: str) -> None:
+def run(command: Sequence[str], folder: str, place: str) -> None:
+    """Have a compiler do its work in a folder.
+
+    Raises:
+        ModelError: it cannot be run, or failed; its first message is told.
+    """
     try:
         done = subprocess.run(
             command, cwd=folder, capture_output=True, text=True, errors="replace", timeout=TIME_LIMIT, check=False
