@@ -110,3 +110,10 @@ def parse_xml(place: object, text: bytes) -> etree._Element:
     if root.getroottree().docinfo.doctype:
         raise FmuFileError(place, "declares a document type", "do not trust it")
     return root
+
+
+def xml_text(root: etree._Element) -> bytes:
+    """The document of a root."""
+    from lxml import etree  # noqa: PLC0415 (see above)
+
+    return bytes(etree.tostring(root, encoding="UTF-8", xml_declaration=True))

@@ -149,13 +149,21 @@ def read_description(path: Path) -> ModelDescription:
         text = zipped.read(info)
     root = archive.parse_xml(f"{path}: {DESCRIPTION}", text)
     with _guarded(path, DESCRIPTION):
-        description = read_model_description(_alone(text), validate=False)
+        description = read_model_description(_alone(_readable(root, text)), validate=False)
         _amend(description, root)
     if description.fmiVersion.split(".")[0] not in ("2", "3"):
         raise FmuFileError(path, f"is of FMI version {description.fmiVersion}", "export it for FMI 2.0 or 3.0")
     if not _offers(description):
         raise FmuFileError(path, "offers neither co-simulation nor model exchange", "export it for one of them")
     return description
+
+
+def _readable(root: etree._Element, text: bytes) -> bytes:
+    """The description without the types of clocks, which FMPy does not know."""
+    clocks = root.findall("ModelVariables/Clock[@declaredType]")
+    for clock in clocks:
+        del clock.attrib["declaredType"]
+    return archive.xml_text(root) if clocks else text
 
 
 def _alone(text: bytes) -> io.BytesIO:

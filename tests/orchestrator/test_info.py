@@ -63,11 +63,6 @@ def test_an_fmu_of_another_supplier_is_shown_too(version: int) -> None:
     assert "mu" in by_name(document["parameters"])
 
 
-def test_an_fmu_without_a_binary_for_this_platform_is_refused_with_those_it_has() -> None:
-    with pytest.raises(InputError, match=r"no binary for .* \(it has: win64\)"):
-        about(third_party.coupled_clutches_for_windows())
-
-
 @pytest.mark.parametrize("text", [b"no json", b"[1]", b"\xff", b'"x"'])
 def test_provenance_that_somebody_spoiled_is_refused(hand: Path, tmp_path: Path, text: bytes) -> None:
     archive.write(tmp_path / "odd.fmu", archive.read(hand) | {PROVENANCE: text})
