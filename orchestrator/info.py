@@ -13,6 +13,7 @@ import numpy as np
 
 from fmus.errors import InputError
 from fmus.packaging import archive, defaults
+from fmus.packaging.native import foreign_sources
 from orchestrator.can.log_suffixes import is_log
 from orchestrator.progress import Progress, silent
 from orchestrator.results import MARKS, RECORD
@@ -57,7 +58,7 @@ def about_fmu(path: Path) -> InfoDocument:
         "tool": fmu.description.generationTool or "",
         "platforms": sorted({name.split("/")[1] for name in files if re.match("binaries/[^/]+/[^/]", name)})
         or ["none"],
-        "sources": any(name.startswith("sources/") for name in files),
+        "sources": foreign_sources.brings(files),
         "defaults from resources": defaults.RESOURCE in files,
         "state can be saved": interface.has_state,
         "inputs": _ports(interface, "input"),

@@ -128,7 +128,9 @@ class FmuFile(FmuDescription):
             return
         there = sorted(p.name for p in (self.folder / "binaries").glob("*")) or ["none"]
         fix = "export it for this platform"
-        if (self.folder / "sources").is_dir():
+        if foreign_sources.brings(
+            file.relative_to(self.folder).as_posix() for file in self.folder.glob("sources/**/*")
+        ):
             fix += f", or compile its sources: servotwin build --from-sources {self.path}"
         raise FmuFileError(self.path, f"has no binary for {platform} (it has: {', '.join(there)})", fix)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import shlex
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
@@ -58,6 +58,11 @@ class Sources:
     fmi: int
     libraries: Mapping[str, tuple[SourceFiles, ...]]
     notes: tuple[str, ...] = ()
+
+
+def brings(names: Iterable[str]) -> bool:
+    """Whether there are C sources among the files of an FMU."""
+    return any(name.startswith("sources/") and name.endswith((".c", *_CPP)) for name in names)
 
 
 def kept(path: Path, identifier: str) -> bytes | None:

@@ -95,7 +95,7 @@ def test_other_values_of_one_model_are_compiled_once(tmp_path: Path, monkeypatch
     compiler._kept.cache_clear()
     targets.build(EXCITATION, tmp_path / "a.fmu", target="native")
     compiler._kept.cache_clear()
-    monkeypatch.setattr(compiler, "_run", lambda *_: pytest.fail("compiled again"))
+    monkeypatch.setattr(compiler, "run", lambda *_: pytest.fail("compiled again"))
     targets.build(EXCITATION, tmp_path / "b.fmu", target="native", parameters={"seed": 5}, tables={"playback": PLAYED})
     assert (tmp_path / "a.fmu").read_bytes() != (tmp_path / "b.fmu").read_bytes()
 

@@ -99,7 +99,7 @@ def test_the_same_sources_give_the_same_bytes_and_are_compiled_once(
     first = compiler.compile_library(SOURCES, "one", HERE)
     compiler._kept.cache_clear()
     assert compiler.compile_library(SOURCES, "one", HERE) == first
-    monkeypatch.setattr(compiler, "_run", lambda *_: pytest.fail("compiled again"))
+    monkeypatch.setattr(compiler, "run", lambda *_: pytest.fail("compiled again"))
     assert compiler.compile_library(SOURCES, "one", HERE) == first
 
 
