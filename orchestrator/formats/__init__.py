@@ -5,6 +5,7 @@ Files come from outside: whatever is wrong with one ends in a `TraceError` that 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -30,8 +31,18 @@ class Format(Protocol):
     def write(self, trace: Trace, file: BinaryIO) -> None: ...
 
 
-FORMATS = {".csv": "csv", ".mat": "mat", ".parquet": "parquet", ".tsv": "text", ".txt": "text"}
+FORMATS = {".csv": "csv", ".mat": "arrays.mat", ".parquet": "parquet", ".tsv": "text", ".txt": "text"}
 """Those that come along; other packages add theirs as entry points `SUFFIX = module` of `servotwin.formats`."""
+
+READ = {
+    ".h5": "arrays.hdf5",
+    ".hdf5": "arrays.hdf5",
+    ".npy": "arrays.npz",
+    ".npz": "arrays.npz",
+    ".tdms": "arrays.tdms",
+    ".xlsx": "texts.xlsx",
+}
+"""Those that are read alone."""
 
 
 def read(path: str | Path, layout: Layout | None = None, progress: Progress = silent) -> Recording:
@@ -50,7 +61,7 @@ def read(path: str | Path, layout: Layout | None = None, progress: Progress = si
         from orchestrator.formats import can_log  # noqa: PLC0415 (it brings python-can and cantools along)
 
         return can_log.read(file, layout or Layout(), progress)
-    form = _format(file)
+    form = _format(file, FORMATS | READ)
     check_file(file)
     return form.read(file, layout or Layout())
 
@@ -61,21 +72,22 @@ def write(trace: Trace, path: str | Path) -> None:
     Raises:
         TraceError: an unknown suffix, or names that the format cannot hold.
     """
-    form = _format(Path(path))
+    form = _format(Path(path), FORMATS)
     if "time" in trace.names:
         raise TraceError(trace.name, "a signal is named 'time', as the stamps are", "rename it")
     atomic_write(path, partial(form.write, trace))
 
 
-def _format(path: Path) -> Format:
+def _format(path: Path, modules: Mapping[str, str]) -> Format:
     suffix = path.suffix.lower()
-    if suffix in FORMATS:
-        form: Format = import_module(f"{__name__}.{FORMATS[suffix]}")
+    if suffix in modules:
+        form: Format = import_module(f"{__name__}.{modules[suffix]}")
         return form
     added: dict[str, Format] = {f".{name}": form for name, form in plugins("servotwin.formats", _is_format).items()}
     if suffix not in added:
-        known = ", ".join(dict.fromkeys((*FORMATS, *SUFFIXES, *added)))
-        raise TraceError(path, f"format '{path.suffix}' is not known", f"use {known}")
+        known = ", ".join(dict.fromkeys((*modules, *SUFFIXES, *added)))
+        what = "is read, not written" if suffix in READ else "is not known"
+        raise TraceError(path, f"format '{path.suffix}' {what}", f"use {known}")
     return added[suffix]
 
 

@@ -22,7 +22,7 @@ SECONDS = {
 
 _TIME = re.compile(
     r"(?:(?:rel|abs|elapsed|relative|absolute)[ _.]?)?"
-    r"(?:time|t|zeit|time[ _]?stamps?|zeitstempel|uhrzeit|date[ _]?time|x_value|x-?axis|temps|tiempo|tempo|时间)"
+    r"(?:time|(?-i:t)|zeit|time[ _]?stamps?|zeitstempel|uhrzeit|date[ _]?time|x_value|x-?axis|temps|tiempo|tempo|时间)"
     r"(?:[ _](?P<unit>s|sec|ms|us|µs|ns|min|h))?",
     re.IGNORECASE,
 )
@@ -62,7 +62,8 @@ def is_unit(text: str) -> bool:
 
 def names_time(heading: str) -> bool:
     """Whether a heading names the time stamps."""
-    return _TIME.fullmatch(split(heading.lstrip("# "))[0]) is not None
+    name = split(heading.lstrip("# "))[0]
+    return _TIME.fullmatch(re.split(r"[./]", name)[-1]) is not None
 
 
 def time_unit(name: str) -> str:

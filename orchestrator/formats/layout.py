@@ -23,6 +23,7 @@ from orchestrator.trace import FloatArray, ordered
 Separator = Literal[",", ";", "|", "tab", "blank"]
 Decimal = Literal[".", ","]
 Dates = Literal["dmy", "mdy", "ymd"]
+SURE = 8  # samples in a row that rise make a column look like the time
 MAX_VALUES = 2**28  # samples times columns of one recording: 2 GiB
 
 
@@ -223,13 +224,16 @@ def _time(layout: Layout, columns: Columns, place: Path) -> tuple[int, list[str]
     named = [number for number, name in enumerate(names) if name == "time"] or [
         number for number, name in enumerate(names) if names_time(name) and not columns.useless.get(number)
     ]
-    found = named or [number for number in range(columns.count) if _rises(columns, number)]
+    stamped = list(columns.stamped) if len(columns.stamped) == 1 else []
+    found = named or stamped or [number for number in range(columns.count) if _rises(columns, number)]
     if len(found) != 1:
         raise _unknown_time(columns, found, place)
     called = columns.label(found[0])
     if called == "time":
         return found[0], []
-    return found[0], [f"its time is taken from column {_quoted(called)}" + ("" if named else ", which alone rises")]
+    return found[0], [
+        f"its time is taken from column {_quoted(called)}" + ("" if named or stamped else ", which alone rises")
+    ]
 
 
 def _unknown_time(columns: Columns, found: list[int], place: Path) -> TraceError:
@@ -246,7 +250,7 @@ def _rises(columns: Columns, number: int) -> bool:
     if number in columns.useless or columns.head is None:
         return number in columns.stamped
     head = np.asarray(columns.head(number), dtype=float)
-    return number in columns.stamped or (len(head) > 2 and bool(np.all(np.diff(head) > 0)))
+    return number in columns.stamped or (len(head) >= SURE and bool(np.all(np.diff(head) > 0)))
 
 
 def _number(column: int | str, columns: Columns, place: Path) -> int:
@@ -293,7 +297,7 @@ def _all(columns: Columns, time: int, notes: list[str]) -> dict[str, int]:
         own = _own_name(
             name or f"column_{number}", {*signals, *names[number + 1 :]} if names.count(name) == 1 else signals
         )
-        if own != name:
+        if own != name and columns.names:
             notes.append(f"column {number}, {_quoted(name) if name else 'without a name'}, is called '{own}'")
         signals[own] = number
     return signals

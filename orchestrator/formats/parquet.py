@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
 
+import numpy as np
 import pyarrow as pa
 from pyarrow import parquet
 
@@ -14,6 +15,7 @@ from fmus.errors import TraceError
 from orchestrator.formats.arrow import arrays, numbers
 from orchestrator.formats.layout import MAX_VALUES, Columns, Layout, choose
 from orchestrator.formats.recording import Recording, excerpt
+from orchestrator.formats.stamps import Stamps, since_first
 from orchestrator.interrupts import whole
 from orchestrator.trace import FloatArray, Trace
 
@@ -81,9 +83,10 @@ def _arrow(trace: Trace) -> pa.Table:
 def _recording(file: parquet.ParquetFile, layout: Layout, path: Path) -> Recording:
     schema = file.schema_arrow
     units = tuple(_text(field.metadata, b"unit") for field in schema)
-    choice = choose(layout, Columns(len(schema), tuple(schema.names), units), path)
-    for number in choice.wanted:
-        _check_numeric(schema.field(number), path)
+    odd = {number: str(field.type) for number, field in enumerate(schema) if not _is_numeric(field.type)}
+    stamped = [number for number, field in enumerate(schema) if pa.types.is_timestamp(field.type)]
+    useless = {number: what for number, what in odd.items() if number not in stamped}
+    choice = choose(layout, Columns(len(schema), tuple(schema.names), units, useless, stamped, _head(file)), path)
     if file.metadata.num_rows * len(choice.wanted) > MAX_VALUES:
         raise TraceError(path, f"claims {file.metadata.num_rows} samples", "cut the recording")
     rows = file.read(columns=[schema.names[number] for number in choice.wanted])
@@ -91,12 +94,29 @@ def _recording(file: parquet.ParquetFile, layout: Layout, path: Path) -> Recordi
     def column(number: int) -> FloatArray:
         return numbers(rows[schema.names[number]])
 
-    return choice.recording(column, _text(schema.metadata, b"name"))
+    stamps = _stamps(rows[schema.names[choice.time]], layout, path) if choice.time in stamped else None
+    return choice.recording(column, _text(schema.metadata, b"name"), stamps)
 
 
-def _check_numeric(field: pa.Field, path: Path) -> None:
-    if not (pa.types.is_floating(field.type) or pa.types.is_integer(field.type)):
-        raise TraceError(f"{path}: column '{field.name}'", f"holds {field.type}, not numbers", "choose another column")
+def _is_numeric(kind: pa.DataType) -> bool:
+    return bool(pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_boolean(kind))
+
+
+def _head(file: parquet.ParquetFile) -> Callable[[int], FloatArray]:
+    """The first samples of a column by its number."""
+
+    def head(number: int) -> FloatArray:
+        batch = next(file.iter_batches(1000, columns=[file.schema_arrow.names[number]]), None)
+        return np.empty(0) if batch is None else numbers(pa.chunked_array(batch.columns[:1]))
+
+    return head
+
+
+def _stamps(column: pa.ChunkedArray, layout: Layout, path: Path) -> Stamps:
+    if column.null_count:
+        raise TraceError(path, f"{column.null_count} time stamps are missing", "drop those rows")
+    instants = column.cast(pa.timestamp("ns", column.type.tz)).cast(pa.int64()).to_numpy()
+    return since_first(instants, "UTC" if column.type.tz else layout.time_zone, path)
 
 
 def _text(metadata: dict[bytes, bytes] | None, key: bytes) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import re
 from pathlib import Path
+from typing import BinaryIO
 
 from fmus.errors import TraceError
 
@@ -19,14 +20,14 @@ MARKS = {
 WESTERN = frozenset("äöüÄÖÜßéèêàâçîôûñåøæÅØÆíóúáµ°²³·±×Ωø§")
 
 
-def first_lines(path: Path, encoding: str | None) -> tuple[list[str], str]:
+def first_lines(file: BinaryIO, encoding: str | None, path: Path) -> tuple[list[str], str]:
     """The first lines of a file, whole ones only, and its encoding: the one that is said, else what it looks like.
 
     Raises:
         TraceError: no such encoding, or the bytes are none of it; a line that is too long.
     """
-    with path.open("rb") as file:
-        raw = file.read(SAMPLE + 1)
+    raw = file.read(SAMPLE + 1)
+    file.seek(0)
     whole = len(raw) <= SAMPLE
     known = encoding or next((name for mark, name in MARKS.items() if raw.startswith(mark)), None) or _guess(raw, path)
     try:

@@ -183,7 +183,7 @@ def _labels(rows: Sequence[Row], width: int, decimal: Decimal, layout: Layout) -
     found: list[Row] = []
     for row in reversed(rows):
         filled = sum(map(bool, row.cells))
-        if len(row.cells) not in (width, width - 1) or 2 * filled < width:
+        if len(row.cells) not in (width, width - 1) or (2 * filled < width and not _are_units(row.cells)):
             break
         found.insert(0, row)
     return found

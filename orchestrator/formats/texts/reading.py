@@ -35,7 +35,13 @@ def read(path: Path, layout: Layout) -> Recording:
         TraceError: no table, one that looks two ways, a column that is not there, text in a number, a row of another
             length.
     """
-    lines, encoding = first_lines(path, layout.encoding)
+    with path.open("rb") as file:
+        return read_text(file, layout, path)
+
+
+def read_text(file: BinaryIO, layout: Layout, path: Path) -> Recording:
+    """The same of a text that is at hand; `path` is where it is from."""
+    lines, encoding = first_lines(file, layout.encoding, path)
     seen = grid(lines, layout, path)
     told = replace(
         layout,
@@ -46,7 +52,7 @@ def read(path: Path, layout: Layout) -> Recording:
         units_line=seen.units_line,
     )
     choice = choose(told, _columns(seen), path)
-    table = _table(path, seen, encoding, choice)
+    table = _table(file, seen, encoding, choice)
     guessed = [f"its text is {encoding}"] if layout.encoding is None and not encoding.startswith("utf-8") else []
 
     def column(number: int) -> FloatArray:
@@ -71,7 +77,7 @@ def _columns(seen: Grid) -> Columns:
     return Columns(len(seen.kinds), seen.names, seen.units, useless, stamped, head)
 
 
-def _table(path: Path, seen: Grid, encoding: str, choice: Choice) -> Any:
+def _table(file: BinaryIO, seen: Grid, encoding: str, choice: Choice) -> Any:
     names = [str(number) for number in range(len(seen.kinds))]
     wanted = [names[number] for number in choice.wanted]
     reading = csv.ReadOptions(
@@ -86,15 +92,11 @@ def _table(path: Path, seen: Grid, encoding: str, choice: Choice) -> Any:
         column_types={name: TYPES.get(seen.kinds[int(name)], pa.string()) for name in wanted},
     )
     try:
-        with path.open("rb") as file:
-            content: BinaryIO = _unblanked(file.read(), encoding) if seen.separator == "blank" else file
-            if seen.separator == "blank":
-                reading.encoding = "utf8"
-            return csv.read_csv(
-                content, reading, csv.ParseOptions(delimiter=mark, newlines_in_values=False), converting
-            )
+        if seen.separator == "blank":
+            file, reading.encoding = _unblanked(file.read(), encoding), "utf8"
+        return csv.read_csv(file, reading, csv.ParseOptions(delimiter=mark), converting)
     except (pa.ArrowInvalid, pa.ArrowKeyError, UnicodeError) as problem:
-        raise TraceError(path, excerpt(problem), "correct or cut that row") from None
+        raise TraceError(choice.place, excerpt(problem), "correct or cut that row") from None
 
 
 def _unblanked(content: bytes, encoding: str) -> BinaryIO:

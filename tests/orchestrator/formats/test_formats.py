@@ -20,7 +20,8 @@ from scipy.sparse import csc_array
 
 from fmus.errors import TraceError
 from fmus.files import atomic_write, sha256
-from orchestrator.formats import FORMATS, Layout, Recording, mat5, read, write
+from orchestrator.formats import FORMATS, Layout, Recording, read, write
+from orchestrator.formats.arrays import mat5
 from orchestrator.trace import Trace
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False, allow_subnormal=True)
@@ -262,33 +263,38 @@ MALFORMED: list[tuple[str, bytes | Callable[[BinaryIO], object], Layout | None, 
     ("x.txt", b"# time a\n0 1\n1 zwei\n", None, "'zwei'"),
     ("x.txt", b"#" * 10**6, None, "header line is longer than"),
     ("x.txt", b"# time a\n0 1\n1 \xff\n", None, "not UTF-8"),
-    ("x.mat", b"nothing of the kind", None, "not a MATLAB v5 file"),
-    ("x.mat", b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF", None, r"v7\.3.*'-v7'"),
+    ("x.mat", b"nothing of the kind", None, "not a MATLAB v5 or v7.3 file"),
+    ("x.mat", b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF", None, "is damaged|needs h5py"),
     (
         "x.mat",
         b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + b"\x0e\0\0\0\xff\xff\xff\x7f",
         None,
         "damaged",
     ),
-    ("x.mat", mat({"E": SQUARE}), Layout("D", 0, {"a": 1}), r"no variable 'D'; it holds E \(double\)"),
+    ("x.mat", mat({"E": SQUARE}), Layout("D", 0, {"a": 1}), r"no variable 'D'; it holds E \(3 x 3 double\)"),
     ("x.mat", mat({"D": SQUARE, "E": SQUARE}), TWO, "holds 2 numeric matrices"),
-    ("x.mat", mat({"D": CELL}), TWO, r"holds no numeric matrices \(D \(cell\)\)"),
-    ("x.mat", mat({"D": CELL}), Layout("D", 0, {"a": 1}), "D: is 1 x 2 cell, not a numeric matrix"),
-    ("x.mat", mat({"D": {"time": [0, 1]}}), Layout("D", 0, {"a": 1}), "struct, not a numeric matrix"),
+    ("x.mat", mat({"D": CELL}), TWO, r"holds no numeric matrices and no vectors \(D \(cell of 2\)\)"),
+    ("x.mat", mat({"D": CELL}), Layout("D", 0, {"a": 1}), "D: is cell of 2, not a numeric matrix"),
+    ("x.mat", mat({"D": {"time": "now"}}), Layout("D", 0, {"a": 1}), "struct, not a numeric matrix"),
     ("x.mat", mat({"D": "text"}), Layout("D", 0, {"a": 1}), "char, not a numeric matrix"),
     ("x.mat", mat({"D": np.zeros((3, 3, 3))}), Layout("D", 0, {"a": 1}), "3 x 3 x 3 double"),
     ("x.mat", mat({"D": np.zeros((0, 4))}), TWO, "claims 0 x 4 values"),
     ("x.mat", mat({"D": np.ones((2, 9))}), TWO, "fewer samples than columns; transpose it"),
-    ("x.mat", mat({"D": SQUARE * 1j}), TWO, r"no numeric matrices \(D \(complex double\)\)"),
+    ("x.mat", mat({"D": SQUARE * 1j}), TWO, r"no vectors \(D \(3 x 3 complex double\)\)"),
     ("x.mat", mat({"D": SQUARE}), Layout(time=0, columns={"a": 3}), "no column 3"),
     ("x.mat", mat({"D": SQUARE}), None, "names no columns, and none is surely the time"),
     ("x.mat", mat({"D": np.full((5, 2), np.nan)}), TWO, "time stamp 1 is nan"),
     ("x.parquet", b"PAR1 and no more", None, "not a readable Parquet file"),
     ("x.parquet", frame(x=[0.0, 1.0]), None, "no column 'time'; it holds 'x'"),
-    ("x.parquet", frame(time=[0.0, 1.0], a=["x", "y"]), None, "column 'a': holds string, not numbers"),
-    ("x.parquet", frame(time=[0.0, 1.0], a=[[1.0], [2.0]]), None, "column 'a': holds list"),
+    (
+        "x.parquet",
+        frame(time=[0.0, 1.0], a=["x", "y"]),
+        Layout(columns={"a": "a"}),
+        "column 'a': holds string, not numbers",
+    ),
+    ("x.parquet", frame(time=[0.0, 1.0], a=[[1.0], [2.0]]), Layout(columns={"a": "a"}), "column 'a': holds list"),
     ("x.parquet", frame(time=[0.0, None], a=[1, 2]), None, "time stamp 2 is nan"),
-    ("x.wav", b"RIFF", None, "format '.wav' is not known; use .csv, .mat, .parquet, .tsv, .txt"),
+    ("x.wav", b"RIFF", None, "format '.wav' is not known; use .csv, .mat, .parquet, .tsv, .txt, .h5"),
 ]
 
 

@@ -1,4 +1,4 @@
-"""The MATLAB v5 container: which variables a file holds, and one of them as numbers or as texts.
+"""The MATLAB v5 container: which variables a file holds, and what is in each.
 
 SciPy's reader crashes the whole process on some damaged files, so this one looks at every length before it uses it.
 Layout: "MAT-File Format", The MathWorks, chapter 1. Damage is a ValueError, struct.error or zlib.error.
@@ -12,10 +12,12 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
+from orchestrator.formats.arrays.tree import DEEPEST, Node, Numbers, Other, Structure
 from orchestrator.trace import FloatArray
 
 MATRIX, COMPRESSED = 14, 15
@@ -41,9 +43,13 @@ CLASSES = (
     "function",
     "opaque",
 )
+NUMERIC = frozenset(
+    {"double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
+)
 COMPLEX, LOGICAL = 0x0800, 0x0200
 HEAD = 4096  # bytes that hold flags, dimensions and name of any variable
 SLACK = 2**20  # bytes that a variable may need beyond its numbers
+LARGEST = 2**29  # bytes of a structure
 
 
 @dataclass(frozen=True)
@@ -82,22 +88,64 @@ def variables(file: BinaryIO) -> list[MatVariable]:
     return [variable for variable in found if variable.name]
 
 
-def matrix(file: BinaryIO, variable: MatVariable) -> FloatArray:
-    """The numbers of a real numeric variable, in its shape."""
-    real = next(islice(_elements(_payload(file, variable), variable.order), 3, None), None)
-    if real is None or real[0] not in NUMBERS:
+def node(file: BinaryIO, variable: MatVariable) -> Node:
+    """What a variable holds; numbers are read when they are asked for."""
+    if variable.kind in NUMERIC:
+        return Numbers(variable.shape, lambda: _whole(file, variable), variable.kind)
+    if variable.kind in ("struct", "cell", "char"):
+        return _node(_payload(file, variable, LARGEST), variable.order)
+    return Other(variable.shape, variable.kind)
+
+
+def _whole(file: BinaryIO, variable: MatVariable) -> FloatArray:
+    read = _node(_payload(file, variable, 8 * variable.count + SLACK), variable.order)
+    if not isinstance(read, Numbers):
         raise ValueError(f"'{variable.name}' holds no numbers")
-    numbers = np.frombuffer(real[1], variable.order + NUMBERS[real[0]])
-    if len(numbers) != variable.count:
-        raise ValueError(f"'{variable.name}' holds {len(numbers)} numbers instead of {variable.count}")
-    return numbers.reshape(variable.shape, order="F").astype(float)
+    return read.read()
 
 
-def texts(file: BinaryIO, variable: MatVariable) -> list[str] | None:
-    """The texts in a cell array, None when something else is in it, too."""
-    parts = islice(_elements(_payload(file, variable), variable.order), 3, None)
-    found = [_text(data, variable.order) if kind == MATRIX else None for kind, data in parts]
-    return None if None in found else [text for text in found if text is not None]
+def _node(data: bytes | memoryview, order: str, depth: int = 0) -> Node:
+    """What a matrix element holds, its parts looked through."""
+    if len(data) == 0:
+        return Other((0, 0), "empty")
+    if depth > DEEPEST:
+        raise ValueError("structures are too deep inside each other")
+    _, shape, class_ = _described(data, order)
+    if class_ not in NUMERIC and class_ not in ("struct", "cell", "char"):
+        return Other(shape, class_)
+    parts = list(_elements(data, order))[3:]
+    count = math.prod(shape)
+    if class_ in NUMERIC:
+        numbers = _numbers(parts, count, order).reshape(shape, order="F")
+        return Numbers(shape, lambda: numbers.astype(float), class_)
+    if class_ == "char":
+        return _text(parts, shape, order)
+    if class_ == "cell":
+        return [_node(part, order, depth + 1) for kind, part in parts if kind == MATRIX]
+    return _structure(parts, count, order, depth)
+
+
+def _structure(parts: list[tuple[int, memoryview]], count: int, order: str, depth: int) -> Structure:
+    """The elements of a struct array: its fields' names are told once, of a fixed length."""
+    if len(parts) < 2 or len(parts[0][1]) != 4:
+        raise ValueError("a structure has no names of fields")
+    length, names = struct.unpack(order + "I", parts[0][1])[0], bytes(parts[1][1])
+    fields = [names[at : at + length].partition(b"\0")[0].decode("latin-1") for at in range(0, len(names), length or 1)]
+    if length == 0 or len(parts) - 2 != count * len(fields):
+        raise ValueError("a structure has not as many fields as it says")
+    nodes = (_node(part, order, depth + 1) for _, part in parts[2:])
+    return Structure([{field: next(nodes) for field in fields} for _ in range(count)])
+
+
+def _numbers(parts: list[tuple[int, memoryview]], count: int, order: str) -> NDArray[Any]:
+    if not parts or parts[0][0] not in NUMBERS:
+        if count == 0:
+            return np.empty(0)
+        raise ValueError("a variable holds no numbers")
+    numbers = np.frombuffer(parts[0][1], order + NUMBERS[parts[0][0]])
+    if len(numbers) != count:
+        raise ValueError(f"a variable holds {len(numbers)} numbers instead of {count}")
+    return numbers
 
 
 def _variable(file: BinaryIO, kind: int, size: int, order: str) -> MatVariable:
@@ -143,22 +191,19 @@ def _elements(data: bytes | memoryview, order: str) -> Iterator[tuple[int, memor
         place = start + size + -(start + size) % 8
 
 
-def _payload(file: BinaryIO, variable: MatVariable) -> bytes:
+def _payload(file: BinaryIO, variable: MatVariable, most: int) -> bytes:
     file.seek(variable.start)
     data = file.read(variable.size)
     if not variable.compressed:
         return data
-    return zlib.decompressobj().decompress(data, 8 * variable.count + SLACK)[8:]
+    return zlib.decompressobj().decompress(data, most)[8:]
 
 
-def _text(data: memoryview, order: str) -> str | None:
-    if len(data) == 0:
-        return ""
-    _, shape, class_ = _described(data, order)
-    if class_ != "char" or len(shape) != 2 or shape[0] > 1:
-        return None
-    kind, content = next(islice(_elements(data, order), 3, None), (16, memoryview(b"")))
+def _text(parts: list[tuple[int, memoryview]], shape: tuple[int, ...], order: str) -> Node:
+    kind, content = parts[0] if parts else (16, memoryview(b""))
     coding = TEXTS.get(kind)
+    if coding is None or len(shape) != 2 or shape[0] > 1:
+        return Other(shape, "char")
     if coding == "utf-16":
         coding += "-le" if order == "<" else "-be"
-    return bytes(content).decode(coding) if coding else None
+    return bytes(content).decode(coding)

@@ -1,0 +1,1 @@
+"""Files of named arrays: MATLAB's, HDF5, NumPy's, and those of measured channels."""

@@ -1,0 +1,101 @@
+"""Channels of their own lengths as a recording: those that share the stamps of one of them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fmus.errors import TraceError
+from orchestrator.formats.headings import names_time
+from orchestrator.formats.layout import MAX_VALUES, Columns, Layout, choose
+from orchestrator.formats.recording import Recording
+from orchestrator.formats.stamps import since_first
+
+
+@dataclass(frozen=True)
+class Channel:
+    """Samples under a name.
+
+    Attributes:
+        unit: "" where it is not known.
+        count: of samples.
+        read: gives them (K,): numbers, or instants as datetime64 in UTC.
+        clock: name of the channel with their stamps, "" where the file does not tell.
+        stamped: whether the samples are instants.
+        problem: what they are, where they are no numbers.
+    """
+
+    name: str
+    unit: str
+    count: int
+    read: Callable[[], ArrayLike]
+    clock: str = ""
+    stamped: bool = False
+    problem: str = ""
+
+
+def recording(path: Path, layout: Layout, channels: Sequence[Channel], notes: Sequence[str] = ()) -> Recording:
+    """The recording of the channels that go with the time that the layout chooses.
+
+    Raises:
+        TraceError: no channel is surely the time, one that is asked for does not go with it, or all are too many.
+    """
+    names = tuple(channel.name for channel in channels)
+    clock = _clock(layout, channels)
+    count = clock.count if clock else Counter(c.count for c in channels if c.count > 1).most_common(1)[0][0]
+    columns = Columns(
+        len(channels),
+        names,
+        tuple(channel.unit for channel in channels),
+        {number: why for number, channel in enumerate(channels) if (why := _useless(channel, clock, count))},
+        [number for number, channel in enumerate(channels) if channel.stamped],
+        lambda number: channels[number].read(),
+    )
+    choice = choose(layout, columns, path)
+    if count * len(choice.wanted) > MAX_VALUES:
+        raise TraceError(path, f"claims {count} samples", "name fewer `columns` in the layout, or cut the recording")
+    stamps = None
+    if channels[choice.time].stamped:
+        instants = np.asarray(channels[choice.time].read()).astype("datetime64[ns]").astype(np.int64)
+        stamps = since_first(instants, "UTC", path)
+    return choice.recording(lambda number: channels[number].read(), "", stamps, notes)
+
+
+def _clock(layout: Layout, channels: Sequence[Channel]) -> Channel | None:
+    """The channel with the stamps, as far as names tell."""
+    if isinstance(layout.time, int):
+        return channels[layout.time] if 0 <= layout.time < len(channels) else None
+    if layout.time is not None:
+        return next((channel for channel in channels if channel.name == layout.time), None)
+    exact = [channel for channel in channels if channel.name == "time"]
+    found = exact or [channel for channel in channels if names_time(channel.name) and channel.count > 1]
+    return found[0] if len(found) == 1 else None
+
+
+def _useless(channel: Channel, clock: Channel | None, count: int) -> str:
+    if channel.problem:
+        return channel.problem
+    if channel.count != count:
+        return f"{channel.count} samples where the time has {count}"
+    if clock and channel.clock not in ("", clock.name) and channel is not clock:
+        return f"samples at the stamps of '{channel.clock}'"
+    return ""
+
+
+def distinct(channels: Sequence[Channel]) -> list[Channel]:
+    """The channels, each under a name of its own: those of one name get numbers."""
+    counts = Counter(channel.name for channel in channels)
+    seen = Counter[str]()
+    named = []
+    for channel in channels:
+        seen[channel.name] += 1
+        number = seen[channel.name]
+        named.append(
+            replace(channel, name=f"{channel.name}_{number}") if counts[channel.name] > 1 < number else channel
+        )
+    return named

@@ -1,0 +1,85 @@
+"""TDMS files of LabVIEW, for which the extra `formats` installs npTDMS: channels in groups."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fmus.errors import TraceError
+from orchestrator.formats.arrays.channels import Channel, distinct, recording
+from orchestrator.formats.layout import Layout
+from orchestrator.formats.recording import Recording, excerpt
+
+if TYPE_CHECKING:
+    import nptdms
+
+NUMBERS = "biuf"
+
+
+def read(path: Path, layout: Layout) -> Recording:
+    """The wanted channels of the group that the layout names, or of all.
+
+    Raises:
+        TraceError: npTDMS is not there, or the file is damaged or holds no channels that go together.
+    """
+    try:
+        import nptdms  # noqa: PLC0415 (of an extra)
+    except ImportError:
+        raise TraceError(path, "a .tdms file needs npTDMS", "pip install servotwin[formats]") from None
+    try:
+        with nptdms.TdmsFile.open(path) as file:
+            groups = _groups(file, layout, path)
+            channels = [channel for group in groups for channel in _of_group(group)]
+            if len(groups) > 1 and len({channel.name for channel in channels}) < len(channels):
+                channels = [
+                    replace(one, name=f"{group.name}/{one.name}", clock=one.clock and f"{group.name}/{one.clock}")
+                    for group in groups
+                    for one in _of_group(group)
+                ]
+            if not any(channel.count > 1 for channel in channels):
+                raise TraceError(path, "holds no channels with samples", "record or export it again")
+            return recording(path, layout, distinct(channels))
+    except TraceError:
+        raise
+    except Exception as problem:  # whatever a library makes of damage
+        raise TraceError(path, f"is damaged ({excerpt(problem)})", "record or export it again") from None
+
+
+def _groups(file: nptdms.TdmsFile, layout: Layout, path: Path) -> Sequence[nptdms.TdmsGroup]:
+    groups = {group.name: group for group in file.groups()}
+    if layout.variable is None:
+        return [group for group in groups.values() if group.channels()]
+    if layout.variable not in groups:
+        held = ", ".join(f"'{name}'" for name in list(groups)[:20])
+        raise TraceError(path, f"has no group '{layout.variable}'", f"it holds {held}")
+    return [groups[layout.variable]]
+
+
+def _of_group(group: nptdms.TdmsGroup) -> Iterator[Channel]:
+    """The channels of a group; those of a waveform bring their time along."""
+    clocks: dict[tuple[int, float, float], str] = {}
+    for channel in group.channels():
+        unit = str(channel.properties.get("unit_string", ""))
+        step, offset = (float(channel.properties.get(f"wf_{key}", 0.0)) for key in ("increment", "start_offset"))
+        clock = ""
+        if step > 0 and len(channel) > 1:
+            key = (len(channel), step, offset)
+            clock = clocks.setdefault(key, "time" if not clocks else f"time_{len(clocks) + 1}")
+        yield _channel(channel, unit, clock)
+    for (count, step, offset), name in clocks.items():
+        yield Channel(name, "s", count, _even(count, step, offset), clock=name)
+
+
+def _even(count: int, step: float, offset: float) -> Any:
+    return lambda: offset + step * np.arange(count)
+
+
+def _channel(channel: nptdms.TdmsChannel, unit: str, clock: str) -> Channel:
+    kind = np.dtype(channel.dtype).kind if channel.dtype is not None else "O"
+    stamped = kind == "M"
+    problem = "" if kind in NUMBERS or stamped else "text"
+    return Channel(channel.name, unit, len(channel), lambda: channel[:], clock, stamped, problem)

@@ -1,0 +1,255 @@
+"""Files of named arrays and workbooks: a vector a channel, structures, groups; nothing in them is run or followed."""
+
+from __future__ import annotations
+
+import datetime
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas
+import pytest
+from scipy.io import savemat
+
+from fmus.errors import TraceError
+from orchestrator.formats import READ, Layout, read, write
+from orchestrator.trace import Trace
+
+TIME = np.arange(20) * 0.01
+SPEED = np.sin(TIME)
+BEGIN = datetime.datetime(2026, 11, 28, 9, 15)
+
+
+def v5(path: Path, content: dict[str, Any]) -> None:
+    savemat(path, content, do_compression=True)
+
+
+def v73(path: Path, content: dict[str, Any]) -> None:
+    """As MATLAB writes it: dimensions the other way round, classes as attributes, texts as numbers of letters."""
+    import h5py
+
+    def put(group: Any, name: str, value: Any) -> None:
+        if isinstance(value, dict):
+            for key, part in value.items():
+                put(group.require_group(name), key, part)
+            group[name].attrs["MATLAB_class"] = np.bytes_(b"struct")
+        elif isinstance(value, np.ndarray) and value.dtype.names:
+            for field in value.dtype.names:
+                cells = []
+                for number, one in enumerate(value[field]):
+                    put(group.file.require_group("#refs#"), f"{name}{field}{number}", one)
+                    cells.append(group.file["#refs#"][f"{name}{field}{number}"].ref)
+                group.require_group(name)[field] = np.array([cells], dtype=h5py.ref_dtype)
+        else:
+            letters = isinstance(value, str)
+            numbers = (
+                np.array([list(map(ord, value))], dtype="u2")
+                if letters
+                else np.atleast_2d(np.asarray(value, dtype=float))
+            )
+            group[name] = numbers.T
+            group[name].attrs["MATLAB_class"] = np.bytes_(b"char" if letters else b"double")
+
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for key, value in content.items():
+            put(file, key, value)
+    with path.open("r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+
+
+MATLAB = [v5, pytest.param(v73, marks=pytest.mark.needs("formats"))]
+
+
+def records(**fields: list[Any]) -> np.ndarray[Any, Any]:
+    """A struct array."""
+    rows = list(zip(*fields.values(), strict=True))
+    return np.array(rows, dtype=[(name, "O") for name in fields])
+
+
+@pytest.mark.parametrize("save", MATLAB)
+@pytest.mark.parametrize("shape", [(1, 20), (20, 1)])
+def test_a_vector_a_channel_is_a_recording(tmp_path: Path, save: Callable[..., None], shape: tuple[int, int]) -> None:
+    save(tmp_path / "x.mat", {"time": TIME.reshape(shape), "speed": SPEED.reshape(shape), "gain": 3.0})
+    recording = read(tmp_path / "x.mat")
+    assert recording.trace == Trace(TIME, {"speed": SPEED}, name="x")
+    assert recording.notes == ("column 'gain' holds 1 samples where the time has 20 and is left out",)
+    layout = Layout(time="time", columns={"n": "speed"})
+    assert read(tmp_path / "x.mat", layout).trace["n"].tolist() == SPEED.tolist()
+    with pytest.raises(TraceError, match=r"time: is one channel; leave `variable` out|has no column 1"):
+        read(tmp_path / "x.mat", Layout("time", 0, {"torque": 1}))
+
+
+@pytest.mark.parametrize("save", MATLAB)
+def test_a_capture_is_its_curves_over_their_axes(tmp_path: Path, save: Callable[..., None]) -> None:
+    capture = {
+        "X": records(Name=["", ""], Data=[TIME, TIME * 2], Unit=["s", "s"]),
+        "Y": records(Name=["Model/speed", "Model/slow"], Data=[SPEED, -SPEED], Unit=["rpm", "V"], XIndex=[1.0, 2.0]),
+        "Description": "first try",
+    }
+    save(tmp_path / "x.mat", {"exp_001": capture})
+    recording = read(tmp_path / "x.mat")
+    assert recording.trace == Trace(TIME, {"Model/speed": SPEED}, {"Model/speed": "rpm"}, "x")
+    assert any("'Model/slow' holds samples at the stamps of 'time_2'" in note for note in recording.notes)
+    other = read(tmp_path / "x.mat", Layout(time="time_2")).trace
+    assert other == Trace(TIME * 2, {"Model/slow": -SPEED}, {"Model/slow": "V"}, "x")
+
+
+@pytest.mark.parametrize("save", MATLAB)
+def test_a_structure_with_time_is_its_signals(tmp_path: Path, save: Callable[..., None]) -> None:
+    both = np.column_stack([SPEED, -SPEED])
+    save(
+        tmp_path / "x.mat",
+        {"out": {"time": TIME, "signals": records(label=["n", "phi"], values=[SPEED, both.tolist()])}},
+    )
+    trace = read(tmp_path / "x.mat").trace
+    if save is v5:
+        assert trace == Trace(TIME, {"n": SPEED, "phi_0": SPEED, "phi_1": -SPEED}, name="x")
+    assert trace["n"].tolist() == SPEED.tolist()
+
+
+def test_structures_without_end_and_fields_that_are_not_there_are_refused(tmp_path: Path) -> None:
+    deep: Any = TIME
+    for _ in range(40):
+        deep = {"a": deep}
+    savemat(tmp_path / "x.mat", {"s": deep})
+    with pytest.raises(TraceError, match="too deep inside each other"):
+        read(tmp_path / "x.mat")
+
+
+def test_arrays_of_numpy_are_read_and_pickles_never_loaded(tmp_path: Path) -> None:
+    class Trap:
+        def __reduce__(self) -> Any:
+            return Path.touch, (tmp_path / "sprung",)
+
+    np.savez_compressed(tmp_path / "x.npz", t=TIME, speed=SPEED, trap=np.array([Trap()], dtype=object))
+    recording = read(tmp_path / "x.npz")
+    assert recording.trace == Trace(TIME, {"speed": SPEED}, name="x")
+    assert not (tmp_path / "sprung").exists()
+    np.save(tmp_path / "x.npy", np.array(list(zip(TIME, SPEED, strict=True)), dtype=[("time", "f8"), ("n", "f8")]))
+    assert read(tmp_path / "x.npy").trace == Trace(TIME, {"n": SPEED}, name="x")
+    np.savez(tmp_path / "d.npz", time=np.datetime64(BEGIN, "us") + (TIME * 1e6).astype("m8[us]"), n=SPEED)
+    assert read(tmp_path / "d.npz").start == pandas.Timestamp(BEGIN, tz="UTC").timestamp()
+
+
+def test_an_array_that_claims_more_than_it_holds_is_refused(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "x.npz", "w") as archive:
+        head = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000,), }".ljust(117) + b"\n"
+        archive.writestr("time.npy", b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head)
+    with pytest.raises(TraceError, match="an array claims 1000000000000 values"):
+        read(tmp_path / "x.npz")
+
+
+@pytest.mark.needs("formats")
+def test_links_and_storage_outside_of_an_hdf5_file_are_left_alone(tmp_path: Path) -> None:
+    import h5py
+
+    with h5py.File(tmp_path / "other.h5", "w") as other:
+        other["secret"] = SPEED
+    with h5py.File(tmp_path / "x.h5", "w") as file:
+        file["time"], file["n"] = TIME, SPEED
+        file["n"].attrs["unit"] = "rpm"
+        file["linked"] = h5py.ExternalLink("other.h5", "secret")
+        file["soft"] = h5py.SoftLink("/n")
+        file.create_dataset("raw", (20,), "u1", external=[("/etc/passwd", 0, 20)])
+        virtual = h5py.VirtualLayout((20,), "f8")
+        virtual[:] = h5py.VirtualSource(str(tmp_path / "other.h5"), "secret", (20,))
+        file.create_virtual_dataset("virtual", virtual)
+        file.create_dataset("bomb", (10**12,), "f8", chunks=(10**6,), compression="gzip")
+        file["loop"] = file["/"]
+    with pytest.raises(TraceError, match="too many things inside each other"):
+        read(tmp_path / "x.h5")
+    with h5py.File(tmp_path / "x.h5", "r+") as file:
+        del file["loop"]
+    assert read(tmp_path / "x.h5").trace == Trace(TIME, {"n": SPEED}, {"n": "rpm"}, "x")
+
+
+@pytest.mark.needs("formats")
+def test_channels_of_tdms_are_read_by_group_with_their_units_and_waveforms(tmp_path: Path) -> None:
+    from nptdms import ChannelObject, TdmsWriter
+
+    wave = {"wf_increment": 0.01, "wf_start_offset": 0.0, "unit_string": "rpm"}
+    with TdmsWriter(tmp_path / "x.tdms") as file:
+        file.write_segment([ChannelObject("daq", "n", SPEED, wave), ChannelObject("slow", "T", SPEED[:5], {})])
+        file.write_segment([ChannelObject("slow", "t", TIME[:5], {"unit_string": "ms"})])
+    recording = read(tmp_path / "x.tdms")
+    assert recording.trace == Trace(TIME, {"n": SPEED}, {"n": "rpm"}, "x")
+    assert read(tmp_path / "x.tdms", Layout(variable="slow")).trace == Trace(
+        TIME[:5] * 1e-3, {"T": SPEED[:5]}, name="x"
+    )
+    with pytest.raises(TraceError, match="has no group 'fast'; it holds 'daq', 'slow'"):
+        read(tmp_path / "x.tdms", Layout(variable="fast"))
+
+
+@pytest.mark.needs("formats")
+def test_a_sheet_is_read_with_its_units_dates_and_flags(tmp_path: Path) -> None:
+    import openpyxl
+
+    book = openpyxl.Workbook()
+    sheet = book.active
+    rows: list[list[Any]] = [["Run 3"], ["Timestamp", "n", "on", "twice"], ["", "rpm", "", ""]]
+    rows += [[BEGIN + datetime.timedelta(milliseconds=20 * k), 1.5 * k, k > 1, f"=B{k}*2"] for k in range(4)]
+    for row in rows:
+        sheet.append(row)
+    book.create_sheet("empty")
+    book.save(tmp_path / "x.xlsx")
+    recording = read(tmp_path / "x.xlsx")
+    frame = pandas.read_excel(tmp_path / "x.xlsx", skiprows=[0, 2])
+    assert recording.trace["n"].tolist() == frame["n"].tolist() and recording.trace.units == {"n": "rpm"}
+    assert recording.trace["on"].tolist() == [0, 0, 1, 1]
+    assert np.isnan(recording.trace["twice"]).all()
+    assert recording.trace.time == pytest.approx([0, 0.02, 0.04, 0.06], abs=3e-6)
+    assert recording.start == pytest.approx(pandas.Timestamp(BEGIN, tz="UTC").timestamp(), abs=3e-6)
+    book["empty"].append(["time", "n"])
+    book["empty"].append([0, 1])
+    book["empty"].append([1, 2])
+    book.save(tmp_path / "y.xlsx")
+    with pytest.raises(TraceError, match=r"holds 2 sheets \(Sheet, empty\); name one as `variable`"):
+        read(tmp_path / "y.xlsx")
+    assert read(tmp_path / "y.xlsx", Layout(variable="empty")).trace == Trace([0, 1], {"n": [1, 2]}, name="y")  # type: ignore[arg-type,dict-item]
+
+
+def samples(folder: Path, suffix: str) -> Path:
+    """A file of a format that is read alone."""
+    path = folder / f"x{suffix}"
+    if suffix in (".h5", ".hdf5"):
+        import h5py
+
+        with h5py.File(path, "w") as file:
+            file["time"], file["n"] = TIME, SPEED
+    elif suffix == ".npy":
+        np.save(path, np.column_stack([TIME, SPEED]))
+    elif suffix == ".npz":
+        np.savez(path, time=TIME, n=SPEED)
+    elif suffix == ".tdms":
+        from nptdms import ChannelObject, TdmsWriter
+
+        with TdmsWriter(path) as file:
+            file.write_segment([ChannelObject("g", "time", TIME), ChannelObject("g", "n", SPEED)])
+    else:
+        pandas.DataFrame({"time": TIME, "n": SPEED}).to_excel(path, index=False)
+    return path
+
+
+@pytest.mark.needs("formats")
+@pytest.mark.parametrize("suffix", READ)
+def test_any_damage_ends_in_a_trace_error_or_a_trace(tmp_path: Path, suffix: str) -> None:
+    content, rng = samples(tmp_path, suffix).read_bytes(), np.random.default_rng(8)
+    path = tmp_path / f"damaged{suffix}"
+    for _ in range(40):
+        damaged = bytearray(content[: int(rng.integers(1, len(content) + 1))])
+        for place in rng.integers(0, len(damaged), 4):
+            damaged[place] = rng.integers(0, 256)
+        path.write_bytes(damaged)
+        try:
+            read(path, Layout(time=0))
+        except TraceError as error:
+            assert str(path) in str(error)
+            assert "\n" not in str(error)
+
+
+@pytest.mark.parametrize("suffix", READ)
+def test_what_is_read_alone_is_not_written(tmp_path: Path, suffix: str) -> None:
+    with pytest.raises(TraceError, match=rf"format '{suffix}' is read, not written; use \.csv, \.mat"):
+        write(Trace(TIME, {}), tmp_path / f"x{suffix}")
