@@ -20,18 +20,18 @@ class BusAccount:
 
     Attributes:
         mode: "bridge" or "bench".
-        database: file of the bus' messages.
+        database: files of the bus' messages.
         dropped: received frames that came faster than they could be taken.
         frames: that the adapter took; no_room: those that it did not.
         malformed, refused: lines from the adapter that were no frames, and commands that it refused.
         trouble: what was wrong with the bus, "" where nothing was.
-        notes: what is sent without having been asked for, a line each.
+        notes: what is not as in the database, and what is sent without having been asked for, a line each.
         started: when it began; seconds: for how long it went on [s].
     """
 
     mode: str
     bus: BusSettings
-    database: Path
+    database: tuple[Path, ...]
     received: FrameStatistics
     dropped: int
     sent: FrameStatistics
@@ -56,7 +56,10 @@ class BusAccount:
             "bitrate": bus.bitrate,
             "fd": bus.fd,
             "data_bitrate": bus.data_bitrate,
-            "database": {"file": self.database.name, "sha256": sha256(self.database)},
+            "database": {
+                "file": ", ".join(file.name for file in self.database),
+                "sha256": ", ".join(map(sha256, self.database)),
+            },
             "received": self.received.document() | {"dropped": self.dropped},
             "sent": self.sent.document() | {"frames": self.frames, "no_room": self.no_room},
             "malformed_lines": self.malformed,

@@ -105,7 +105,7 @@ def couple(
             malformed=getattr(bus, "malformed", 0),
             refused=getattr(bus, "refused", 0),
             trouble=traffic.trouble,
-            notes=coupling.notes(),
+            notes=[*system.notes, *coupling.notes()],
             started=started,
             seconds=round(ending.elapsed, 6),
             deadlines=session.deadlines,

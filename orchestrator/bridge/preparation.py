@@ -17,6 +17,7 @@ from orchestrator.bridge.outputs import SentMessage
 from orchestrator.bridge.session import Course
 from orchestrator.can import frame_time
 from orchestrator.can.database.database import load as load_database
+from orchestrator.can.database.database import merged
 from orchestrator.can.live.bus import BusSettings
 from orchestrator.crossing import Crossing, logged
 from orchestrator.engine import Run, Simulation
@@ -57,14 +58,15 @@ class PreparedBridge:
     """A system that is ready to be initialised and coupled.
 
     Attributes:
-        database: file of the bus' messages.
+        database: files of the bus' messages; `notes` say what is not as in them.
         run: values, what is recorded, and what the inputs have at first.
         crossings: values that are converted, or taken as they are although their units differ.
     """
 
     scenario: Scenario
     case: Case
-    database: Path
+    database: tuple[Path, ...]
+    notes: tuple[str, ...]
     assembled: Assembled
     simulation: Simulation
     coupling: Coupling
@@ -82,8 +84,10 @@ def prepared(job: BridgeJob) -> Iterator[PreparedBridge]:
     """
     scenario = load_scenario(job.scenario)
     can = _can_block(scenario)
-    file = scenario.path.parent / can.database
-    database, step = load_database(file), scenario.timing.step
+    given = can.database if isinstance(can.database, list) else [can.database]
+    files = tuple(scenario.path.parent / file for file in given)
+    database = merged([load_database(file, encoding=can.encoding) for file in files])
+    step = scenario.timing.step
     with (
         naming(job.scenario),
         scratch(None) as folder,
@@ -99,7 +103,9 @@ def prepared(job: BridgeJob) -> Iterator[PreparedBridge]:
             values = {**case.values, **job.overrides}
             run = Run(values, first, scenario.recorded(simulation.outputs), record_every=job.every)
             assembled = opened.assembled
-            yield PreparedBridge(scenario, case, file, assembled, simulation, coupling, run, course, crossings)
+            yield PreparedBridge(
+                scenario, case, files, database.notes, assembled, simulation, coupling, run, course, crossings
+            )
 
 
 def _can_block(scenario: Scenario) -> CanBlock:

@@ -51,14 +51,16 @@ class CanBlock(Block):
     """How a scenario is coupled to a CAN bus.
 
     Attributes:
-        database: a DBC, or another file that describes messages.
+        database: a DBC, or other files that describe messages.
+        encoding: of their text; None guesses.
         receive: component.input -> where its value comes from.
         send: signal -> where its value comes from.
         every: message -> its period over that of the database [s].
         silence: how long no frame of a received message may come until its inputs take their safe values [s].
     """
 
-    database: Path
+    database: Path | list[Path]
+    encoding: str | None = None
     receive: dict[str, ReceivedBlock] = {}
     send: dict[str, Sent] = {}
     every: dict[str, Seconds] = {}

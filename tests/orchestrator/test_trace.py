@@ -288,3 +288,12 @@ def test_usable_refuses_an_empty_window_and_a_missing_signal() -> None:
         usable(ramp().between(5, 6), ["angle"])
     with pytest.raises(TraceError, match="no signal 'torque'"):
         usable(ramp(), ["torque"])
+
+
+def test_a_trace_is_complete_from_where_all_signals_have_begun() -> None:
+    late = np.array([np.nan, np.nan, 1.0, np.nan])
+    trace = Trace(np.arange(4.0), {"a": np.array([np.nan, 1.0, 2.0, 3.0]), "b": late})
+    assert trace.complete().time.tolist() == [2.0, 3.0]
+    assert len(Trace(np.arange(4.0), {"a": np.full(4, np.nan)}).complete()) == 0
+    with pytest.raises(TraceError, match=r"is not finite at t = 0 s \(3 samples; its first value comes at 2 s\)"):
+        usable(trace, ["b"])

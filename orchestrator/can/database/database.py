@@ -7,23 +7,14 @@ are not taken apart: a container has no signals of its own.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from fmus.errors import DatabaseError
 from orchestrator.can.database import reading
 from orchestrator.can.database.interpretation import protected, specification
-from orchestrator.can.database.message import MessageSpec, SignalSpec, instead
+from orchestrator.can.database.message import LeftOut, MessageSpec, SignalSpec, instead
 from orchestrator.can.database.protection import Protection
-
-
-@dataclass(frozen=True)
-class LeftOut:
-    """A message that is not used: its name, why, and its signals."""
-
-    name: str
-    why: str
-    signals: tuple[str, ...] = ()
 
 
 class Database:
@@ -34,8 +25,8 @@ class Database:
 
     Attributes:
         path: the file, or what stands for several in messages.
-        left_out: messages that are not used.
-        notes: what is not as in the file, a line each.
+        left_out: messages and signals that are not used.
+        read_notes: what else came up in reading, a line each.
     """
 
     def __init__(
@@ -49,15 +40,16 @@ class Database:
         self._by_name: dict[str, MessageSpec] = {}
         self._by_id: dict[tuple[int, bool], MessageSpec] = {}
         self._owners: dict[str, list[MessageSpec]] = {}
-        self.left_out, self._notes = [*left_out], [*notes]
+        self.left_out, self.read_notes = [*left_out], [*notes]
         for message in messages:
             self._add(message)
         self.messages = tuple(self._by_name.values())
 
     @property
     def notes(self) -> tuple[str, ...]:
+        """What is not as in the file, a line each."""
         place = self.path.name if isinstance(self.path, Path) else self.path
-        found = [*self._notes, *(f"message {lost.name} is left out: {lost.why}" for lost in self.left_out)]
+        found = [*self.read_notes, *map(str, self.left_out)]
         for message in self.messages:
             found += [f"signal {message.name}.{name} is left out: {why}" for name, why in message.left_out.items()]
             found += [f"message {message.name}: {note}" for note in message.notes]
@@ -70,9 +62,8 @@ class Database:
             DatabaseError: there is none; close names are listed.
         """
         if name not in self._by_name:
-            lost = next((lost for lost in self.left_out if lost.name == name), None)
-            if lost is not None:
-                raise DatabaseError(self.path, f"message '{name}' is left out: {lost.why}", "correct the database")
+            if lost := next((lost for lost in self.left_out if lost.message == name), None):
+                raise DatabaseError(self.path, str(lost), "correct the database")
             raise DatabaseError(self.path, f"has no message '{name}'", instead(name, self._by_name))
         return self._by_name[name]
 
@@ -84,6 +75,8 @@ class Database:
         """
         owner, dot, own = name.rpartition(".")
         if dot and owner in self._by_name:
+            if lost := self._lost(name):
+                raise lost
             return self._by_name[owner], self._own(self._by_name[owner], own)
         owners = self._owners.get(name, [])
         if len(owners) > 1:
@@ -108,7 +101,7 @@ class Database:
 
     def changed(self, messages: Iterable[MessageSpec]) -> Database:
         """The same database with other messages."""
-        return Database(self.path, messages, self.left_out, self._notes)
+        return Database(self.path, messages, self.left_out, self.read_notes)
 
     def _add(self, message: MessageSpec) -> None:
         identity = (message.id, message.extended)
@@ -120,17 +113,25 @@ class Database:
             return
         if message.name in self._by_name:
             other = f"{message.name}_{message.id:X}"
-            self._notes.append(f"message {message.name} of the identifier 0x{message.id:X} is called {other} here")
+            self.read_notes.append(f"message {message.name} of the identifier 0x{message.id:X} is called {other} here")
             message = replace(message, name=other)
         self._by_name[message.name] = self._by_id[identity] = message
         for signal in message.signals:
             self._owners.setdefault(signal.name, []).append(message)
 
-    def _missing(self, name: str) -> DatabaseError:
+    def _lost(self, name: str) -> DatabaseError | None:
+        """Why there is no such signal any more, where there was one."""
         for lost in self.left_out:
-            if name in lost.signals or name in {f"{lost.name}.{signal}" for signal in lost.signals}:
-                problem = f"signal '{name}' is in message {lost.name}, which is left out: {lost.why}"
-                return DatabaseError(self.path, problem, "correct the database")
+            if name in lost.signals or name in {f"{lost.message}.{signal}" for signal in lost.signals}:
+                why = str(lost) if not lost.whole else f"signal '{name}' is in {lost}"
+                return DatabaseError(
+                    self.path, why.replace(" is left out", ", which is left out"), "correct the database"
+                )
+        return None
+
+    def _missing(self, name: str) -> DatabaseError:
+        if lost := self._lost(name):
+            return lost
         for message in self.messages:
             if name in message.left_out:
                 return DatabaseError(
@@ -154,10 +155,11 @@ def load(path: Path, *, encoding: str | None = None) -> Database:
         DatabaseError: it cannot be read, or defines no message; file and line are named.
     """
     path = Path(path)
-    raw = reading.read(path, encoding)
-    if not getattr(raw, "messages", None):
-        raise DatabaseError(path, "defines no messages", "export it again")
-    return Database(path, map(specification, raw.messages))
+    read = reading.read(path, encoding)
+    if not read.messages:
+        why = "".join(f" that can be used: {lost}" for lost in read.left_out[:1])
+        raise DatabaseError(path, f"defines no messages{why}", "export it again")
+    return Database(path, map(specification, read.messages), read.left_out, read.notes)
 
 
 def merged(databases: Sequence[Database]) -> Database:
@@ -165,6 +167,9 @@ def merged(databases: Sequence[Database]) -> Database:
     if len(databases) == 1:
         return databases[0]
     place = " and ".join(str(database.path) for database in databases)
-    whole = Database(place, (message for database in databases for message in database.messages))
-    whole.left_out += [lost for database in databases for lost in database.left_out]
-    return whole
+    return Database(
+        place,
+        (message for database in databases for message in database.messages),
+        [lost for database in databases for lost in database.left_out],
+        [note for database in databases for note in database.read_notes],
+    )

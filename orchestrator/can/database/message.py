@@ -12,6 +12,20 @@ from orchestrator.can.database.protection import Protection
 
 
 @dataclass(frozen=True)
+class LeftOut:
+    """What is in a file but not used: a message, or of a message that is used (not `whole`) these signals; and why."""
+
+    message: str
+    why: str
+    signals: tuple[str, ...] = ()
+    whole: bool = True
+
+    def __str__(self) -> str:
+        names = f"message {self.message}" if self.whole else f"signal {self.message}.{self.signals[0]}"
+        return f"{names} is left out: {self.why}"
+
+
+@dataclass(frozen=True)
 class SignalSpec:
     """A signal of a message.
 

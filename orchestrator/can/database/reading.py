@@ -1,4 +1,4 @@
-"""Reads a CAN database file (DBC, ARXML, KCD, SYM) with cantools, as a file from outside.
+"""Reads a CAN database file (DBC, ARXML, KCD, SYM) with cantools, as a file from outside: what is sound in it.
 
 Files that would make the parser take all memory or never end are refused before it sees them, and what it complains
 about is located by line.
@@ -10,6 +10,8 @@ import logging
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +19,15 @@ import cantools
 from cantools.database.errors import UnsupportedDatabaseFormatError
 
 from fmus.errors import DatabaseError
+from orchestrator.can.database.dbc_text import STRINGS, DbcText
+from orchestrator.can.database.encoding import text_of
+from orchestrator.can.database.message import LeftOut
 
 SUFFIXES = (".dbc", ".arxml", ".kcd", ".sym")
 LARGEST = 32 << 20  # bytes
 LARGEST_SIZE = 1 << 14  # bits of a signal, bytes of a message; the parser makes lists of that length
+LARGEST_PAYLOAD, MOST_PAYLOAD = 8 * 65535, 1 << 25  # bits of one in AUTOSAR, for ISO-TP or Ethernet, and of a file
+MOST_FAULTS, MOST_TEXT = 20, 20 << 20  # that are taken out one by one, each by reading the file again
 MOST_SELECTIONS = 1 << 16  # combinations of multiplexer values of a file
 
 _SIZES = {
@@ -31,14 +38,22 @@ _SIZES = {
 }
 _SELECTED = re.compile(r"\bSG_MUL_VAL_\s+(\d+)\s+(\w+)\s+(\w+)\s+(\d[\d\s,-]*);")
 _RANGE = re.compile(r"(?<!\d)(\d+)\s*-\s*(\d+)")
-_SKIPPED = re.compile(r'"[^"\\]*(?:\\.[^"\\]*)*"|//[^\n]*')  # strings and comments
 _PLACE = re.compile(r"line (\d+), column (\d+)")
 
 Selected = list[tuple[str, tuple[int, int]]]  # signals and the range of multiplexer values they belong to
 
 
-def read(path: Path, encoding: str | None) -> Any:
-    """The file as cantools' database.
+@dataclass(frozen=True)
+class Read:
+    """What could be read of a file: cantools' messages; what was left out, and what else was found, a line each."""
+
+    messages: list[Any]
+    left_out: list[LeftOut]
+    notes: list[str]
+
+
+def read(path: Path, encoding: str | None) -> Read:
+    """The messages in the file.
 
     Raises:
         DatabaseError: it cannot be read; the line is named where it is known.
@@ -46,16 +61,57 @@ def read(path: Path, encoding: str | None) -> Any:
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise DatabaseError(path, f"'{path.suffix}' is no format of a CAN database", f"use {', '.join(SUFFIXES)}")
-    text = _text(path, encoding)
+    text, guess = text_of(path, _content(path), encoding)
     _refuse_hostile(path, suffix, text)
+    notes = [guess] if guess else []
+    try:
+        return Read(_parsed(path, suffix, text), [], notes)
+    except UnreadableError as fault:
+        if suffix != ".dbc":
+            raise fault.complaint from fault
+        return _repaired(path, text, fault, notes)
+
+
+class UnreadableError(Exception):
+    """What the parser found: the complaint, and where in the text it is; None where that is not known."""
+
+    def __init__(self, complaint: DatabaseError, offset: int | None) -> None:
+        self.complaint, self.offset = complaint, offset
+
+
+def _parsed(path: Path, suffix: str, text: str) -> list[Any]:
     try:
         with _silenced():
-            return cantools.database.load_string(text, suffix[1:], prune_choices=False, strict=False)
+            loaded = cantools.database.load_string(text, suffix[1:], prune_choices=False, strict=False)
+        return list(getattr(loaded, "messages", ()))
     except UnsupportedDatabaseFormatError as error:
         cause = error.e_dbc or error.e_arxml or error.e_kcd or error.e_sym or error
-        raise _complaint(path, suffix, text, cause) from error
+        raise _unreadable(path, suffix, text, cause) from error
     except (RecursionError, MemoryError) as error:
         raise DatabaseError(path, f"is too deeply nested or too large ({type(error).__name__})") from error
+
+
+def _repaired(path: Path, text: str, first: UnreadableError, notes: list[str]) -> Read:
+    """What is sound in a DBC that cannot be read as a whole.
+
+    Raises:
+        DatabaseError: nothing is, or its faults are too many.
+    """
+    dbc, fault = DbcText(text), first
+    dbc.clean()
+    for _ in range(max(1, min(MOST_FAULTS, MOST_TEXT // len(text)))):
+        try:
+            messages = _parsed(path, ".dbc", dbc.text)
+        except UnreadableError as found:
+            fault, why = found, found.complaint.problem
+        else:
+            if messages:
+                return Read(messages, dbc.left_out, [*notes, *dbc.notes])
+            break
+        taken = dbc.without_attributes(why) if fault.offset is None else dbc.without(fault.offset, why)
+        if not taken:
+            break
+    raise first.complaint from fault
 
 
 @contextmanager
@@ -70,8 +126,7 @@ def _silenced() -> Iterator[None]:
         logger.setLevel(level)
 
 
-def _text(path: Path, encoding: str | None) -> str:
-    """The contents: in `encoding`, else UTF-8 where they are valid UTF-8, else Windows' Western one."""
+def _content(path: Path) -> bytes:
     if not path.is_file():
         raise DatabaseError(path, "no such file", "check the path")
     try:
@@ -82,14 +137,7 @@ def _text(path: Path, encoding: str | None) -> str:
         raise DatabaseError(path, f"cannot be read ({error.strerror})") from error
     if not data.strip():
         raise DatabaseError(path, "is empty", "export it again")
-    for name in (encoding,) if encoding else ("utf-8-sig", "cp1252"):
-        try:
-            return data.decode(name)
-        except UnicodeDecodeError as error:
-            problem = f"byte {error.start} is not {name}"
-        except LookupError:
-            raise DatabaseError(path, f"there is no encoding '{name}'", "use for example utf-8 or cp1252") from None
-    raise DatabaseError(path, f"is no text: {problem}", "name its encoding, or export it again")
+    return data
 
 
 def _refuse_hostile(path: Path, suffix: str, text: str) -> None:
@@ -98,10 +146,12 @@ def _refuse_hostile(path: Path, suffix: str, text: str) -> None:
         if found:
             raise _at(path, text, found.start(), "declares a document type or entities", "remove the declaration")
     if suffix in (".dbc", ".sym"):
-        text = _SKIPPED.sub(lambda skipped: "\n" * skipped[0].count("\n"), text)
+        text = STRINGS.sub(lambda skipped: "\n" * skipped[0].count("\n"), text)
+    total, largest = 0, LARGEST_PAYLOAD if suffix == ".arxml" else LARGEST_SIZE
     for found in _SIZES[suffix].finditer(text):
-        size = next((number for number in found.groups("0") if len(number) > 6 or int(number) > LARGEST_SIZE), None)
-        if size:
+        size = max(found.groups("0"), key=lambda digits: int(digits[:12]))
+        total += int(size[:12]) if int(size[:12]) > LARGEST_SIZE else 0
+        if int(size[:12]) > largest or total > MOST_PAYLOAD:
             raise _at(
                 path, text, found.start(), f"{size[:20]} bits or bytes are more than any frame has", "check the length"
             )
@@ -145,17 +195,20 @@ def _selections(tree: dict[str, Selected], multiplexer: str, above: tuple[str, .
     return total
 
 
-def _complaint(path: Path, suffix: str, text: str, cause: Exception) -> DatabaseError:
+def _unreadable(path: Path, suffix: str, text: str, cause: Exception) -> UnreadableError:
     """The parser's problem with its line, which it may name itself, or which its names lead to."""
     problem = " ".join(str(cause).split())[:300] or type(cause).__name__
     fix = "correct the line, or export the file again"
     if found := _PLACE.search(problem):
         shown = re.sub(r"^.*?line \d+, column \d+: *|: line \d+, column \d+$", "", problem).strip("\"' ")
-        return DatabaseError(f"{path}, line {found[1]}", f"cannot be read at column {found[2]}: {shown}", fix)
+        told = DatabaseError(f"{path}, line {found[1]}", f"cannot be read at column {found[2]}: {shown}", fix)
+        lines = re.finditer(r"^", text, re.MULTILINE)
+        line = next(islice(lines, int(found[1]) - 1, None), None)
+        return UnreadableError(told, line and line.start() + int(found[2]) - 1)
     offset = _offset(suffix, text, problem)
     if offset is None:
-        return DatabaseError(path, problem.rstrip("."), "correct it, or export the file again")
-    return _at(path, text, offset, problem.rstrip("."), fix)
+        return UnreadableError(DatabaseError(path, problem.rstrip("."), "correct it, or export the file again"), None)
+    return UnreadableError(_at(path, text, offset, problem.rstrip("."), fix), offset)
 
 
 def _offset(suffix: str, text: str, problem: str) -> int | None:

@@ -64,6 +64,7 @@ class RecordingManifest:
         bus_off: stamps at which the adapter left the bus [s].
         malformed, refused: lines from the adapter that were no frames, and commands that it refused.
         statistics: of all frames; without a database their identifiers are all unknown.
+        notes: what is not as in the database, a line each.
     """
 
     recording: BusRecording
@@ -78,6 +79,7 @@ class RecordingManifest:
     refused: int
     files: tuple[LogFile, ...]
     statistics: FrameStatistics
+    notes: tuple[str, ...] = ()
     versions: Mapping[str, str] = field(default_factory=versions)
 
     def document(self) -> dict[str, Any]:
@@ -126,7 +128,7 @@ class RecordingManifest:
         }
         lines = [line for line, holds in told.items() if holds]
         if database is not None:
-            return lines + [f"decoded with {database}: {line}" for line in self.statistics.lines()]
+            return [*lines, *self.notes] + [f"decoded with {database}: {line}" for line in self.statistics.lines()]
         return lines + ([f"{errors:,} error frames"] if errors else [])
 
 

@@ -125,6 +125,7 @@ class _BusRecorder:
     ) -> None:
         settings = recording.bus
         decoder = None if database is None else Decoder(database)
+        self._notes = () if database is None else tuple(database.notes)
         self._recording, self._bus, self._receiver = recording, bus, receiver
         self._counts = _Counts(
             decoder.statistics if decoder else FrameStatistics(), decoder, (settings.bitrate, settings.data_bitrate)
@@ -212,6 +213,7 @@ class _BusRecorder:
             refused=getattr(self._bus, "refused", 0),
             files=tuple(self._log.files),
             statistics=counts.statistics,
+            notes=self._notes,
         )
         fresh = recording.out / ".manifest.json"
         write_json(fresh, manifest.document())

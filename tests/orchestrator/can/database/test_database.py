@@ -135,10 +135,59 @@ def test_protection_can_be_given_and_is_checked(base: Database) -> None:
             base.protected({"State": wrong})
 
 
+def test_what_autosar_has_beside_can_is_no_fault(tmp_path: Path) -> None:
+    payload = "<I-SIGNAL><SHORT-NAME>Diagnosis</SHORT-NAME><LENGTH>32760</LENGTH></I-SIGNAL>"
+    at = ARXML.index("<I-SIGNAL>")
+    assert database.load(file(tmp_path, ARXML[:at] + payload + ARXML[at:], ".arxml")).signal("angle")
+    for wrong in (payload.replace("32760", "999999"), payload.replace("32760", "524280") * 65):
+        with pytest.raises(DatabaseError, match="more than any frame has"):
+            database.load(file(tmp_path, ARXML[:at] + wrong + ARXML[at:], ".arxml"))
+
+
 @pytest.mark.parametrize(("suffix", "text"), [(".kcd", KCD), (".sym", SYM), (".arxml", ARXML)])
 def test_other_formats_give_the_same_signal(tmp_path: Path, suffix: str, text: str) -> None:
     message, signal = database.load(file(tmp_path, text, suffix)).signal("angle")
     assert (message.name, message.id, message.length, signal.lowest, signal.length) == ("State", 16, 4, 8, 16)
+
+
+@pytest.mark.parametrize(
+    ("encoding", "guess", "comment", "unit"),
+    [
+        ("gbk", "gb18030", "电机转速", "℃"),
+        ("gb2312", "gb18030", "", "℃"),
+        ("cp932", "cp932", "回転速度を表示する", "℃"),  # with bytes that are a backslash
+        ("cp1251", "cp1251", "обороты двигателя", "об/мин"),
+        ("cp1250", "cp1250", "měření rychlosti otáček", "ot"),
+        ("cp1252", "cp1252", "Drehzahl für", "°/s"),
+        ("utf-16", "", "回転速度", "°"),
+    ],
+)
+def test_an_encoding_is_guessed_and_told_or_given(
+    tmp_path: Path, encoding: str, guess: str, comment: str, unit: str
+) -> None:
+    text = DBC.replace(
+        'SG_ angle : 0|16@1- (0.1,0) [-100|100] "rad"', f'SG_ angle : 0|16@1- (0.1,0) [-100|100] "{unit}"'
+    )
+    path = file(
+        tmp_path,
+        text + f'CM_ SG_ 100 angle "{comment} ソ能";\n'.replace(" ソ能" if encoding != "cp932" else "", ""),
+        encoding=encoding,
+    )
+    for read in (database.load(path), database.load(path, encoding=encoding)):
+        angle = read.signal("angle")[1]
+        assert (angle.unit, angle.comment[: len(comment)]) == ({"°": "deg", "°/s": "deg/s"}.get(unit, unit), comment)
+        assert [m.name for m in read.messages] == ["State", "Command", "Status"]
+    assert database.load(path, encoding=encoding).notes == ()
+    assert [guess in note for note in database.load(path).notes] == ([True] if guess else [])
+
+
+def test_xml_is_read_in_the_encoding_that_it_names(tmp_path: Path) -> None:
+    text = (
+        KCD.replace("UTF-8", "gb2312")
+        .replace('length="16"', 'length="16"')
+        .replace("/></Message>", "><Notes>转速</Notes></Signal></Message>")
+    )
+    assert database.load(file(tmp_path, text, ".kcd", "gb2312")).signal("angle")[1].comment == "转速"
 
 
 def test_units_in_either_encoding_are_read(tmp_path: Path) -> None:
@@ -160,7 +209,6 @@ BO_ 1 Pages: 2 A
 """
 LINE = r"rig\.dbc, line {}: "
 BAD = {
-    "syntax": (DBC.replace("@1- (0.1,0)", "@1 (0.1,0)"), LINE.format(4) + "cannot be read at column"),
     "huge signal": (DBC.replace("voltage : 0|16", "voltage : 0|99999999"), LINE.format(9) + ".*more than any frame"),
     "huge message": (DBC.replace("Status: 2", "Status: 99999999"), LINE.format(11) + ".*more than any frame"),
     "huge number": (DBC.replace("Status: 2", "Status: " + "9" * 6000), LINE.format(11) + ".*more than any frame"),
@@ -170,15 +218,48 @@ BAD = {
     "selections": (DBC + "SG_MUL_VAL_ 102 status angle 0-4000000000;\n", LINE.format(27) + ".*too many multiplexer"),
     "long range": (DBC + "SG_MUL_VAL_ 102 status angle 900000000000-9000000000000;\n", "too many multiplexer"),
     "hidden": (DBC.replace(" SG_ voltage : 0|16", ' SG_ //"\n voltage : 0|99999999'), LINE.format(9) + ".*more than"),
-    "spaces": (DBC + "SG_MUL_VAL_ 102 a b" + " " * 200_000 + "x", LINE.format(27) + "cannot be read"),
-    "words": (DBC + "SG_ " * 100_000, LINE.format(27) + "cannot be read"),
-    "quotes": (DBC + '"' * 100_001, LINE.format(27) + "cannot be read"),
     "nested": (DBC + "".join(f"SG_MUL_VAL_ 102 s{n + 1} s{n} 0-9, 20-29;\n" for n in range(30)), "too many combin"),
     "loop": (DBC + "SG_MUL_VAL_ 102 a b 0-1;\nSG_MUL_VAL_ 102 b a 0-1;\n", "too many combinations"),
 }
 
 
 LENIENT = {
+    "syntax": (
+        DBC.replace("@1- (0.1,0)", "@1 (0.1,0)"),
+        "torque",
+        "signal State.angle is left out: it is not written as",
+    ),
+    "no receiver": (DBC.replace('"rad" B', '"rad"'), "torque", "signal State.angle is left out: it is not written as"),
+    "a short header": (
+        DBC.replace("BO_ 102 Status: 2 A", "BO_ 102 Status 2 A"),
+        "angle Command.status",
+        "Status is left out: cannot be",
+    ),
+    "no end": (DBC.replace("100 10;", "100 10"), "angle", 'GenMsgCycleTime" BO_ 100 10, is left out: it does not end'),
+    "no definition": (DBC + 'BA_ "Other" BO_ 100 1;\n', "angle", "the attribute Other is not defined"),
+    "no such message": (
+        DBC + 'VAL_ 999 x 0 "a" ;\n',
+        "angle",
+        'VAL_ 999 x 0 "a" ;, is left out: there is no such signal',
+    ),
+    "standard": (
+        DBC.replace("BO_ 102 ", "BO_ 4919 "),
+        "angle",
+        "Status is left out: its identifier 0x1337 has more than 11",
+    ),
+    "bad pages": (
+        PAGES + "SG_MUL_VAL_ 1 first page 0-0\n" + DBC[DBC.index("BO_ 100") :],
+        "angle",
+        "Pages is left out: it does not end",
+    ),
+    "float": (DBC + "SIG_VALTYPE_ 100 angle 1\n", "voltage", "message State is left out: it does not end"),
+    "spaces": (
+        DBC + "SG_MUL_VAL_ 102 a b" + " " * 200_000 + "x",
+        "angle",
+        "message Status is left out: it does not end",
+    ),
+    "words": (DBC + "SG_ " * 100_000, "angle", "is left out: it is not written as a signal is"),
+    "quotes": (DBC + '"' * 100_001, "angle", "is left out: it does not end"),
     "overlap": (DBC.replace("angle : 0|16", "angle : 0|24"), "angle torque alive_counter crc", ""),
     "too long": (
         DBC.replace("voltage : 0|16", "voltage : 50|16"),
