@@ -27,11 +27,16 @@ from time import perf_counter, sleep
 from types import ModuleType, TracebackType
 from typing import Any, Generic, Self, TypeVar
 
+from orchestrator import last_words
+from orchestrator.interrupts import Interrupts, whole
+from orchestrator.last_words import LastWords, culprits
+
 T = TypeVar("T")
 A = TypeVar("A")
 
 _PATIENCE = 5.0  # with a process that is to end by itself [s]
 _LONGEST = 70  # of a temporary folder's path; a socket's has some 35 bytes more, and 104 at most
+_WORDS = "last words"  # file in the folder of a process
 _CLEANING = 15.0  # with one that was interrupted and cleans up [s]
 _STARTING = 120.0  # with one that has still to make its worker [s]
 
@@ -48,10 +53,12 @@ class Died:
     Attributes:
         ending: how, in words: "died (SIGSEGV)", "died (exit code 1)", "gave no answer for 60 s".
         seconds: wall time since it was given the task [s].
+        fmus: those that it had loaded, in words; empty where there were none.
     """
 
     ending: str
     seconds: float
+    fmus: str = ""
 
 
 def calling() -> Callable[[Callable[[], Any]], Any]:
@@ -120,7 +127,8 @@ class Processes(Generic[T, A]):
                 yield busy.pop(process), answer
 
     def _start(self) -> _Child:
-        self._processes.append(_Child(self._context, self._make))
+        with whole():  # one that is not in the list would be left
+            self._processes.append(_Child(self._context, self._make))
         return self._processes[-1]
 
     def __enter__(self) -> Self:
@@ -161,7 +169,7 @@ class _Child:
             with _uninterrupted(), _without_main(make):
                 self._process.start()
         except BaseException:
-            if self.pid is not None:  # interrupted when it had just begun
+            if self.pid is not None:
                 self.interrupt()
                 self.stop(patience=0.0)
             shutil.rmtree(self._folder, ignore_errors=True)
@@ -188,10 +196,11 @@ class _Child:
         try:
             answer = self.connection.recv()
         except (EOFError, OSError):
+            fmus = culprits(LastWords(Path(self._folder, _WORDS)))
             self.stop(_PATIENCE)
             code = self._process.exitcode
             ending = signal.Signals(-code).name if code is not None and code < 0 else f"exit code {code}"
-            return Died(self._silent or f"died ({ending})", perf_counter() - self._begun)
+            return Died(self._silent or f"died ({ending})", perf_counter() - self._begun, fmus)
         if answer is _Ready:
             self._begun, self._ready = perf_counter(), True
         if isinstance(answer, _Raised):
@@ -301,7 +310,7 @@ def _without_main(make: Callable[[], Any]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _uninterrupted() -> Iterator[None]:
-    """SIGINT waits, and a process started here never sees it: a terminal sends it to all, and only we shall answer."""
+    """A process started here never sees SIGINT: a terminal sends it to all, and only we shall answer."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -323,20 +332,27 @@ def _serve(
 ) -> None:
     """The life of a process: one worker, tasks until None or until the other side is gone.
 
-    The main process interrupts it by SIGTERM, and so does its end; a second one would cut the cleaning up short.
+    The main process interrupts it by SIGTERM, and so does its end; what a terminal sends is for that to answer.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGINT, getattr(signal, "SIGHUP", signal.SIGINT)):
+        signal.signal(number, signal.SIG_IGN)
     tempfile.tempdir = folder
     Finalize(None, shutil.rmtree, (folder, True), exitpriority=1)  # where the main process is killed, nobody else does
     os.environ.clear()
     os.environ.update(environment)
-    with contextlib.suppress(KeyboardInterrupt, EOFError, OSError):
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
+    interrupts = Interrupts(signal.SIGTERM)
+    try:
+        interrupts.__enter__()  # to the end of this process
+        last_words.begin(LastWords(Path(folder, _WORDS)))
         if hasattr(signal, "pthread_sigmask"):  # for those that are started from here
             signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
             threading.Thread(target=_await_end, args=[life, litter, folder], daemon=True).start()
         _work(connection, make)
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    except BaseException as end:
+        if not (interrupts.requested or isinstance(end, EOFError | OSError)):  # whatever the interrupt came out as
+            raise
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
 
 
 def _work(connection: Connection, make: Callable[[], Any]) -> None:

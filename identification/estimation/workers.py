@@ -147,7 +147,10 @@ class ProcessPool:
         )
 
     def _lost(self, task: Task, died: Died) -> FmuError:
-        place, problem = f"window {task.window}", f"the simulating process {died.ending}"
+        place, problem = (
+            f"window {task.window}",
+            f"the simulating process {died.ending}{f', {died.fmus}' if died.fmus else ''}",
+        )
         if self.restarts >= MAX_RESTARTS:
             raise FmuError(
                 place, f"{problem}, after {self.restarts} others were lost", "mend the FMUs, or narrow `min` and `max`"

@@ -103,7 +103,8 @@ def run_suite(
 
 
 def _crashed(file: Path, died: Died) -> Verdict:
-    crash = FmuError(file, "an FMU crashed the process that ran it", "give --isolate to learn which one and where")
+    problem = f"{died.fmus or 'an FMU'} crashed the process that ran it, which {died.ending}"
+    crash = FmuError(file, problem, "give --isolate to learn where")
     return Verdict(file, died.seconds, None, str(crash))
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from orchestrator import last_words
 from orchestrator.processes import Died, Processes, calling
 
 Task = Callable[[], object]
@@ -103,6 +104,17 @@ def test_tasks_are_taken_when_there_is_a_process_for_them() -> None:
     with Processes[Task, object](calling, 2) as pool:
         for done, _ in enumerate(pool.answers(tasks()), start=1):
             assert len(taken) <= done + 2
+
+
+def say_and_exit() -> None:
+    last_words.own().say(last_words.FMU, "wheel (bad.fmu)")
+    os._exit(0)
+
+
+def test_an_end_with_exit_code_0_is_a_death_that_names_the_fmus() -> None:
+    with Processes[Task, object](calling, 1) as pool:
+        [(_, died)] = pool.answers([say_and_exit])
+    assert isinstance(died, Died) and (died.ending, died.fmus) == ("died (exit code 0)", "wheel (bad.fmu)")
 
 
 def test_a_process_sees_the_environment_of_now(monkeypatch: pytest.MonkeyPatch) -> None:

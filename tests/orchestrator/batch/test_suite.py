@@ -82,7 +82,7 @@ def test_every_file_has_a_verdict_of_its_own_and_the_time_it_took(tmp_path: Path
         "",
         "",
         "is refused",
-        "an FMU crashed the process that ran it",
+        "an FMU crashed the process that ran it, which died (exit code 3)",
     ]
     assert all(verdict.seconds >= 0.05 for verdict in verdicts)
     processes = {verdict.document["cases"][0]["checks"][0]["found"] for verdict in verdicts if verdict.document}

@@ -418,7 +418,6 @@ def interrupted(tmp_path: Path, group: bool, *arguments: object) -> tuple[int, s
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
 @pytest.mark.parametrize("group", [False, True], ids=["alone", "as a terminal does"])
-@pytest.mark.xfail(reason="a process interrupted while it begins now and then prints a traceback")
 def test_an_interrupted_calibration_leaves_nothing(tmp_path: Path, group: bool) -> None:
     record(tmp_path / "data")
     study = write_study(
