@@ -46,8 +46,9 @@ class Unit:
         return replace(self, offset=0.0)
 
     def fits(self, other: Unit) -> bool:
-        """Same quantity; radians count as a pure number, as the mechanics' equations have it."""
-        return self.exponents[:_RADIANS] == other.exponents[:_RADIANS]
+        """Same quantity; radians may be left out of one, as the mechanics' equations have it."""
+        left_out = self.radians == other.radians or 0 in (self.radians, other.radians)
+        return left_out and self.exponents[:_RADIANS] == other.exponents[:_RADIANS]
 
     def times(self, other: Unit, power: int = 1) -> Unit:
         """The product with a power of another, both as units of differences."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NotRequired
 
@@ -222,14 +222,16 @@ def _half(entry: ParameterSummary) -> float | None:
     return None if low is None or high is None else (high - low) / 2
 
 
-def provenance(section: Section, data: Iterable[TraceSummary]) -> None:
-    """The versions that made a result, and a table of its recordings."""
+def provenance(section: Section, data: Iterable[TraceSummary], units: Sequence[CrossingDocument] = ()) -> None:
+    """The versions that made a result, and tables of its recordings and of what was converted of them."""
     section.provenance(versions())
     rows = [
         [trace["trace"], trace["role"], "; ".join([trace["stamps"], *trace.get("notes", [])]), trace["sha256"]]
         for trace in data
     ]
     section.table(["trace", "role", "time stamps and notes", "SHA-256"], rows)
+    if units:
+        section.table(["units"], [[crossed["text"]] for crossed in units])
 
 
 def finite(value: float) -> float | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
@@ -14,6 +15,7 @@ from fmus import units
 from fmus.errors import WiringError
 from fmus.units import ONE, SAME, SECOND, Conversion, Unit
 
+_QUANTITY = re.compile(r"\s*([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)\s*([^\s0-9.].*)")
 LOG = logging.getLogger("servotwin.units")
 _FREQUENCY = ONE.times(SECOND, -1)
 _PER_TURN = units.parse("rev")
@@ -36,6 +38,11 @@ class NamedUnit:
         """Whether it is written with a Hz: periods, where a rad/s counts radians."""
         return "Hz" in self.name
 
+    @property
+    def difference(self) -> NamedUnit:
+        """The unit of differences between values in this one."""
+        return NamedUnit(self.name, self.unit and self.unit.difference, self.declared)
+
     def rate(self, order: int) -> NamedUnit:
         """The unit of its derivative of that order by time."""
         if not order:
@@ -55,6 +62,7 @@ class Basis(StrEnum):
     SAME = "same"
     UNITS = "units"
     ASSUMED = "assumed"
+    NO_UNIT = "no unit"
     GIVEN = "given"
 
 
@@ -93,14 +101,11 @@ class Crossing:
         """Whether it rests on an assumption, or on a factor that the units contradict."""
         return self.basis is Basis.ASSUMED or (self.by_units is not None and not _agree(self.conversion, self.by_units))
 
-    @property
-    def wired(self) -> bool:
-        """Whether it is a connection between components, whose units both stand in files that say so."""
-        return " -> " in self.place
-
     def __str__(self) -> str:
         if self.basis is Basis.ASSUMED:
-            return f"{self.place}: {self.source} is taken for {self.target or 'the unit'} as it is, by factor 1"
+            return f"{self.place}: {self.source} is taken for {self.target} as it is, by factor 1"
+        if self.basis is Basis.NO_UNIT:
+            return f"{self.place}: taken in {self.source}, since the variable has no unit"
         if self.basis is Basis.GIVEN:
             return f"{self.place}: {_words(self.conversion)} as given{self._instead()}"
         how = "as it is" if self.conversion == SAME else _words(self.conversion)
@@ -124,13 +129,21 @@ def crossing(place: str, source: NamedUnit, target: NamedUnit, given: Given = NO
     """
     if given:
         return _by_hand(place, source, target, given)
-    if source.unit == target.unit and (source.unit or source.name == target.name):
-        return Crossing(place, source.name, target.name, SAME, Basis.SAME)
-    if source.unit is None or target.unit is None:
-        basis = Basis.ASSUMED if source.name and target.name else Basis.SAME
-        return Crossing(place, source.name, target.name, SAME, basis)
+    if source.unit is None or target.unit is None or source.unit == target.unit:
+        return Crossing(place, source.name, target.name, SAME, _unconverted(source, target))
     found, basis = _converted(place, source, target, source.unit, target.unit)
     return Crossing(place, source.name, target.name, found, basis)
+
+
+def quantity(text: str) -> tuple[float, str] | None:
+    """Number and unit of a text like `3000 rpm`; None where it is not one."""
+    match = _QUANTITY.fullmatch(text)
+    return None if match is None else (float(match[1]), match[2])
+
+
+def notes(documents: Iterable[CrossingDocument]) -> list[str]:
+    """A line for people about each that is sure, but for connections: both of their units stand in FMUs."""
+    return [f"note: {one['text']}" for one in documents if not one["doubtful"] and " -> " not in one["place"]]
 
 
 def noted(crossings: Iterable[Crossing]) -> tuple[Crossing, ...]:
@@ -174,6 +187,14 @@ def documents_of(crossings: Iterable[Crossing]) -> list[CrossingDocument]:
         }
         for one in crossings
     ]
+
+
+def _unconverted(source: NamedUnit, target: NamedUnit) -> Basis:
+    """Why a value stays as it is: equal units, none to convert from or to, or one that is not known."""
+    equal = source.unit == target.unit if source.unit and target.unit else source.name == target.name
+    if equal or not source.name or source.unit == ONE:
+        return Basis.SAME
+    return Basis.ASSUMED if target.name else Basis.NO_UNIT
 
 
 def _by_hand(place: str, source: NamedUnit, target: NamedUnit, given: Given) -> Crossing:

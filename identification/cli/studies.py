@@ -135,5 +135,6 @@ def _figure(value: float | None) -> str:
 
 def _remarks(document: Summary | ValidationSummary) -> list[str]:
     """What a reader of the figures must know, and what of the recordings was converted without a doubt."""
-    sure = [crossing for crossing in document.get("units", []) if not crossing["doubtful"]]
-    return [f"warning: {one}" for one in document["warnings"]] + [f"note: {crossing['text']}" for crossing in sure]
+    from orchestrator.crossing import notes
+
+    return [*(f"warning: {one}" for one in document["warnings"]), *notes(document.get("units", []))]

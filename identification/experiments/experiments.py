@@ -19,6 +19,7 @@ from identification.experiments.reduction import Reduction
 from identification.experiments.schema import ExampleBlock, ExperimentsBlock, NamedConditioningBlock
 from identification.experiments.set_result import SetResult, identified
 from identification.recordings.campaign import StudyTrace, TraceSource, load_campaign
+from identification.recordings.units import in_common_units
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.processes import Died, Processes, calling, processors
 from orchestrator.progress import Progress
@@ -78,6 +79,7 @@ def run(
     preparations = [study.preparation, *([study.compare] if study.compare else [])]
     with Workers(calling, processors(), [__name__]) as pool:
         recorded = _read(study, base, data) if data else _simulated(pool, study, base, progress, isolation)
+        recorded = in_common_units(recorded, [study.input, *study.outputs])
         sets = [_data_sets(study, preparation, recorded, physical) for preparation in preparations]
         results = _identified(pool, list(itertools.chain(*sets)), progress)
     made = [

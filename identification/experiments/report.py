@@ -9,6 +9,7 @@ from identification.experiments.experiments import Experiments
 from identification.experiments.set_result import SetResult, mean
 from identification.experiments.summary import warnings_of
 from identification.experiments.tables import tables
+from identification.recordings.units import unit_documents
 from identification.results import data_summary, finite, provenance
 from orchestrator.display.table import Cell
 from orchestrator.report import Report, Section
@@ -32,7 +33,7 @@ def report(experiments: Experiments) -> Report:
             if table.number.startswith(number):
                 section.table(table.headers, table.rows, caption=f"Table {table.number}. {table.caption}")
     _frequencies(page.section("Flexible modes"), experiments)
-    provenance(page.section("Provenance"), data_summary(experiments.recorded))
+    provenance(page.section("Provenance"), data_summary(experiments.recorded), unit_documents(experiments.recorded))
     return page
 
 

@@ -16,6 +16,7 @@ from identification.linear.fmu import linear_fmu
 from identification.linear.model import LinearModel
 from identification.linear.summary import ModelSummary, ModeSummary, mode_summaries, model_summary
 from identification.method import Calibrated
+from identification.recordings.units import unit_documents
 from identification.results import ClaimsSummary, ClaimSummary, data_summary, finite
 from orchestrator.display.table import Cell
 from orchestrator.results import versions
@@ -139,6 +140,7 @@ def summary(experiments: Experiments) -> ExperimentsSummary:
             table.number: {"caption": table.caption, "headers": table.headers, "rows": table.rows} for table in found
         },
         "data": data_summary(experiments.recorded),
+        "units": unit_documents(experiments.recorded),
         "versions": versions(),
         "warnings": [*warnings_of(experiments), *others],
         "verdict": {

@@ -14,6 +14,7 @@ from identification.output_error.windows import FreeRunWindow
 from identification.results import data_summary, parameter_rows, provenance, verdict_callout
 from identification.signals.frequency_response import fit_sine, frequency_point
 from identification.signals.processing import dominant_frequency
+from orchestrator.crossing import documents_of
 from orchestrator.report import Report, Section, figures
 from orchestrator.trace import FloatArray, Trace
 
@@ -35,7 +36,8 @@ def report(calibration: Calibration) -> Report:
         _frequency_response(result.section("Frequency response"), calibration, shown)
     _residuals(result.section("Residuals"), calibration, shown)
     _uncertainty(result.section("Uncertainty"), calibration)
-    provenance(result.section("Provenance"), data_summary(calibration.recorded, calibration.study.traces.hold_out))
+    data = data_summary(calibration.recorded, calibration.study.traces.hold_out)
+    provenance(result.section("Provenance"), data, documents_of(calibration.crossings))
     return result
 
 

@@ -14,6 +14,7 @@ from fmus.errors import ScenarioError, TraceError
 from fmus.files import sha256
 from orchestrator import formats
 from orchestrator.can.log_suffixes import is_log
+from orchestrator.crossing import Crossing, noted
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.formats import Layout
@@ -91,6 +92,7 @@ class StudyTrace:
         notes: what else was found in the file, a line each.
         held: whether commands keep their value from stamp to stamp, as those of frames do.
         values: component.variable -> value that holds for this trace [unit of the variable].
+        crossings: how its signals got to the units that they are in.
     """
 
     trace: Trace
@@ -102,6 +104,7 @@ class StudyTrace:
     notes: tuple[str, ...] = ()
     held: bool = False
     values: Mapping[str, Value] = field(default_factory=dict)
+    crossings: tuple[Crossing, ...] = ()
 
     @property
     def place(self) -> str:
@@ -148,17 +151,18 @@ def split(traces: list[StudyTrace], hold_out: Sequence[str]) -> tuple[list[Study
 
 
 def recording_warnings(traces: Sequence[StudyTrace]) -> list[str]:
-    """A sentence about the traces whose time stamps had to be put in order, and one about those with notes."""
-    warnings = []
+    """What is doubtful about units, and a sentence each about traces with stamps out of order, and with notes."""
+    crossings = noted(crossed for trace in traces for crossed in trace.crossings)
+    warnings = [str(crossed) for crossed in crossings if crossed.doubtful]
     if uneven := [trace for trace in traces if not trace.clean]:
         warnings.append(
             f"time stamps of {len(uneven)} recordings repeat or run backwards (details under data); "
             f"the first: {uneven[0].trace.name}, {uneven[0].stamps}"
         )
-    if noted := [trace for trace in traces if trace.notes]:
+    if remarked := [trace for trace in traces if trace.notes]:
         warnings.append(
-            f"what was seen in {len(noted)} of {len(traces)} recordings is to be known (details under data); "
-            f"the first: {noted[0].trace.name}, {'; '.join(noted[0].notes)}"
+            f"what was seen in {len(remarked)} of {len(traces)} recordings is to be known (details under data); "
+            f"the first: {remarked[0].trace.name}, {'; '.join(remarked[0].notes)}"
         )
     return warnings
 

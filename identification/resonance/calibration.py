@@ -7,20 +7,25 @@ from pathlib import Path
 
 import numpy as np
 
+from fmus.errors import WiringError
+from fmus.units import SAME
 from identification.built_system import BuiltSystem
 from identification.estimation.estimated_value import EstimatedValue
 from identification.method import Calibrated
 from identification.recordings.campaign import StudyTrace, load_campaign, recording_warnings
+from identification.recordings.units import in_units, unit_documents
 from identification.resonance import steps
+from identification.resonance.added_mass import UNITS
 from identification.resonance.steps import LoadResult, ResonanceStudy
 from identification.resonance.study import CampaignStudy
 from identification.results import ParameterSummary, Summary, data_summary, finite, provenance
 from orchestrator.assembly.assembly import OpenSystem
+from orchestrator.crossing import crossing, named
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.progress import Progress, silent
 from orchestrator.report import Report, Section, figures
 from orchestrator.results import versions
-from orchestrator.system import check_values, must_be
+from orchestrator.system import Endpoint, check_values, must_be
 from orchestrator.trace import FloatArray
 
 
@@ -54,7 +59,8 @@ def calibrate(
     """
     system = BuiltSystem(study.system)
     _check_targets(study, system)
-    recorded = load_campaign(study.traces, data, progress, isolation)
+    loaded = load_campaign(study.traces, data, progress, isolation)
+    recorded = in_units(loaded, {study.campaign.signal: named("rad")})
     experiments = [study.campaign.experiment(trace) for trace in recorded]
     signal, processing = study.campaign.signal, study.processing
     published = steps.study_as_published(experiments, processing, study.bounds, signal)
@@ -63,12 +69,17 @@ def calibrate(
 
 
 def _check_targets(study: CampaignStudy, system: BuiltSystem) -> None:
-    """See that the parameters that the study writes, and their truths, are in its system."""
+    """See that the parameters that the study writes, and their truths, are in its system, and in SI units."""
     with OpenSystem(system.assembled) as opened:
         check_values(opened.system, study.system.values())
         for key, names in (("write", list(study.write.values())), ("truth", list(study.truth))):
             for name in names:
                 must_be(opened.system, name, "parameter", key)
+        for lumped, name in study.write.items():
+            own = opened.system.port(Endpoint.parse(name)).measure
+            crossed = crossing(f"write.{name}", named(UNITS.get(lumped)), own)
+            if crossed.conversion != SAME:
+                raise WiringError(crossed.place, f"is in {own.name}, and {lumped} in {crossed.source}", "use SI units")
 
 
 class LoadSummary(ParameterSummary):
@@ -107,6 +118,7 @@ def summary(result: ResonanceCalibration) -> ResonanceSummary:
             "validation": None,
         },
         "data": data_summary(result.recorded),
+        "units": unit_documents(result.recorded),
         "versions": versions(),
         "warnings": [*result.taken.warnings, *recording_warnings(result.recorded)],
     }
@@ -143,7 +155,7 @@ def report(result: ResonanceCalibration) -> Report:
     response.figure(
         figures.frequency_response(points, curves), "Gain by added mass: sine fits, and log|G| least squares"
     )
-    provenance(page.section("Provenance"), data_summary(result.recorded))
+    provenance(page.section("Provenance"), data_summary(result.recorded), unit_documents(result.recorded))
     return page
 
 

@@ -16,6 +16,7 @@ from identification.linear.preparation import Preparation, PreparedData, prepare
 from identification.linear.records import InputOutputData
 from identification.linear.updating import reduced, updated
 from identification.recordings.campaign import StudyTrace, load_campaign, split
+from identification.recordings.units import in_common_units
 from identification.subspace.prediction_error import Refined, refine, uncertainty
 from identification.subspace.realisation import SubspaceResult, simulated
 from identification.subspace.schema import ReductionBlock, SubspaceBlock
@@ -84,6 +85,7 @@ def calibrate(
     """
     source = study.source(base)
     recorded = load_campaign(source, data, lambda fraction, doing: progress(0.5 * fraction, doing), isolation)
+    recorded = in_common_units(recorded, [*study.inputs, *study.outputs])
     fitted, aside = split(recorded, study.traces.hold_out)
     given = {recording.trace.name: _record(study, recording) for recording in recorded}
     how = study.preparation.preparation(scaled=study.preparation.scaled)

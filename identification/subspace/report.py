@@ -9,6 +9,7 @@ import numpy as np
 
 from identification.linear.mode_tracking import stabilisation
 from identification.linear.modes import modes, ranked
+from identification.recordings.units import unit_documents
 from identification.results import data_summary, provenance, verdict_callout
 from identification.subspace.calibration import Candidate, SubspaceCalibration
 from identification.subspace.orders import borne
@@ -33,7 +34,8 @@ def report(result: SubspaceCalibration) -> Report:
     _free_runs(page.section("Free runs"), result)
     _modes(page.section("Modes"), result)
     _extraction(page.section("Singular values"), result)
-    provenance(page.section("Provenance"), data_summary(result.recorded, result.study.traces.hold_out))
+    data = data_summary(result.recorded, result.study.traces.hold_out)
+    provenance(page.section("Provenance"), data, unit_documents(result.recorded))
     return page
 
 

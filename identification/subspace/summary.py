@@ -12,6 +12,7 @@ from identification.linear.modes import modes
 from identification.linear.summary import ModelSummary, ModeSummary, mode_summaries, model_summary
 from identification.method import Calibrated
 from identification.recordings.campaign import recording_warnings
+from identification.recordings.units import unit_documents
 from identification.results import FitsSummary, FitSummary, Summary, VerdictSummary, data_summary, finite, verdict
 from identification.subspace.calibration import Candidate, SubspaceCalibration
 from orchestrator.results import versions
@@ -51,6 +52,7 @@ def summary(result: SubspaceCalibration) -> SubspaceSummary:
         "models": {name: _model(result, candidate) for name, candidate in result.candidates.items()},
         "fit": _fits(result, taken),
         "data": data_summary(result.recorded, study.traces.hold_out),
+        "units": unit_documents(result.recorded),
         "versions": versions(),
         "warnings": warnings_of(result),
         "verdict": subspace_verdict(result),

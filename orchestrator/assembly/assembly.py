@@ -17,7 +17,7 @@ from fmus.modelling.model import Model, Table
 from fmus.packaging import targets
 from orchestrator.assembly.stimulus import Stimulus
 from orchestrator.assembly.whole_arrays import check_shapes
-from orchestrator.crossing import logged
+from orchestrator.crossing import logged, quantity
 from orchestrator.engine import Result, Simulation, Timing
 from orchestrator.fmi.component import Component
 from orchestrator.fmi.exchange_slave import ExchangeSlave
@@ -127,9 +127,21 @@ def assemble(system: SystemSpec, folder: Path, stimulated: Iterable[str] = (), t
     files, components = {}, {}
     for name, component in system.components.items():
         file = component.fmu or _built(name, component, folder, target)
-        files[name], components[name] = file, replace(component, source=file, tables=())
+        parameters = _in_numbers(name, component, file)
+        files[name], components[name] = file, replace(component, source=file, tables=(), parameters=parameters)
     built = frozenset(name for name, component in system.components.items() if component.fmu is None)
     return Assembled(files, built, replace(system, components=components), tuple(stimulated))
+
+
+def _in_numbers(name: str, component: ComponentSpec, file: Path) -> Mapping[str, Value]:
+    """The parameters, those that are written as `3000 rpm` in the unit of their variables."""
+    written = [key for key, value in component.parameters.items() if isinstance(value, str) and quantity(value)]
+    if not written:
+        return component.parameters
+    with component.open(file) as fmu:
+        ports = {key: fmu.interface.ports[key] for key in written if key in fmu.interface.ports}
+    typed = {key: port.typed(f"{name}.{key}", component.parameters[key]) for key, port in ports.items()}
+    return {**component.parameters, **typed}
 
 
 def _built(name: str, component: ComponentSpec, folder: Path, target: str | None) -> Path:

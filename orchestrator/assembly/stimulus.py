@@ -17,7 +17,8 @@ class Stimulus:
     """A constant, or a recording that is played back.
 
     Attributes:
-        source: a value, or a trace with one signal [its own unit; the unit of the input where it has none].
+        source: a value [unit of the input], a text with its unit (`90 deg`) until it is `brought`, or a trace with one
+            signal [its own unit; without one that of the input].
         hold: whether the recording's last value is kept until its next, instead of a line between them.
         given: what a recording is converted by, over its unit.
 
@@ -25,7 +26,7 @@ class Stimulus:
         TraceError: the trace has no signal, or several.
     """
 
-    source: float | Trace
+    source: float | str | Trace
     hold: bool = False
     given: Given = NOTHING_GIVEN
 
@@ -40,6 +41,8 @@ class Stimulus:
         Raises:
             WiringError: its unit does not fit.
         """
+        if isinstance(self.source, str):
+            return replace(self, source=port.quantity(name, self.source)), None
         if not isinstance(self.source, Trace):
             return self, None
         trace, crossed = brought(self.source, name, port, self.given)

@@ -113,6 +113,7 @@ def run(
     isolate: Isolate,
 ) -> Answer:
     """Run one scenario; exit code 1 when an expectation fails."""
+    from orchestrator.crossing import notes
     from orchestrator.results import aside, check_target
     from orchestrator.scenario import accounts
     from orchestrator.scenario.results import document_of, interruption, write_run
@@ -132,9 +133,8 @@ def run(
         with whole():
             write_run(result, values, folder)
     document = document_of(result, values, folder)
-    for crossing in result.crossings:
-        if not (crossing.doubtful or crossing.wired):
-            terminal.say(f"note: {crossing}")
+    for line in notes(document["units"]):
+        terminal.say(line)
     if result.interrupted:
         line = f"{interruption(result)}; the result up to there is in {folder}"
         return Answer(document, held=False, interrupted=line)

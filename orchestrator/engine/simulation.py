@@ -392,7 +392,8 @@ class Simulation:
             for name, component in self.components.items():
                 component.bind(self._inputs[name], outputs[name])
             loop = self._loop(chosen, outputs, hold)
-            units = {name: self.system.port(Endpoint.parse(name)).unit or "1" for name in chosen}
+            known = {name: self.system.port(Endpoint.parse(name)).unit for name in chosen}
+            units = {name: unit for name, unit in known.items() if unit}
             names = sorted(chosen, key=lambda name: name not in self.outputs)  # outputs first, as in the rows
             steppers = Steppers(loop, self.timing.engine)
             self._prepared = _Prepared(key, loop, Columns(names, chosen, units), steppers, outputs)

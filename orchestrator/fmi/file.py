@@ -177,7 +177,10 @@ def _alone(text: bytes) -> io.BytesIO:
 
 
 def _amend(description: ModelDescription, root: etree._Element) -> None:
-    """Add what FMPy does not read: bounds of unsigned integers, and start values of texts after the first."""
+    """Add what FMPy does not read: bounds of unsigned integers, start values of texts, which units are inverse."""
+    inverse = {shown.get("name") for shown in root.iterfind(".//DisplayUnit") if shown.get("inverse") in ("true", "1")}
+    for unit in description.unitDefinitions:
+        unit.displayUnits = [shown for shown in unit.displayUnits if shown.name not in inverse]
     written = {entry.get("valueReference"): entry for entry in root.iterfind("ModelVariables/*")}
     for variable in description.modelVariables:
         if variable.type.startswith("UInt"):

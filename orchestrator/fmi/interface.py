@@ -11,7 +11,7 @@ from fmus import units
 from fmus.errors import FmuFileError
 from fmus.modelling.model import element
 from fmus.units import Unit
-from orchestrator.crossing import NamedUnit
+from orchestrator.crossing import NamedUnit, crossing, quantity
 
 Value = float | int | bool | str
 _REAL = ("Real", "Float64", "Float32")
@@ -109,7 +109,7 @@ class Port:
         if self.items:
             return self._item(place, value)
         if isinstance(value, str):
-            raise FmuFileError(place, f"cannot be '{value}'", f"give a {self.type}")
+            return self.quantity(place, value)
         if self.type == "Boolean":
             if value not in (0, 1):
                 raise FmuFileError(place, f"is a Boolean, not {value}", "give true or false")
@@ -117,6 +117,28 @@ class Port:
         if isinstance(value, bool):
             raise FmuFileError(place, f"cannot be {str(value).lower()}", f"give a {self.type}")
         return float(value) if self.type in _REAL else self._whole(place, value)
+
+    def quantity(self, place: str, text: str, difference: bool = False) -> float:
+        """The number that a text like `3000 rpm` means in the variable's unit.
+
+        Args:
+            difference: whether it is one between values, so that offsets of units do not count.
+
+        Raises:
+            FmuFileError: it is no number with a unit, or the unit is not known.
+            WiringError: the unit is of another quantity.
+        """
+        found = quantity(text) if self.type in _REAL else None
+        if found is None:
+            raise FmuFileError(place, f"cannot be '{text}'", f"give a {self.type}")
+        number, name = found
+        unit, own = self.meaning(name), self.measure
+        if unit.unit is None or own.unit is None:
+            unknown = f"'{name}' is no unit that is known" if unit.unit is None else "the variable has none"
+            raise FmuFileError(place, f"cannot be '{text}': {unknown}", "give a plain number")
+        if difference:
+            unit, own = unit.difference, own.difference
+        return crossing(place, unit, own).conversion(number)
 
     def _item(self, place: str, value: Value) -> int:
         """The number of an enumeration's item."""

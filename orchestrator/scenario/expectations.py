@@ -32,30 +32,34 @@ class Condition(Protocol):
         """
 
 
+Number = float | str
+"""In the unit of the signal; a text with a unit of its own, `90 deg`, until a scenario is in its system's units."""
+
+
 @dataclass(frozen=True)
 class Below:
     """Every sample lies below the limit [unit of the signal]."""
 
-    limit: float
+    limit: Number
 
     def __str__(self) -> str:
-        return f"stays below {self.limit:g}"
+        return f"stays below {_shown(self.limit)}"
 
     def judged(self, time: FloatArray, values: FloatArray) -> tuple[bool, str]:
-        return bool(values.max() < self.limit), f"largest {values.max():.6g}"
+        return bool(values.max() < float(self.limit)), f"largest {values.max():.6g}"
 
 
 @dataclass(frozen=True)
 class Above:
     """Every sample lies above the limit [unit of the signal]."""
 
-    limit: float
+    limit: Number
 
     def __str__(self) -> str:
-        return f"stays above {self.limit:g}"
+        return f"stays above {_shown(self.limit)}"
 
     def judged(self, time: FloatArray, values: FloatArray) -> tuple[bool, str]:
-        return bool(values.min() > self.limit), f"smallest {values.min():.6g}"
+        return bool(values.min() > float(self.limit)), f"smallest {values.min():.6g}"
 
 
 @dataclass(frozen=True)
@@ -67,22 +71,28 @@ class Near:
         given: what the trace is converted by, over its unit.
     """
 
-    target: float | Trace
-    within: float
+    target: Number | Trace
+    within: Number
     name: str = ""
     given: Given = NOTHING_GIVEN
 
     def __str__(self) -> str:
         if isinstance(self.target, Trace):
-            return f"follows {self.name or self.target.name} within {self.within:g}"
-        return f"is {self.target:g} within {self.within:g}"
+            return f"follows {self.name or self.target.name} within {_shown(self.within)}"
+        return f"is {_shown(self.target)} within {_shown(self.within)}"
 
     def judged(self, time: FloatArray, values: FloatArray) -> tuple[bool, str]:
-        target: float | FloatArray = (
-            next(iter(self.target.resampled(time).signals.values())) if isinstance(self.target, Trace) else self.target
-        )
+        target: float | FloatArray
+        if isinstance(self.target, Trace):
+            (target,) = self.target.resampled(time).signals.values()
+        else:
+            target = float(self.target)
         deviation = float(np.max(np.abs(values - target)))
-        return deviation <= self.within, f"largest deviation {deviation:.3g}"
+        return deviation <= float(self.within), f"largest deviation {deviation:.3g}"
+
+
+def _shown(number: Number) -> str:
+    return number if isinstance(number, str) else f"{number:g}"
 
 
 @dataclass(frozen=True)

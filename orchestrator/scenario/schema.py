@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -13,17 +13,18 @@ from orchestrator.assembly.whole_arrays import Values, elements, shapes
 from orchestrator.scenario.can_block import CanBlock
 from orchestrator.scenario.expectations import Above, Below, Expectation, Near, Refusal
 from orchestrator.scenario.scenario import Case, DataLogger, Scenario
-from orchestrator.yaml_file import Block, load, naming
+from orchestrator.yaml_file import Block, Quantity, load, naming
 
 
 class StimulusBlock(Block):
     """What drives an input: a constant, or a signal of a trace file.
 
     Attributes:
+        constant: in the unit of the input, or with its own: `90 deg`.
         factor, offset: input = factor * signal + offset, over what their units say.
     """
 
-    constant: float | None = None
+    constant: float | Quantity | None = None
     file: Path | None = None
     signal: str | None = None
     factor: float | None = None
@@ -35,7 +36,7 @@ class StimulusBlock(Block):
         if (self.constant is None) == (self.file is None) or (self.file is None) != (self.signal is None):
             raise ValueError("give `constant`, or `file` and `signal`")
         if self.constant is not None and (self.factor is not None or self.offset is not None):
-            raise ValueError("`factor` and `offset` go with `file`; write the constant in the input's unit")
+            raise ValueError("`factor` and `offset` go with `file`; write `constant: 90 deg`")
         return self
 
     def stimulus(self, base: Path) -> Stimulus:
@@ -51,17 +52,17 @@ class ExpectationBlock(Block):
     """A condition on one recorded variable between two times, or on the failure of the run.
 
     Exactly one of `near` (with `within`), `below`, `above`, `reference` (with `within`) and `refused` is given;
-    `within` is in the signal's unit.
+    numbers are in the signal's unit, or have their own: `90 deg`.
     """
 
     signal: str | None = None
     after: float | None = None
     before: float | None = None
-    near: float | None = None
+    near: float | Quantity | None = None
     reference: SignalFileBlock | None = None
-    within: float | None = Field(None, ge=0)
-    below: float | None = None
-    above: float | None = None
+    within: Annotated[float, Field(ge=0)] | Quantity | None = None
+    below: float | Quantity | None = None
+    above: float | Quantity | None = None
     refused: str | None = None
 
     @model_validator(mode="after")
@@ -71,6 +72,8 @@ class ExpectationBlock(Block):
             raise ValueError("give one of near, reference, below, above, refused")
         if (self.within is None) != (kinds[0] not in ("near", "reference")):
             raise ValueError("`within` goes with `near` and `reference`")
+        if isinstance(self.within, str) and self.within.strip().startswith("-"):
+            raise ValueError("`within` must not be negative")
         if (self.signal is None) != (kinds[0] == "refused"):
             raise ValueError("`signal` goes with everything but `refused`")
         return self

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 from orchestrator.assembly.stimulus import brought
 from orchestrator.crossing import Crossing
-from orchestrator.scenario.expectations import Expectation, Near, Refusal
-from orchestrator.scenario.scenario import Case, Scenario
+from orchestrator.fmi.interface import Port
+from orchestrator.scenario.expectations import Above, Below, Condition, Expectation, Near, Refusal
+from orchestrator.scenario.scenario import Scenario
 from orchestrator.system import Endpoint, System
 from orchestrator.trace import Trace
 
@@ -21,22 +22,31 @@ def in_units_of(system: System, scenario: Scenario) -> tuple[Scenario, list[Cros
     crossed: list[Crossing] = []
 
     def expected(asked: Expectation | Refusal) -> Expectation | Refusal:
-        if isinstance(asked, Refusal) or not isinstance(asked.condition, Near):
+        if isinstance(asked, Refusal):
             return asked
-        near = asked.condition
-        if not isinstance(near.target, Trace):
-            return asked
-        port = system.port(Endpoint.parse(asked.signal), f"expect {asked.signal}")
-        target, how = brought(near.target, f"expect {asked.signal}", port, near.given)
-        crossed.append(how)
-        return replace(asked, condition=replace(near, target=target))
-
-    def case_of(case: Case) -> Case:
-        return replace(case, expected=tuple(map(expected, case.expected)))
+        place = f"expect {asked.signal}"
+        port, condition = system.port(Endpoint.parse(asked.signal, place), place), asked.condition
+        if isinstance(condition, Near) and isinstance(condition.target, Trace):
+            target, how = brought(condition.target, place, port, condition.given)
+            crossed.append(how)
+            condition = replace(condition, target=target)
+        return replace(asked, condition=_in_numbers(condition, place, port))
 
     stimuli = {}
     for name, stimulus in scenario.stimuli.items():
         stimuli[name], how = stimulus.brought(name, system.port(Endpoint.parse(name)))
         crossed += [] if how is None else [how]
-    cases = tuple(map(case_of, scenario.cases))
+    cases = tuple(replace(case, expected=tuple(map(expected, case.expected))) for case in scenario.cases)
     return replace(scenario, stimuli=stimuli, cases=cases), crossed
+
+
+def _in_numbers(condition: Condition, place: str, port: Port) -> Condition:
+    """The condition with what it says like `90 deg` in the unit of the variable; `within` is a difference."""
+    if isinstance(condition, Near):
+        if isinstance(condition.target, str):
+            condition = replace(condition, target=port.quantity(place, condition.target))
+        if isinstance(condition.within, str):
+            condition = replace(condition, within=port.quantity(place, condition.within, difference=True))
+    elif isinstance(condition, Below | Above) and isinstance(condition.limit, str):
+        condition = replace(condition, limit=port.quantity(place, condition.limit))
+    return condition

@@ -126,7 +126,8 @@ def base_unit(name: str) -> dict[str, str] | None:
     if unit is None:
         return None
     powers = {base: str(power) for base, power in zip(units.BASES, unit.exponents, strict=True) if power}
-    return powers | ({} if unit.factor == 1.0 else {"factor": repr(unit.factor)})
+    scale = {"factor": (unit.factor, 1.0), "offset": (unit.offset, 0.0)}
+    return powers | {name: repr(value) for name, (value, default) in scale.items() if value != default}
 
 
 def _root(interface: ModelInterface, version: str, id_name: str, identity: str, offers: Sequence[Offer]) -> ET.Element:

@@ -21,7 +21,6 @@ COUNTER, CHECKSUM, ALGORITHM, DATA_ID = "CounterSignal", "ChecksumSignal", "Chec
 _COUNTER_NAME = re.compile(r"(^|.*_)(alive|rolling|msg|message|sequence)_?(counter|count|cnt|ctr)$", re.IGNORECASE)
 _LARGEST = 1e200  # of scales, offsets and ranges: what is scaled stays finite
 _FLOAT_LENGTHS = (16, 32, 64)
-_SPELLINGS = {"Nm": "N.m", "°": "deg", "°/s": "deg/s", "ohm": "Ohm", "1/min": "rpm", "U/min": "rpm"}
 
 
 def specification(raw: Any) -> MessageSpec:
@@ -127,7 +126,7 @@ def _signal(raw: Any) -> SignalSpec:
         minimum = maximum = None
     return SignalSpec(
         name=raw.name,
-        unit=_SPELLINGS.get(unit, unit),
+        unit=unit,
         minimum=minimum,
         maximum=maximum,
         scale=raw.scale,

@@ -30,7 +30,7 @@ class SignalSpec:
     """A signal of a message.
 
     Attributes:
-        unit: spelt as in `fmus.units` where the database's spelling is a common one; "" when it is not known.
+        unit: as the database spells it; "" when it is not known.
         minimum, maximum: range of the value [unit], None where it is open; an empty range counts as open.
         scale, offset: value = scale * raw + offset; whole numbers stay int, which cantools computes exactly.
         length: bits.

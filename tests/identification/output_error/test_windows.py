@@ -13,12 +13,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fmus.errors import TraceError
+from fmus.errors import TraceError, WiringError
 from fmus.units import Conversion
 from identification.output_error.calibration import evenly_weighed
 from identification.output_error.study import StartSpec
 from identification.output_error.windows import FreeRunWindow, cut_windows, start_curve
 from identification.recordings.campaign import StudyTrace
+from orchestrator.crossing import noted
+from orchestrator.fmi.interface import Port
 from orchestrator.trace import FloatArray, Trace
 from tests.support.small_study import plain_study
 
@@ -186,3 +188,48 @@ def test_an_output_that_rests_in_all_windows_keeps_weight_1() -> None:
     trace = recorded(EVEN, angle=np.maximum(EVEN - 5, 0))
     (window,) = evenly_weighed(cut_windows(asked.run, [trace], asked.windows))
     assert window.weight.tolist() == [1.0]
+
+
+PORTS = {
+    "motor.voltage": Port("voltage", 0, "Real", "input", "V"),
+    "hand.angle": Port("angle", 1, "Real", "output", "rad"),
+    "hand.speed": Port("speed", 2, "Real", "output", "rad/s"),
+    "hand.angle_start": Port("angle_start", 3, "Real", "parameter", "rad"),
+    "hand.speed_start": Port("speed_start", 4, "Real", "parameter", "rad/s"),
+}
+
+
+def in_own_units(units: dict[str, str], **changes: Any) -> FreeRunWindow:
+    """The first window of a recording with these units, whose numbers are those of `recorded`."""
+    given = recorded(EVEN, speed=-3 * np.sin(3 * EVEN))
+    asked = plain_study(windows={"length": 3, "skip": 1}, **changes)
+    trace = replace(given, trace=replace(given.trace, units=units))
+    return cut_windows(asked.run, [trace], asked.windows, PORTS)[0]
+
+
+def test_each_signal_is_converted_to_the_unit_of_what_it_drives_is_compared_with_or_starts() -> None:
+    initial = {
+        "hand.angle_start": {"signal": "angle"},
+        "hand.speed_start": {"signal": "angle", "derivative": 1},
+    }
+    outputs = {"hand.angle": {"signal": "angle"}, "hand.speed": {"signal": "speed"}}
+    plain = in_own_units({}, initial=initial, outputs=outputs)
+    found = in_own_units({"voltage": "mV", "angle": "°", "speed": "1/min"}, initial=initial, outputs=outputs)
+    factors = np.array([math.pi / 180, 2 * math.pi / 60])
+    np.testing.assert_allclose(found.measured, factors * plain.measured, rtol=1e-12)
+    np.testing.assert_allclose(found.stimuli["motor.voltage"], 1e-3 * plain.stimuli["motor.voltage"], rtol=1e-12)
+    for name, value in plain.initial.items():
+        assert found.initial[name] == pytest.approx(factors[0] * value, rel=1e-12), name
+    assert "initial.hand.speed_start from angle: °/s to rad/s, times 0.0174533" in map(str, found.crossings)
+    assert not noted(plain.crossings)
+
+
+def test_a_factor_of_the_study_stands_over_units_and_other_quantities_are_refused_with_the_recording() -> None:
+    outputs = {"hand.angle": {"signal": "angle", "factor": 2, "offset": 1}}
+    np.testing.assert_allclose(
+        in_own_units({"angle": "V"}, outputs=outputs).measured,
+        2 * in_own_units({}, outputs={"hand.angle": {"signal": "angle"}}).measured + 1,
+    )
+    problem = r"outputs\.hand\.angle from angle of data/run\.csv: A does not fit rad"
+    with pytest.raises(WiringError, match=problem):
+        in_own_units({"angle": "A"}, outputs={"hand.angle": {"signal": "angle"}})

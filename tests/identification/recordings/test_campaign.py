@@ -174,7 +174,7 @@ def test_a_truncated_file_is_refused(tmp_path: Path) -> None:
 def test_a_file_of_another_kind_is_refused(tmp_path: Path) -> None:
     (tmp_path / "data").mkdir()
     (tmp_path / "data" / "rig_0__a.mat").write_text("time,voltage,angle\n0,1,2\n")
-    assert "is not a MATLAB v5 file" in refused(tmp_path, tmp_path / "data")
+    assert "is not a MATLAB v5 or v7.3 file" in refused(tmp_path, tmp_path / "data")
 
 
 def test_a_missing_variable_is_refused_with_those_there_are(tmp_path: Path) -> None:
