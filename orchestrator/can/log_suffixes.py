@@ -1,20 +1,82 @@
-"""Which files are logs of CAN frames. Told here without python-can, which takes a second or two to be imported."""
+"""Which files are logs of CAN frames, and in which format: told without python-can, which takes long to be imported.
+
+Suffixes that other files have, too (`.csv`, `.txt`), and those that several tools use (`.log`) say little: the first
+lines decide.
+"""
 
 from __future__ import annotations
 
+import gzip
+import re
+import zlib
 from pathlib import Path
+from typing import BinaryIO
+
+from orchestrator.can.table_head import table_head
 
 SUFFIXES = (".asc", ".blf", ".csv", ".db", ".log", ".mf4", ".trc")
-CSV_HEADER = "timestamp,arbitration_id,extended,remote,error,dlc,data"
+TEXT = {".asc": "asc", ".csv": "table", ".log": "candump", ".trc": "trc", ".txt": ""}
+"""Suffix of a text -> its format where its lines do not tell."""
+SHARED = (".csv", ".txt")
+PACKED = ".gz"
+HEAD = 1 << 16  # bytes that are looked at
+PLAIN = bytes(32 if octet < 32 and octet != 10 else octet for octet in range(256))  # control characters are blanks
+
+LINES = {
+    "busmaster": re.compile(r"\*\*\*BUSMASTER", re.IGNORECASE),
+    "trc": re.compile(r";\$FILEVERSION|;-+\+-+|\s*\d+\)\s+\d+(\.\d+)?\s"),
+    "asc": re.compile(
+        r"base\s+(hex|dec)\b|\s*\d+\.\d+\s+(CANFD\s|\d+\s+([0-9a-f]+x?\s+(Rx|Tx)|ErrorFrame))",
+        re.IGNORECASE,
+    ),
+    "candump": re.compile(
+        r"\s*(\([\d.: -]+\)\s+)?(?P<interface>\S+)\s+"
+        r"(([RT]X\s+\S\s+\S\s+)?([0-9a-f]{3}|[0-9a-f]{8})\s+[\[{]\d+[\]}]|[0-9a-f]{3,8}#)",
+        re.IGNORECASE,
+    ),
+}
+"""Format -> what one of its first lines looks like."""
+
+
+def suffix_of(path: Path) -> str:
+    """The suffix in small letters, that of the content where it is packed."""
+    name = path.name.lower()
+    return Path(name.removesuffix(PACKED)).suffix
+
+
+def opened(path: Path, raw: BinaryIO) -> BinaryIO:
+    """The content of a file that is open, unpacked."""
+    return gzip.GzipFile(fileobj=raw) if path.name.lower().endswith(PACKED) else raw  # type: ignore[return-value]
+
+
+def first_lines(path: Path) -> list[str]:
+    """Some of the first lines, none where the file cannot be read."""
+    try:
+        with path.open("rb") as raw, opened(path, raw) as file:
+            head = file.read(HEAD)
+    except (OSError, EOFError, zlib.error):
+        return []
+    lines = head.translate(PLAIN).decode("utf-8-sig", "replace").split("\n")
+    return lines[:-1] if len(head) == HEAD else lines
+
+
+def text_format(path: Path) -> str:
+    """The format of a text by its first lines, else by its suffix; "" where neither tells."""
+    lines = first_lines(path)
+    for line in lines[:100]:
+        for name, pattern in LINES.items():
+            if pattern.match(line):
+                return name
+        if table_head(line) is not None:
+            return "table"
+    suffix = suffix_of(path)
+    return "" if suffix in SHARED else TEXT.get(suffix, "")
 
 
 def is_log(path: str | Path) -> bool:
-    """Whether a file is a log of frames by its suffix; a .csv is one when it has python-can's header."""
+    """Whether a file is a log of frames: by its suffix, where others have that, too, by its first lines."""
     file = Path(path)
-    if file.suffix.lower() != ".csv":
-        return file.suffix.lower() in SUFFIXES
-    try:
-        with file.open("rb") as content:
-            return content.readline(len(CSV_HEADER) + 8).strip() == CSV_HEADER.encode()
-    except OSError:
-        return False
+    suffix = suffix_of(file)
+    if suffix in SHARED:
+        return bool(text_format(file))
+    return suffix in TEXT if file.suffix.lower() == PACKED else suffix in SUFFIXES

@@ -10,13 +10,13 @@ from pathlib import Path
 
 from fmus.errors import TraceError
 from orchestrator.can.frames import Frames
-from orchestrator.can.log_suffixes import CSV_HEADER, SUFFIXES, is_log
+from orchestrator.can.log_suffixes import SHARED, SUFFIXES, is_log, suffix_of, text_format
 from orchestrator.can.logs import sqlite
 from orchestrator.can.logs.blf import reading as blf
 from orchestrator.can.logs.findings import Damage, Findings
 from orchestrator.can.logs.mf4 import reading as mf4
-from orchestrator.can.logs.text import formats as text_formats
 from orchestrator.can.logs.text import reading as text
+from orchestrator.can.logs.text.formats import FORMATS
 from orchestrator.can.logs.writing import write
 from orchestrator.progress import Progress, silent
 from orchestrator.trace import check_file
@@ -28,19 +28,7 @@ ReadFrames = Callable[[Path, Findings], Iterator[tuple[Frames, float]]]  # batch
 BATCH = 1 << 16  # frames that are handed out at once, at most
 
 
-def _lines(text_format: text.TextFormat) -> ReadFrames:
-    return lambda path, findings: text.frames(path, text_format, findings)
-
-
-READERS: dict[str, ReadFrames] = {
-    ".asc": _lines(text_formats.ASC),
-    ".blf": blf.frames,
-    ".csv": _lines(text_formats.CSV),
-    ".db": sqlite.frames,
-    ".log": _lines(text_formats.CANDUMP),
-    ".mf4": mf4.frames,
-    ".trc": _lines(text_formats.TRC),
-}
+BINARY: dict[str, ReadFrames] = {".blf": blf.frames, ".db": sqlite.frames, ".mf4": mf4.frames}
 
 
 class LogReader:
@@ -95,6 +83,11 @@ def read(path: str | Path, progress: Progress = silent) -> LogReader:
     file = Path(path)
     check_file(file)
     if not is_log(file):
-        fix = f"begin with '{CSV_HEADER}'" if file.suffix.lower() == ".csv" else f"use {', '.join(SUFFIXES)}"
+        shared = suffix_of(file) in SHARED
+        fix = "its first lines are those of no format of frames" if shared else f"use {', '.join(SUFFIXES)}"
         raise TraceError(file, "is no log of CAN frames that is known", fix)
-    return LogReader(file, READERS[file.suffix.lower()], progress)
+    return LogReader(file, BINARY.get(suffix_of(file)) or _lines(text_format(file)), progress)
+
+
+def _lines(name: str) -> ReadFrames:
+    return lambda path, findings: text.frames(path, FORMATS[name], findings)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -156,7 +156,16 @@ def _reduced(batch: Frames, holds: Holds, first: float) -> tuple[Frames, Counter
 
 
 class AscWriter(ASCWriter):
-    """python-can's writer with the milliseconds of dates in three digits: it writes 7 ms as .7 s."""
+    """python-can's writer with dates in UTC, three digits for their milliseconds, and stamps that count from there."""
+
+    def log_event(self, message: str, timestamp: float | None = None) -> None:
+        if not self.header_written:
+            self.header_written = True
+            self.started = self.last_timestamp = int((timestamp or 0.0) * 1000) / 1000
+            start = self._format_header_datetime(datetime.fromtimestamp(self.started, UTC))
+            self.file.write(f"Begin Triggerblock {start}\n")
+            super().log_event("Start of measurement")
+        super().log_event(message, timestamp)
 
     def _format_header_datetime(self, dt: datetime) -> str:
         return dt.strftime(self.FORMAT_DATE.format(f"{dt.microsecond // 1000:03d}"))

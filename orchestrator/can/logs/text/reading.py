@@ -1,193 +1,160 @@
-"""Logs that are lines of text, through python-can's readers: a line that cannot be read costs no other line.
-
-The readers get their lines from a feed that knows where it is. When one fails, a new one is made that gets the header
-again and goes on behind the line.
-"""
+"""Logs that are lines of text: most lines many at once, those that look otherwise one by one, with what is wrong."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
-from enum import Enum, auto
+import zlib
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
-import can
+import numpy as np
 
-from fmus.errors import TraceError
-from orchestrator.can.frames import Frames, from_messages
+from orchestrator.can.frames import Frames, concatenated
+from orchestrator.can.log_suffixes import first_lines, opened
 from orchestrator.can.logs.findings import Findings
-from orchestrator.can.logs.messages import BATCH, oddity, shortened, silence
+from orchestrator.can.logs.text.form import Channels, Reading, State, TextFormat
+from orchestrator.can.logs.text.lines import Lines, lines_of
+from orchestrator.can.logs.text.rows import Found, NoFrameError, Row, nothing, with_rows
+from orchestrator.trace import BoolArray
 
 MAX_LINE = 1 << 12  # bytes
+BLOCK = 1 << 19  # bytes that are taken apart at once
+FEW = 16  # lines, for which it does not pay
+INFLATED, UNSUSPICIOUS = 250, 1 << 26  # times a packed log may grow; bytes that need no such check
 
 
-class LineKind(Enum):
-    """What a line is from which no frame came."""
-
-    NOTHING = auto()
-    EVENT = auto()
-    BROKEN = auto()
-
-
-@dataclass(frozen=True)
-class TextFormat:
-    """What is particular about a format.
+class Block(NamedTuple):
+    """Whole lines of the file.
 
     Attributes:
-        reader: python-can's reader of a file.
-        header: under which name a line is kept for further readers, "" for a line that is not of the header.
-        kind_of: what a line is from which no frame came.
-        adapt: put right in a message what the reader does not take from its line.
-        preamble: what a line at the beginning of the file begins with while the header lasts.
-        behind_preamble: the line that ends the header for the reader, which would otherwise take the next for it.
+        offset: of the first in the (unpacked) file [bytes].
+        number: of the first, from 1.
     """
 
-    reader: Callable[[Feed], Iterable[can.Message]]
-    header: Callable[[str], str]
-    kind_of: Callable[[str], LineKind]
-    adapt: Callable[[can.Message, str], None]
-    preamble: re.Pattern[str] | None = None
-    behind_preamble: str = ""
+    offset: int
+    number: int
+    text: bytes
 
 
-@dataclass
-class Feed:
-    """The lines of a log as a file to read from, which says what became of them."""
-
-    file: BinaryIO
-    text_format: TextFormat
-    findings: Findings
-    offset: int = 0
-    number: int = 0
-    line: str = ""
-    _waits: bool = False  # whether no frame has come yet from the line
-    _start: int = 0
-    _kept: dict[str, str] = field(default_factory=dict)
-    _again: list[tuple[str, bool]] = field(default_factory=list)  # lines to give once more, and whether frames may come
-    _in_preamble: bool = True
-
-    def __next__(self) -> str:
-        self.settle()
-        if not self._again:
-            self._again = self._read()
-        self.line, self._waits = self._again.pop(0)
-        return self.line
-
-    def __iter__(self) -> Feed:
-        return self
-
-    def close(self) -> None:
-        """Nothing: the file stays open for the next reader."""
-
-    def came(self) -> None:
-        """A frame came from the line."""
-        self._waits = False
-
-    def settle(self) -> None:
-        """FileJudge the line where no frame came from it."""
-        if not self._waits:
-            return
-        self._waits = False
-        kind = self.text_format.kind_of(self.line)
-        if kind is LineKind.BROKEN:
-            self.complain("this line is no frame")
-        elif kind is LineKind.EVENT:
-            self.findings.skipped += 1
-
-    def complain(self, problem: str) -> None:
-        """Note the line as one that could not be read; a line of the header is not given again."""
-        self.findings.add(self._start, problem, self.number)
-        self._waits = False
-        self._kept = {name: line for name, line in self._kept.items() if line != self.line}
-
-    def rewind(self) -> None:
-        """Give the header again, then what follows the line."""
-        self._again = [(line, False) for line in self._kept.values()]
-
-    def state(self) -> tuple[int, int]:
-        """What changes when there is any progress."""
-        return self.number, len(self._kept)
-
-    def _read(self) -> list[tuple[str, bool]]:
-        """The next line, behind the one that ends the preamble where it is the first after it."""
-        line = self._next_line()
-        while (name := self.text_format.header(line)) and self._kept.get(name) == line:
-            line = self._next_line()  # logs that were put together repeat their header
-        given = []
-        preamble = self.text_format.preamble
-        if self._in_preamble and preamble is not None and not preamble.match(line):
-            self._in_preamble, end = False, self.text_format.behind_preamble
-            self._kept[end] = end
-            given.append((end, False))
-        if name:
-            self._kept[name] = line
-        return [*given, (line, not name)]
-
-    def _next_line(self) -> str:
-        while True:
-            self._start = self.offset
-            raw = self.file.readline(MAX_LINE)
-            if not raw:
-                raise StopIteration
-            self.number += 1
-            self.offset += len(raw)
-            if len(raw) == MAX_LINE and not raw.endswith(b"\n"):
-                self._pass_over()
-            elif text := _text(raw).strip():
-                if not raw.endswith(b"\n"):
-                    self.findings.add(self._start, "the last line has no end, what it says may be cut", self.number)
-                return text
-
-    def _pass_over(self) -> None:
-        length = MAX_LINE
-        while raw := self.file.readline(1 << 16):
-            length += len(raw)
-            if raw.endswith(b"\n"):
-                break
-        self.offset = self._start + length
-        self.findings.add(self._start, f"a line of {length} bytes is no frame", self.number)
-
-
-def frames(path: Path, text_format: TextFormat, findings: Findings) -> Iterator[tuple[Frames, float]]:
+def frames(path: Path, text_format: TextFormat[Any], findings: Findings) -> Iterator[tuple[Frames, float]]:
     """The frames in batches, in the order of the file, and the share of it that is read by then."""
-    silence()
     size = path.stat().st_size
-    with path.open("rb") as file:
-        feed = Feed(file, text_format, findings)
-        taken: list[can.Message] = []
-        for message in _messages(feed):
-            taken.append(message)
-            if len(taken) == BATCH:
-                yield from_messages(taken), min(1.0, feed.offset / size)
-                taken = []
-        yield from_messages(taken), 1.0
+    reading = Reading(findings, Channels(findings))
+    reader = _Reader(text_format, text_format.state(first_lines(path), reading), reading)
+    with path.open("rb") as raw, opened(path, raw) as file:
+        for block in _blocks(file, raw, findings):
+            yield reader.read(block), min(1.0, raw.tell() / size)
 
 
-def _messages(feed: Feed) -> Iterator[can.Message]:
-    before = (-1, -1)
-    while before != feed.state():
-        before = feed.state()
+class _Reader:
+    """Turns blocks into frames, and remembers what the header said."""
+
+    def __init__(self, text_format: TextFormat[Any], state: State, reading: Reading) -> None:
+        self._format, self._state, self._reading = text_format, state, reading
+        self._clock = 0.0  # the sum of stamps that count from the line before
+        self._firsts = np.isin(np.arange(256), list(text_format.first))
+
+    def read(self, block: Block) -> Frames:
+        """The frames of the next lines."""
+        lines = lines_of(block.text)
+        parts: list[Frames] = []
+        heads: set[int] = set()
+        begin = 0
+        for place in np.flatnonzero(~self._of_frames(lines)).tolist():
+            try:
+                state = self._format.header(lines.text(place), self._state, self._reading)
+            except NoFrameError as problem:
+                self._complain(block, lines, place, str(problem))
+                state = self._state
+            if state is not None:
+                heads.add(place)
+            if state is not None and state != self._state:
+                parts.append(self._part(block, lines, begin, place, heads))
+                self._state, begin = state, place
+        parts.append(self._part(block, lines, begin, len(lines), heads))
+        return concatenated(parts)
+
+    def _of_frames(self, lines: Lines) -> BoolArray:
+        """(n,) which lines begin as those of frames do."""
+        return np.asarray(self._firsts[lines.starts(lines.trimmed(lines.whole, 8))])
+
+    def _part(self, block: Block, lines: Lines, begin: int, behind: int, heads: set[int]) -> Frames:
+        """The frames of lines that one header is valid for."""
+        part = lines[begin:behind]
+        many = nothing(len(part)) if len(part) < FEW else self._format.many(part, self._state, self._reading)
+        rows: dict[int, Row] = {}
+        for place in np.flatnonzero(~many.sound).tolist():
+            row = None if begin + place in heads else self._row(block, lines, begin + place)
+            if row is not None:
+                rows[place] = row
+                self._reading.findings.skipped += not row.frame
+        if self._state.relative:
+            many, rows = self._added_up(many, rows)
+        return with_rows(many, rows)
+
+    def _row(self, block: Block, lines: Lines, place: int) -> Row | None:
+        length = int(lines.whole.length[place])
+        if length > MAX_LINE:
+            self._complain(block, lines, place, f"a line of {length + 1} bytes is no frame")
+            return None
+        text = lines.text(place)
         try:
-            for message in feed.text_format.reader(feed):
-                feed.came()
-                feed.text_format.adapt(message, feed.line)
-                if problem := oddity(message):
-                    feed.complain(problem)
-                else:
-                    yield message
-            feed.settle()
-            return
-        except TraceError as refusal:
-            raise TraceError(feed.file.name, refusal.problem, refusal.fix) from None
-        except Exception as problem:  # whatever a reader does with lines it was not made for
-            feed.complain(f"this line is no frame ({shortened(problem)})")
-            feed.rewind()
+            row: Row | None = self._format.one(text, self._state, self._reading) if text else None
+        except NoFrameError as problem:
+            self._complain(block, lines, place, f"this line is no frame: {problem}")
+            return None
+        return row
+
+    def _complain(self, block: Block, lines: Lines, place: int, problem: str) -> None:
+        offset = block.offset + int(lines.whole.begin[place] - lines.whole.begin[0])
+        self._reading.findings.add(offset, problem, block.number + place)
+
+    def _added_up(self, many: Found, rows: dict[int, Row]) -> tuple[Found, dict[int, Row]]:
+        """Stamps from the start where they count from the line before."""
+        steps = np.where(many.sound, many.frames.time, 0.0)
+        for place, row in rows.items():
+            steps[place] = row.time
+        time = np.round(self._clock + np.cumsum(steps), 9)
+        self._clock = float(time[-1]) if len(time) else self._clock
+        time += self._state.start
+        moved = {place: replace(row, time=float(time[place])) for place, row in rows.items()}
+        return Found(replace(many.frames, time=time), many.sound), moved
 
 
-def _text(raw: bytes) -> str:
+def _blocks(file: BinaryIO, raw: BinaryIO, findings: Findings) -> Iterator[Block]:
+    """The file in whole lines; a line that does not end for long is passed over."""
+    offset, number, rest, passed = 0, 1, b"", 0
+    while chunk := _chunk(file, raw, offset, findings):
+        if passed or (len(rest) > MAX_LINE and b"\n" not in chunk):
+            end = chunk.find(b"\n")
+            passed, rest = passed + len(rest) + (len(chunk) if end < 0 else end + 1), b""
+            if end < 0:
+                continue
+            findings.add(offset, f"a line of {passed} bytes is no frame", number)
+            offset, number, passed, chunk = offset + passed, number + 1, 0, chunk[end + 1 :]
+        text = rest + chunk
+        cut = text.rfind(b"\n") + 1
+        text, rest = text[:cut], text[cut:]
+        if text:
+            yield Block(offset, number, text)
+            offset, number = offset + cut, number + text.count(b"\n")
+    if passed:
+        findings.add(offset, f"a line of {passed} bytes is no frame", number)
+    elif rest.strip():
+        findings.add(offset, "the last line has no end, what it says may be cut", number)
+        yield Block(offset, number, rest + b"\n")
+
+
+def _chunk(file: BinaryIO, raw: BinaryIO, offset: int, findings: Findings) -> bytes:
+    """The next bytes, of a packed file as far as it is sound and no trap."""
+    if file is raw:
+        return file.read(BLOCK)
+    if offset > max(UNSUSPICIOUS, INFLATED * raw.tell()):
+        findings.add(offset, f"the file unpacks to more than {INFLATED} times its size; not read on")
+        return b""
     try:
-        return raw.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return raw.decode("latin-1")
+        return file.read(BLOCK)
+    except (OSError, EOFError, zlib.error) as problem:
+        findings.add(offset, f"the packed file cannot be unpacked from about here on ({problem})")
+        return b""

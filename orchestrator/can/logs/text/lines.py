@@ -1,0 +1,222 @@
+"""Lines of text as arrays of octets: their words and fields, and the numbers in these, for all lines at once.
+
+Whatever does not look as it should is not `sound`, and is left to whoever reads it line by line.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from orchestrator.can.log_suffixes import PLAIN
+from orchestrator.trace import BoolArray, Bytes, FloatArray
+
+Positions = NDArray[np.int64]
+
+SLACK = 256  # octets before and behind the text, so that what is near a word can be looked at
+NEAR = 80  # pieces behind the last, so that one that is not there can be asked for
+NEWLINE, BLANK, DOT = 10, 32, 46
+DIGIT = np.full(256, 255, np.uint8)  # value of a character as a digit
+for _value, _digit in enumerate("0123456789abcdef"):
+    DIGIT[[ord(_digit), ord(_digit.upper())]] = _value
+BESIDE = (np.arange(256) <= BLANK) | (np.arange(256) == ord('"'))
+EXACT = 1 << 53
+POWERS = 10.0 ** np.arange(23)
+
+
+class Field(NamedTuple):
+    """Where a piece of each line begins, and ends (the position behind it)."""
+
+    begin: Positions
+    end: Positions
+
+    @property
+    def length(self) -> Positions:
+        return self.end - self.begin
+
+    def of(self, rows: Positions) -> Field:
+        """Of these lines only."""
+        return Field(self.begin[rows], self.end[rows])
+
+    def without(self, front: int | BoolArray | Positions, back: int | BoolArray | Positions = 0) -> Field:
+        """Less so many octets at either side."""
+        return Field(self.begin + front, self.end - back)
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """The words or fields of lines one after the other: those of a line begin with its `first`."""
+
+    all: Field
+    first: Positions
+    count: Positions
+
+    def __getitem__(self, number: int | Positions) -> Field:
+        """The piece with this number in each line, an empty one at its end where there are not so many."""
+        place = self.first + (number if isinstance(number, int) and number < NEAR else np.minimum(number, self.count))
+        begin, end = self.all.begin[place], self.all.end[place]
+        return Field(begin, np.where((number >= 0) & (number < self.count), end, begin))
+
+
+class Lines:
+    """Lines of a text.
+
+    Attributes:
+        octets: the text between `SLACK` octets of nothing.
+        whole: the lines, without their ends.
+    """
+
+    def __init__(self, octets: Bytes, whole: Field) -> None:
+        self.octets, self.whole = octets, whole
+
+    def __len__(self) -> int:
+        return len(self.whole.begin)
+
+    def __getitem__(self, rows: slice) -> Lines:
+        """Some of the lines."""
+        return Lines(self.octets, Field(self.whole.begin[rows], self.whole.end[rows]))
+
+    def text(self, row: int) -> str:
+        """A line, as UTF-8 where it is."""
+        raw = self.octets[self.whole.begin[row] : self.whole.end[row]].tobytes().translate(PLAIN)
+        try:
+            return raw.decode("utf-8-sig").strip()
+        except UnicodeDecodeError:
+            return raw.decode("latin-1").strip()
+
+    @cached_property
+    def words(self) -> Pieces:
+        """What stands between blanks."""
+        first, last = self._bounds
+        dark = np.concatenate(([False], self.octets[first:last] > BLANK, [False]))
+        edges = np.flatnonzero(dark[1:] != dark[:-1]) + first
+        return self._pieces(Field(edges[0::2], edges[1::2]))
+
+    def fields(self, separator: str) -> Pieces:
+        """What stands between separators, without the blanks around it."""
+        first, last = self._bounds
+        cuts = np.flatnonzero(self.octets[first:last] == ord(separator)) + first
+        begins = np.sort(np.concatenate([self.whole.begin, cuts + 1]))
+        ends = np.sort(np.concatenate([self.whole.end, cuts]))
+        return self._pieces(self.trimmed(Field(begins, ends)))
+
+    def trimmed(self, field: Field, most: int = 4) -> Field:
+        """Without some blanks and quotation marks around it."""
+        begin, end = field
+        for _ in range(most):
+            front = BESIDE[self.octets[begin]] & (begin < end)
+            back = BESIDE[self.octets[end - 1]] & (begin + front < end)
+            if not (front.any() or back.any()):
+                break
+            begin, end = begin + front, end - back
+        return Field(begin, end)
+
+    def starts(self, field: Field) -> Bytes:
+        """(n,) first octets, 0 where there is none."""
+        return np.where(field.length > 0, self.octets[field.begin], 0).astype(np.uint8)
+
+    def equal(self, field: Field, *words: str) -> BoolArray:
+        """(n,) which are one of these, in either case."""
+        found = np.zeros(len(field.begin), bool)
+        for word in words:
+            same = field.length == len(word)
+            for place, letter in enumerate(word):
+                octet = self.octets[field.begin + place]
+                same = same & ((octet == ord(letter.lower())) | (octet == ord(letter.upper())))
+            found |= same
+        return found
+
+    def names(self, field: Field, rows: BoolArray, most: int = 256) -> tuple[list[str], Positions]:
+        """The different plain words in some rows, and (n,) which of them stands where, -1 in all other rows."""
+        found: list[str] = []
+        places, left = np.full(len(rows), -1), rows & (field.length > 0)
+        while len(found) < most and left.any():
+            row = int(np.argmax(left))
+            name = self.octets[field.begin[row] : field.end[row]]
+            same = left & (field.length == len(name))
+            for place, octet in enumerate(name.tolist()):
+                same &= self.octets[field.begin + place] == octet
+            if name.max() < 128:
+                places[same] = len(found)
+                found.append(name.tobytes().decode("ascii"))
+            left &= ~same
+        return found, places
+
+    def whole_numbers(self, field: Field, base: int, most: int) -> tuple[Positions, BoolArray]:
+        """(n,) numbers of at most so many digits, and which are sound."""
+        length = field.length
+        value, sound = np.zeros(len(length), np.int64), (length > 0) & (length <= most)
+        for place in range(min(most, int(length.max(initial=0))), 0, -1):
+            digit, inside = DIGIT[self.octets[field.end - place]], place <= length
+            sound &= (digit < base) | ~inside
+            value = np.where(inside, value * base + digit, value)
+        return value, sound
+
+    def decimals(self, field: Field, shift: int = 0, most: int = 18) -> tuple[FloatArray, BoolArray]:
+        """(n,) numbers with a point, divided by 10^shift, rounded as `float` does it, and which are sound."""
+        length = field.length
+        value, sound = np.zeros(len(length), np.int64), (length > 0) & (length <= most)
+        behind, pointed = np.zeros(len(length), np.int64), np.zeros(len(length), bool)
+        for place in range(min(most, int(length.max(initial=0))), 0, -1):
+            octet, inside = self.octets[field.end - place], place <= length
+            point, digit = inside & (octet == DOT), DIGIT[octet]
+            sound &= (digit < 10) | ~inside | (point & ~pointed)
+            pointed |= point
+            value = np.where(inside & ~point, value * 10 + digit, value)
+            behind += inside & ~point & pointed
+        sound &= (np.abs(value) < EXACT) & (length > pointed)
+        return value / POWERS[np.minimum(behind + shift, 22)], sound
+
+    def octet_words(self, first: int | Positions, count: Positions, base: int, width: int) -> tuple[Bytes, BoolArray]:
+        """(n, width) the bytes in the words from `first` on, as many as `count` says, and which are sound."""
+        if base == 16:
+            begin = self.words[first].begin
+            data, sound = self.octet_digits(begin, count, 3, width)
+            return data, sound & (begin + 3 * count <= self.whole.end + 1)
+        data, sound = np.zeros((len(self), width), np.uint8), count <= width
+        for place in range(int(min(width, count.max(initial=0)))):
+            value, right = self.whole_numbers(self.words[first + place], base, 3)
+            there = place < count
+            sound &= (right & (value < 256)) | ~there
+            data[:, place] = np.where(there, value, 0)
+        return data, sound
+
+    def octet_digits(
+        self, begin: Positions, count: Positions, stride: int, width: int, behind: str = " "
+    ) -> tuple[Bytes, BoolArray]:
+        """(n, width) bytes of two hexadecimal digits, and which are sound.
+
+        Args:
+            stride: from one byte to the next; with 3 there is a blank or `behind` behind each.
+        """
+        window = np.ndarray((len(self.octets) - stride * width,), f"V{stride * width}", self.octets, strides=(1,))
+        near = window[begin].view(np.uint8).reshape(len(begin), width, stride)
+        high, low = DIGIT[near[:, :, 0]], DIGIT[near[:, :, 1]]
+        there = np.arange(width) < count[:, None]
+        sound = (count >= 0) & (count <= width) & (((high | low) < 16) | ~there).all(axis=1)
+        if stride == 3:
+            sound &= ((near[:, :, 2] <= BLANK) | (near[:, :, 2] == ord(behind)) | ~there).all(axis=1)
+        return np.asarray(np.where(there, high << 4 | low, 0), np.uint8), sound
+
+    @property
+    def _bounds(self) -> tuple[int, int]:
+        return (int(self.whole.begin[0]), int(self.whole.end[-1])) if len(self) else (SLACK, SLACK)
+
+    def _pieces(self, pieces: Field) -> Pieces:
+        first = np.searchsorted(pieces.begin, self.whole.begin)
+        behind = np.searchsorted(pieces.begin, self.whole.end, side="right")
+        beyond = np.full(NEAR, self._bounds[1])
+        padded = Field(np.concatenate([pieces.begin, beyond]), np.concatenate([pieces.end, beyond]))
+        return Pieces(padded, first, behind - first)
+
+
+def lines_of(text: bytes) -> Lines:
+    """The lines of a text that ends with one."""
+    octets = np.frombuffer(b"".join([bytes(SLACK), text, bytes(SLACK)]), np.uint8)
+    ends = np.flatnonzero(octets == NEWLINE)
+    begins = np.concatenate(([SLACK], ends[:-1] + 1))
+    return Lines(octets, Field(begins, ends))

@@ -1,0 +1,339 @@
+"""Text logs of many tools: many lines at once give what each gives on its own, and what python-can makes of them."""
+
+from __future__ import annotations
+
+import gzip
+from base64 import b64encode
+from collections.abc import Sequence
+from pathlib import Path
+
+import can
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from fmus.errors import TraceError
+from orchestrator.can import logs
+from orchestrator.can.frames import Flag, Frames, from_messages
+from orchestrator.can.logs.text import reading
+from orchestrator.can.logs.text.dates import moment
+from tests.support.can_samples import START, all_of, different, messages
+
+quick = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+WRITERS = {".asc": can.ASCWriter, ".csv": can.CSVWriter, ".log": can.CanutilsLogWriter, ".trc": can.TRCWriter}
+READERS = {".asc": can.ASCReader, ".csv": can.CSVReader, ".log": can.CanutilsLogReader, ".trc": can.TRCReader}
+
+BUSMASTER = """***BUSMASTER Ver 3.2.2***
+***PROTOCOL CAN***
+***[START LOGGING SESSION]***
+***START DATE AND TIME 7:3:2024 9:20:11:250***
+***HEX***
+***SYSTEM MODE***
+***<Time><Tx/Rx><Channel><CAN ID><Type><DLC><DataBytes>***
+"""
+TRC = ";$FILEVERSION={}\n;$STARTTIME=45244.0\n;---+--   ----+----\n"
+KINDS = {
+    "asc": (
+        ".asc",
+        "date Thu Mar 07 09:20:11.250 2024\nbase hex  timestamps absolute\n",
+        [
+            "   {t:.6f} 1  {i:X}x             Rx   d 2 {a:02X} 00  Length = 240000 BitCount = 124 ID = 291",
+            "   {t:.6f} 2  {s:X}  Tx   d 8 {a:02X} 0A 00 00 00 00 00 FF",
+            "   {t:.6f} CANFD   1 Rx {s:X}    Name 1 0 9 12 {a:02X} 1 2 3 4 5 6 7 8 9 A B  130000  130 3000 1 2 3 4",
+            "   {t:.6f} CANFD   2 Tx {i:X}x  0 1 2  2 {a:02X} 01 98283 101 200000 1 2 3",
+            "   {t:.6f} 1  {s:X} Rx r 4",
+            "   {t:.6f} 1  ErrorFrame",
+            "   {t:.6f} 1  Statistic: D 0 R 0 XD 0 XR 0 E 0 O 0 B 0.00%",
+        ],
+    ),
+    "asc dec": (
+        ".asc",
+        "date jeu. mars 07 09:20:11 2024\nbase dec  timestamps absolute\n",
+        ["   {t:.6f} 1  {s}  Rx   d 3 {a} 255 0", "   {t:.6f} 1  {i}x  Tx   d 0"],
+    ),
+    "asc relative": (
+        ".asc",
+        "base hex  timestamps relative\n",
+        ["   0.00{a:03d}0 1  {s:X}  Rx   d 1 {a:02X}", "   0.000100 1  Statistic: D 0", "  0.001000 1 {s:X} TxRq d 0"],
+    ),
+    "candump": (
+        ".log",
+        "",
+        [
+            "({t:.6f}) can0 {s:03X}#{a:02X}00",
+            "({t:.6f}) vcan0 {i:08X}#{a:02X}0A00000000000F R",
+            "({t:.6f}) can_left {s:03X}##1{a:02X}0A00000000000F00112233 T",
+            "({t:.6f}) can0 {s:03X}#R4",
+            "({t:.6f}) can1 20000004#0008000000000000",
+            "({t:.6f}) can0 {s:03X}#{a:02X}000A0000000000_C",
+        ],
+    ),
+    "candump -x": (
+        ".log",
+        "",
+        [
+            " ({t:.6f})  can0  TX - -  {s:03X}   [2]  {a:02X} 00",
+            " ({t:.6f})  can1  RX B E  {i:08X}  [12]  {a:02X} 01 02 03 04 05 06 07 08 09 0A 0B",
+            " ({t:.6f})  can0  RX - -  {s:03X}   [0]  remote request",
+            " ({t:.6f})  can0  {i:08X}   [3]  {a:02X} 00 22   '...'",
+            "  can0  {s:03X}   [1]  {a:02X}",
+            " ({t:.6f})  can0  {s:03X}   {{12}}  {a:02X} 01 02 03 04 05 06 07",
+        ],
+    ),
+    "trc 1.1": (
+        ".trc",
+        TRC.format("1.1"),
+        ["  {n})  {t:.1f}  Rx  {s:04X}  2  {a:02X} 02", "  {n})  {t:.1f} Error 0000 0"],
+    ),
+    "trc 1.2": (
+        ".trc",
+        TRC.format("1.2"),
+        ["  {n})  {t:.3f} 2 Tx {i:08X}  3  {a:02X} 02 00", "{n}) {t:.1f} 1 Rx 0123 2 RTR"],
+    ),
+    "trc 2.1": (
+        ".trc",
+        TRC.format("2.1").replace(";---", ";$COLUMNS=N,O,T,B,I,d,R,L,D\n;---"),
+        [
+            "  {n}  {t:.3f} DT 1 {s:04X} Rx - 2 {a:02X} 02",
+            "  {n}  {t:.3f} FB 1 {i:08X} Tx - 9 {a:02X} 02 03 04 05 06 07 08 09 0A 0B 0C",
+            "  {n}  {t:.3f} RR 1 {s:04X} Rx - 4",
+            "  {n}  {t:.3f} ST Rx 00 00 00 00",
+        ],
+    ),
+    "python-can": (
+        ".csv",
+        "timestamp,arbitration_id,extended,remote,error,dlc,data\n",
+        ["{t!r},0x{s:x},0,0,0,2,{a64}", "{t!r},0x{i:x},1,0,0,0,", "{t!r},0x{s:x},0,1,0,4,"],
+    ),
+    "gvret": (
+        ".csv",
+        "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8\n",
+        ["{n}0000,{s:08X},false,Rx,0,2,{a:02X},0A,", "{n}0000,{i:08X},true,Tx,1,8,{a:02X},0A,0,1,2,3,4,5,"],
+    ),
+    "canedge": (
+        ".csv",
+        "TimestampEpoch;BusChannel;ID;IDE;DLC;DataLength;Dir;EDL;BRS;DataBytes\n",
+        ["{t:.6f};1;{s:X};0;3;3;0;0;0;{a:02X}0A00", "{t:.6f};2;{i:X};1;9;12;1;1;1;{a:02X}0A00000000000000112233"],
+    ),
+    "canoe": (
+        ".csv",
+        '"Time[ms]","Chn","ID","Name","Dir","DLC","Data"\n',
+        ['"{t:.3f}","1","{s:X}","Rig","Rx","3","{a:02X} 0A 00"', "{t:.3f},2,{i:X}x,Rig,Tx,2,{a:02X} 0B"],
+    ),
+    "busmaster": (
+        ".log",
+        BUSMASTER,
+        [
+            "9:20:1{d}:2500 Rx 1 0x{s:X} s 2 {a:02X} 0A ",
+            "09:20:12:0001 Tx 2 0x{i:08X} x 1 {a:02X}",
+            "9:20:12:0001 Rx 1 0x{s:X} sr 2",
+        ],
+    ),
+}
+
+
+def text_of(kind: str, choices: Sequence[int]) -> str:
+    """A log of this kind with one line a choice."""
+    _, head, forms = KINDS[kind]
+    rng = np.random.default_rng(len(choices))
+    lines = []
+    for number, choice in enumerate(choices):
+        octet = int(rng.integers(0, 256))
+        values = {
+            "n": number + 1,
+            "d": number % 10,
+            "t": START + number * 0.001,
+            "i": int(rng.integers(1 << 11, 1 << 29)),
+            "s": int(rng.integers(0, 1 << 11)),
+            "a": octet,
+            "a64": b64encode(bytes([octet, 0])).decode(),
+        }
+        lines.append(forms[choice % len(forms)].format(**values))
+    return head + "".join(line + "\n" for line in lines)
+
+
+def both_ways(path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[tuple[Frames, list[str]], tuple[Frames, list[str]]]:
+    """The frames and what was told: with as many lines at once as there are, and line by line."""
+    results = []
+    for few in (0, 1 << 30):
+        monkeypatch.setattr(reading, "FEW", few)
+        log = logs.read(path)
+        try:
+            frames = all_of(log)
+        except TraceError as error:
+            frames = from_messages(())
+            assert "\n" not in str(error)
+        results.append((frames, [*map(str, log.damage), *log.findings.lines()]))
+    return results[0], results[1]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@quick
+@given(
+    choices=st.lists(st.integers(0, 11), min_size=1, max_size=40),
+    changes=st.lists(st.tuples(st.integers(0, 10**6), st.binary(min_size=1, max_size=3)), max_size=8),
+)
+def test_many_lines_at_once_say_what_each_says_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, choices: list[int], changes: list[tuple[int, bytes]]
+) -> None:
+    content = bytearray(text_of(kind, choices).encode())
+    head = len(KINDS[kind][1])
+    for number, new in changes:
+        place = head + number % (len(content) - head)
+        content[place : place + len(new)] = new
+    path = tmp_path / f"a{KINDS[kind][0]}"
+    path.write_bytes(content)
+    (many, told), (alone, said) = both_ways(path, monkeypatch)
+    assert different(many, alone, "time id flags channel length data") == [] and told == said
+    if not changes:
+        assert not any("could not be read" in line for line in told)
+
+
+@pytest.mark.parametrize("suffix", WRITERS)
+@quick
+@given(sent=st.lists(messages(), min_size=1, max_size=40))
+def test_frames_equal_those_of_python_can(tmp_path: Path, suffix: str, sent: list[can.Message]) -> None:
+    path = tmp_path / f"a{suffix}"
+    sent = sorted(sent, key=lambda message: message.timestamp)
+    with WRITERS[suffix](path) as writer:
+        for message in sent:
+            if message.is_fd and not message.dlc:
+                continue  # python-can takes it for a remote one
+            if suffix in (".asc", ".log") or not (message.is_fd or message.is_remote_frame or message.is_error_frame):
+                writer.on_message_received(message)
+    if not path.stat().st_size:
+        return
+    with READERS[suffix](path, **({"relative_timestamp": False} if suffix == ".asc" else {})) as reader:
+        theirs = list(reader)
+    for message in theirs:
+        if suffix == ".trc":
+            message.channel -= 1
+        if suffix == ".log":
+            message.channel = int(str(message.channel or "can0").removeprefix("can"))
+    ours, theirs_too = all_of(logs.read(path)), from_messages(theirs)
+    assert different(ours[~ours.has(Flag.ERROR)], theirs_too[~theirs_too.has(Flag.ERROR)]) == []
+    assert len(ours) == len(theirs)
+    if len(ours):
+        assert np.ptp(ours.time - theirs_too.time) < 2e-6  # ours is in UTC
+
+
+def frames_of(path: Path, text: str) -> tuple[Frames, logs.LogReader]:
+    """The frames in a file with this text, and its reader."""
+    path.write_text(text)
+    log = logs.read(path)
+    return all_of(log), log
+
+
+@pytest.mark.parametrize(
+    "date", ["date Thu Mar 07 09:20:11.250 2024", "date jeu. mars 07 09:20:11.250 2024", "date Do Xyz 7 unknown"]
+)
+def test_the_base_is_read_whatever_the_date_says(tmp_path: Path, date: str) -> None:
+    line = "   0.500000 1  291  Rx   d 8 96 0 10 0 0 0 0 255\n"
+    frames, log = frames_of(tmp_path / "a.asc", f"{date}\nbase dec  timestamps absolute\n{line}")
+    assert frames.id.tolist() == [291] and frames.data[0].tolist() == [96, 0, 10, 0, 0, 0, 0, 255]
+    if "unknown" in date:
+        assert frames.time.tolist() == [0.5] and "date is not understood" in log.damage[0].problem
+    else:
+        assert frames.time.tolist() == [1709803211.75] and log.findings.zoneless and not log.damage
+
+
+@pytest.mark.parametrize(
+    ("text", "time", "zone"),
+    [
+        ("Thu Mar 07 09:20:11.250 am 2024", 1709803211.25, False),
+        ("Do M\u00e4r 7 09:20:11 pm 2024", 1709846411.0, False),
+        ("mar. janv. 02 00:00:01 2024", 1704153601.0, False),
+        ("2024-03-07T09:20:11Z", 1709803211.0, True),
+        ("2024-03-07 10:20:11.5 +01:00", 1709803211.5, True),
+        ("7:3:2024 9:20:11:250", 1709803211.25, False),
+    ],
+)
+def test_dates_of_many_tools_are_understood(text: str, time: float, zone: bool) -> None:
+    assert moment(text) == (time, zone)
+
+
+def test_stamps_that_count_from_the_line_before_are_added_up(tmp_path: Path) -> None:
+    head = "date Thu Mar 07 09:20:11.250 2024\nbase hex timestamps relative\n"
+    lines = [
+        "0.000000 1 123 Rx d 1 64",
+        "0.010000 1 123 Rx d 1 65",
+        "0.005000 1 Statistic: D 0",
+        "0.010000 1 123 Rx d 1 66",
+    ]
+    frames, _ = frames_of(tmp_path / "a.asc", head + "\n".join(lines) + "\n")
+    assert np.allclose(frames.time - 1709803211.25, [0.0, 0.01, 0.025], atol=1e-6)
+    deltas = [f" (000.{delta:06d})  can0  123   [1]  00\n" for delta in (0, 1000, 3000, 1000, 1000, 2000)]
+    frames, log = frames_of(tmp_path / "a.log", "".join(deltas))
+    assert np.allclose(frames.time, [0.0, 0.001, 0.004, 0.005, 0.006, 0.008]) and "added up" in log.findings.notes[0]
+
+
+def test_requests_to_send_are_no_frames_and_long_frames_on_classic_lines_keep_their_bytes(tmp_path: Path) -> None:
+    octets = " ".join(f"{number:02X}" for number in range(12))
+    lines = ["0.1 1 123 TxRq d 1 64", "0.2 1 123 Tx d 1 64", f"0.3 1 123 Rx d 9 {octets}", f"0.4 1 123 Rx d 8 {octets}"]
+    frames, log = frames_of(tmp_path / "a.asc", "base hex timestamps absolute\n" + "\n".join(lines) + "\n")
+    assert frames.length.tolist() == [1, 12] and frames.has(Flag.FD).tolist() == [False, True]
+    assert log.findings.skipped == 1 and "says 8 data bytes and has 12" in log.damage[0].problem
+
+
+def test_interfaces_that_are_words_are_different_channels_and_said(tmp_path: Path) -> None:
+    names = ["can_left", "can1", "vcan1", "can_right"]
+    frames, log = frames_of(
+        tmp_path / "a.log", "".join(f"(1.{number}) {name} 123#00\n" for number, name in enumerate(names))
+    )
+    assert frames.channel.tolist() == [2, 1, 0, 3]
+    assert {*log.findings.notes} == {
+        "interface can_left is channel 2",
+        "interface vcan1 is channel 0",
+        "interface can_right is channel 3",
+    }
+
+
+def test_frames_without_stamps_are_numbered_and_it_is_said(tmp_path: Path) -> None:
+    frames, log = frames_of(tmp_path / "a.log", "  can0  123   [2]  64 00\n" * 3)
+    assert frames.time.tolist() == [1.0, 2.0, 3.0] and "no time stamps" in log.findings.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("kind", "suffix"), [("asc", ".txt"), ("candump -x", ".txt"), ("busmaster", ".asc"), ("asc", ".log")]
+)
+def test_the_content_decides_where_a_suffix_is_shared(tmp_path: Path, kind: str, suffix: str) -> None:
+    path = tmp_path / f"a{suffix}"
+    path.write_text(text_of(kind, [0, 1] * 20))
+    assert logs.is_log(path) and len(all_of(logs.read(path))) == 40
+    (tmp_path / "b.txt").write_text("date 2024-03-07\ntime id value\n0.0 1 2\n")
+    assert not logs.is_log(tmp_path / "b.txt")
+
+
+def test_a_packed_log_is_read_and_neither_damage_nor_a_trap_fills_the_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = text_of("candump", [0] * 5000).encode()
+    path = tmp_path / "a.log.gz"
+    path.write_bytes(gzip.compress(text))
+    assert logs.is_log(path) and len(all_of(logs.read(path))) == 5000
+    path.write_bytes(gzip.compress(text)[:-2000])
+    log = logs.read(path)
+    assert 0 < len(all_of(log)) < 5000 and "cannot be unpacked" in str(log.damage)
+    monkeypatch.setattr(reading, "UNSUSPICIOUS", 1 << 20)
+    path.write_bytes(gzip.compress(b"(1.000000) can0 123#00\n" * 1_000_000))
+    log = logs.read(path)
+    assert 0 < len(all_of(log)) < 1_000_000 and "times its size" in log.damage[-1].problem
+
+
+@pytest.mark.parametrize(
+    ("line", "why"),
+    [
+        ("0.1 1 123 Rx d 3 01 02", "says 3 data bytes and has 2"),
+        ("0.1 1 12z Rx d 1 01", "'12z' is no identifier"),
+        ("0.1 1 123 Rx d 1 0z", "says 1 data bytes and has 0"),
+        ("0.x 1 123 Rx d 1 01", "'0.x' is no time stamp"),
+        ("0.1 1 923 Rx d 1 01", "its identifier is 0x923"),
+        ("0.1 1 123 Rx q 1 01", "'q' is neither data nor a remote frame"),
+    ],
+)
+def test_what_is_wrong_with_a_line_is_said(tmp_path: Path, line: str, why: str) -> None:
+    text = f"base hex timestamps absolute\n0.0 1 123 Rx d 1 01\n{line}\n"
+    _, log = frames_of(tmp_path / "a.asc", text)
+    assert [damage.problem for damage in log.damage] == [f"this line is no frame: {why}"] and log.damage[0].line == 3
