@@ -153,8 +153,11 @@ def _chunk(file: BinaryIO, raw: BinaryIO, offset: int, findings: Findings) -> by
     if offset > max(UNSUSPICIOUS, INFLATED * raw.tell()):
         findings.add(offset, f"the file unpacks to more than {INFLATED} times its size; not read on")
         return b""
+    got = b""
     try:
-        return file.read(BLOCK)
+        while len(got) < BLOCK and (piece := file.read1(BLOCK)):  # type: ignore[attr-defined]
+            got += piece
     except (OSError, EOFError, zlib.error) as problem:
-        findings.add(offset, f"the packed file cannot be unpacked from about here on ({problem})")
-        return b""
+        if not got:
+            findings.add(offset, f"the packed file cannot be unpacked from about here on ({problem})")
+    return got
