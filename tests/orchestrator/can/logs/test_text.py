@@ -319,7 +319,7 @@ def test_a_packed_log_is_read_and_neither_damage_nor_a_trap_fills_the_memory(
     monkeypatch.setattr(reading, "UNSUSPICIOUS", 1 << 20)
     path.write_bytes(gzip.compress(b"(1.000000) can0 123#00\n" * 1_000_000))
     log = logs.read(path)
-    assert 0 < len(all_of(log)) < 1_000_000 and "times its size" in log.damage[-1].problem
+    assert 0 < len(all_of(log)) < 1_000_000 and "times its size" in str(log.damage)
 
 
 @pytest.mark.parametrize(
