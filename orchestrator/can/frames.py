@@ -60,6 +60,17 @@ class Frames:
             self.time[rows], self.id[rows], self.flags[rows], self.channel[rows], self.length[rows], self.data[rows]
         )
 
+    def taken(self, rows: NDArray[np.intp]) -> Frames:
+        """The frames of these rows; `take` moves whole rows of data, which is faster than indexing."""
+        return Frames(
+            self.time[rows],
+            self.id[rows],
+            self.flags[rows],
+            self.channel[rows],
+            self.length[rows],
+            self.data.take(rows, axis=0),
+        )
+
     def has(self, flag: Flag) -> BoolArray:
         """(K,) which frames carry the flag."""
         return np.asarray(self.flags & np.uint8(flag), np.bool_)

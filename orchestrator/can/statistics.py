@@ -38,6 +38,8 @@ class FrameStatistics:
             more than `MOST` the rest is under "others".
         errors, remotes: error frames, remote frames.
         short: message -> frames with too few bytes, which are not decoded; long: with too many, which are.
+        other_sources: message -> frames from other senders than the one that is wanted; they are not decoded.
+        transported: messages that came in parts by J1939's transport protocol; broken: those with a part missing.
         multiplexers: message -> frames whose multiplexer has a value that no signal belongs to.
         duplicates: message -> frames that repeat the one before in stamp and data; they are dropped.
         crowded: message -> frames that shared a stamp with another of it; they are spread over the log's smallest step.
@@ -60,6 +62,9 @@ class FrameStatistics:
     remotes: int = 0
     short: Counter[str] = field(default_factory=Counter)
     long: Counter[str] = field(default_factory=Counter)
+    other_sources: Counter[str] = field(default_factory=Counter)
+    transported: int = 0
+    broken: int = 0
     multiplexers: Counter[str] = field(default_factory=Counter)
     duplicates: Counter[str] = field(default_factory=Counter)
     crowded: Counter[str] = field(default_factory=Counter)
@@ -115,6 +120,7 @@ class FrameStatistics:
         return {
             "frames of unknown identifiers": self.unknown,
             "frames too short, not decoded": self.short,
+            "frames of another source address, not decoded": self.other_sources,
             "frames longer than their message": self.long,
             "frames with an unknown multiplexer value": self.multiplexers,
             "repeated frames, dropped": self.duplicates,
@@ -129,6 +135,7 @@ class FrameStatistics:
 
     def _in_all(self) -> dict[str, int]:
         return {
+            "messages in parts of which one is missing, dropped": self.broken,
             "error frames": self.errors,
             "remote frames": self.remotes,
             "frames out of order, sorted": self.disordered,

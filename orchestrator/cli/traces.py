@@ -58,6 +58,12 @@ class Reading:
     channel: Annotated[
         int | None, typer.Option("--channel", min=0, help="Only frames of this channel of a CAN log.")
     ] = None
+    sender: Annotated[
+        str | None,
+        typer.Option(
+            "--source", metavar="ADDRESS", help="Only this sender (J1939, CANopen), as 0x03, or `any` for J1939 by PGN."
+        ),
+    ] = None
 
     def chosen(self) -> Layout:
         """The layout that a file gives, with what the command says over it."""
@@ -72,6 +78,7 @@ class Reading:
             "encoding": self.encoding,
             "channel": self.channel,
             "signals": self.signal,
+            "source": None if self.sender is None else _address(self.sender),
         }
         return replace(layout, **{key: value for key, value in said.items() if value is not None})  # type: ignore[arg-type]
 
@@ -128,6 +135,17 @@ def trace_plot(
             terminal.say(f"{recording.path}: {note}")
     plot_traces(recordings).write(out)
     return Answer({"report": str(out)}, [f"plotted into {out}"])
+
+
+def _address(text: str) -> int | str:
+    """The address of a sender."""
+    try:
+        address = text if text == "any" else int(text, 0)
+    except ValueError:
+        address = -1
+    if address != "any" and address not in range(256):
+        raise InputError(f"--source {text}", "is no address", "give 0 to 255, as 0x03 or 3, or any")
+    return address
 
 
 def _with_bar(terminal: Terminal, file: Path, work: Callable[[Path, Progress], Read]) -> Read:

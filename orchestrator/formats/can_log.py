@@ -34,7 +34,14 @@ def read(path: Path, layout: Layout, progress: Progress = silent) -> Recording:
     counted = Counted(log)
     try:
         decoded = decoding.trace(
-            counted, database, signals(layout), layout.interpolated, layout.channel, layout.steady, str(path)
+            counted,
+            database,
+            signals(layout),
+            layout.interpolated,
+            layout.channel,
+            layout.steady,
+            str(path),
+            source_of(layout),
         )
     except TraceError as error:
         raise refusal(path, error, counted.frame_count) from None
@@ -80,7 +87,12 @@ def database_of(path: Path, layout: Layout) -> LogDatabase:
             "holds raw CAN frames; a database says what they mean",
             "give it as --dbc FILE, in a study as traces.layout.database",
         )
-    return load_all(layout.database, layout.encoding)
+    return load_all(layout.database, layout.encoding, j1939=layout.source is not None)
+
+
+def source_of(layout: Layout) -> int | None:
+    """The address of the only sender that is wanted; None for all."""
+    return layout.source if isinstance(layout.source, int) else None
 
 
 def of_channel(frames: Frames, layout: Layout) -> Frames:

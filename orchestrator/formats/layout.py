@@ -41,6 +41,8 @@ class Layout:
         signals: those to read of the database; None reads all.
         interpolated: signals of the database that run linearly between their frames instead of being held.
         channel: of the log, from 0; None takes the frames of all.
+        source: of J1939 messages and CANopen nodes only those of the sender with this address; with one, or "any", all
+            extended identifiers of the database are J1939's, also where it does not say so.
         steady: messages of the database whose frames get the stamps of the even schedule that their sender kept.
         header: number of the line that names the columns, from 1; 0 where none does.
         units_line: number of the line with their units; 0 where there is none.
@@ -59,6 +61,7 @@ class Layout:
     signals: Sequence[str] | None = None
     interpolated: Collection[str] = ()
     channel: int | None = None
+    source: int | Literal["any"] | None = None
     steady: Collection[str] = ()
     header: int | None = None
     units_line: int | None = None

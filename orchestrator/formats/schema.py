@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -18,6 +19,7 @@ class LayoutBlock(Block):
         database: of CAN logs, beside the file: one, several, or those of each channel by number or interface. There
             `columns` names signals of the database, and without them those of a study are the database's.
         channel: of CAN logs; None takes the frames of all.
+        source: of J1939 messages and CANopen nodes only those of this sender; see `Layout`.
         steady: messages of CAN logs with a counter whose sender keeps an even schedule: their frames get its stamps,
             however late each came.
     """
@@ -35,6 +37,7 @@ class LayoutBlock(Block):
     time_zone: str | None = None
     database: Path | list[Path] | dict[int | str, Path | list[Path]] | None = None
     channel: int | None = Field(None, ge=0)
+    source: Annotated[int, Field(ge=0, le=255)] | Literal["any"] | None = None
     steady: list[str] = []
 
     def layout(self, base: Path) -> Layout:

@@ -8,21 +8,20 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from orchestrator.can.codec.merging import Merger, Series, ascending, joined
 from orchestrator.can.codec.message_reader import MessageReader, columns
-from orchestrator.can.codec.routing import Router
+from orchestrator.can.codec.routing import Group, Router, groups
 from orchestrator.can.codec.schedule import Schedule, counter_of, on_schedule
 from orchestrator.can.codec.streams import SignalNames, Stream, channel_name, wanted
 from orchestrator.can.codec.time_stamps import StampRepair, smallest_step
+from orchestrator.can.codec.transport import Packet, Transport, frames_of, is_transport
 from orchestrator.can.database.bus import LogDatabase
 from orchestrator.can.frames import Flag, Frames
 from orchestrator.can.statistics import FrameStatistics
-from orchestrator.trace import Bytes, Trace
+from orchestrator.trace import BoolArray, Bytes, FloatArray, Trace
 
 CHUNK = 1 << 16  # frames decoded at once: their columns stay in the processor's cache
 
@@ -35,11 +34,16 @@ class Decoder:
     """
 
     def __init__(
-        self, log: LogDatabase, signals: Sequence[str] | None = None, channels: Mapping[int, str] | None = None
+        self,
+        log: LogDatabase,
+        signals: Sequence[str] | None = None,
+        channels: Mapping[int, str] | None = None,
+        source: int | None = None,
     ) -> None:
         """Decode these signals, all by default.
 
         Args:
+            source: of messages that several may send only those of the sender with this address.
             channels: names of the channels' interfaces, as far as they are known; may grow while frames come.
 
         Raises:
@@ -54,7 +58,10 @@ class Decoder:
             [column for column in columns(owner, message) if chosen is None or (message.name, column.name) in chosen]
             for owner, message in zip(self._router.owners, self._router.messages, strict=True)
         ]
-        self._readers: dict[tuple[int, int], tuple[Stream, MessageReader]] = {}
+        self._readers: dict[tuple[int, int, int], tuple[Stream, MessageReader]] = {}
+        self._source, self._transport = source, Transport()
+        kinds = {message.addressing.kind for message in self._router.messages if message.addressing}
+        self._has_groups = "J1939" in kinds
         self._stamps = StampRepair(self.statistics)
 
     @property
@@ -78,25 +85,52 @@ class Decoder:
     def _chunk(self, frames: Frames) -> Iterator[tuple[Stream, Series]]:
         self.statistics.frames += len(frames)
         frames = self._data_frames(self._stamps.straightened(frames))
+        tick = smallest_step(frames.time)
+        chosen, begins = self._sorted(frames, is_transport(frames) if self._has_groups else None)
+        for group in groups(chosen, begins, self._router.messages):
+            yield from self._read(group, chosen.time, chosen.length, chosen.data, tick)
+        if self._has_groups and (packets := self._transport.feed(frames)):
+            self.statistics.transported += len(packets)
+            yield from self._put_together(packets, tick)
+        self.statistics.broken = self._transport.broken
+
+    def _put_together(self, packets: list[Packet], tick: float) -> Iterator[tuple[Stream, Series]]:
+        """The signals of messages that came in parts."""
+        size = np.array([len(packet.data) for packet in packets])
+        width = -(-int(size.max()) // 8) * 8
+        data = np.frombuffer(b"".join(packet.data.ljust(width, b"\0") for packet in packets), np.uint8)
+        whole, begins = self._sorted(frames_of(packets, size, data.reshape(-1, width)))
+        for group in groups(whole, begins, self._router.messages):
+            yield from self._read(group, whole.time, whole.length, whole.data, tick)
+
+    def _sorted(self, frames: Frames, known: BoolArray | None = None) -> tuple[Frames, list[int]]:
+        """The frames of each message in a row, and where these begin; of others those not `known` are counted."""
         numbers = self._router.numbers(frames)
         order = np.argsort(numbers, kind="stable")
-        ends = np.cumsum(np.bincount(numbers + 1, minlength=len(self._columns) + 1))
-        channel, time, length = frames.channel[order], frames.time[order], frames.length[order]
-        data, tick = frames.data.take(order, axis=0), smallest_step(frames.time)
-        self._count_unknown(frames[order[: ends[0]]])
-        for number, (begin, end) in enumerate(pairwise(ends.tolist())):
-            for own, rows in _by_value(channel, begin, end):
-                stream, reader = self._reader(number, own)
-                series = reader.read(time[rows], length[rows], data[rows], tick)
-                if len(series) and series.values:
-                    yield stream, series
+        begins = np.cumsum(np.bincount(numbers + 1, minlength=len(self._columns) + 1)).tolist()
+        unknown = order[: begins[0]]
+        self._count_unknown(frames[unknown if known is None else unknown[~known[unknown]]])
+        return frames.taken(order), begins
 
-    def _reader(self, number: int, channel: int) -> tuple[Stream, MessageReader]:
-        key = number, channel
+    def _read(
+        self, group: Group, time: FloatArray, length: Bytes, data: Bytes, tick: float
+    ) -> Iterator[tuple[Stream, Series]]:
+        message = self._router.messages[group.number]
+        if message.addressing is not None and self._source not in (None, group.sender):
+            self.statistics.other_sources[message.name] += len(time[group.rows])
+            return
+        stream, reader = self._reader(group)
+        series = reader.read(time[group.rows], length[group.rows], data[group.rows], tick)
+        if len(series) and series.values:
+            yield stream, series
+
+    def _reader(self, group: Group) -> tuple[Stream, MessageReader]:
+        key = group[:3]
         if key not in self._readers:
-            message, name = self._router.messages[number], channel_name(channel, self._channels)
-            reader = MessageReader(message, self._columns[number], self.statistics)
-            self._readers[key] = Stream(message.name, name), reader
+            message, name = self._router.messages[group.number], channel_name(group.channel, self._channels)
+            sender = message.addressing.label(group.sender) if message.addressing else ""
+            reader = MessageReader(message, self._columns[group.number], self.statistics)
+            self._readers[key] = Stream(message.name, name, sender), reader
         return self._readers[key]
 
     def _data_frames(self, frames: Frames) -> Frames:
@@ -143,6 +177,7 @@ def trace(
     channel: int | None = None,
     steady: Collection[str] = (),
     name: str = "can",
+    source: int | None = None,
     channels: Mapping[int, str] | None = None,
 ) -> Decoded:
     """A whole log in memory: rows at all stamps.
@@ -151,7 +186,7 @@ def trace(
         interpolated: signals that run linearly between their frames (measured quantities) instead of being held.
         channel: only frames of this channel.
         steady: messages whose frames get the stamps of the even schedule that their sender kept.
-        channels: names of the channels' interfaces; see `Decoder`.
+        source, channels: see `Decoder`.
 
     Raises:
         DatabaseError: a signal or message is not in the database.
@@ -159,7 +194,7 @@ def trace(
     """
     counters = {message: counter_of(log, message) for message in steady}
     added = [counter.name for counter in counters.values()]
-    decoder = Decoder(log, None if signals is None else [*signals, *added], channels)
+    decoder = Decoder(log, None if signals is None else [*signals, *added], channels, source)
     pieces: dict[Stream, list[Series]] = {}
     for batch in frames:
         chosen = batch if channel is None else batch[batch.channel == channel]
@@ -178,18 +213,6 @@ def trace(
     linear = {own for signal in interpolated for own in names.of(signal)}
     merger = Merger(names.chosen(signals, there, name), 0.0, 0.0, linear, name, decoder.statistics)
     return Decoded(merger.feed(named), start, decoder.statistics, series, names, tuple(schedules))
-
-
-def _by_value(channel: Bytes, begin: int, end: int) -> Iterator[tuple[int, slice | NDArray[np.intp]]]:
-    """The rows from `begin` to `end` of each channel."""
-    own = channel[begin:end]
-    if not len(own):
-        return
-    if own.min() == own.max():
-        yield int(own[0]), slice(begin, end)
-        return
-    for value in np.unique(own).tolist():
-        yield value, np.flatnonzero(own == value) + begin
 
 
 def _from(start: float, series: Series) -> Series:

@@ -2,31 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from orchestrator.can.codec.streams import channel_name
+from orchestrator.can.database.addressing import ANY
 from orchestrator.can.database.bus import LogDatabase
 from orchestrator.can.database.database import Database
 from orchestrator.can.database.message import MessageSpec
 from orchestrator.can.frames import Flag, Frames
 
 STANDARD = 1 << 11  # standard identifiers
+EVERY = 0xFFFFFFFF  # bit of an identifier
 
 Numbers = NDArray[np.signedinteger[Any]]
 
 
 @dataclass(frozen=True, eq=False)
+class Sorted:
+    """Numbers of messages by the masked bits of extended identifiers, ascending and ended by a guard."""
+
+    mask: int
+    identifiers: NDArray[np.uint32]
+    numbers: Numbers
+
+    def of(self, identifiers: NDArray[np.uint32]) -> Numbers:
+        """(K,) the number of each message; -1 for none."""
+        bits = identifiers & np.uint32(self.mask)
+        places = np.searchsorted(self.identifiers, bits)
+        return np.where(self.identifiers[places] == bits, self.numbers[places], -1).astype(self.numbers.dtype)
+
+
+@dataclass(frozen=True, eq=False)
 class Table:
-    """Numbers of messages by identifier: of standard ones, and of extended ones, ascending and ended by a guard."""
+    """Numbers of messages by identifier: of standard ones, and of extended ones, the most exact first."""
 
     standard: Numbers
-    extended: NDArray[np.uint32]
-    extended_numbers: Numbers
+    extended: tuple[Sorted, ...]
 
     def numbers(self, frames: Frames) -> Numbers:
         """(K,) the number of each frame's message; -1 for none."""
@@ -34,9 +51,10 @@ class Table:
         numbers = self.standard[np.minimum(frames.id, STANDARD)]
         if extended.any():
             identifiers = frames.id[extended]
-            places = np.searchsorted(self.extended, identifiers)
-            found = self.extended[places] == identifiers
-            numbers[extended] = np.where(found, self.extended_numbers[places], -1)
+            found = self.extended[0].of(identifiers)
+            for less_exact in self.extended[1:]:
+                found = np.where(found < 0, less_exact.of(identifiers), found)
+            numbers[extended] = found
         return numbers
 
 
@@ -78,12 +96,66 @@ class Router:
         return self._tables[id(database)].numbers(frames)
 
     def _table(self, messages: Sequence[MessageSpec]) -> Table:
+        numbered = list(enumerate(messages, len(self.messages)))
         standard: Numbers = np.full(STANDARD + 1, -1, dtype=self._kind)
-        pairs = []
-        for number, message in enumerate(messages, len(self.messages)):
-            if message.extended:
-                pairs.append((message.id, number))
-            else:
+        for number, message in numbered:
+            if not message.extended and message.addressing:
+                standard[message.id : message.id + message.addressing.sender + 1] = number
+        for number, message in numbered:
+            if not message.extended:
                 standard[message.id] = number
-        identifiers, numbers = zip(*sorted(pairs), (np.iinfo(np.uint32).max, -1), strict=True)
-        return Table(standard, np.array(identifiers, dtype=np.uint32), np.array(numbers, dtype=self._kind))
+        extended = [(number, message) for number, message in numbered if message.extended]
+        return Table(standard, tuple(self._sorted(mask, found) for mask, found in _matches(extended).items()))
+
+    def _sorted(self, mask: int, found: Mapping[int, int]) -> Sorted:
+        identifiers, numbers = zip(*sorted(found.items()), (np.iinfo(np.uint32).max, -1), strict=True)
+        return Sorted(mask, np.array(identifiers, dtype=np.uint32), np.array(numbers, dtype=self._kind))
+
+
+def _matches(messages: Sequence[tuple[int, MessageSpec]]) -> dict[int, dict[int, int]]:
+    """Mask, the most exact first -> masked identifier -> number of the message.
+
+    A message that comes from any sender, or is the only one of its group, is found by its group alone.
+    """
+    found: dict[int, dict[int, int]] = {EVERY: {message.id: number for number, message in messages}}
+    groups: dict[tuple[int, int], dict[int, int]] = {}  # mask and group -> sender -> number
+    for number, message in messages:
+        if (addressing := message.addressing) is not None:
+            exact = addressing.mask | addressing.sender
+            found.setdefault(exact, {}).setdefault(message.id & exact, number)
+            senders = groups.setdefault((addressing.mask, message.id & addressing.mask), {})
+            senders.setdefault(message.id & addressing.sender, number)
+    for (mask, group), senders in groups.items():
+        number = senders.get(ANY, next(iter(senders.values())) if len(senders) == 1 else -1)
+        found.setdefault(mask, {})[group] = number
+    return found
+
+
+class Group(NamedTuple):
+    """Frames of one message from one sender over one channel: number of the message, and which of the frames."""
+
+    number: int
+    channel: int
+    sender: int
+    rows: slice | NDArray[np.intp]
+
+
+def groups(frames: Frames, begins: Sequence[int], messages: Sequence[MessageSpec]) -> Iterator[Group]:
+    """The frames, which are in the order of their messages' numbers, by origin.
+
+    Args:
+        begins: where the frames of each message begin, and where the last end.
+    """
+    for number, (begin, end) in enumerate(pairwise(begins)):
+        if begin == end:
+            continue
+        addressing = messages[number].addressing
+        mask = 0 if addressing is None else addressing.sender
+        origin: NDArray[Any] = frames.channel[begin:end]
+        if mask:
+            origin = origin.astype(np.int64) | (frames.id[begin:end] & np.int64(mask)) << 8
+        if origin.min() == origin.max():
+            yield Group(number, int(origin[0]) & 0xFF, int(origin[0]) >> 8, slice(begin, end))
+            continue
+        for own in np.unique(origin).tolist():
+            yield Group(number, own & 0xFF, own >> 8, np.flatnonzero(origin == own) + begin)

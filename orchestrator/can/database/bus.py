@@ -45,13 +45,19 @@ class LogDatabase:
         return self.own.get(name) or self.own.get(str(channel)) or self.everywhere
 
 
-def load_all(files: DatabaseFiles, encoding: str | None = None) -> LogDatabase:
+def load_all(files: DatabaseFiles, encoding: str | None = None, j1939: bool = False) -> LogDatabase:
     """The databases in these files; a channel's own go before those of all channels.
+
+    Args:
+        encoding, j1939: of all of them; see `load`.
 
     Raises:
         DatabaseError: one cannot be read.
     """
-    read = {channel: [load(path, encoding=encoding) for path in own] for channel, own in by_channel(files).items()}
+    read = {
+        channel: [load(path, encoding=encoding, j1939=j1939) for path in own]
+        for channel, own in by_channel(files).items()
+    }
     everywhere = read.pop(ALL, [])
     own = {channel: merged([*given, *everywhere]) for channel, given in read.items()}
     return LogDatabase(merged(everywhere) if everywhere else None, own)

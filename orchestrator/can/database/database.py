@@ -148,8 +148,11 @@ class Database:
             raise DatabaseError(f"{self.path}: {error.place}", error.problem, error.fix) from None
 
 
-def load(path: Path, *, encoding: str | None = None) -> Database:
+def load(path: Path, *, encoding: str | None = None, j1939: bool = False) -> Database:
     """The database of a .dbc, .arxml, .kcd or .sym file; its text in this `encoding`, or in what it seems to be.
+
+    Args:
+        j1939: its extended identifiers are J1939's, also where the file does not say so.
 
     Raises:
         DatabaseError: it cannot be read, or defines no message; file and line are named.
@@ -159,7 +162,8 @@ def load(path: Path, *, encoding: str | None = None) -> Database:
     if not read.messages:
         why = "".join(f" that can be used: {lost}" for lost in read.left_out[:1])
         raise DatabaseError(path, f"defines no messages{why}", "export it again")
-    return Database(path, map(specification, read.messages), read.left_out, read.notes)
+    messages = (specification(message, read.j1939 or j1939) for message in read.messages)
+    return Database(path, messages, read.left_out, read.notes)
 
 
 def merged(databases: Sequence[Database]) -> Database:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from fmus.errors import DatabaseError
+from orchestrator.can.database.addressing import Addressing
 from orchestrator.can.database.protection import Protection
 
 
@@ -77,6 +78,7 @@ class MessageSpec:
         signals: those that are numbers of at most 64 bits, and sound; `left_out` says of the others why not.
         raw: cantools' message.
         protection: its counter and checksum, None without either.
+        addressing: which part of its identifier says who sends it; None where all of it is the message's.
         notes: what else is not as the file says.
     """
 
@@ -90,6 +92,7 @@ class MessageSpec:
     left_out: Mapping[str, str]
     raw: Any
     protection: Protection | None = None
+    addressing: Addressing | None = None
     notes: tuple[str, ...] = ()
 
     def is_like(self, other: MessageSpec) -> bool:

@@ -10,7 +10,7 @@ import logging
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -45,11 +45,19 @@ Selected = list[tuple[str, tuple[int, int]]]  # signals and the range of multipl
 
 @dataclass(frozen=True)
 class Read:
-    """What could be read of a file: cantools' messages; what was left out, and what else was found, a line each."""
+    """What could be read of a file.
+
+    Attributes:
+        messages: cantools'.
+        left_out: messages and signals that cannot be used.
+        notes: what else was found, a line each.
+        j1939: whether the file says that it is of that protocol.
+    """
 
     messages: list[Any]
     left_out: list[LeftOut]
     notes: list[str]
+    j1939: bool = False
 
 
 def read(path: Path, encoding: str | None) -> Read:
@@ -65,7 +73,7 @@ def read(path: Path, encoding: str | None) -> Read:
     _refuse_hostile(path, suffix, text)
     notes = [guess] if guess else []
     try:
-        return Read(_parsed(path, suffix, text), [], notes)
+        return replace(_parsed(path, suffix, text), notes=notes)
     except UnreadableError as fault:
         if suffix != ".dbc":
             raise fault.complaint from fault
@@ -79,11 +87,13 @@ class UnreadableError(Exception):
         self.complaint, self.offset = complaint, offset
 
 
-def _parsed(path: Path, suffix: str, text: str) -> list[Any]:
+def _parsed(path: Path, suffix: str, text: str) -> Read:
     try:
         with _silenced():
             loaded = cantools.database.load_string(text, suffix[1:], prune_choices=False, strict=False)
-        return list(getattr(loaded, "messages", ()))
+        attributes = getattr(getattr(loaded, "dbc", None), "attributes", None) or {}
+        j1939 = "ProtocolType" in attributes and attributes["ProtocolType"].value == "J1939"
+        return Read(list(getattr(loaded, "messages", ())), [], [], j1939)
     except UnsupportedDatabaseFormatError as error:
         cause = error.e_dbc or error.e_arxml or error.e_kcd or error.e_sym or error
         raise _unreadable(path, suffix, text, cause) from error
@@ -101,12 +111,12 @@ def _repaired(path: Path, text: str, first: UnreadableError, notes: list[str]) -
     dbc.clean()
     for _ in range(max(1, min(MOST_FAULTS, MOST_TEXT // len(text)))):
         try:
-            messages = _parsed(path, ".dbc", dbc.text)
+            read = _parsed(path, ".dbc", dbc.text)
         except UnreadableError as found:
             fault, why = found, found.complaint.problem
         else:
-            if messages:
-                return Read(messages, dbc.left_out, [*notes, *dbc.notes])
+            if read.messages:
+                return replace(read, left_out=dbc.left_out, notes=[*notes, *dbc.notes])
             break
         taken = dbc.without_attributes(why) if fault.offset is None else dbc.without(fault.offset, why)
         if not taken:

@@ -1,0 +1,122 @@
+"""Messages of more than 8 bytes that come in J1939's transport protocol, put together again from their frames.
+
+SAE J1939-21, 5.10: a broadcast announcement (BAM) or a request to send (RTS) says how many packets follow and what they
+are; each data frame brings 7 bytes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from orchestrator.can.frames import Flag, Frames
+from orchestrator.trace import BoolArray, Bytes
+
+CONNECTION, DATA = 0xEC, 0xEB  # formats (PF) of the two kinds of frames
+RTS, BAM, ABORT = 16, 32, 255
+PATIENCE = 1.25  # [s] between two frames; T2 and T3 of the standard
+MOST = 4096  # messages under way at once
+
+
+@dataclass(frozen=True)
+class Packet:
+    """A message that came in parts: the stamp of its last [s], the identifier that it would have as one frame."""
+
+    time: float
+    channel: int
+    identifier: int
+    data: bytes
+
+
+@dataclass
+class _Session:
+    identifier: int
+    size: int
+    latest: float
+    parts: dict[int, bytes] = field(default_factory=dict)
+
+    @property
+    def complete(self) -> bool:
+        return 7 * len(self.parts) >= self.size
+
+
+@dataclass
+class Transport:
+    """Puts messages together, batch after batch.
+
+    Attributes:
+        broken: messages of which a part is missing, that were given up, or whose announcement is none.
+    """
+
+    broken: int = 0
+    _sessions: dict[tuple[int, int, int], _Session] = field(default_factory=dict)
+
+    def feed(self, frames: Frames) -> list[Packet]:
+        """The messages that these frames complete; frames of other kinds are passed over."""
+        return list(self._packets(frames[is_transport(frames)]))
+
+    def _packets(self, frames: Frames) -> Iterator[Packet]:
+        columns = (frames.time.tolist(), frames.channel.tolist(), frames.id.tolist(), frames.data)
+        for time, channel, identifier, data in zip(*columns, strict=True):
+            key = channel, identifier & 0xFF, identifier >> 8 & 0xFF
+            if identifier >> 16 & 0xFF == CONNECTION:
+                self._connect(key, time, data[:8].tobytes())
+            elif packet := self._take(key, time, data[:8].tobytes()):
+                yield packet
+
+    def _connect(self, key: tuple[int, int, int], time: float, data: bytes) -> None:
+        channel, source, destination = key
+        if data[0] == ABORT:
+            self._give_up(key)
+            self._give_up((channel, destination, source))
+        if data[0] not in (RTS, BAM):
+            return
+        self._give_up(key)
+        size, count, group = int.from_bytes(data[1:3], "little"), data[3], int.from_bytes(data[5:8], "little")
+        if group >> 18 or count != -(-size // 7) or len(self._sessions) >= MOST:
+            self.broken += 1
+            return
+        to = destination if group >> 8 & 0xFF < 240 else 0
+        self._sessions[key] = _Session(6 << 26 | (group | to) << 8 | source, size, time)
+
+    def _take(self, key: tuple[int, int, int], time: float, data: bytes) -> Packet | None:
+        session = self._sessions.get(key)
+        if session is None:
+            return None
+        if abs(time - session.latest) > PATIENCE:
+            self._give_up(key)
+            return None
+        session.latest = time
+        if 0 < data[0] <= -(-session.size // 7):
+            session.parts[data[0]] = data[1:]
+        if not session.complete:
+            return None
+        del self._sessions[key]
+        whole = b"".join(part for _, part in sorted(session.parts.items()))
+        return Packet(time, key[0], session.identifier, whole[: session.size])
+
+    def _give_up(self, key: tuple[int, int, int]) -> None:
+        self.broken += self._sessions.pop(key, None) is not None
+
+
+def is_transport(frames: Frames) -> BoolArray:
+    """(K,) which frames are of the transport protocol."""
+    kind = frames.id >> np.uint32(16) & np.uint32(0xFF)
+    return np.asarray(
+        frames.has(Flag.EXTENDED) & ((kind == CONNECTION) | (kind == DATA)) & (frames.length == 8), np.bool_
+    )
+
+
+def frames_of(packets: list[Packet], length: NDArray[np.int64], data: Bytes) -> Frames:
+    """The messages as if they had come as one frame each, of these lengths (K,) with data (K, n)."""
+    return Frames(
+        np.array([packet.time for packet in packets], np.float64),
+        np.array([packet.identifier for packet in packets], np.uint32),
+        np.full(len(packets), Flag.EXTENDED, np.uint8),
+        np.array([packet.channel for packet in packets], np.uint8),
+        length,  # type: ignore[arg-type]  # more than a byte holds
+        data,
+    )
