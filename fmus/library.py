@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
-from fmus import models
+from fmus import models, units
 from fmus.errors import ModelError
 from fmus.modelling.mistakes import at, in_file
 from fmus.modelling.model import Model, Table, namespace, start_values
@@ -61,12 +61,24 @@ def _from_file(path: Path) -> Model:
         model = getattr(module, "MODEL", None)
         if not isinstance(model, Model):
             raise ModelError(path, "defines no MODEL", "end the file with MODEL = Model(...)")
+        _refuse_garbled_units(path, model)
         _try_solver_step(model)
     except ModelError:
         raise
     except Exception as error:
         raise in_file(str(path), error) from error
     return model
+
+
+def _refuse_garbled_units(path: Path, model: Model) -> None:
+    """A word of one's own may be a unit ("counts"), but not something composed that cannot be taken apart."""
+    named = {variable.name: variable.unit for variable in model.variables}
+    for name, unit in ({state.name: state.unit for state in model.states} | named).items():
+        if units.parse(unit) is None and set(unit) & set("./*^ "):
+            lines = path.read_text(encoding="utf-8").splitlines()
+            line = next((number for number, text in enumerate(lines, 1) if unit in text), 1)
+            fix = 'join known ones by dots and a slash, as in "N.m.s/rad"'
+            raise ModelError(f"{path}:{line}", f"unit '{unit}' of {name} is not known", fix)
 
 
 def _try_solver_step(model: Model) -> None:

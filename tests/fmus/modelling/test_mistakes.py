@@ -42,7 +42,7 @@ MODEL = Model(
         output("outflow", "m3/s", "Outflow"),
         output("level", "m", "Level"),
         parameter("area", "m2", 1.0, "Area", minimum=1e-9),
-        parameter("hole", "m2.5/s", 0.1, "Hole", minimum=0),
+        parameter("hole", "m2/s", 0.1, "Hole", minimum=0),
     ),
     states=(State("level", 1.0, "m"),),
     derivatives=derivatives,
@@ -86,6 +86,7 @@ def message(folder: Path, old: str, new: str) -> str:
         ("p.area / p.hole,", "p.area / p.hole / 0,", ":37: divides by zero"),
         ("0.1 * p.area", "-0.1 * p.area", ":37, <lambda>: gives -1.0 at the defaults; give a time in seconds above 0"),
         ('0.1, "Hole"', 'float("nan"), "Hole"', ":24: model tank: 'hole' starts at nan"),
+        ('"m2/s"', '"m2m/s"', ":32: unit 'm2m/s' of hole is not known"),
         ('1.0, "Area"', '0.0, "Area"', ":24: model tank: 'area' starts at 0"),
     ],
 )
