@@ -242,6 +242,18 @@ def require(system: System, endpoint: Endpoint, causality: str, role: str, place
     return port
 
 
+def recordable(system: System, name: str, place: str) -> Port:
+    """The variable of this name, which a trace can hold.
+
+    Raises:
+        WiringError: it is no number, or there is none; the message names `place`.
+    """
+    port = system.port(Endpoint.parse(name), place)
+    if not port.numeric:
+        raise WiringError(place, f"is {with_article(port.type)}, and a trace holds numbers", "choose another variable")
+    return port
+
+
 def must_be(system: System, name: str, causality: str, key: str) -> None:
     """See that a study names a variable of this causality; what has a start value passes for a parameter.
 

@@ -25,7 +25,7 @@ from orchestrator.fmi.interface import Port
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.processes import processors
 from orchestrator.progress import Progress, silent
-from orchestrator.system import Endpoint, System, check_values, must_be
+from orchestrator.system import Endpoint, System, check_values, must_be, recordable
 from orchestrator.trace import FloatArray, ReadOnlyArrays
 
 LOADED = 0.05  # of the whole when the traces are there, roughly
@@ -173,7 +173,7 @@ def _fit(
     declared = study.parameters
     parameters = tuple(replace(parameter, unit=units[parameter.name]) for parameter in declared.parameters)
     problem = _problem(study, weighed(study, windows), replace(declared, parameters=parameters), study.loss)
-    factory = SystemFactory(assembled, windows, study.outputs, assembled.system.values())
+    factory = SystemFactory(assembled, windows, study.outputs, assembled.system.values(), study.run.finite)
     return estimate(problem, factory, replace(study.options, processes=processors()), watch)
 
 
@@ -182,7 +182,7 @@ def judge(
 ) -> Judged:
     """Free runs over these windows, with these values over the study's; estimated initial states are fitted."""
     fixed = ParameterSet(tuple(Parameter(name, value, fixed=True) for name, value in values.items()))
-    factory = SystemFactory(assembled, windows, study.outputs, assembled.system.values())
+    factory = SystemFactory(assembled, windows, study.outputs, assembled.system.values(), study.run.finite)
     options = replace(study.options, processes=processors())
     found = predict(_problem(study, evenly_weighed(windows), fixed, Loss()), factory, options)
     return Judged(study.outputs, tuple(windows), found.simulated, found.fit)
@@ -246,7 +246,7 @@ def _checked(
         system = opened.system
         check_values(system, study.system.values())
         for name in study.outputs:
-            must_be(system, name, "output", "outputs")
+            recordable(system, name, f"outputs.{name}")
         for key, names in _named_parameters(study).items():
             for name in names:
                 must_be(system, name, "parameter", key)

@@ -19,6 +19,7 @@ from scipy.interpolate import CubicHermiteSpline
 from orchestrator.trace import FloatArray, ReadOnlyArrays
 
 _ROUNDING = 1e-9  # of a step
+_TOGETHER = 1e-9  # stamps and instants so near are one [s]
 
 
 @dataclass(frozen=True)
@@ -96,6 +97,11 @@ class Held(ReadOnlyArrays):
     time: FloatArray
     values: FloatArray
 
+    def at(self, instants: FloatArray) -> FloatArray:
+        """(N,) what it is at these instants [s], to a billionth of a second."""
+        rows = np.searchsorted(self.time, instants + _TOGETHER, side="right") - 1
+        return np.asarray(self.values[np.clip(rows, 0, None)])
+
     def between(self, start: float, stop: float) -> Held:
         """The part that says what it is from start to stop [s]."""
         first = max(int(np.searchsorted(self.time, start, side="right")) - 1, 0)
@@ -115,13 +121,21 @@ class Held(ReadOnlyArrays):
 
 @dataclass(frozen=True, eq=False)
 class Command:
-    """A recorded command that reaches an input with a delay."""
+    """A recorded command that reaches an input with a delay.
+
+    Attributes:
+        stepwise: whether the input has no values between those of the command, so that means would be none of it.
+    """
 
     delay: Delay
     held: Held
+    stepwise: bool = False
 
     def values(self, instants: FloatArray, delay: float) -> FloatArray:
-        """(K,) what the input gets from each of these even instants to the next, by its mean [s]."""
+        """(K,) what the input gets from each of these even instants to the next, by its mean [s]; stepwise, what it
+        is at the instant."""
+        if self.stepwise:
+            return self.held.at(instants - delay)
         step = (instants[-1] - instants[0]) / (len(instants) - 1)
         return self.held.means(np.append(instants, instants[-1] + step) - delay)
 

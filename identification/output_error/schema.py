@@ -148,6 +148,7 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
 
     Attributes:
         step: communication step of the free runs [s].
+        nonfinite: whether an output that is NaN or infinite fails a free run also where it is not compared.
         weight: whether outputs are scaled by their spread in each window, over all windows, or not at all.
         compare: name -> parameters that are judged beside the estimate on the same windows.
         truth: values behind synthetic traces, shown beside the estimates.
@@ -155,6 +156,7 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
 
     method: Literal["output-error"]
     step: Seconds
+    nonfinite: Literal["refuse", "allow"] = "refuse"
     inputs: dict[str, SignalBlock] = {}
     outputs: dict[str, SignalBlock] = Field(min_length=1)
     initial: dict[str, InitialBlock] = {}
@@ -236,7 +238,13 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
             title=self.title,
             system=system,
             traces=traces,
-            run=FreeRunSpec(self.step, self._signal_specs(self.outputs), self._signal_specs(self.inputs), initial),
+            run=FreeRunSpec(
+                self.step,
+                self._signal_specs(self.outputs),
+                self._signal_specs(self.inputs),
+                initial,
+                self.nonfinite == "refuse",
+            ),
             windows=self.windows.spec(),
             validation=(self.validation or self.windows).spec(),
             parameters=self._parameter_set(),

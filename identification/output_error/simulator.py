@@ -18,12 +18,14 @@ class SystemFactory:
 
     Attributes:
         outputs: component.variable of the outputs that are compared, in order.
+        finite: whether a run ends where a connected output is not; one that is compared always has to be.
     """
 
     assembled: Assembled
     windows: Sequence[FreeRunWindow]
     outputs: tuple[str, ...]
     values: Mapping[str, Value]
+    finite: bool = True
 
     def __call__(self) -> SystemSimulator:
         return SystemSimulator(self)
@@ -38,7 +40,9 @@ class SystemSimulator:
         step = factory.windows[0].step
         longest = max(window.stop for window in factory.windows)
         try:
-            self._simulation: Simulation = self._opened.simulation(Timing(stop=longest, step=step))
+            self._simulation: Simulation = self._opened.simulation(
+                Timing(stop=longest, step=step, finite=factory.finite)
+            )
         except BaseException:
             self._opened.close()
             raise

@@ -30,12 +30,14 @@ class TraceSignal:
         delay: None takes the value at the beginning of each communication step; a command with a delay, 0 too, counts
             by its mean over each step.
         conversion: what it is converted by, once the trace is known.
+        stepwise: whether the variable changes in steps, so that each sample holds until the next.
     """
 
     signal: str
     given: Given = NOTHING_GIVEN
     delay: Delay | None = None
     conversion: Conversion = SAME
+    stepwise: bool = False
 
 
 @dataclass(frozen=True)
@@ -72,12 +74,14 @@ class FreeRunSpec:
         outputs: component.variable -> what it is compared with.
         inputs: component.variable -> what drives it.
         initial: component.variable -> what it starts from.
+        finite: whether an output that is not finite fails a run, also where it is not compared.
     """
 
     step: Fraction
     outputs: Mapping[str, TraceSignal]
     inputs: Mapping[str, TraceSignal] = field(default_factory=dict)
     initial: Mapping[str, StartSpec] = field(default_factory=dict)
+    finite: bool = True
 
     @property
     def signals(self) -> list[str]:
@@ -109,6 +113,8 @@ class FreeRunSpec:
             return replace(spec, conversion=crossed[-1].conversion)
 
         outputs, inputs = converted("outputs", self.outputs), converted("inputs", self.inputs)
+        outputs = {name: replace(spec, stepwise=not ports.get(name, NOWHERE).real) for name, spec in outputs.items()}
+        inputs = {name: replace(spec, stepwise=ports.get(name, NOWHERE).stepwise) for name, spec in inputs.items()}
         spec = replace(self, outputs=outputs, inputs=inputs, initial=converted("initial", self.initial))
         return spec, tuple(crossed)
 

@@ -197,13 +197,16 @@ def _window(
 
 def _sampled(trace: Trace, spec: TraceSignal, instants: FloatArray, delay: float) -> FloatArray:
     """(K,) what the trace shows of a variable at these instants [s], that much later; its ends last."""
+    if spec.stepwise:
+        return Held(trace.time, spec.conversion(trace[spec.signal])).at(instants + delay)
     return np.asarray(np.interp(instants + delay, trace.time, spec.conversion(trace[spec.signal])))
 
 
 def _command(spec: TraceSignal, delay: Delay, trace: Trace, raster: FloatArray, step: float) -> Command:
     """A delayed command, as far as it matters from the first instant to a step after the last."""
     held = Held(trace.time, spec.conversion(trace[spec.signal]))
-    return Command(delay, held.between(raster[0] - delay.highest, raster[-1] + step - delay.lowest))
+    near = held.between(raster[0] - delay.highest, raster[-1] + step - delay.lowest)
+    return Command(delay, near, spec.stepwise)
 
 
 def _reading(run: FreeRunSpec, trace: Trace, start: float, spec: StartSpec) -> StartReading:

@@ -194,7 +194,7 @@ class OpenSystem:
         Args:
             values: component.variable -> parameter or start value, over those of the components.
             stimuli: component.input -> a constant or a trace with one signal, for each input that is driven.
-            record: component.variable of outputs and connected inputs; None takes all outputs.
+            record: component.variable that are numbers; None takes all outputs.
 
         Raises:
             WiringError: a name, value or time does not fit the system.

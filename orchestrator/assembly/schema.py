@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 from pydantic import Field, field_validator, model_validator
 
@@ -101,13 +102,22 @@ class CyclesBlock(Block):
 
 
 class RunBlock(Block):
-    """When a run stops and how it steps."""
+    """When a run stops and how it steps.
+
+    Attributes:
+        nonfinite: whether an output that is NaN or infinite ends the run, or is allowed and counted.
+        tolerance: relative tolerance that FMUs with a solver of their own are told; none by default.
+        tell_stop: whether FMUs are told when the run stops; some then refuse to go beyond it by a rounding error.
+    """
 
     stop: Seconds
     step: Seconds
     start: Seconds = Timing.start
     order: Order = Timing.order
     cycles: CyclesBlock | None = None
+    nonfinite: Literal["refuse", "allow"] = "refuse"
+    tolerance: float | None = Field(Timing.tolerance, gt=0, lt=1)
+    tell_stop: bool = Timing.tell_stop
 
     @model_validator(mode="after")
     def _positive(self) -> RunBlock:
@@ -118,7 +128,16 @@ class RunBlock(Block):
     def timing(self) -> Timing:
         """The times and how cycles are iterated; without `cycles` they are refused."""
         cycles = CycleSettings(**dict(self.cycles)) if self.cycles else Timing.cycles
-        return Timing(self.stop, self.step, self.start, self.order, cycles)
+        return Timing(
+            self.stop,
+            self.step,
+            self.start,
+            self.order,
+            cycles,
+            tolerance=self.tolerance,
+            tell_stop=self.tell_stop,
+            finite=self.nonfinite == "refuse",
+        )
 
 
 class SystemBlock(Block):

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fmus.errors import TraceError
+from fmus.errors import TraceError, WiringError
 from orchestrator.crossing import NOTHING_GIVEN, Crossing, Given, crossing
 from orchestrator.fmi.interface import Port
 from orchestrator.trace import FloatArray, Trace
@@ -19,7 +19,8 @@ class Stimulus:
     Attributes:
         source: a value [unit of the input], a text with its unit (`90 deg`) until it is `brought`, or a trace with one
             signal [its own unit; without one that of the input].
-        hold: whether the recording's last value is kept until its next, instead of a line between them.
+        hold: whether the recording's last value is kept until its next, instead of a line between them; None where the
+            input decides: what is no real number, or changes at events only, is held.
         given: what a recording is converted by, over its unit.
 
     Raises:
@@ -27,7 +28,7 @@ class Stimulus:
     """
 
     source: float | str | Trace
-    hold: bool = False
+    hold: bool | None = None
     given: Given = NOTHING_GIVEN
 
     def __post_init__(self) -> None:
@@ -39,14 +40,17 @@ class Stimulus:
         """The same in the unit of the input of this name, and how it got there.
 
         Raises:
-            WiringError: its unit does not fit.
+            WiringError: its unit does not fit, or there is a line through values of an input that has none between.
         """
         if isinstance(self.source, str):
             return replace(self, source=port.quantity(name, self.source)), None
         if not isinstance(self.source, Trace):
             return self, None
+        if self.hold is False and port.stepwise:
+            kind = "discrete" if port.variability == "discrete" else port.type
+            raise WiringError(name, f"is {kind} and has no values between samples", "leave out `interpolation: linear`")
         trace, crossed = brought(self.source, name, port, self.given)
-        return replace(self, source=trace, given=NOTHING_GIVEN), crossed
+        return replace(self, source=trace, given=NOTHING_GIVEN, hold=self.hold or port.stepwise), crossed
 
     @property
     def varies(self) -> bool:

@@ -12,9 +12,9 @@ from fmus.errors import FmuError, ScenarioError, ServotwinError
 from orchestrator.batch.procedure import run_procedure
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.processes import Died, Processes, calling
-from orchestrator.results import FileDocument, Permission, check_target, permission, permitted
-from orchestrator.scenario.results import document_of, write_run
-from orchestrator.scenario.run import run_scenario
+from orchestrator.results import FileDocument, Permission, aside, check_target, permission, permitted
+from orchestrator.scenario.results import LOG_FILE, document_of, write_run
+from orchestrator.scenario.run import Keeping, ScenarioFailed, run_scenario
 from orchestrator.scenario.schema import ScenarioBlock
 from orchestrator.yaml_file import keys, load
 
@@ -121,6 +121,11 @@ def _judged(judge: FileJudge, file: Path, out: Path, allowed: Permission) -> Ver
 
 def _run_scenario(file: Path, out: Path, isolation: Isolation | None) -> FileDocument:
     check_target(out, [file])
-    result = run_scenario(file, isolation=isolation)
-    write_run(result, {}, out)
-    return document_of(result, {}, out)
+    with aside(out) as near:
+        try:
+            result = run_scenario(file, keeping=Keeping(log=near / LOG_FILE), isolation=isolation)
+        except ScenarioFailed as failed:
+            write_run(failed.result, {}, out)
+            raise
+        write_run(result, {}, out)
+        return document_of(result, {}, out)

@@ -116,14 +116,14 @@ def run(
     from orchestrator.crossing import notes
     from orchestrator.results import aside, check_target
     from orchestrator.scenario import accounts
-    from orchestrator.scenario.results import document_of, interruption, write_run
+    from orchestrator.scenario.results import LOG_FILE, document_of, interruption, write_run
     from orchestrator.scenario.run import HEADERS, Keeping, ScenarioFailed, ScenarioInterrupted, run_scenario
 
     values, isolation, folder = overrides(set_), isolate.isolation(), out or Path("out") / scenario.stem
     check_target(folder)
     failure: ScenarioFailed | None = None
     with terminal.bar(scenario.stem) as move, aside(folder) as near:
-        keeping = Keeping(stride, near if stream else None)
+        keeping = Keeping(stride, near if stream else None, near / LOG_FILE)
         try:
             result = run_scenario(scenario, values, move, keeping=keeping, isolation=isolation)
         except ScenarioInterrupted as stop:
@@ -132,7 +132,7 @@ def run(
             result, failure = error.result, error
         with whole():
             write_run(result, values, folder)
-    document = document_of(result, values, folder)
+        document = document_of(result, values, folder)
     for line in notes(document["units"]):
         terminal.say(line)
     if result.interrupted:

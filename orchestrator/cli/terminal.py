@@ -188,7 +188,7 @@ def _ours(error: Exception) -> ServotwinError:
 def _log(terminal: Terminal) -> None:
     levels = (logging.WARNING, logging.INFO, logging.DEBUG)
     level = logging.ERROR if terminal.quiet else levels[min(terminal.verbose, 2)]
-    logging.basicConfig(level=level, force=True, handlers=[_Log()])
+    logging.basicConfig(level=level, force=True, handlers=[_Log(level)])
 
 
 class _Log(logging.Handler):

@@ -21,7 +21,7 @@ from orchestrator.fmi.component import Component
 from orchestrator.fmi.interface import Value
 from orchestrator.interrupts import requested
 from orchestrator.rational import clock, multiples, written
-from orchestrator.system import Endpoint, Settable, System, settable
+from orchestrator.system import Endpoint, Settable, System, recordable, settable
 from orchestrator.trace import FloatArray, Trace
 
 
@@ -124,7 +124,7 @@ class _Prepared:
 
     Attributes:
         loop: to be begun anew for each run.
-        outputs: component -> outputs that are read.
+        outputs: component -> outputs and other variables that are read.
     """
 
     key: tuple[object, ...]
@@ -145,6 +145,7 @@ class Simulation:
 
     Attributes:
         outputs: component.variable of all outputs that can be recorded.
+        texts: of those that cannot.
         stimuli: component.input of the stimuli that a run needs, sorted.
 
     Raises (on entering or running):
@@ -163,11 +164,18 @@ class Simulation:
             for port in part.interface.of("output")
             if port.numeric
         )
+        self.texts = tuple(
+            f"{name}.{port.name}"
+            for name, part in system.parts.items()
+            for port in part.interface.of("output")
+            if not port.numeric
+        )
         self.stimuli = tuple(sorted(map(str, system.stimulated)))
         self._every = multiples(timing.step, self.plan.tick, "step")  # ticks of a communication step
         self._inputs: dict[str, list[str]] = {name: [] for name in system.parts}  # component -> those that are driven
         for target in [link.target for link in system.connections] + [Endpoint.parse(name) for name in self.stimuli]:
             self._inputs[target.component].append(target.variable)
+        self._driven_inputs = frozenset(f"{name}.{one}" for name, inputs in self._inputs.items() for one in inputs)
         self._fresh = True
         self._settable: dict[str, Settable] = {}
         self._counts: dict[tuple[int, int], int] = {}
@@ -178,16 +186,13 @@ class Simulation:
         return self._times(self._steps(self.timing.stop) + 1)
 
     def check_record(self, names: Iterable[str]) -> None:
-        """See that each name is an output or a connected input.
+        """See that each name is a variable that a trace can hold.
 
         Raises:
             WiringError: one is not; the message names it.
         """
         for name in names:
-            endpoint = Endpoint.parse(name)
-            self.system.port(endpoint)
-            if name not in self.outputs and endpoint.variable not in self._inputs[endpoint.component]:
-                raise WiringError(name, "is neither an output nor a connected input", "record another variable")
+            recordable(self.system, name, name)
 
     def check_values(self, values: Mapping[str, Value]) -> None:
         """See that a run can be given these values.
@@ -212,7 +217,7 @@ class Simulation:
         Args:
             values: component.variable -> parameter or start value; the others have the FMU's defaults.
             stimuli: component.input -> (K,) value from each communication instant on, at least until `stop`.
-            record: component.variable of outputs and connected inputs; None takes all outputs.
+            record: component.variable that are numbers; None takes all outputs.
             progress: called now and then with the fraction done.
             stop: end of this run, at most the timing's [s].
             record_every: communication steps from one row of the record to the next, counted from the start.
@@ -388,26 +393,26 @@ class Simulation:
         key = chosen, tuple(read), hold
         if self._prepared is None or self._prepared.key != key:
             self.check_record([*chosen, *read])
-            outputs = self._read({*chosen, *read})
+            outputs = self._read([*chosen, *read])
             for name, component in self.components.items():
                 component.bind(self._inputs[name], outputs[name])
             loop = self._loop(chosen, outputs, hold)
             known = {name: self.system.port(Endpoint.parse(name)).unit for name in chosen}
             units = {name: unit for name, unit in known.items() if unit}
-            names = sorted(chosen, key=lambda name: name not in self.outputs)  # outputs first, as in the rows
+            names = sorted(chosen, key=self._driven_inputs.__contains__)  # what is read comes first, as in the rows
             steppers = Steppers(loop, self.timing.engine)
             self._prepared = _Prepared(key, loop, Columns(names, chosen, units), steppers, outputs)
         return self._prepared
 
-    def _read(self, recorded: set[str]) -> dict[str, list[str]]:
-        """component -> outputs that are recorded or drive an input; all where cycles are iterated, so that when they
-        count as settled does not depend on the record."""
-        wanted = recorded | {str(link.source) for link in self.system.connections}
+    def _read(self, recorded: Sequence[str]) -> dict[str, list[str]]:
+        """component -> outputs that are recorded or drive an input, all where cycles are iterated, so that when they
+        count as settled does not depend on the record; then its other variables that are recorded."""
+        wanted = {*recorded, *(str(link.source) for link in self.system.connections)}
+        names = [name for name in self.outputs if self.timing.cycles.iterate or name in wanted]
+        names += [name for name in recorded if name not in self._driven_inputs]
         outputs: dict[str, list[str]] = {name: [] for name in self.components}
-        for name in self.outputs:
-            if self.timing.cycles.iterate or name in wanted:
-                endpoint = Endpoint.parse(name)
-                outputs[endpoint.component].append(endpoint.variable)
+        for endpoint in map(Endpoint.parse, dict.fromkeys(names)):
+            outputs[endpoint.component].append(endpoint.variable)
         return outputs
 
     def _reset(self) -> None:
@@ -441,7 +446,7 @@ class Simulation:
         read = [f"{name}.{variable}" for name, variables in outputs.items() for variable in variables]
         slots = {name: slot for slot, name in enumerate([*read, *self.stimuli])}
         nodes = {name: self._node(name, outputs[name], slots) for name in self.components}
-        inputs = [Endpoint.parse(name) for name in chosen if name not in self.outputs]
+        inputs = [Endpoint.parse(name) for name in chosen if name in self._driven_inputs]
         return Loop(
             groups=[[nodes[name] for name in group] for group in self.plan.groups],
             size=len(slots),
@@ -449,7 +454,7 @@ class Simulation:
             hold=hold,
             time=clock(self.timing.start, self.plan.tick),
             cycles=self.timing.cycles,
-            record_slots=[slots[name] for name in chosen if name in self.outputs],
+            record_slots=[slots[name] for name in chosen if name not in self._driven_inputs],
             record_inputs=[(nodes[e.component], self._inputs[e.component].index(e.variable)) for e in inputs],
             finite=self.timing.finite,
         )
@@ -467,7 +472,7 @@ class Simulation:
             sources=sources,
             scale=scale if any(pair != (1.0, 0.0) for pair in scale) else None,
             first=slots[f"{name}.{outputs[0]}"] if outputs else 0,
-            instant=[variable in self.plan.instant[name] for variable in outputs],
+            instant=[bool(self.plan.instant[name])] * len(outputs),
             every=every,
             duration=float(every * self.plan.tick),
             outputs=outputs,

@@ -20,8 +20,8 @@ from orchestrator.fmi import unpacked
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.functions import DISCARD, FAILED, FATAL, FmiFunctions, VariableGroup
 from orchestrator.fmi.interface import Port, Value
+from orchestrator.fmi.said import LOG, REPEATS
 
-LOG = logging.getLogger("servotwin.fmu")
 STATUS = ("OK", "warning", "discard", "error", "fatal error", "pending")
 # Errors are raised with what the FMU said, so their messages need no louder place in the log.
 _LEVELS = (logging.DEBUG, logging.WARNING, logging.INFO, logging.INFO, logging.INFO, logging.DEBUG)
@@ -193,6 +193,7 @@ class FmuInstance(Generic[A]):
         if self._copy is not None:
             unpacked.give_back(self._copy)
             self._copy = None
+        REPEATS.sum_up(self.name)
 
     def _configure(self) -> None:
         """Give the structural parameters their values, as the FMU's arrays have to have the interface's shapes."""

@@ -79,6 +79,16 @@ class Port:
         return self.type not in ("String", *_ALONE)
 
     @property
+    def stepwise(self) -> bool:
+        """Whether it changes in steps: between two samples of a recording it has the value of the earlier one."""
+        return not self.real or self.variability == "discrete"
+
+    @property
+    def real(self) -> bool:
+        """Whether its values are real numbers."""
+        return self.type in _REAL
+
+    @property
     def alone(self) -> bool:
         """Whether it is left as it is: clocks never tick, binary variables keep what they have."""
         return self.type in _ALONE

@@ -30,6 +30,7 @@ from orchestrator.fmi import isolation_worker as messages
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.isolation_worker import Line, Make
+from orchestrator.fmi.said import REPEATS
 
 LOG = logging.getLogger("servotwin.isolation")
 PATIENCE = 60.0  # with an FMU that owes an answer [s]
@@ -152,6 +153,7 @@ class IsolatedSlave:
     def close(self) -> None:
         """Free everything. An FMU that crashes or hangs over it is logged: what it has computed is whole."""
         if self._worker is None:
+            REPEATS.sum_up(self.name)
             return
         self._written = None
         try:
@@ -164,6 +166,7 @@ class IsolatedSlave:
             LOG.warning("%s", error)
         finally:
             self._end()
+            REPEATS.sum_up(self.name)
 
     def _start(self) -> None:
         self._worker = _Worker(self._fmu.folder)

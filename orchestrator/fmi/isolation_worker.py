@@ -27,6 +27,7 @@ from typing import Any
 from fmus.errors import ServotwinError
 from orchestrator.fmi.component import Component
 from orchestrator.fmi.file import FmuFile
+from orchestrator.fmi.said import LOG, REPEATS
 
 CALL, EXCHANGE = b"c", b"x"  # kinds of order: a method with its arguments; inputs and a step for outputs
 RESULT, VALUES, ERROR, LOGGED = b"r", b"v", b"e", b"l"  # kinds of answer, and a log message in between
@@ -116,6 +117,7 @@ def serve(life: int) -> None:
         os.dup2(nothing.fileno(), 0)
     os.dup2(2, 1)  # what the FMU prints is no answer
     logging.basicConfig(level=logging.DEBUG, handlers=[_Forwarding(line)])
+    LOG.removeFilter(REPEATS)  # who gets them counts
     host = _Host()
     with contextlib.suppress(EOFError):
         while True:

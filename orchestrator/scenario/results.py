@@ -16,8 +16,9 @@ from orchestrator.fmi.interface import Value
 from orchestrator.report import Report, Section, figures
 from orchestrator.results import CaseDocument, FileDocument, result_folder, versions, write_json
 from orchestrator.scenario import accounts
-from orchestrator.scenario.run import HEADERS, CaseResult, CaseState, ScenarioResult
+from orchestrator.scenario.run import HEADERS, CaseResult, CaseState, ScenarioResult, nonfinite
 
+LOG_FILE = "fmu.log"
 PLOTTED_CASES = 12
 PLOTTED_SIGNALS = 8
 
@@ -27,6 +28,7 @@ class RunCaseDocument(CaseDocument):
 
     state: str
     ended: NotRequired[str]
+    nonfinite: NotRequired[dict[str, int]]
     trace: NotRequired[str]
     warnings: NotRequired[dict[str, int]]
     stepping: NotRequired[dict[str, str | int | float]]
@@ -43,6 +45,7 @@ class RunDocument(FileDocument):
     units: list[CrossingDocument]
     fmus: dict[str, str]
     record: dict[str, int | bool]
+    log: str | None
     versions: dict[str, str]
 
 
@@ -54,8 +57,16 @@ def write_run(result: ScenarioResult, overrides: Mapping[str, Value], target: Pa
                 shutil.move(case.file, folder / trace_file(result, case))
             elif case.result is not None:
                 formats.write(result.recorded(case), folder / trace_file(result, case))
+        if (log := said(result)) is not None:
+            shutil.copyfile(log, folder / LOG_FILE)
         write_json(folder / "manifest.json", document_of(result, overrides, target))
         report(result).write(folder / "report.html")
+
+
+def said(result: ScenarioResult) -> Path | None:
+    """The file with what FMUs have said, while it is there; None where they said nothing."""
+    log = result.keeping.log
+    return log if log is not None and log.is_file() else None
 
 
 def trace_file(result: ScenarioResult, case: CaseResult) -> str:
@@ -76,6 +87,7 @@ def document_of(result: ScenarioResult, overrides: Mapping[str, Value], folder: 
         "out": str(folder),
         "fmus": {name: "model" if name in result.assembled.built else "file" for name in result.assembled.files},
         "record": {"stride": result.keeping.every, "stream": result.keeping.stream is not None},
+        "log": LOG_FILE if said(result) else None,
         "cases": [_case(result, case) for case in result.cases],
         "versions": versions(),
     }
@@ -159,5 +171,7 @@ def _case(result: ScenarioResult, case: CaseResult) -> RunCaseDocument:
         document["warnings"] = dict(case.result.warnings)
         if case.ended:
             document["ended"] = case.ended
+        if counts := nonfinite(case.result.trace):
+            document["nonfinite"] = counts
         return {**document, **accounts.document_of(case.result)}
     return document

@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
+import numpy as np
+
 from fmus.errors import FmuError, ScenarioError, ServotwinError, WiringError
 from orchestrator import formats
 from orchestrator.assembly.assembly import Assembled, OpenSystem, assemble
@@ -18,6 +20,7 @@ from orchestrator.display.table import table
 from orchestrator.engine import Interrupted, Result, Run, RunFailed, Simulation
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.isolation import Isolation, scratch
+from orchestrator.fmi.said import kept
 from orchestrator.formats import parquet
 from orchestrator.interrupts import requested
 from orchestrator.progress import Progress, silent
@@ -36,10 +39,12 @@ class Keeping:
     Attributes:
         every: communication steps from one row to the next.
         stream: folder of a Parquet file a case, written while it runs; None keeps the record in memory.
+        log: file that takes all that FMUs say.
     """
 
     every: int = 1
     stream: Path | None = None
+    log: Path | None = None
 
     def file(self, number: int) -> Path | None:
         """Where the record of the case with this number is written while it runs."""
@@ -194,11 +199,11 @@ def run_scenario(
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(scenario)
     keeping = keeping or Keeping()
-    if scenario.logger is not None and keeping != Keeping():
+    if scenario.logger is not None and (keeping.every, keeping.stream) != (1, None):
         raise ScenarioError(
             scenario.path, "has a recorder, which samples the whole record", "run it without stride and stream"
         )
-    with naming(scenario.path), scratch(isolation) as folder:
+    with naming(scenario.path), kept(keeping.log), scratch(isolation) as folder:
         assembled = assemble(scenario.system.given(overrides or {}), fmus or folder, scenario.driven)
         cases: list[CaseResult] = []
         crossings: tuple[Crossing, ...] = ()
@@ -211,6 +216,10 @@ def run_scenario(
                 for case in scenario.cases:
                     check_shapes(opened.system, case.arrays)
                 _check_values(scenario, simulation, overrides or {})
+                if not scenario.recorded(simulation.outputs):
+                    LOG.warning("nothing is recorded, for there are no outputs; name other variables in `record`")
+                if scenario.record is None and simulation.texts:
+                    LOG.warning("not recorded, for they are no numbers: %s", ", ".join(simulation.texts))
                 for number, case in enumerate(scenario.cases):
                     values = {**case.values, **(overrides or {})}
                     told = _part_of(progress, number, len(scenario.cases), case.name)
@@ -296,9 +305,17 @@ def _run_case(
     trace = result.trace if result is not None and error is None else None
     checks = tuple(_checked(expectation, trace, error, result) for expectation in case.expected)
     made = CaseResult(case.name, result, error, checks, file, state)
+    for name, count in nonfinite(trace).items() if trace is not None else ():
+        LOG.warning("case %s: %d samples of %s are not finite", case.name, count, name)
     if made.ended:
         LOG.warning("case %s: %s; the run ends there and is judged by what there is", case.name, made.ended)
     return made
+
+
+def nonfinite(trace: Trace) -> dict[str, int]:
+    """signal -> how many of its samples are NaN or infinite, where some are."""
+    counts = {name: int(np.count_nonzero(~np.isfinite(trace[name]))) for name in trace.names}
+    return {name: count for name, count in counts.items() if count}
 
 
 def _checked(

@@ -22,6 +22,7 @@ class StimulusBlock(Block):
     Attributes:
         constant: in the unit of the input, or with its own: `90 deg`.
         factor, offset: input = factor * signal + offset, over what their units say.
+        interpolation: between samples; by default `hold` where the input is no real number or discrete, else `linear`.
     """
 
     constant: float | Quantity | None = None
@@ -29,7 +30,7 @@ class StimulusBlock(Block):
     signal: str | None = None
     factor: float | None = None
     offset: float | None = None
-    interpolation: Literal["linear", "hold"] = "linear"
+    interpolation: Literal["linear", "hold"] | None = None
 
     @model_validator(mode="after")
     def _one_kind(self) -> StimulusBlock:
@@ -45,7 +46,8 @@ class StimulusBlock(Block):
             return Stimulus(self.constant)
         assert self.file is not None and self.signal is not None
         recording = SignalFileBlock(file=self.file, signal=self.signal, factor=self.factor, offset=self.offset)
-        return Stimulus(recording.trace(base), self.interpolation == "hold", recording.given)
+        hold = None if self.interpolation is None else self.interpolation == "hold"
+        return Stimulus(recording.trace(base), hold, recording.given)
 
 
 class ExpectationBlock(Block):

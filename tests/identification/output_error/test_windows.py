@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from fmus.errors import TraceError, WiringError
 from fmus.units import Conversion
 from identification.output_error.calibration import evenly_weighed
+from identification.output_error.delays import Known
 from identification.output_error.study import StartSpec
 from identification.output_error.windows import FreeRunWindow, cut_windows, start_curve
 from identification.recordings.campaign import StudyTrace
@@ -87,6 +88,22 @@ def test_what_is_measured_and_what_drives_are_interpolated_at_the_instants() -> 
     assert len(cut.measured) == 401 and cut.measured.shape[1] == 1
     np.testing.assert_array_equal(cut.measured[:, 0], np.interp(cut.time, time, trace.trace["angle"]))
     np.testing.assert_array_equal(cut.stimuli["motor.voltage"], np.interp(cut.time, time, trace.trace["voltage"]))
+
+
+@pytest.mark.parametrize(
+    "port", [Port("v", 0, "Boolean", "input"), Port("v", 0, "Real", "input", variability="discrete")]
+)
+@pytest.mark.parametrize("delay", [None, Known(0.0), Known(0.25)])
+def test_an_input_that_changes_in_steps_holds_each_sample(port: Port, delay: Known | None) -> None:
+    time = np.sort(np.random.default_rng(1).uniform(0, 10, 700))
+    trace = recorded(time, voltage=(np.sin(7 * time) > 0).astype(float))
+    asked = plain_study(windows={"length": 4, "skip": 2, "most": 1})
+    signal = replace(asked.run.inputs["motor.voltage"], delay=delay)
+    run = replace(asked.run, inputs={"motor.voltage": signal})
+    (cut,) = cut_windows(run, [trace], asked.windows, {"motor.voltage": port})
+    late = 0.0 if delay is None else delay.seconds
+    expected = [trace.trace["voltage"][time <= instant - late][-1] for instant in cut.run_time]
+    np.testing.assert_array_equal(cut.driven({})["motor.voltage"], expected)
 
 
 def test_what_the_name_of_a_trace_tells_goes_with_each_of_its_windows() -> None:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from fmus.errors import FmuError
+from fmus.errors import FmuError, WiringError
 from identification.cli import app
 from orchestrator.engine import Engine, RunFailed, Simulation, Timing, compiled
 from orchestrator.scenario.run import ScenarioFailed, run_scenario
@@ -169,3 +169,68 @@ def test_a_function_that_is_missing_matters_only_when_it_is_called(tmp_path: Pat
     slave = quirks.opened(stack, quirks.build(tmp_path / "quirks.fmu"))
     with pytest.raises(FmuError, match="lag: its library has no function fmi2GetFMUstate"):
         slave.save()
+
+
+def scenario(folder: Path, text: str = "", run: str = "", **quirk: Any) -> Path:
+    """A scenario of the FMU over a second."""
+    quirks.build(folder / "quirks.fmu", **quirk)
+    path = folder / "lag.yaml"
+    path.write_text(SCENARIO.replace("step: 0.1", f"step: 0.1{run}") + text)
+    return path
+
+
+def test_any_variable_that_is_a_number_is_recorded_and_judged(tmp_path: Path) -> None:
+    text = "record: [lag.k, lag.on, lag.u, lag.x]\nexpect: [{signal: lag.x, near: 1, within: 1}]"
+    (case,) = run_scenario(scenario(tmp_path, text, output=False)).cases
+    assert case.passed and np.allclose(case.trace["lag.x"], DECAY)
+    assert [case.trace[name][-1] for name in ("lag.k", "lag.on", "lag.u")] == [0.5, 0, 0]
+
+
+def test_an_fmu_without_outputs_runs_and_leaves_a_report(tmp_path: Path) -> None:
+    said = servotwin("run", scenario(tmp_path, output=False), "--out", tmp_path / "out", "-v")
+    assert "nothing is recorded" in said and (tmp_path / "out" / "report.html").is_file()
+
+
+def test_text_is_said_not_to_be_recorded(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    run_scenario(scenario(tmp_path))
+    assert "not recorded, for they are no numbers: lag.said" in caplog.text
+    with pytest.raises(WiringError, match=r"lag\.said: is a String, and a trace holds numbers"):
+        run_scenario(scenario(tmp_path, "record: [lag.said]"))
+
+
+def test_a_boolean_input_holds_each_sample_until_the_next(tmp_path: Path) -> None:
+    (tmp_path / "on.csv").write_text("time [s],on,u\n0,0,0\n0.55,1,1\n1,0,2\n")
+    text = (
+        "record: [lag.on, lag.u]\nstimuli:\n  lag.on: {file: on.csv, signal: on}\n  lag.u: {file: on.csv, signal: u}\n"
+    )
+    trace = run_scenario(scenario(tmp_path, text)).cases[0].trace
+    assert list(trace["lag.on"]) == [0] * 6 + [1] * 4 + [0]
+    assert np.allclose(trace["lag.u"], np.interp(trace.time, [0, 0.55, 1], [0, 1, 2]))
+    with pytest.raises(WiringError, match=r"lag\.on: is discrete and has no values between samples; leave out"):
+        run_scenario(scenario(tmp_path, text.replace("signal: on}", "signal: on, interpolation: linear}")))
+
+
+def test_end_and_tolerance_are_told_where_they_are_asked_for(tmp_path: Path) -> None:
+    told = tmp_path / "told.txt"
+    say = 'fprintf(f, "%d %g %d %g;", hasStop, stop, hasTolerance, tolerance)'
+    setup = f'FILE *f = fopen("{told}", "a"); {say}; fclose(f);'
+    run_scenario(scenario(tmp_path, ON_SETUP=setup))
+    run_scenario(scenario(tmp_path, run=", tell_stop: true, tolerance: 1.0e-6", ON_SETUP=setup))
+    assert told.read_text() == "0 0 0 0;1 1 1 1e-06;"
+
+
+def test_what_is_not_finite_is_allowed_where_it_is_meant_and_counted(tmp_path: Path) -> None:
+    path = scenario(tmp_path, run=", nonfinite: allow", ON_STEP="if (t > 0.45) m->number[U] = NAN;")
+    said = servotwin("run", path, "--out", tmp_path / "out")
+    assert "5 samples of lag.x are not finite" in " ".join(said.split())
+    assert json.loads((tmp_path / "out" / "manifest.json").read_text())["cases"][0]["nonfinite"] == {"lag.x": 5}
+
+
+@pytest.mark.parametrize("options", [[], ["--isolate"]])
+def test_like_messages_are_shown_a_few_times_and_all_are_kept(options: list[str], tmp_path: Path) -> None:
+    path = scenario(tmp_path, ON_STEP='for (int i = 0; i < 100; i++) say(m, "torque clipped");')
+    said = servotwin("run", path, "--out", tmp_path / "out", *options)
+    assert said.count("torque clipped") == 4 and "997 more like this" in said
+    kept = (tmp_path / "out" / "fmu.log").read_text().splitlines()
+    assert len(kept) == 1000 and kept[999] == "WARNING lag: torque clipped at 0.9"
+    assert json.loads((tmp_path / "out" / "manifest.json").read_text())["log"] == "fmu.log"
