@@ -35,10 +35,20 @@ class Unit:
     exponents: tuple[int, ...]
     offset: float = 0.0
 
+    def __str__(self) -> str:
+        powers = zip(BASES, self.exponents, strict=True)
+        product = ".".join(f"{base}{'' if power == 1 else power}" for base, power in powers if power) or "1"
+        return f"{self.factor:.6g} {product}" + (f" + {self.offset:g}" if self.offset else "")
+
     @property
     def radians(self) -> int:
         """Exponent of the radian."""
         return self.exponents[_RADIANS]
+
+    @property
+    def counts(self) -> bool:
+        """Whether it is of an angle, a number, or a rate of one: what may count turns as well as radians."""
+        return all(not power or base in ("s", "rad") for base, power in zip(BASES, self.exponents, strict=True))
 
     @property
     def difference(self) -> Unit:

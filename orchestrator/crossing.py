@@ -13,12 +13,11 @@ from typing_extensions import TypedDict
 
 from fmus import units
 from fmus.errors import WiringError
+from fmus.unit_table import TURN
 from fmus.units import ONE, SAME, SECOND, Conversion, Unit
 
 _QUANTITY = re.compile(r"\s*([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)\s*([^\s0-9.].*)")
 LOG = logging.getLogger("servotwin.units")
-_FREQUENCY = ONE.times(SECOND, -1)
-_PER_TURN = units.parse("rev")
 
 
 @dataclass(frozen=True)
@@ -103,7 +102,8 @@ class Crossing:
 
     def __str__(self) -> str:
         if self.basis is Basis.ASSUMED:
-            return f"{self.place}: {self.source} is taken for {self.target} as it is, by factor 1"
+            how = "as it is, by factor 1" if self.conversion == SAME else f"{_words(self.conversion)}, radians left out"
+            return f"{self.place}: {self.source} is taken for {self.target} {how}"
         if self.basis is Basis.NO_UNIT:
             return f"{self.place}: taken in {self.source}, since the variable has no unit"
         if self.basis is Basis.GIVEN:
@@ -148,7 +148,8 @@ def notes(documents: Iterable[CrossingDocument]) -> list[str]:
 
 def noted(crossings: Iterable[Crossing]) -> tuple[Crossing, ...]:
     """Those that are to be told, each once: a value changes, or equal units are not the reason that it does not."""
-    return tuple(one for one in dict.fromkeys(crossings) if one.conversion != SAME or one.basis is not Basis.SAME)
+    unsaid = (Basis.SAME, Basis.UNITS)
+    return tuple(one for one in dict.fromkeys(crossings) if one.conversion != SAME or one.basis not in unsaid)
 
 
 def logged(crossings: Iterable[Crossing]) -> tuple[Crossing, ...]:
@@ -219,19 +220,37 @@ def _converted(place: str, source: NamedUnit, target: NamedUnit, one: Unit, othe
         raise WiringError(place, f"{source.name} does not fit {target.name}", "connect like quantities")
     if one.radians == other.radians:
         return found, Basis.UNITS
-    turns = source.counts_turns != target.counts_turns
-    if not turns and not one.fits(_FREQUENCY):
-        return found, Basis.UNITS
-    if not (source.declared and target.declared):
+    basis = Basis.UNITS
+    if source.counts_turns != target.counts_turns:
+        found = Conversion(found.factor * TURN ** (other.radians - one.radians))
+        sure = source.declared and target.declared
+    else:
+        sure, basis = _without_radians(source, target, found)
+    if not sure:
         raise WiringError(
             place,
             f"{source.name} and {target.name} differ by 2 pi, or do not",
             "write rad/s, rpm or Hz on both sides, or give a factor",
         )
-    if not turns:
-        return found, Basis.ASSUMED
-    assert _PER_TURN is not None
-    return Conversion(found.factor * _PER_TURN.factor ** (other.radians - one.radians)), Basis.UNITS
+    return found, basis
+
+
+def _without_radians(source: NamedUnit, target: NamedUnit, found: Conversion) -> tuple[bool, Basis]:
+    """Whether a conversion may leave radians out, and on whose word: not where turns may be meant.
+
+    In a torsional stiffness they are left out by habit. An angle as a number may be one of turns, which is said, and a
+    1/s may count turns, too: what FMUs define must then be 1, or what the names say.
+    """
+    assert source.unit is not None
+    if not source.unit.counts:
+        return True, Basis.UNITS
+    if source.unit.fits(ONE):
+        return True, Basis.UNITS if found == SAME else Basis.ASSUMED
+    one, other = units.parse(source.name), units.parse(target.name)
+    by_name = units.conversion(one, other) if one and other and one.radians == other.radians else None
+    if by_name == found:
+        return source.declared and target.declared, Basis.UNITS
+    return source.declared and target.declared and found == SAME, Basis.ASSUMED
 
 
 def _agree(one: Conversion, other: Conversion) -> bool:

@@ -65,6 +65,7 @@ def about_fmu(path: Path) -> InfoDocument:
         "outputs": _ports(interface, "output"),
         "parameters": _ports(interface, "parameter"),
         **_about_others(interface),
+        "units": _about_units(interface),
     }
     if PROVENANCE in files:
         provenance = _document(path, files[PROVENANCE])
@@ -77,6 +78,19 @@ def _ports(interface: Interface, causality: str) -> list[InfoDocument]:
         {"name": port.name, "start": port.start, "unit": port.unit or "", "description": port.description}
         for port in interface.of(causality)
         if not port.alone
+    ]
+
+
+def _about_units(interface: Interface) -> list[InfoDocument]:
+    """What the units of the variables mean, and on whose word."""
+    ports = {port.unit: port.measure for port in interface.ports.values() if port.unit}
+    return [
+        {
+            "name": name,
+            "means": "not known" if known.unit is None else str(known.unit),
+            "by": "" if known.unit is None else "the FMU" if known.declared else "its name",
+        }
+        for name, known in sorted(ports.items())
     ]
 
 

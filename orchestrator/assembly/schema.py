@@ -47,7 +47,7 @@ class SignalFileBlock(Block):
     def table(self, name: str, base: Path) -> Table:
         """The signal as a table that a model plays back."""
         trace = self.trace(base)
-        values = (self.factor or 1.0) * trace[self.signal] + (self.offset or 0.0)
+        values = (1.0 if self.factor is None else self.factor) * trace[self.signal] + (self.offset or 0.0)
         return Table(name, tuple(trace.time.tolist()), tuple(values.tolist()))
 
 

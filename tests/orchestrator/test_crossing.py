@@ -89,10 +89,23 @@ def test_radians_and_periods_differ_by_two_pi_where_fmus_define_both_and_are_ref
     assert crossing("p", hertz, omega).conversion(1.0) == pytest.approx(2 * math.pi, rel=1e-12)
     with_radians = NamedUnit("Hz", Unit(2 * math.pi, RAD_S.exponents), True)  # as the standard defines it
     assert crossing("p", with_radians, omega).conversion(1.0) == pytest.approx(2 * math.pi, rel=1e-12)
-    for one, other in [(named("Hz"), named("rad/s")), (rpm, named("Hz")), (named("1/s"), named("rpm"))]:
+    per_minute = NamedUnit("1/min", Unit(1 / 60, HZ.exponents), True)  # of turns or of radians?
+    unsaid = [(rpm, named("Hz")), (named("1/s"), named("rpm")), (per_minute, omega), (named("rpm/s"), named("1/s2"))]
+    for one, other in [(named("Hz"), named("rad/s")), *unsaid]:
         with pytest.raises(WiringError, match="differ by 2 pi, or do not"):
             crossing("p", one, other)
     assert passed("1/s", "Hz", 3.0) == 3.0
+
+
+def test_radians_may_be_left_out_where_they_are_not_taken_for_turns() -> None:
+    assert not noted([crossing("p", named("N.m/rad"), named("N.m"))])
+    assert not noted([crossing("p", named("rad"), named("1"))])
+    bare = NamedUnit("rpm", Unit(RPM.factor, HZ.exponents), True)  # of a tool that leaves them out
+    omega = NamedUnit("rad/s", RAD_S, True)
+    assert crossing("p", bare, omega).basis is Basis.UNITS
+    assert crossing("p", NamedUnit("1/s", HZ, True), omega).doubtful
+    angle = crossing("p", named("1"), named("deg"))
+    assert str(angle) == "p: 1 is taken for deg times 57.2958, radians left out" and angle.doubtful
 
 
 def test_a_unit_that_is_not_known_is_taken_for_the_other_and_said() -> None:
