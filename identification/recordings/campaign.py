@@ -235,7 +235,7 @@ def _simulated(path: Path, progress: Progress, isolation: Isolation | None) -> l
     digest = sha256(path)
     traces = []
     for case, asked in zip(result.cases, result.scenario.cases, strict=True):
-        if case.result is None:
+        if case.result is None or case.error is not None:
             raise ScenarioError(f"{path}: case {case.name}", f"gave no trace ({case.error})", "correct the scenario")
         fields = {name: float(value) for name, value in asked.values.items() if not isinstance(value, str)}
         trace = replace(result.recorded(case), name=case.name)
