@@ -6,11 +6,12 @@ import difflib
 import math
 import sys
 from collections.abc import Container, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Literal
 
 from fmus.errors import WiringError
+from fmus.modelling.model import element_names
 from orchestrator.crossing import Crossing, crossing
 from orchestrator.fmi.interface import Interface, Port, Value
 
@@ -109,16 +110,27 @@ class System:
             )
         return ports[endpoint.variable]
 
+    def shape(self, endpoint: Endpoint) -> tuple[int, ...] | None:
+        """Shape of the array at an endpoint, None where there is none."""
+        part = self.parts.get(endpoint.component)
+        return (
+            None
+            if part is None or endpoint.variable in part.interface.ports
+            else part.interface.shape(endpoint.variable)
+        )
+
 
 def wire(parts: Mapping[str, Part], connections: Iterable[tuple[str, str]], stimulated: Iterable[str] = ()) -> System:
-    """The system with these connections (source, target); units are converted where they differ.
+    """The system with these connections (source, target), of variables or of whole arrays; units are converted where
+    they differ.
 
     Raises:
         WiringError: an unknown name, a source that is no output, a target that is no input, an input with two sources,
             units of different quantities, types that do not fit, or an input that nothing sets.
     """
     bare = System(dict(parts))
-    links = [_link(bare, Endpoint.parse(source), Endpoint.parse(target)) for source, target in connections]
+    ends = [(Endpoint.parse(source), Endpoint.parse(target)) for source, target in connections]
+    links = [_link(bare, *pair) for source, target in ends for pair in _pairs(bare, source, target)]
     driven = [Endpoint.parse(name) for name in stimulated]
     for endpoint in driven:
         require(bare, endpoint, "input", "can be stimulated")
@@ -203,6 +215,19 @@ def check_bounds(name: str, port: Port, value: float) -> None:
     if (low is not None and value < low) or (high is not None and value > high):
         span = f"[{'' if low is None else format(low, 'g')}, {'' if high is None else format(high, 'g')}]"
         raise WiringError(name, f"is {value:g}, outside its bounds {span}", "choose a value inside")
+
+
+def _pairs(system: System, source: Endpoint, target: Endpoint) -> Iterable[tuple[Endpoint, Endpoint]]:
+    """The ends of a connection; where it joins whole arrays, those of each pair of elements."""
+    shapes = [system.shape(end) for end in (source, target)]
+    if None in shapes:
+        return [(source, target)]
+    if shapes[0] != shapes[1]:
+        one, other = (" x ".join(map(str, shape or ())) for shape in shapes)
+        problem = f"joins an array of {one} elements to one of {other}"
+        raise WiringError(f"{source} -> {target}", problem, "connect elements, as y[1] -> u[2]")
+    names = (element_names(end.variable, shapes[0] or ()) for end in (source, target))
+    return [(replace(source, variable=y), replace(target, variable=u)) for y, u in zip(*names, strict=True)]
 
 
 def _link(system: System, source: Endpoint, target: Endpoint) -> Connection:
@@ -294,6 +319,8 @@ def remarks(system: System, component: str, given: Container[str]) -> list[str]:
         if Endpoint(component, port.name) not in driven
     ]
     said = [f"nothing ticks its clocks ({_some(clocks)})"] if clocks else []
+    if interface.left_out:
+        said.append(f"leaves out {_some(list(interface.left_out))}: `servotwin info` says why")
     if free:
         said.append(f"{_some(free)} of arrays without start values of this size keep what the FMU gives them")
     return said

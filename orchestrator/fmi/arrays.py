@@ -12,7 +12,7 @@ from fmus.errors import FmuFileError
 from fmus.modelling.model import element_names
 from orchestrator.fmi.interface import Array, Port, Value
 
-LARGEST = 1 << 16  # elements of an array that become ports
+LARGEST = 1 << 17  # elements of all arrays of an FMU that become ports
 
 
 @dataclass(frozen=True)

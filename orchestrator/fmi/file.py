@@ -181,14 +181,17 @@ def _amend(description: ModelDescription, root: etree._Element) -> None:
     inverse = {shown.get("name") for shown in root.iterfind(".//DisplayUnit") if shown.get("inverse") in ("true", "1")}
     for unit in description.unitDefinitions:
         unit.displayUnits = [shown for shown in unit.displayUnits if shown.name not in inverse]
+    unsigned = [variable for variable in description.modelVariables if variable.type.startswith("UInt")]
+    texts = [variable for variable in description.modelVariables if variable.type == "String" and variable.dimensions]
+    if not unsigned and not texts:
+        return
     written = {entry.get("valueReference"): entry for entry in root.iterfind("ModelVariables/*")}
-    for variable in description.modelVariables:
-        if variable.type.startswith("UInt"):
-            entry = written[str(variable.valueReference)]
-            variable.min, variable.max = entry.get("min"), entry.get("max")
-        elif variable.type == "String" and variable.dimensions:
-            texts = written[str(variable.valueReference)].iterfind("Start")
-            variable.start = [text.get("value") or "" for text in texts] or None
+    for variable in unsigned:
+        entry = written[str(variable.valueReference)]
+        variable.min, variable.max = entry.get("min"), entry.get("max")
+    for variable in texts:
+        starts = written[str(variable.valueReference)].iterfind("Start")
+        variable.start = [start.get("value") or "" for start in starts] or None
 
 
 def _offers(description: ModelDescription) -> dict[Kind, InterfaceType]:
@@ -220,13 +223,16 @@ def _interface(
     ports: dict[str, Port] = {}
     elements: dict[str, list[str]] = {}
     left_out: dict[str, tuple[int, ...]] = {}
+    room = arrays.LARGEST
     for variable in variables:
-        found = _ports(path, variable, sizes, units)
+        found = _ports(path, variable, sizes, units, room)
         elements[variable.name] = names = [port.name for port in found]
         if any(name in ports for name in names):
             raise FmuFileError(path, "two variables have one name", "ask its supplier for a valid FMU")
-        if variable.dimensions and not names:
-            left_out[variable.name] = sizes.shape(variable)
+        if variable.dimensions:
+            room -= len(found)
+            if not found and 0 not in sizes.shape(variable):
+                left_out[variable.name] = sizes.shape(variable)
         ports.update(zip(names, found, strict=True))
     return Interface(
         model_name=description.modelName,
@@ -241,13 +247,13 @@ def _interface(
     )
 
 
-def _ports(path: Path, variable: ModelVariable, sizes: Sizes, units: Mapping[str, Unit]) -> list[Port]:
-    """A scalar's port, or one for each element of an array unless they are too many."""
+def _ports(path: Path, variable: ModelVariable, sizes: Sizes, units: Mapping[str, Unit], room: int) -> list[Port]:
+    """A scalar's port, or one for each element of an array unless they are more than there is room for."""
     port = _port(path, variable, units)
     if not variable.dimensions:
         return [replace(port, start=str(sizes.given[port.name]))] if port.name in sizes.given else [port]
     shape = sizes.shape(variable)
-    if port.alone or min(shape) < 0 or math.prod(shape) > arrays.LARGEST:
+    if port.alone or min(shape) < 0 or math.prod(shape) > room:
         return []
     starts = variable.start.split() if isinstance(variable.start, str) else variable.start
     if starts is not None and len(starts) > 1 and sizes.resized(variable):

@@ -198,9 +198,11 @@ class Interface:
 
     def shape(self, array: str) -> tuple[int, ...] | None:
         """Shape of an array, or of scalars that are named as its elements; None where there are none."""
-        first = f"{array}["
-        found = (element(name) for name in self.ports if name.startswith(first))
-        return max((place for name, place in filter(None, found) if name == array), default=None)
+        start = len(array)
+        found = [port for name, port in self.ports.items() if name.startswith(f"{array}[")]
+        places = (element(f"x{port.name[start:]}") for port in found)
+        shapes = [port.array.shape for port in found if port.array is not None and port.array.name == array]
+        return shapes[0] if shapes else max((place for _, place in filter(None, places)), default=None)
 
     def of(self, causality: str) -> tuple[Port, ...]:
         """Ports of one causality."""

@@ -15,6 +15,7 @@ from fmus.errors import ServotwinError
 from orchestrator.engine import Engine, Simulation, Timing, compiled
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.interface import Value
+from orchestrator.fmi.isolation import Isolation
 from orchestrator.fmi.slave import Slave
 from orchestrator.info import about
 from orchestrator.scenario.run import run_scenario
@@ -64,6 +65,19 @@ def test_elements_of_every_type_connect_and_the_others_keep_what_they_were_given
 
 
 @pytest.mark.parametrize("engine", ENGINES)
+def test_whole_arrays_connect_element_by_element(path: Path, engine: Engine) -> None:
+    first, _ = run(path, [("a.y", "b.u"), ("a.out_Int8", "b.in_Int8")], {"a.u[2]": 5.0, "a.p_Int8[2]": 3}, engine)
+    assert [first[f"b.y[{place}]"][-1] for place in (1, 2)] == [1.0, 5.0]
+    assert [first[f"b.out_Int8[{place}]"][-1] for place in (1, 2)] == [0.0, 3.0]
+
+
+def test_arrays_of_different_shapes_do_not_connect(path: Path, tmp_path: Path) -> None:
+    text = f"components:\n  a: {{fmu: {path}, parameters: {{m: 3}}}}\n  b: {{fmu: {path}}}\nconnections: [a.y -> b.u]\n"
+    found = refusal(lambda: run_scenario(scenario(tmp_path, text)))
+    assert "a.y -> b.u: joins an array of 3 elements to one of 2; connect elements" in found
+
+
+@pytest.mark.parametrize("engine", ENGINES)
 def test_what_was_given_in_one_run_is_gone_in_the_next(path: Path, engine: Engine) -> None:
     links = [("a.y[1]", "b.u[1]")]
     with FmuFile(path) as file:
@@ -85,9 +99,9 @@ def test_structural_parameters_change_shapes(path: Path) -> None:
         ]
 
 
-def scenario(folder: Path, text: str) -> Path:
+def scenario(folder: Path, text: str, step: float = 0.5) -> Path:
     file = folder / "arrays.yaml"
-    file.write_text("title: arrays\nrun: {stop: 1, step: 0.5}\n" + text)
+    file.write_text(f"title: arrays\nrun: {{stop: {2 * step}, step: {step}}}\n" + text)
     return file
 
 
@@ -155,6 +169,20 @@ def test_one_start_value_is_that_of_all(tmp_path: Path) -> None:
         assert [port.start for port in file.interface.ports.values() if port.name.startswith("gain")] == ["2"] * 4
 
 
+def test_arrays_are_the_same_in_model_exchange_and_in_a_process_of_their_own(tmp_path: Path) -> None:
+    """x' = -x + 2 u from 1, y = x, sizes by structural parameters; the solver knows nothing of arrays."""
+    path = third_party.reference(3, "StateSpace")
+    values = "{m: 1, n: 1, r: 1, A: [[-1]], B: [[2]], C: [[1]], D: [[0]], x0: [1], u: [1]}"
+    text = f"components:\n  c: {{fmu: {path}, parameters: {values}}}\n"
+    exchanged = text.replace("parameters", "solver: {relative_tolerance: 1.0e-10}, parameters")
+    by_itself = run_scenario(scenario(tmp_path, text, 1)).cases[0].trace["c.y[1]"]
+    isolated = run_scenario(scenario(tmp_path, text, 1), isolation=Isolation()).cases[0].trace["c.y[1]"]
+    solved = run_scenario(scenario(tmp_path, exchanged, 1)).cases[0].trace
+    assert np.array_equal(by_itself, isolated)
+    x0 = solved["c.y[1]"][0]  # this version of the FMU begins at 0 whatever x0 says
+    assert solved["c.y[1]"] == pytest.approx(2 + (x0 - 2) * np.exp(-solved.time), rel=1e-7)
+
+
 def test_state_space_is_what_fmpy_makes_of_it() -> None:
     """Whole arrays as FMPy sets them against elements, in the loop that steps them; to the last bit."""
     path = third_party.reference(3, "StateSpace")
@@ -168,6 +196,16 @@ def test_state_space_is_what_fmpy_makes_of_it() -> None:
         with Simulation(system, {"c": Slave(file, "c")}, Timing(Fraction(5), Fraction(1))) as made:
             ours = made.run(values).trace
     assert np.array_equal(np.column_stack([ours[f"c.y[{i}]"] for i in (1, 2, 3)]), theirs["y"])
+
+
+def test_arrays_with_too_many_elements_are_left_out_and_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    image = '<Float64 name="image" valueReference="95" causality="input" start="0"><Dimension start="2000"/>'
+    path = arrays.build(tmp_path, ('<Float64 name="y"', f'{image}<Dimension start="1000"/></Float64><Float64 name="y"'))
+    document: Any = about(path)
+    assert document["left out"] == [{"name": "image", "why": "an array of 2000 x 1000 elements"}]
+    text = f"components:\n  large: {{fmu: {path}}}\n"
+    assert run_scenario(scenario(tmp_path, text)).cases[0].trace["large.y[2]"][-1] == 2.0
+    assert "large: leaves out image" in caplog.text
 
 
 def test_info_shows_elements_and_sizes(path: Path) -> None:
