@@ -187,6 +187,14 @@ class Trace:
         finite = [np.flatnonzero(np.isfinite(values)) for values in self.signals.values()]
         return self._rows(slice(max((int(rows[0]) if len(rows) else len(self) for rows in finite), default=0), None))
 
+    def covers(self, start: float, stop: float) -> bool:
+        """Whether it lasts from `start` to `stop` [s], but for rounding."""
+        return len(self) > 0 and bool(start >= self.time[0] - self._slack and stop <= self.time[-1] + self._slack)
+
+    @property
+    def _slack(self) -> float:
+        return 1e-9 * max(1.0, self.duration)
+
     def shifted(self, offset: float) -> Trace:
         """The same samples with `offset` [s] added to every stamp."""
         return Trace(self.time + offset, self.signals, self.units, self.name)
@@ -200,15 +208,14 @@ class Trace:
         instants = np.atleast_1d(np.asarray(time, dtype=float))
         if len(self) == 0:
             raise TraceError(self.name, "has no samples", "choose a window inside the recording")
-        slack = 1e-9 * max(1.0, self.duration)
-        if len(instants) and (instants[0] < self.time[0] - slack or instants[-1] > self.time[-1] + slack):
+        if len(instants) and not self.covers(instants[0], instants[-1]):
             raise TraceError(
                 self.name,
                 f"covers {self.time[0]:g} to {self.time[-1]:g} s, not {instants[0]:g} to {instants[-1]:g} s",
                 "shorten the window",
             )
         held = set(hold)
-        rows = np.clip(np.searchsorted(self.time, instants + slack, side="right") - 1, 0, len(self) - 1)
+        rows = np.clip(np.searchsorted(self.time, instants + self._slack, side="right") - 1, 0, len(self) - 1)
         signals = {
             name: values[rows] if name in held else np.interp(instants, self.time, values)
             for name, values in self.signals.items()

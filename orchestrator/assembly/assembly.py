@@ -198,7 +198,7 @@ class OpenSystem:
 
         Raises:
             WiringError: a name, value or time does not fit the system.
-            TraceError: a stimulus does not cover the run.
+            TraceError: a stimulus has no value somewhere.
             FmuError: an FMU failed.
         """
         driven = {
@@ -210,7 +210,7 @@ class OpenSystem:
             crossed += [] if how is None else [how]
         logged(crossed)
         with self.simulation(Timing(seconds(stop, "stop"), seconds(step, "step"))) as simulation:
-            samples = {name: stimulus.values(simulation.instants()) for name, stimulus in driven.items()}
+            samples = {name: stimulus.values(simulation.instants(), name) for name, stimulus in driven.items()}
             return simulation.run({**self.assembled.system.values(), **(values or {})}, samples, record)
 
     def _wire(self) -> System:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -17,10 +18,13 @@ from orchestrator.assembly.whole_arrays import Values, elements, shapes
 from orchestrator.crossing import Given
 from orchestrator.engine import CycleSettings, Order, Timing
 from orchestrator.fmi.interface import Value
+from orchestrator.formats.schema import LayoutBlock
 from orchestrator.solvers.base import SolverMethod, SolverSettings
 from orchestrator.system import FeedThrough
 from orchestrator.trace import Trace
 from orchestrator.yaml_file import Block, Seconds
+
+LOG = logging.getLogger("servotwin.recordings")
 
 
 class SignalFileBlock(Block):
@@ -28,12 +32,14 @@ class SignalFileBlock(Block):
 
     Attributes:
         factor, offset: variable = factor * signal + offset, over what their units say.
+        layout: how the file is laid out, where it does not tell.
     """
 
     file: Path
     signal: str
     factor: float | None = None
     offset: float | None = None
+    layout: LayoutBlock = LayoutBlock()
 
     @property
     def given(self) -> Given:
@@ -42,7 +48,10 @@ class SignalFileBlock(Block):
 
     def trace(self, base: Path) -> Trace:
         """The signal alone; the file is relative to `base`."""
-        return formats.read(base / self.file).trace.select([self.signal])
+        recording = formats.read(base / self.file, self.layout.layout(base))
+        for note in recording.notes:
+            LOG.warning("%s: %s", recording.path, note)
+        return recording.trace.select([self.signal])
 
     def table(self, name: str, base: Path) -> Table:
         """The signal as a table that a model plays back."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -22,6 +23,8 @@ class Stimulus:
         hold: whether the recording's last value is kept until its next, instead of a line between them; None where the
             input decides: what is no real number, or changes at events only, is held.
         given: what a recording is converted by, over its unit.
+        ends_held: whether its first value is kept before it begins, and its last after it ends.
+        file: where a recording is from.
 
     Raises:
         TraceError: the trace has no signal, or several.
@@ -30,6 +33,8 @@ class Stimulus:
     source: float | str | Trace
     hold: bool | None = None
     given: Given = NOTHING_GIVEN
+    ends_held: bool = False
+    file: Path | None = None
 
     def __post_init__(self) -> None:
         if isinstance(self.source, Trace) and len(self.source.names) != 1:
@@ -57,21 +62,52 @@ class Stimulus:
         """Whether its value can change with time."""
         return isinstance(self.source, Trace)
 
-    def values(self, time: FloatArray) -> FloatArray:
-        """(K,) values at these times (K,) [s].
+    def held(self, start: float, stop: float) -> str:
+        """What is kept at the ends of a run from `start` to `stop` [s], in words; "" where nothing is."""
+        if not (self.ends_held and isinstance(self.source, Trace) and len(self.source)):
+            return ""
+        first, last = self.source.time[[0, -1]]
+        kept = [f"first value until {first:g} s"] if start < first else []
+        kept += [f"last value from {last:g} s on"] if last < stop else []
+        return f"keeps its {' and its '.join(kept)}" if kept else ""
+
+    def values(self, time: FloatArray, name: str) -> FloatArray:
+        """(K,) values at these times (K,) [s] for the input of this name.
 
         Raises:
-            TraceError: the recording does not cover them, or has no value there.
+            WiringError: the recording does not cover them.
+            TraceError: it has no value there.
         """
         if not isinstance(self.source, Trace):
             return np.full(len(time), float(self.source))
-        (name,) = self.source.names
-        values = self.source.resampled(time, hold=[name] if self.hold else [])[name]
+        trace = self.source
+        if self.ends_held and len(trace) and len(time):
+            trace = _held_over(trace, time[0], time[-1])
+        self._check_covers(trace, time, name)
+        (signal,) = trace.names
+        values = trace.resampled(time, hold=[signal] if self.hold else [])[signal]
         missing = np.flatnonzero(np.isnan(values))
         if len(missing):
-            place, problem = f"{self.source.name}.{name}", f"has no value at t = {time[missing[0]]:g} s"
+            place, problem = f"{self.source.name}.{signal}", f"has no value at t = {time[missing[0]]:g} s"
             raise TraceError(place, problem, "cut the recording to where it has one, or fill it in")
         return values
+
+    def _check_covers(self, trace: Trace, time: FloatArray, name: str) -> None:
+        if not len(time) or trace.covers(time[0], time[-1]):
+            return
+        inside = [instant for instant in time if trace.covers(instant, instant)]
+        fix = f"or run from {inside[0]:g} to {inside[-1]:g} s at most" if inside else "or check its times"
+        covered = f"covers {trace.time[0]:g} to {trace.time[-1]:g} s" if len(trace) else "has no samples"
+        problem = f"{self.file or trace.name} {covered}, not {time[0]:g} to {time[-1]:g} s"
+        raise WiringError(f"stimuli.{name}", problem, f"say `ends: hold` to keep its first and last value, {fix}")
+
+
+def _held_over(trace: Trace, start: float, stop: float) -> Trace:
+    """The trace with its first value from `start` and its last until `stop` [s]."""
+    before, after = [start] if start < trace.time[0] else [], [stop] if stop > trace.time[-1] else []
+    time = np.concatenate([before, trace.time, after])
+    signals = {name: np.pad(values, (len(before), len(after)), mode="edge") for name, values in trace.signals.items()}
+    return Trace(time, signals, trace.units, trace.name)
 
 
 def brought(trace: Trace, place: str, port: Port, given: Given = NOTHING_GIVEN) -> tuple[Trace, Crossing]:

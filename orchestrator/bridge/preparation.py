@@ -152,8 +152,8 @@ def _course(job: BridgeJob, scenario: Scenario, simulation: Simulation) -> tuple
     """How long to go on with which stimuli, and the first value of each input."""
     instants, driven = simulation.instants(), scenario.driven
     varying = [name for name in driven if scenario.stimuli[name].varies]
-    columns = [scenario.stimuli[name].values(instants) for name in varying]
-    first = {name: scenario.stimuli[name].values(instants[:1]) for name in driven}
+    columns = [scenario.stimuli[name].values(instants, name) for name in varying]
+    first = {name: scenario.stimuli[name].values(instants[:1], name) for name in driven}
     if job.duration is not None:
         steps: int | None = multiples(job.duration, scenario.timing.step, "--duration")
     else:

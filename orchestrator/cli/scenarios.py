@@ -133,6 +133,8 @@ def run(
         with whole():
             write_run(result, values, folder)
         document = document_of(result, values, folder)
+    for line in result.scenario.held:
+        terminal.say(f"note: {line}")
     for line in notes(document["units"]):
         terminal.say(line)
     if result.interrupted:

@@ -123,6 +123,26 @@ class Expectation:
         unit = trace.unit(self.signal) or "1"
         return Check(str(self), held, found if unit == "1" else f"{found} {unit}")
 
+    def check_covered(self, instants: FloatArray) -> None:
+        """See, before a run with these instants, that a reference lasts as long as the run is compared with it.
+
+        Raises:
+            ScenarioError: it does not.
+        """
+        if not (isinstance(self.condition, Near) and isinstance(self.condition.target, Trace)):
+            return
+        reference = self.condition.target
+        after, before = (-np.inf if self.after is None else self.after, np.inf if self.before is None else self.before)
+        looked_at = instants[(instants >= after) & (instants <= before)]
+        if not len(looked_at) or reference.covers(looked_at[0], looked_at[-1]):
+            return
+        covered = f"{reference.time[0]:g} to {reference.time[-1]:g} s" if len(reference) else "nothing"
+        raise ScenarioError(
+            f"expect {self.signal}",
+            f"{self.condition.name or reference.name} covers {covered}, not {looked_at[0]:g} to {looked_at[-1]:g} s",
+            "say from when to when it is compared with `after` and `before`",
+        )
+
     def _window(self, trace: Trace) -> Trace:
         start = trace.time[0] if self.after is None else self.after
         stop = trace.time[-1] if self.before is None else self.before

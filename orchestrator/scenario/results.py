@@ -43,6 +43,7 @@ class RunDocument(FileDocument):
     interrupted: bool
     overrides: dict[str, Value]
     units: list[CrossingDocument]
+    held: list[str]
     fmus: dict[str, str]
     record: dict[str, int | bool]
     log: str | None
@@ -84,6 +85,7 @@ def document_of(result: ScenarioResult, overrides: Mapping[str, Value], folder: 
         "interrupted": result.interrupted,
         "overrides": dict(overrides),
         "units": documents_of(result.crossings),
+        "held": result.scenario.held,
         "out": str(folder),
         "fmus": {name: "model" if name in result.assembled.built else "file" for name in result.assembled.files},
         "record": {"stride": result.keeping.every, "stream": result.keeping.stream is not None},
@@ -111,6 +113,8 @@ def report(result: ScenarioResult) -> Report:
     for case in result.cases:
         if case.ended or case.state is CaseState.FAILED:
             section.callout("warning", f"Case {case.name}: {case.error or case.ended}.")
+    for line in result.scenario.held:
+        section.callout("warning", f"{line}.")
     section.table(HEADERS, result.rows())
     tell_units(page, result.crossings)
     if not result.interrupted:

@@ -235,8 +235,12 @@ def run_scenario(
 
 
 def _check_values(scenario: Scenario, simulation: Simulation, overrides: Mapping[str, Value]) -> None:
-    """See that the values of all cases fit, but of those that expect to be refused."""
+    """See that values and references of all cases fit, but the values of those that expect to be refused."""
+    instants = simulation.instants()
     for case in scenario.cases:
+        for expected in case.expected:
+            if isinstance(expected, Expectation):
+                expected.check_covered(instants)
         if not case.may_be_refused:
             with _named(scenario, case):
                 simulation.check_values({**case.values, **overrides})
@@ -263,7 +267,7 @@ def _go_on(
 
 def _stimuli(scenario: Scenario, simulation: Simulation) -> dict[str, FloatArray]:
     instants = simulation.instants()
-    return {name: stimulus.values(instants) for name, stimulus in scenario.stimuli.items()}
+    return {name: stimulus.values(instants, name) for name, stimulus in scenario.stimuli.items()}
 
 
 def _unfinished(scenario: Scenario, done: int, stop: KeyboardInterrupt, keeping: Keeping) -> list[CaseResult]:

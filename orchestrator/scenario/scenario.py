@@ -100,6 +100,13 @@ class Scenario:
         """The inputs that stimuli drive, in order of their names."""
         return tuple(sorted(self.stimuli))
 
+    @property
+    def held(self) -> list[str]:
+        """What stimuli keep before they begin or after they end, a line each."""
+        start, stop = float(self.timing.start), float(self.timing.stop)
+        kept = {name: self.stimuli[name].held(start, stop) for name in self.driven}
+        return [f"{name} {words}" for name, words in kept.items() if words]
+
     def recorded(self, outputs: tuple[str, ...]) -> list[str]:
         """What is recorded of a system with these outputs: what the file says, and what is looked at in any case."""
         logged = () if self.logger is None else self.logger.signals.values()

@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 from orchestrator.assembly.schema import RunBlock, SignalFileBlock, SystemBlock
 from orchestrator.assembly.stimulus import Stimulus
 from orchestrator.assembly.whole_arrays import Values, elements, shapes
+from orchestrator.formats.schema import LayoutBlock
 from orchestrator.scenario.can_block import CanBlock
 from orchestrator.scenario.expectations import Above, Below, Expectation, Near, Refusal
 from orchestrator.scenario.scenario import Case, DataLogger, Scenario
@@ -23,6 +24,8 @@ class StimulusBlock(Block):
         constant: in the unit of the input, or with its own: `90 deg`.
         factor, offset: input = factor * signal + offset, over what their units say.
         interpolation: between samples; by default `hold` where the input is no real number or discrete, else `linear`.
+        ends: what holds before the file begins and after it ends: nothing, or its first and its last value.
+        layout: how the file is laid out, where it does not tell.
     """
 
     constant: float | Quantity | None = None
@@ -31,11 +34,15 @@ class StimulusBlock(Block):
     factor: float | None = None
     offset: float | None = None
     interpolation: Literal["linear", "hold"] | None = None
+    ends: Literal["refuse", "hold"] = "refuse"
+    layout: LayoutBlock = LayoutBlock()
 
     @model_validator(mode="after")
     def _one_kind(self) -> StimulusBlock:
         if (self.constant is None) == (self.file is None) or (self.file is None) != (self.signal is None):
             raise ValueError("give `constant`, or `file` and `signal`")
+        if self.constant is not None and self.ends == "hold":
+            raise ValueError("`ends` goes with `file`; a constant has none")
         if self.constant is not None and (self.factor is not None or self.offset is not None):
             raise ValueError("`factor` and `offset` go with `file`; write `constant: 90 deg`")
         return self
@@ -45,9 +52,17 @@ class StimulusBlock(Block):
         if self.constant is not None:
             return Stimulus(self.constant)
         assert self.file is not None and self.signal is not None
-        recording = SignalFileBlock(file=self.file, signal=self.signal, factor=self.factor, offset=self.offset)
+        recording = SignalFileBlock(
+            file=self.file, signal=self.signal, factor=self.factor, offset=self.offset, layout=self.layout
+        )
         hold = None if self.interpolation is None else self.interpolation == "hold"
-        return Stimulus(recording.trace(base), hold, recording.given)
+        return Stimulus(
+            recording.trace(base),
+            hold,
+            recording.given,
+            self.ends == "hold",
+            base / self.file,
+        )
 
 
 class ExpectationBlock(Block):

@@ -46,7 +46,7 @@ class MeanBlock(StudyBlock):
     method: Literal["mean"]
     values: list[float]
 
-def run(study, base, data, progress):
+def run(study, base, data, progress, isolation):
     return sum(study.values) / len(study.values)
 
 def summary(mean):

@@ -79,10 +79,21 @@ def test_a_stimulus_has_one_signal_and_covers_the_run() -> None:
     with pytest.raises(TraceError, match=r"torques: drives an input with u, v; select one signal"):
         Stimulus(replace(torque(1.0, 2.0), signals={"u": [0.0, 1.0], "v": [0.0, 1.0]}))
     with open_system({"hand": "pendulum"}, stimulated=["hand.torque"]) as system:
-        with pytest.raises(TraceError, match="covers 0 to 1 s, not 0 to 2 s"):
+        fix = "say `ends: hold` to keep its first and last value, or run from 0 to 1 s at most"
+        with pytest.raises(WiringError, match=rf"stimuli\.hand\.torque: .* covers 0 to 1 s, not 0 to 2 s; {fix}"):
             system.run(2, 0.1, stimuli={"hand.torque": torque(1.0, 2.0)})
         with pytest.raises(WiringError, match=r"stimuli: \[\] given; give \['hand.torque'\]"):
             system.run(1, 0.1)
+
+
+def test_a_stimulus_keeps_its_ends_when_it_is_told_to() -> None:
+    early = torque(1.0, 3.0).shifted(0.25)
+    stimulus = Stimulus(early, ends_held=True)
+    with open_system({"hand": "pendulum"}, stimulated=["hand.torque"]) as system:
+        driven = system.run(2, 0.5, stimuli={"hand.torque": stimulus}, record=["hand.torque"]).trace["hand.torque"]
+    assert driven.tolist() == [1.0, 1.5, 2.5, 3.0, 3.0]
+    assert stimulus.held(0, 2) == "keeps its first value until 0.25 s and its last value from 1.25 s on"
+    assert stimulus.held(0.25, 1.25) == Stimulus(early).held(0, 2) == ""
 
 
 def test_what_is_assembled_has_plain_files_only_and_opens_in_another_process(tmp_path: Path) -> None:

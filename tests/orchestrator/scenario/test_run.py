@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fmus.errors import FmuError, InputError, ScenarioError, ServotwinError, TraceError, WiringError
+from fmus.errors import FmuError, InputError, ScenarioError, ServotwinError, WiringError
 from orchestrator import formats
 from orchestrator.engine import Result, Run, Simulation
 from orchestrator.fmi.interface import Value
@@ -185,10 +185,24 @@ def test_a_recording_drives_an_input(tmp_path: Path, interpolation: str) -> None
     assert trace["hand.torque"] == pytest.approx(expected, abs=1e-12)
 
 
-def test_a_recording_that_ends_too_early_is_refused(tmp_path: Path) -> None:
-    formats.write(Trace(np.array([0.0, 0.5]), {"torque": np.zeros(2)}), tmp_path / "short.csv")
-    with pytest.raises(TraceError, match=r"short: covers 0 to 0\.5 s, not 0 to 1 s"):
-        run(tmp_path, FALLING + "stimuli: {hand.torque: {file: short.csv, signal: torque}}")
+def test_a_recording_that_ends_too_early_is_refused_or_held_where_that_is_said(tmp_path: Path) -> None:
+    formats.write(Trace(np.array([0.0, 0.5]), {"torque": np.array([0.0, 0.1])}), tmp_path / "short.csv")
+    stimulus = FALLING + "stimuli: {hand.torque: {file: short.csv, signal: torque, ends: hold}}"
+    with pytest.raises(
+        WiringError, match=r"yaml: stimuli\.hand\.torque: .*short\.csv covers 0 to 0\.5 s, not 0 to 1 s"
+    ):
+        run(tmp_path, stimulus.replace(", ends: hold", ""))
+    result = run(tmp_path, stimulus + "\nrecord: [hand.torque]")
+    assert trace_of(result)["hand.torque"][-1] == 0.1
+    assert result.scenario.held == ["hand.torque keeps its last value from 0.5 s on"]
+
+
+def test_a_reference_that_ends_too_early_is_refused_before_the_run(tmp_path: Path) -> None:
+    formats.write(Trace(np.array([0.0, 0.5]), {"angle": np.zeros(2)}), tmp_path / "short.csv")
+    expect = "expect: [{signal: hand.angle, reference: {file: short.csv, signal: angle}, within: 9}]"
+    with pytest.raises(ScenarioError, match=r"angle of short\.csv covers 0 to 0\.5 s, not 0 to 1 s; .* `before`"):
+        run(tmp_path, FALLING + expect)
+    assert run(tmp_path, FALLING + expect.replace("within", "before: 0.5, within")).passed
 
 
 def test_a_reference_is_found_beside_the_scenario(tmp_path: Path) -> None:
