@@ -88,7 +88,7 @@ class FrameStatistics:
 
     def add_unknown(self, identifier: int, extended: bool, count: int = 1) -> None:
         """Count frames of an identifier that is not in the database."""
-        name = f"{identifier:08X}" if extended else f"{identifier:03X}"
+        name = identifier_text(identifier, extended)
         self.unknown[name if name in self.unknown or len(self.unknown) < MOST else OTHERS] += count
 
     def add_setback(self, frame: int, before: float, after: float) -> None:
@@ -143,6 +143,11 @@ class FrameStatistics:
             "samples with the stamp of a later one of their message, dropped": self.covered,
             "frames with a stray stamp, given the one before": self.strays,
         }
+
+
+def identifier_text(identifier: int, extended: bool) -> str:
+    """An identifier as hexadecimal digits: three, or eight of an extended one."""
+    return f"{identifier:08X}" if extended else f"{identifier:03X}"
 
 
 def add(counts: Counter[str], name: str, count: int) -> None:

@@ -16,6 +16,7 @@ from fmus.errors import DatabaseError, TraceError
 from fmus.files import atomic_write
 from orchestrator import formats
 from orchestrator.can import logs
+from orchestrator.can.codec.absence import AbsentError
 from orchestrator.can.codec.decoding import Decoder
 from orchestrator.can.codec.encoding import Encoder
 from orchestrator.can.codec.merging import LateBegins, Merger
@@ -212,6 +213,6 @@ def _survey(source: Path, database: LogDatabase, layout: Layout, progress: Progr
     units = {names.name(*signal): unit for signal, unit in there.items()}
     try:
         chosen = names.chosen(wanted, units, str(source))
-    except TraceError as error:
+    except AbsentError as error:
         raise can_log.refusal(source, error, counted.frame_count) from None
     return Survey(decoder.start or 0.0, names, {name: units[name] for name in chosen})

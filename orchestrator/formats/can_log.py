@@ -10,6 +10,7 @@ from fmus.errors import TraceError
 from fmus.files import sha256
 from orchestrator.can import logs
 from orchestrator.can.codec import decoding
+from orchestrator.can.codec.absence import AbsentError
 from orchestrator.can.codec.merging import LateBegins
 from orchestrator.can.codec.streams import SignalNames
 from orchestrator.can.database.bus import LogDatabase, load_all
@@ -43,7 +44,7 @@ def read(path: Path, layout: Layout, progress: Progress = silent) -> Recording:
             str(path),
             source_of(layout),
         )
-    except TraceError as error:
+    except AbsentError as error:
         raise refusal(path, error, counted.frame_count) from None
     trace, stamps = ordered(decoded.trace.time, decoded.trace.signals, decoded.trace.units, str(path))
     schedules = {"schedules": [*map(str, decoded.schedules)]} if decoded.schedules else {}
@@ -133,16 +134,15 @@ def _only(trace: Trace, column: str, names: SignalNames) -> str:
     return found[0]
 
 
-def refusal(path: Path, error: TraceError, frame_count: FrameCount) -> TraceError:
-    """The decoder's refusal with what is in the log."""
-    if error.place != str(path):
-        return error
+def refusal(path: Path, error: AbsentError, frame_count: FrameCount) -> TraceError:
+    """The decoder's refusal with the reasons, and with what is in the log."""
     there = (
         f"identifiers in the log: {frame_count.listed()}"
         if frame_count.identifiers
         else "there are no data frames in it"
     )
-    return TraceError(path, f"{error.problem} ({there})", error.fix)
+    reasons = error.reasons(frame_count.identifiers)
+    return TraceError(path, f"{error.problem} ({f'{reasons}; ' if reasons else ''}{there})", error.fix)
 
 
 def damage(log: logs.LogReader) -> dict[str, object]:

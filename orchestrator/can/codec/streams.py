@@ -9,9 +9,12 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
-from fmus.errors import DatabaseError, TraceError
+from fmus.errors import DatabaseError
+from orchestrator.can.codec.absence import AbsentError
 from orchestrator.can.database.bus import LogDatabase
 from orchestrator.can.database.database import Database
+from orchestrator.can.database.message import MessageSpec
+from orchestrator.can.statistics import FrameStatistics
 
 
 @dataclass(frozen=True)
@@ -29,15 +32,20 @@ class Wanted:
 
     Attributes:
         text: how it is asked for.
-        message: its message.
+        spec: its message.
         name: public name in the database.
         labels: channel or sender that it must come from.
     """
 
     text: str
-    message: str
+    spec: MessageSpec
     name: str
     labels: frozenset[str] = frozenset()
+
+    @property
+    def message(self) -> str:
+        """Name of its message."""
+        return self.spec.name
 
     def fits(self, stream: Stream) -> bool:
         """Whether it may come from there."""
@@ -63,10 +71,13 @@ class SignalNames:
 
     Args:
         streams: those that are in it -> public names of their signals in the database.
+        statistics: of its frames.
     """
 
-    def __init__(self, log: LogDatabase, streams: Mapping[Stream, Collection[str]]) -> None:
-        self._log = log
+    def __init__(
+        self, log: LogDatabase, streams: Mapping[Stream, Collection[str]], statistics: FrameStatistics
+    ) -> None:
+        self._log, self._statistics = log, statistics
         self._streams: dict[str, list[Stream]] = {}
         for stream, signals in streams.items():
             for signal in signals:
@@ -99,17 +110,19 @@ class SignalNames:
             there: names of signals that have a value in the log.
 
         Raises:
-            TraceError: there are none, or one that was asked for has none.
+            AbsentError: there are none, or one that was asked for has none.
         """
         if signals is None:
+            messages = [message for database in self._log.databases for message in database.messages]
             names = [self.name(stream, name) for name, streams in self._streams.items() for stream in streams]
             if not (found := [name for name in names if name in there]):
-                raise TraceError(place, "holds no frame of the database", "check that log and database belong together")
+                raise AbsentError(place, "holds no frame of the database", messages, self._statistics)
             return found
         means = {text: [name for name in self.of(text) if name in there] for text in signals}
         if missing := [text for text, names in means.items() if not names]:
+            messages = [asked.spec for asked in wanted(self._log, missing)]
             problem = f"holds no frame with the signal {', '.join(missing)}"
-            raise TraceError(place, problem, "check the database, the channel and the log")
+            raise AbsentError(place, problem, list(dict.fromkeys(messages)), self._statistics)
         return list(dict.fromkeys(name for names in means.values() for name in names))
 
     def notes(self) -> list[str]:
@@ -145,5 +158,5 @@ def _meaning(database: Database, text: str) -> Wanted:
         except DatabaseError as problem:
             problems.append(problem)
         else:
-            return Wanted(text, message.name, database.public_name(message, signal), frozenset(parts[:count]))
+            return Wanted(text, message, database.public_name(message, signal), frozenset(parts[:count]))
     raise next((problem for problem in problems if "has no signal" not in problem.problem), problems[0])

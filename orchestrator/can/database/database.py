@@ -9,9 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from fmus.errors import DatabaseError
-from orchestrator.can.database import reading
+from orchestrator.can.database import addressing, reading
+from orchestrator.can.database.addressing import CANOPEN, Addressing
 from orchestrator.can.database.interpretation import protected, specification
 from orchestrator.can.database.message import LeftOut, MessageSpec, SignalSpec, instead
 from orchestrator.can.database.protection import Protection
@@ -149,7 +151,7 @@ class Database:
 
 
 def load(path: Path, *, encoding: str | None = None, j1939: bool = False) -> Database:
-    """The database of a .dbc, .arxml, .kcd or .sym file; its text in this `encoding`, or in what it seems to be.
+    """The database of a .dbc, .arxml, .kcd, .sym, .eds or .dcf file; its text in this `encoding`, or as it seems.
 
     Args:
         j1939: its extended identifiers are J1939's, also where the file does not say so.
@@ -162,8 +164,15 @@ def load(path: Path, *, encoding: str | None = None, j1939: bool = False) -> Dat
     if not read.messages:
         why = "".join(f" that can be used: {lost}" for lost in read.left_out[:1])
         raise DatabaseError(path, f"defines no messages{why}", "export it again")
-    messages = (specification(message, read.j1939 or j1939) for message in read.messages)
+    messages = (specification(message, _addressing(message, read, j1939)) for message in read.messages)
     return Database(path, messages, read.left_out, read.notes)
+
+
+def _addressing(message: Any, read: reading.Read, is_j1939: bool) -> Addressing | None:
+    if message.name in read.of_any_node:
+        return CANOPEN
+    grouped = is_j1939 or read.j1939 or message.protocol == "j1939"
+    return addressing.j1939(message.frame_id) if message.is_extended_frame and grouped else None
 
 
 def merged(databases: Sequence[Database]) -> Database:

@@ -12,7 +12,7 @@ from typing import Any
 from cantools.database.can import Message
 
 from fmus.errors import DatabaseError
-from orchestrator.can.database.addressing import j1939
+from orchestrator.can.database.addressing import Addressing
 from orchestrator.can.database.message import MessageSpec, SignalSpec, checksum_byte
 from orchestrator.can.database.protection import ALGORITHMS, Protection
 
@@ -24,18 +24,13 @@ _LARGEST = 1e200  # of scales, offsets and ranges: what is scaled stays finite
 _FLOAT_LENGTHS = (16, 32, 64)
 
 
-def specification(raw: Any, group: bool = False) -> MessageSpec:
-    """The message as it is decoded, without those of its signals that cannot be.
-
-    Args:
-        group: whether extended identifiers are J1939's, also where the message does not say so.
-    """
+def specification(raw: Any, addressing: Addressing | None = None) -> MessageSpec:
+    """The message as it is decoded, without those of its signals that cannot be."""
     left_out = {signal.name: why for signal in raw.signals if (why := _unusable(signal, raw.length))}
     signals = _distinct((_signal(signal) for signal in raw.signals if signal.name not in left_out), left_out)
     while lost := [s for s in signals if s.multiplexer in left_out]:
         left_out |= {signal.name: f"its multiplexer {signal.multiplexer} is left out" for signal in lost}
         signals = [signal for signal in signals if signal not in lost]
-    addressing = j1939(raw.frame_id) if raw.is_extended_frame and (group or raw.protocol == "j1939") else None
     message = MessageSpec(
         name=raw.name,
         id=raw.frame_id,

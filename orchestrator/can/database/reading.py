@@ -1,4 +1,4 @@
-"""Reads a CAN database file (DBC, ARXML, KCD, SYM) with cantools, as a file from outside: what is sound in it.
+"""Reads a CAN database file (DBC, ARXML, KCD, SYM; EDS, DCF), as a file from outside: what is sound in it.
 
 Files that would make the parser take all memory or never end are refused before it sees them, and what it complains
 about is located by line.
@@ -19,11 +19,13 @@ import cantools
 from cantools.database.errors import UnsupportedDatabaseFormatError
 
 from fmus.errors import DatabaseError
+from orchestrator.can.database import canopen_pdos
 from orchestrator.can.database.dbc_text import STRINGS, DbcText
 from orchestrator.can.database.encoding import text_of
 from orchestrator.can.database.message import LeftOut
 
-SUFFIXES = (".dbc", ".arxml", ".kcd", ".sym")
+SUFFIXES = (".dbc", ".arxml", ".kcd", ".sym", ".eds", ".dcf")
+CANOPEN = SUFFIXES[4:]
 LARGEST = 32 << 20  # bytes
 LARGEST_SIZE = 1 << 14  # bits of a signal, bytes of a message; the parser makes lists of that length
 LARGEST_PAYLOAD, MOST_PAYLOAD = 8 * 65535, 1 << 25  # bits of one in AUTOSAR, for ISO-TP or Ethernet, and of a file
@@ -52,12 +54,14 @@ class Read:
         left_out: messages and signals that cannot be used.
         notes: what else was found, a line each.
         j1939: whether the file says that it is of that protocol.
+        of_any_node: names of messages that any CANopen node may send, by its number.
     """
 
     messages: list[Any]
     left_out: list[LeftOut]
     notes: list[str]
     j1939: bool = False
+    of_any_node: frozenset[str] = frozenset()
 
 
 def read(path: Path, encoding: str | None) -> Read:
@@ -70,8 +74,12 @@ def read(path: Path, encoding: str | None) -> Read:
     if suffix not in SUFFIXES:
         raise DatabaseError(path, f"'{path.suffix}' is no format of a CAN database", f"use {', '.join(SUFFIXES)}")
     text, guess = text_of(path, _content(path), encoding)
-    _refuse_hostile(path, suffix, text)
     notes = [guess] if guess else []
+    if suffix in CANOPEN:
+        with _silenced("canopen"):
+            device = canopen_pdos.read(path, text)
+        return Read(device.messages, [], notes, of_any_node=device.of_any_node)
+    _refuse_hostile(path, suffix, text)
     try:
         return replace(_parsed(path, suffix, text), notes=notes)
     except UnreadableError as fault:
@@ -89,7 +97,7 @@ class UnreadableError(Exception):
 
 def _parsed(path: Path, suffix: str, text: str) -> Read:
     try:
-        with _silenced():
+        with _silenced("cantools"):
             loaded = cantools.database.load_string(text, suffix[1:], prune_choices=False, strict=False)
         attributes = getattr(getattr(loaded, "dbc", None), "attributes", None) or {}
         j1939 = "ProtocolType" in attributes and attributes["ProtocolType"].value == "J1939"
@@ -125,9 +133,9 @@ def _repaired(path: Path, text: str, first: UnreadableError, notes: list[str]) -
 
 
 @contextmanager
-def _silenced() -> Iterator[None]:
-    """Keep cantools' warnings off the terminal: what matters in them is told by what is used of the file."""
-    logger = logging.getLogger("cantools")
+def _silenced(name: str) -> Iterator[None]:
+    """Keep a library's warnings off the terminal: what matters in them is told by what is used of the file."""
+    logger = logging.getLogger(name)
     level = logger.level
     logger.setLevel(logging.CRITICAL)
     try:

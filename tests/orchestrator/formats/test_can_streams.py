@@ -161,3 +161,28 @@ def test_the_option_dbc_repeats_and_takes_channels(twins: Path) -> None:
     assert result.exit_code == 0, result.output
     names = [signal["name"] for signal in json.loads(result.stdout)["traces"][0]["signals"]]
     assert names == ["speed", "rate"]
+
+
+@pytest.mark.parametrize(
+    ("frames", "layout", "reason"),
+    [
+        (["0 can0 124#00"], {}, "Rig: its identifier 123 is not in the log; identifiers in the log: 124"),
+        (["0 can0 123#00"], {}, "Rig: 1 frames of 123 are too short for its 8 bytes"),
+        ([f"0 can0 123#{speed(1)}"], {"channel": 1}, "Rig: 123 comes over another channel only"),
+        ([f"0 can0 00000123#{speed(1)}"], {}, "Rig: its identifier comes as 00000123, extended only"),
+        ([f"0 can0 0CF00400#{speed(1)}"], {"signals": ["rpm"]}, "another source address (--source any), as 0CF00400"),
+        ([f"0 can0 0CF00400#{speed(1)}"], {"signals": ["rpm"], "source": 3}, "frames come from another source address"),
+    ],
+)  # fmt: skip
+def test_a_refusal_says_why_a_signal_is_not_there(
+    tmp_path: Path, frames: list[str], layout: dict[str, Any], reason: str
+) -> None:
+    base = dbc(tmp_path, "a", message("Rig", 291), message("EEC1", 0x0CF004FE | 1 << 31, "rpm"))
+    asked = Layout(**{"database": base, "signals": ["speed"]} | layout)
+    path, target = log(tmp_path, *frames), tmp_path / "x.csv"
+    with pytest.raises(TraceError) as refused:
+        formats.read(path, asked)
+    assert reason in str(refused.value)
+    with pytest.raises(TraceError) as refused:
+        can_conversion.convert(path, target, asked, silent)
+    assert reason in str(refused.value) and not target.exists()

@@ -1,0 +1,113 @@
+"""The EDS or DCF of a CANopen device is a database of the process data that it maps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fmus.errors import DatabaseError
+from orchestrator.can.codec.decoding import trace
+from orchestrator.can.database.bus import load_all
+from orchestrator.can.database.database import load
+from orchestrator.can.frames import Frames
+
+pytestmark = pytest.mark.needs("canopen")
+
+VARIABLE = "[{section}]\nParameterName={name}\nObjectType=0x7\nDataType={type}\nAccessType=rw\nPDOMapping=1\n"
+RECORD = "[{index:04X}]\nParameterName=record\nObjectType=0x9\nSubNumber={count}\n"
+ENTRY = VARIABLE + "{key}={value}\n"
+
+
+def record(index: int, entries: dict[int, tuple[int, str]], key: str = "DefaultValue") -> str:
+    """A record of entries: subindex -> type and value."""
+    subs = (
+        ENTRY.format(section=f"{index:04X}sub{sub:X}", name=f"entry {sub}", type=kind, key=key, value=value)
+        for sub, (kind, value) in entries.items()
+    )
+    return RECORD.format(index=index, count=len(entries)) + "".join(subs)
+
+
+def mapping(index: int, *entries: str, key: str = "DefaultValue") -> str:
+    return record(index, {0: (5, str(len(entries)))} | {n: (7, e) for n, e in enumerate(entries, 1)}, key)
+
+
+OBJECTS = (
+    VARIABLE.format(section="6041", name="Statusword", type=6)
+    + VARIABLE.format(section="6064", name="Position actual value", type=4)
+    + VARIABLE.format(section="2000", name="Temperature", type=8)
+)
+EDS = (
+    "[DeviceInfo]\nVendorName=x\n"
+    + OBJECTS
+    + record(0x1800, {0: (5, "5"), 1: (7, "$NODEID+0x180"), 5: (6, "20")})
+    + mapping(0x1A00, "0x60410010", "0x60640020")
+    + record(0x1801, {0: (5, "2"), 1: (7, "0x80000280")})
+    + mapping(0x1A01, "0x60410010")
+    + record(0x1402, {0: (5, "2"), 1: (7, "0x345")})
+    + mapping(0x1602, "0x00050008", "0x20000020", "0x30000110")
+)
+
+
+def file(folder: Path, text: str, name: str = "drive.eds") -> Path:
+    path = folder / name
+    path.write_text(text)
+    return path
+
+
+def frames(*lines: tuple[int, bytes]) -> Frames:
+    count = len(lines)
+    data = np.array([[*data.ljust(8, b"\0")] for _, data in lines], np.uint8)
+    nothing = np.zeros(count, np.uint8)
+    identifiers = np.array([identifier for identifier, _ in lines], np.uint32)
+    length = np.array([len(data) for _, data in lines], np.uint8)
+    return Frames(0.01 * np.arange(count), identifiers, nothing, nothing, length, data)
+
+
+def state(word: int, position: int) -> bytes:
+    return word.to_bytes(2, "little") + position.to_bytes(4, "little", signed=True)
+
+
+def test_mapped_process_data_are_messages_of_the_device(tmp_path: Path) -> None:
+    base = load(file(tmp_path, EDS))
+    assert {message.name: (message.id, message.length, message.cycle) for message in base.messages} == {
+        "RPDO3": (0x345, 7, None),
+        "TPDO1": (0x180, 6, 0.02),
+    }
+    position, temperature = base.signal("Position_actual_value")[1], base.signal("Temperature")[1]
+    assert (position.lowest, position.length, position.is_signed) == (16, 32, True)
+    assert (temperature.lowest, temperature.is_float) == (8, True)  # behind a dummy of 8 bits
+    assert base.signal("x3000_01")[1].lowest == 40  # not described
+
+
+def test_frames_of_each_node_are_a_stream_of_their_own_and_one_can_be_chosen(tmp_path: Path) -> None:
+    log = frames((0x185, state(1, -7)), (0x187, state(2, 8)), (0x185, state(3, -9)))
+    base = load_all(file(tmp_path, EDS))
+    found = trace([log], base).trace
+    assert found["node5.Position_actual_value"].tolist() == [-7, -7, -9]
+    assert found["node7.Statusword"][-1] == 2
+    assert trace([log], base, source=7).trace["Position_actual_value"].tolist() == [8]
+
+
+def test_a_dcf_has_its_node_and_the_values_that_it_is_set_to(tmp_path: Path) -> None:
+    text = EDS.replace("DefaultValue=$NODEID+0x180", "DefaultValue=$NODEID+0x180\nParameterValue=$NODEID+0x1C0")
+    path = file(tmp_path, text + "[DeviceComissioning]\nNodeID=5\n", "drive.dcf")
+    assert load(path).message("TPDO1").id == 0x1C5
+    assert trace([frames((0x1C5, state(1, -7)), (0x1C7, state(1, 5)))], load_all(path)).trace[
+        "Statusword"
+    ].tolist() == [1]
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("[DeviceInfo]\n" + OBJECTS, "maps no process data"),
+        ("no section\n", "cannot be read: File contains no section headers"),
+        (EDS + "[6041]\n", "cannot be read: .*already exists"),
+        (EDS.replace("DataType=4", "DataType=x"), "cannot be read"),
+    ],
+)
+def test_what_is_no_description_of_process_data_is_refused(tmp_path: Path, text: str, problem: str) -> None:
+    with pytest.raises(DatabaseError, match=problem):
+        load(file(tmp_path, text))
