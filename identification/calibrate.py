@@ -12,6 +12,7 @@ from typing import Any, cast
 from fmus.errors import IdentificationError, ScenarioError
 from fmus.parameters import ssv
 from fmus.parameters.write_back import write_back
+from identification.estimation.stopped import STOPPED
 from identification.method import Calibrated
 from identification.output_error import validate as output_error_validation
 from identification.output_error.schema import OutputErrorBlock
@@ -21,6 +22,7 @@ from identification.study import Study, load_study
 from orchestrator.display.table import Cell, table
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.formats import Layout
+from orchestrator.interrupts import whole
 from orchestrator.progress import Progress, silent
 from orchestrator.results import CaseDocument, CheckDocument, FileDocument, check_target, result_folder, write_json
 from orchestrator.yaml_file import naming
@@ -90,10 +92,18 @@ def calibrate(
     Raises:
         InputError: the study and the recordings do not fit together.
         FmuError: the FMUs fail.
+        EstimationInterrupted, EstimationFailed: an interrupt or an FmuError came when something had been estimated; its
+            `result` has that.
     """
     known = study if isinstance(study, Study) else load_study(study)
     with naming(known.file):
-        result = known.method.run(known.block, known.base, None if data is None else Path(data), progress, isolation)
+        try:
+            result = known.method.run(
+                known.block, known.base, None if data is None else Path(data), progress, isolation
+            )
+        except STOPPED as stop:
+            stop.result = CalibratedStudy(known, stop.result, known.method.summary(stop.result))
+            raise
     return CalibratedStudy(known, result, known.method.summary(result))
 
 
@@ -105,10 +115,16 @@ def calibrate_study(
     Raises:
         InputError: the study, its traces or the target do not fit.
         FmuError: the FMUs fail.
+        EstimationInterrupted, EstimationFailed: as in `calibrate`; what had been estimated is written.
     """
     study = load_study(study_file)
     check_target(target, [study_file, *([data] if data is not None else [])])
-    found = calibrate(study, data, progress, isolation)
+    try:
+        found = calibrate(study, data, progress, isolation)
+    except STOPPED as stop:
+        with whole(), naming(study_file):
+            stop.result.write(target)
+        raise
     progress(1.0, "writing")
     with naming(study_file):
         found.write(target)

@@ -27,6 +27,7 @@ from time import perf_counter, sleep
 from types import ModuleType, TracebackType
 from typing import Any, Generic, Self, TypeVar
 
+from fmus.errors import InputError
 from orchestrator import last_words
 from orchestrator.interrupts import Interrupts, whole
 from orchestrator.last_words import LastWords, culprits
@@ -150,8 +151,9 @@ class Processes(Generic[T, A]):
             process.dismiss()
             if not patience:
                 process.interrupt()
+        end = perf_counter() + patience + min(_CLEANING, self._patience or _CLEANING)  # one that hangs never cleans up
         for process in self._processes:
-            process.stop(patience)
+            process.stop(patience, max(0.0, end - perf_counter()))
         self._processes = []
 
 
@@ -227,12 +229,12 @@ class _Child:
         if self.alive:
             self._process.terminate()
 
-    def stop(self, patience: float) -> None:
-        """See that it ends: after `patience` [s] it is interrupted, and killed where that does not help."""
+    def stop(self, patience: float, cleaning: float = _CLEANING) -> None:
+        """See that it ends: after `patience` [s] it is interrupted, and killed where that does not help [s]."""
         if patience:
             self._process.join(patience)
             self.interrupt()
-        self._process.join(_CLEANING)
+        self._process.join(cleaning)
         if self.alive:
             self._process.kill()
             self._process.join()
@@ -298,14 +300,29 @@ def _without_main(make: Callable[[], Any]) -> Iterator[None]:
     """A process started here does not run the main script again, unless it makes what is defined there.
 
     A script that does not keep its work under `if __name__ == "__main__"` would start processes without end.
+
+    Raises:
+        InputError: it makes what is defined in a script that does not, or in a notebook.
     """
     main = sys.modules["__main__"]
     if b"__main__" not in pickle.dumps(make):
         sys.modules["__main__"] = ModuleType("__main__")
+    elif not _guarded(main):
+        raise InputError(
+            getattr(main, "__file__", "__main__"),
+            "defines what other processes need, but they cannot run it again",
+            'keep its work under `if __name__ == "__main__":`, or move what it defines into a module, or use 1 process',
+        )
     try:
         yield
     finally:
         sys.modules["__main__"] = main
+
+
+def _guarded(main: ModuleType) -> bool:
+    """Whether another process can run the main script for what it defines, and nothing more happens."""
+    file = Path(getattr(main, "__file__", None) or "")
+    return file.is_file() and "__name__" in file.read_text(encoding="utf-8", errors="replace")
 
 
 @contextlib.contextmanager

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
+from fmus.errors import FmuError
 from orchestrator.cli.scenarios import Isolate
 from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 
@@ -35,10 +36,21 @@ def calibrate(
     Exit code 1 when the median FIT misses the study's `at_least`, or a claim does not come out as the study states.
     """
     from identification.calibrate import calibrate_study
+    from identification.estimation.stopped import EstimationFailed, EstimationInterrupted
 
     folder = out or Path("out") / study.stem
-    with terminal.bar(study.stem) as move:
-        document = calibrate_study(study, data, folder, move, isolate.isolation())
+    try:
+        with terminal.bar(study.stem) as move:
+            document = calibrate_study(study, data, folder, move, isolate.isolation())
+    except EstimationInterrupted as stop:
+        line = f"interrupted; what had been estimated is in {folder}, without intervals and not validated"
+        return Answer(stop.result.summary, held=False, interrupted=line)
+    except KeyboardInterrupt:
+        line = "interrupted before anything was estimated; nothing is written"
+        return Answer({"interrupted": True}, held=False, interrupted=line)
+    except EstimationFailed as stop:
+        fix = f"{stop.fix}; what had been estimated is in {folder}, not validated".removeprefix("; ")
+        raise FmuError(stop.place, stop.problem, fix) from stop
     fmus = f"FMUs in {folder / 'fmus'}, " if (folder / "fmus").is_dir() else ""
     shown: list[Listing | str] = [
         _table(document),

@@ -18,6 +18,7 @@ from scipy.optimize import lsq_linear
 from fmus.errors import IdentificationError
 from orchestrator.trace import FloatArray
 
+ROUGH = "the cost falls no further than its own roughness"
 LossKind = Literal["linear", "soft_l1", "huber", "cauchy"]
 _SUFFICIENT = 1e-4
 _NO_DAMPING = 1e-12
@@ -258,12 +259,17 @@ class Iterate:
 
 @dataclass(frozen=True)
 class Minimum:
-    """Where a search ended and why."""
+    """Where a search ended and why.
+
+    Attributes:
+        promised: share of the cost that the linear model still promises to take off where no better point was found.
+    """
 
     at: Iterate
     iterations: int
     converged: bool
     message: str
+    promised: float = 0.0
 
 
 def minimise(
@@ -273,9 +279,9 @@ def minimise(
     loss: Loss,
     *,
     limits: Limits,
-    report: Callable[[int, float], None],
+    report: Callable[[int, Iterate], None],
 ) -> Minimum:
-    """The nearest local minimum within the box; `report` is told iteration and cost after every step.
+    """The nearest local minimum within the box; `report` is told iteration and point after every step.
 
     SciPy's `least_squares` would need the whole Jacobian or an inner iteration, and nears active bounds only in the
     limit, at a Jacobian a step; here its BVLS solves the bounded step exactly.
@@ -292,7 +298,7 @@ def minimise(
         there = search.downhill(model, here, scale)
         if there is None:
             return search.given_up(here, iteration, newton)
-        report(iteration + 1, there.cost)
+        report(iteration + 1, there)
         gained, here = here.cost - there.cost, there
         if gained <= limits.cost * here.cost and search.damping < 1.0 and _irrelevant(newton, here, limits.cost):
             return Minimum(here, iteration + 1, True, "the cost no longer falls")
@@ -338,10 +344,11 @@ class _Search:
         if self.damping < 1.0:
             return Minimum(here, iteration, True, "steps have become negligible")
         if _irrelevant(promised, here, self.limits.cost):
-            return Minimum(here, iteration, True, "the cost falls no further than its own roughness")
+            return Minimum(here, iteration, True, ROUGH, promised / here.cost)
         if self.failed:
             return Minimum(here, iteration, False, f"stopped: {self.failed} points ahead could not be simulated")
-        return Minimum(here, iteration, False, "stopped: no better point was found however short the step")
+        why = "stopped: no better point was found however short the step"
+        return Minimum(here, iteration, False, why, promised / here.cost)
 
 
 def evaluated(system: ArrowSystem, point: Point, loss: Loss) -> Iterate | None:

@@ -21,7 +21,7 @@ from identification.estimation.parameters import Parameter
 from identification.estimation.validation import Whiteness, whiteness
 from orchestrator.trace import FloatArray, ReadOnlyArrays
 
-CovarianceMethod = Literal["white", "coloured", "window"]
+CovarianceMethod = Literal["white", "coloured", "window", "none"]
 UNSEEN, WEAK = 1e-4, 1e-2
 _FEWEST_WINDOWS = 10
 _NO_EFFECT = 1e-9
@@ -160,6 +160,19 @@ def covariance(blocks: Sequence[WindowBlock], loss: Loss, outputs: int) -> Covar
         states=_state_deviations(rows, transform, matrices[method], flat if is_white else correlated),
         whiteness=tests,
     )
+
+
+def no_covariance(residuals: Sequence[FloatArray], n: int, states: int, outputs: int) -> Covariance:
+    """That of an estimate without Jacobian: nothing is determined.
+
+    Args:
+        residuals: (K m,) a window.
+        n: free parameters.
+        states: estimated initial states of a window.
+    """
+    matrix = np.where(np.eye(n, dtype=bool), np.inf, np.nan)
+    tests = tuple(whiteness([r.reshape(-1, outputs)[:, i] for r in residuals]) for i in range(outputs))
+    return Covariance({"none": matrix}, "none", 1, np.full((len(residuals), states), np.inf), tests)
 
 
 def _curvature(blocks: Sequence[WindowBlock], loss: Loss, outputs: int) -> FloatArray:

@@ -9,10 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from fmus.errors import TraceError
+from fmus.errors import FmuError, TraceError
 from identification.built_system import BuiltSystem
 from identification.estimation.arrow_least_squares import Loss
 from identification.estimation.parameters import InitialState, Parameter, ParameterSet
+from identification.estimation.stopped import STOPPED, reason, stopped
 from identification.output_error.estimator import Estimate, SearchState, Watch, estimate, predict
 from identification.output_error.problem import Problem, spread_weights
 from identification.output_error.simulator import SystemFactory
@@ -102,6 +103,7 @@ class Calibration:
     compared: Mapping[str, Judged]
     units: Mapping[str, str]
     wired: tuple[Crossing, ...]
+    stopped: str = ""
 
     @property
     def warnings(self) -> list[str]:
@@ -127,7 +129,8 @@ def calibrate(
 
     Raises:
         InputError: the study, the system or the traces do not fit together; nothing has been simulated.
-        FmuError: the FMUs fail with every start, or with the estimates on the traces kept aside.
+        FmuError: the FMUs fail with every start.
+        EstimationInterrupted, EstimationFailed: stopped when there was an estimate, which it carries.
     """
     study = isolated(study, isolation)
     recorded = load_campaign(
@@ -138,14 +141,25 @@ def calibrate(
     units, ports, wired = _checked(study, system.assembled)
     train = cut_windows(study.run, fitted, study.windows, ports)
     unseen = cut_windows(study.run, kept, study.validation, ports)
-    found = _fit(study, system.assembled, train, units, _watch(study, progress))
-    validation = judge(study, system.assembled, unseen, found.values) if unseen else None
-    compared = {
-        name: judge(study, system.assembled, unseen or train, {**found.values, **other})
-        for name, other in study.compare.items()
-    }
-    judged = Judged(study.outputs, tuple(train), found.simulated, found.fit)
-    return Calibration(study, system, tuple(recorded), found, judged, validation, compared, units, wired)
+
+    def calibration(found: Estimate, why: str = "") -> Calibration:
+        judged = Judged(study.outputs, tuple(train), found.simulated, found.fit)
+        return Calibration(study, system, tuple(recorded), found, judged, None, {}, units, wired, why)
+
+    try:
+        found = _fit(study, system.assembled, train, units, _watch(study, progress))
+    except STOPPED as stop:
+        stop.result = calibration(stop.result, stop.result.message)
+        raise
+    try:
+        validation = judge(study, system.assembled, unseen, found.values) if unseen else None
+        compared = {
+            name: judge(study, system.assembled, unseen or train, {**found.values, **other})
+            for name, other in study.compare.items()
+        }
+    except (KeyboardInterrupt, FmuError) as error:
+        raise stopped(error, calibration(found, f"not validated: {reason(error)}")) from error
+    return replace(calibration(found), validation=validation, compared=compared)
 
 
 def isolated(study: OutputErrorStudy, isolation: Isolation | None) -> OutputErrorStudy:

@@ -7,14 +7,30 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from fmus.errors import FmuError, IdentificationError
-from identification.estimation.arrow_least_squares import Iterate, Limits, Loss, Minimum, Point, evaluated, minimise
+from identification.estimation.arrow_least_squares import (
+    ROUGH,
+    Iterate,
+    Limits,
+    Loss,
+    Minimum,
+    Point,
+    evaluated,
+    minimise,
+)
 from identification.estimation.parameters import InitialState, Parameter, ParameterSet, Tie
-from identification.estimation.uncertainty import Covariance, Identifiability, covariance, identifiability
+from identification.estimation.stopped import reason, stopped
+from identification.estimation.uncertainty import (
+    Covariance,
+    Identifiability,
+    covariance,
+    identifiability,
+    no_covariance,
+)
 from identification.estimation.validation import fit
 from identification.estimation.workers import Factory, Pool, Simulator, open_pool
 from identification.output_error.free_run import FreeRun, Tally
@@ -41,6 +57,10 @@ __all__ = [
     "predict",
     "spread_weights",
 ]
+
+
+_COARSER, _COARSEST = (1.0, 10.0, 100.0), 1e-2  # times the difference step, and where that ends
+_VISIBLE = 1e-3  # of FIT
 
 
 @dataclass(frozen=True)
@@ -169,6 +189,19 @@ class Prediction(ReadOnlyArrays):
     fit: FloatArray
 
 
+@dataclass
+class _Reached:
+    """How far an estimation has come.
+
+    Attributes:
+        found: the best so far on all windows, None before there is something better than the start.
+    """
+
+    tally: Tally = field(default_factory=Tally)
+    starts: tuple[StartReport, ...] = ()
+    found: Minimum | None = None
+
+
 @dataclass(frozen=True)
 class _Work:
     """One estimation at work."""
@@ -176,20 +209,27 @@ class _Work:
     problem: Problem
     options: Options
     pool: Pool
-    tally: Tally
+    reached: _Reached
     watch: Watch | None
 
-    def over(self, windows: tuple[int, ...]) -> FreeRun:
-        return FreeRun(self.problem, self.pool, self.tally, windows, self.options.difference_step)
+    @property
+    def tally(self) -> Tally:
+        return self.reached.tally
+
+    def over(self, windows: tuple[int, ...], coarser: float = 1.0) -> FreeRun:
+        fine = self.options.difference_step
+        return FreeRun(self.problem, self.pool, self.tally, windows, min(coarser * fine, max(fine, _COARSEST)))
 
     @property
     def all_windows(self) -> tuple[int, ...]:
         return tuple(range(len(self.problem.windows)))
 
-    def tell(self, stage: str) -> Callable[[int, float], None]:
-        def report(iteration: int, cost: float) -> None:
+    def tell(self, stage: str, taken: int = 0) -> Callable[[int, Iterate], None]:
+        def report(iteration: int, there: Iterate) -> None:
+            if stage == "fit":
+                self.reached.found = Minimum(there, taken + iteration, False, "")
             if self.watch:
-                self.watch(SearchState(stage, iteration, cost, self.tally.simulations))
+                self.watch(SearchState(stage, taken + iteration, there.cost, self.tally.simulations))
 
         return report
 
@@ -209,17 +249,28 @@ def estimate(
     Raises:
         IdentificationError: nothing is free, or outputs do not fit the windows.
         FmuError: no start can be simulated, or simulating processes kept dying.
+        EstimationInterrupted, EstimationFailed: an interrupt or such an error came when there was something better than
+            the start already; it carries the estimate so far, without uncertainty.
     """
     options = options or Options()
     if not problem.unknowns:
         raise IdentificationError("parameters", "nothing is free", "free a parameter, or use predict")
-    with open_pool(factory, options.processes, options.isolation) as pool:
-        work = _Work(problem, options, pool, Tally(), watch)
-        begin, starts = _begin(work)
-        found = _search(work, work.all_windows, begin, "fit", options.max_evaluations)
-        work.tell("uncertainty")(found.iterations, found.at.cost)
-        run = work.over(work.all_windows)
-        blocks = run.linearise(found.at.point, found.at.residuals, central=True)
+    reached = _Reached()
+    try:
+        with open_pool(factory, options.processes, options.isolation) as pool:
+            work = _Work(problem, options, pool, reached, watch)
+            begin, reached.starts = _begin(work)
+            found = _search(work, work.all_windows, begin, "fit", options.max_evaluations)
+            work.tell("uncertainty")(found.iterations, found.at)
+            blocks = work.over(work.all_windows).linearise(found.at.point, found.at.residuals, central=True)
+    except (KeyboardInterrupt, FmuError) as error:
+        if reached.found is None:
+            raise
+        found, size = replace(reached.found, message=f"stopped: {reason(error)}"), len(problem.parameters.free)
+        nothing = no_covariance(found.at.residuals, size, len(problem.estimated), len(problem.outputs))
+        names = tuple(parameter.name for parameter in problem.parameters.free)
+        unseen = Identifiability(names, np.zeros(0), np.full((size, size), np.nan), ())
+        raise stopped(error, _assembled(problem, reached, found, nothing, unseen)) from error
     uncertainty = covariance(blocks, problem.loss, len(problem.outputs))
     values = problem.parameters.values(found.at.point.parameters)
     free = problem.parameters.free
@@ -229,7 +280,7 @@ def estimate(
         np.array([values[parameter.name] for parameter in free]),
         problem.parameters.slopes(found.at.point.parameters),
     )
-    return _assembled(work, found, uncertainty, seen, starts)
+    return _assembled(problem, reached, found, uncertainty, seen)
 
 
 def predict(problem: Problem, factory: Factory, options: Options | None = None) -> Prediction:
@@ -243,7 +294,7 @@ def predict(problem: Problem, factory: Factory, options: Options | None = None) 
     options = options or Options()
     problem = problem.fixed_at({})
     with open_pool(factory, options.processes, options.isolation) as pool:
-        work = _Work(problem, options, pool, Tally(), None)
+        work = _Work(problem, options, pool, _Reached(), None)
         windows = work.all_windows
         begin = evaluated(work.over(windows), problem.start(windows), problem.loss)
         if begin is None:
@@ -254,9 +305,25 @@ def predict(problem: Problem, factory: Factory, options: Options | None = None) 
 
 
 def _search(work: _Work, windows: tuple[int, ...], begin: Iterate, stage: str, iterations: int) -> Minimum:
-    problem = work.problem
+    """The minimum; where the cost is too rough for fine differences (by play, dry friction), coarser ones go on."""
+    problem, taken = work.problem, 0
     box, limits = problem.box(windows), work.limits(iterations)
-    return minimise(work.over(windows), begin, box, problem.loss, limits=limits, report=work.tell(stage))
+    for coarser in _COARSER:
+        run, report = work.over(windows, coarser), work.tell(stage, taken)
+        found = minimise(run, begin, box, problem.loss, limits=limits, report=report)
+        begin, taken = found.at, taken + found.iterations
+        if not found.promised:
+            break
+    if found.promised and _promised_fit(problem, windows, found) < _VISIBLE:
+        found = replace(found, converged=True, message=ROUGH)
+    return replace(found, iterations=taken)
+
+
+def _promised_fit(problem: Problem, windows: tuple[int, ...], found: Minimum) -> float:
+    """By how much FIT of all outputs together would rise if the linear model were right."""
+    spread = [problem.windows[w].weight * (y - y.mean(axis=0)) for w in windows for y in [problem.windows[w].measured]]
+    error, size = (np.linalg.norm(np.concatenate([np.ravel(a) for a in of])) for of in (found.at.residuals, spread))
+    return float(error * (1 - math.sqrt(max(0.0, 1 - found.promised))) / size) if size > 0 else math.inf
 
 
 def _begin(work: _Work) -> tuple[Iterate, tuple[StartReport, ...]]:
@@ -330,13 +397,9 @@ def _widened(problem: Problem, windows: tuple[int, ...], point: Point) -> Point:
 
 
 def _assembled(
-    work: _Work,
-    found: Minimum,
-    uncertainty: Covariance,
-    seen: Identifiability,
-    starts: tuple[StartReport, ...],
+    problem: Problem, reached: _Reached, found: Minimum, uncertainty: Covariance, seen: Identifiability
 ) -> Estimate:
-    problem, z = work.problem, found.at.point.parameters
+    z = found.at.point.parameters
     deviations = np.sqrt(np.diag(uncertainty.matrix))
     slopes = problem.parameters.slopes(z)
     simulated, residuals, fits = _outputs(problem, found.at)
@@ -358,8 +421,8 @@ def _assembled(
         iterations=found.iterations,
         converged=found.converged,
         message=found.message,
-        starts=starts,
-        tally=work.tally,
+        starts=reached.starts,
+        tally=reached.tally,
         warnings=(),
     )
     return replace(partial, warnings=tuple(_warnings(problem, partial)))

@@ -22,6 +22,7 @@ SHOWN = 12  # windows in the grid of overlays
 HOW = {
     "white": "Covariance for white residuals, s² (JᵀJ)⁻¹.",
     "coloured": "Residuals are correlated: covariance with an autoregressive model of them.",
+    "none": "Not known: the calibration was stopped before.",
     "window": "Residuals are correlated: covariance from leaving out one window at a time.",
 }
 

@@ -17,6 +17,10 @@ def calibration_verdict(calibration: Calibration) -> VerdictSummary:
     if judged is None:
         judged, side = calibration.train, "fitted (no trace was held out)"
     found = calibration.estimate
+    if calibration.stopped:
+        said = f"STOPPED, {calibration.stopped}; the values are those of iteration {found.iterations}, not validated"
+        target = calibration.study.at_least
+        return {"at_least": target, "reached": None, "held": False, "converged": found.converged, "said": said}
     unsettled = "" if found.converged else f"{found.message}; try {', '.join(_remedies(calibration))}"
     return verdict(judged.median, side, calibration.study.at_least, unsettled=unsettled, remedy=_remedy(calibration))
 

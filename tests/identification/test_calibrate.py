@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import shutil
 from collections.abc import Callable
@@ -12,11 +13,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from fmus.errors import FmuError
 from fmus.packaging import archive, targets
 from fmus.packaging.native import compiler
 from identification.calibrate import calibrate_study, layout_of, validate_result
 from identification.cli import app
 from identification.output_error import calibration
+from identification.output_error.simulator import SystemSimulator
 from orchestrator import formats
 from orchestrator.results import RECORD
 from orchestrator.trace import Trace
@@ -328,6 +331,56 @@ def test_an_fmu_that_hangs_for_some_values_is_calibrated_on_the_others(tmp_path:
     assert 0.6 < document["parameters"]["plant.rate"]["value"] <= 0.7
     assert document["search"]["failures"] > 0 and "gave no answer for" in document["search"]["reasons"][0]
     assert "points ahead could not be simulated; try narrower `min` and `max`" in document["verdict"]["said"]
+
+
+def test_an_interrupt_leaves_what_had_been_estimated(
+    tmp_path: Path, data: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runs, simulate = itertools.count(), SystemSimulator.simulate
+
+    def interrupted(self: SystemSimulator, window: int, values: dict[str, float]) -> Any:
+        if next(runs) > 40:
+            raise KeyboardInterrupt
+        return simulate(self, window, values)
+
+    monkeypatch.setattr(SystemSimulator, "simulate", interrupted)
+    answer = calibrated(tmp_path, data)
+    out = tmp_path / "out"
+    assert answer.exit_code == 130
+    (line,) = answer.stderr.splitlines()
+    assert line == f"interrupted; what had been estimated is in {out}, without intervals and not validated"
+    document = json.loads((out / "summary.json").read_text())
+    assert document["verdict"]["said"].startswith("STOPPED, stopped: interrupted; the values are those of iteration")
+    assert document["parameters"]["hand.inertia"]["std"] is None and document["fit"]["validation"] is None
+    assert {"fmus", "parameters.ssv", "report.html"} <= {path.name for path in out.iterdir()}
+
+
+def test_an_interrupt_before_anything_was_estimated_says_so(
+    tmp_path: Path, data: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(self: SystemSimulator, window: int, values: dict[str, float]) -> Any:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(SystemSimulator, "simulate", interrupted)
+    answer = calibrated(tmp_path, data)
+    assert answer.exit_code == 130 and not (tmp_path / "out").exists()
+    assert answer.stderr.strip() == "interrupted before anything was estimated; nothing is written"
+
+
+def test_fmus_that_fail_in_the_validation_do_not_take_the_estimate_with_them(
+    tmp_path: Path, data: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def failed(*_: Any) -> None:
+        raise FmuError("hand", "step from t = 0.5 s by 0.01 s: returned error")
+
+    monkeypatch.setattr(calibration, "judge", failed)
+    answer = calibrated(tmp_path, data)
+    assert answer.exit_code == 3
+    (line,) = answer.stderr.splitlines()
+    assert line.endswith(f"returned error; what had been estimated is in {tmp_path / 'out'}, not validated")
+    document = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert document["parameters"]["hand.inertia"]["std"] is not None
+    assert document["verdict"]["said"].startswith("STOPPED, not validated: hand: step from")
 
 
 def test_a_search_that_was_cut_short_says_on_the_last_line_what_to_do(tmp_path: Path, data: Path) -> None:

@@ -117,6 +117,29 @@ def test_an_end_with_exit_code_0_is_a_death_that_names_the_fmus() -> None:
     assert isinstance(died, Died) and (died.ending, died.fmus) == ("died (exit code 0)", "wheel (bad.fmu)")
 
 
+UNGUARDED = """
+from orchestrator.processes import Processes
+
+def make():
+    return abs
+
+with Processes(make, 1) as pool:
+    list(pool.answers([-1]))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("as_file", [True, False])
+def test_a_script_without_a_guard_is_told_what_its_processes_need(tmp_path: Path, as_file: bool) -> None:
+    (tmp_path / "script.py").write_text(UNGUARDED)
+    command = [sys.executable, str(tmp_path / "script.py") if as_file else "-"]
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    done = subprocess.run(command, env=environment, input=UNGUARDED, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1].startswith("fmus.errors.InputError: ") and "__name__ ==" in done.stderr
+    assert "multiprocessing" not in done.stderr
+
+
 def test_a_process_sees_the_environment_of_now(monkeypatch: pytest.MonkeyPatch) -> None:
     for value in ("one", "two"):
         monkeypatch.setenv("SERVOTWIN_TEST", value)

@@ -50,7 +50,7 @@ def search(system: Bent, limits: Limits, largest: float = 10.0) -> Minimum:
     start = evaluated(system, at(0.0), Loss())
     assert start is not None
     box = Box(at(-10.0), at(largest))
-    return minimise(system, start, box, Loss(), limits=limits, report=lambda iteration, cost: None)
+    return minimise(system, start, box, Loss(), limits=limits, report=lambda iteration, there: None)
 
 
 def one_step(system: Bent) -> Minimum:
@@ -106,7 +106,7 @@ def test_every_step_is_reported_with_its_number_and_a_lower_cost(bend: float, li
         system, start, Box(at(-9.0), at(9.0)), Loss(), limits=limits, report=lambda *step: told.append(step)
     )
     assert found.converged and found.message == end
-    numbers, costs = [number for number, _ in told], [start.cost, *(cost for _, cost in told)]
+    numbers, costs = [number for number, _ in told], [start.cost, *(there.cost for _, there in told)]
     assert numbers == list(range(1, found.iterations + 1))
     assert costs == sorted(costs, reverse=True) and costs[-1] == found.at.cost
 

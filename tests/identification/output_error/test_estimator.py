@@ -319,6 +319,49 @@ def test_a_parameter_whose_runs_failed_is_not_said_to_be_without_effect():
     assert any("simulations failed, first: rig: stiffness" in warning for warning in result.warnings)
 
 
+class Interrupted(Oscillator):
+    """Somebody presses Ctrl-C in the run of this number."""
+
+    def __init__(self, run):
+        super().__init__()
+        self.last = run
+
+    def simulate(self, window, values):
+        if self.runs >= self.last:
+            raise KeyboardInterrupt
+        return super().simulate(window, values)
+
+
+def test_an_interrupted_estimation_carries_the_best_point_so_far_and_no_intervals():
+    problem, whole = decays(noise=0.02), estimate(decays(noise=0.02), Oscillator)
+    with pytest.raises(KeyboardInterrupt) as caught:
+        estimate(problem, lambda: Interrupted(60))
+    found = caught.value.result
+    assert not found.converged and found.message == "stopped: interrupted" and 0 < found.iterations < whole.iterations
+    assert whole.cost < found.cost < 0.5 * float(np.sum(run_over(problem).residuals(problem.start(range(4)))[0] ** 2))
+    assert all(math.isinf(std) for std in found.std.values()) and found.fit.shape == whole.fit.shape
+    predicted = predict(replace(problem, initial_states=problem.initial_states).fixed_at(found.values), Oscillator)
+    assert np.median(predicted.fit) >= np.median(found.fit) - 1e-6
+
+
+def test_an_estimation_that_is_interrupted_before_its_first_step_has_nothing_to_carry():
+    with pytest.raises(KeyboardInterrupt) as caught:
+        estimate(decays(), lambda: Interrupted(6))
+    assert not hasattr(caught.value, "result")
+
+
+def test_a_rough_cost_is_followed_by_coarser_differences():
+    """Outputs in steps, as a coarse converter gives them: fine differences see the steps, not the slope."""
+
+    class Stepped(Oscillator):
+        def simulate(self, window, values):
+            return np.round(super().simulate(window, values), 4)
+
+    found = estimate(decays(), Stepped, Options(difference_step=1e-5))
+    assert [found.values[name] for name in TRUE] == pytest.approx(list(TRUE.values()), rel=5e-3)
+    assert np.all(found.fit > 0.999)
+
+
 def test_a_start_vector_that_fails_does_not_stop_the_others():
     parameters = (PARAMETERS[0], Parameter("rig.stiffness", 7.0, 5.0, 100.0))
     result = estimate(decays(parameters=parameters), lambda: Oscillator(fails_above=30.0), Options(starts=6))

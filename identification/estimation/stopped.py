@@ -1,0 +1,39 @@
+"""An estimation that was stopped, by an interrupt or because FMUs failed: it carries what it had found until then."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fmus.errors import FmuError
+
+
+class EstimationInterrupted(KeyboardInterrupt):
+    """An interrupt came; `result` is what had been found until then, of the type that there would have been."""
+
+    def __init__(self, result: Any) -> None:
+        super().__init__("interrupted")
+        self.result = result
+
+
+class EstimationFailed(FmuError):  # noqa: N818 - as `EstimationInterrupted`
+    """FMUs failed beyond what is tolerated; `result` as there."""
+
+    def __init__(self, error: FmuError, result: Any) -> None:
+        super().__init__(error.place, error.problem, error.fix)
+        self.result = result
+
+    def __reduce__(self) -> tuple[type, tuple[str, str, str]]:
+        return FmuError, (self.place, self.problem, self.fix)
+
+
+STOPPED = (EstimationInterrupted, EstimationFailed)
+
+
+def stopped(error: KeyboardInterrupt | FmuError, result: Any) -> EstimationInterrupted | EstimationFailed:
+    """What to raise instead of the error, with the result."""
+    return EstimationFailed(error, result) if isinstance(error, FmuError) else EstimationInterrupted(result)
+
+
+def reason(error: KeyboardInterrupt | FmuError) -> str:
+    """Why it was stopped, for people."""
+    return str(error) if isinstance(error, FmuError) else "interrupted"
