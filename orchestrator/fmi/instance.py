@@ -51,6 +51,7 @@ class FmuInstance(Generic[A]):
         self._fmu, self._debug_log = fmu, debug_log
         self._copy: Path | None = None  # folder of a library that was loaded anew
         self._messages: deque[str] = deque(maxlen=20)
+        self._complained = False  # has logged an error since its reset
         self._given: dict[str, Value] = {}
         self._sizes = frozenset(port.name for port in fmu.interface.of("structuralParameter"))
         self._alive = self._under_way = False
@@ -167,7 +168,7 @@ class FmuInstance(Generic[A]):
         self.terminate()
         self._given.clear()
         self._messages.clear()
-        self.warnings, self._was_reset = 0, False
+        self.warnings, self._was_reset, self._complained = 0, False, False
         if not self._alive and not self._sound:
             self._load(anew=True)
             return True
@@ -328,6 +329,7 @@ class FmuInstance(Generic[A]):
     def _log(self, status: int, message: str) -> None:
         line = " ".join(message.split())
         self._messages.append(line)
+        self._complained = self._complained or DISCARD < status <= FATAL
         LOG.log(_LEVELS[status] if 0 <= status < len(_LEVELS) else logging.ERROR, "%s: %s", self.name, line)
 
     def _check(self, status: int, action: str) -> None:

@@ -40,7 +40,7 @@ class Slave(FmuInstance[CoSimulation]):
                 self._check(status, stepping(time, duration))
         elif stop.whole(time, duration):
             self._asked = True
-        elif stop.asked:
+        elif stop.asked and not self._complained:
             raise FmuEnded(self.name, str(stop))
         else:
             raise self._failure(stepping(time, duration), str(stop))
