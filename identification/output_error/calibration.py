@@ -260,7 +260,8 @@ def _checked(
         system = opened.system
         check_values(system, study.system.values())
         for name in study.outputs:
-            recordable(system, name, f"outputs.{name}")
+            if recordable(system, name, f"outputs.{name}").causality == "parameter":
+                must_be(system, name, "output", "outputs")
         for key, names in _named_parameters(study).items():
             for name in names:
                 must_be(system, name, "parameter", key)
