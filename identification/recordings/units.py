@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from fmus.errors import WiringError
+from fmus.units import SAME
 from identification.recordings.campaign import StudyTrace
 from orchestrator.crossing import CrossingDocument, NamedUnit, crossing, documents_of, named, noted
 from orchestrator.trace import Trace
@@ -43,6 +44,7 @@ def _in_units(known: StudyTrace, units: Mapping[str, NamedUnit]) -> StudyTrace:
             crossings.append(crossing(signal, named(trace.unit(signal)), unit))
         except WiringError as error:
             raise WiringError(f"{known.place}: {signal}", error.problem, error.fix) from error
-        values = {**trace.signals, signal: crossings[-1].conversion(trace[signal])}
+        change = crossings[-1].conversion
+        values = trace.signals if change == SAME else {**trace.signals, signal: change(trace[signal])}
         trace = Trace(trace.time, values, {**trace.units, **({signal: unit.name} if unit.name else {})}, trace.name)
     return replace(known, trace=trace, crossings=tuple(crossings))

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from fmus.errors import TraceError, WiringError
+from fmus.units import SAME
 from orchestrator.crossing import NOTHING_GIVEN, Crossing, Given, crossing
 from orchestrator.fmi.interface import Port
 from orchestrator.trace import FloatArray, Trace
@@ -118,5 +119,5 @@ def brought(trace: Trace, place: str, port: Port, given: Given = NOTHING_GIVEN) 
     """
     (name,) = trace.names
     crossed = crossing(f"{place} from {name}", port.meaning(trace.unit(name)), port.measure, given)
-    signals = {name: crossed.conversion(trace[name])}
+    signals = trace.signals if crossed.conversion == SAME else {name: crossed.conversion(trace[name])}
     return Trace(trace.time, signals, {name: port.unit} if port.unit else {}, trace.name), crossed

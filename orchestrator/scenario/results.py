@@ -135,7 +135,7 @@ def tell_units(page: Report, crossings: Sequence[Crossing]) -> None:
             section.callout("warning", str(one))
     sure = [(str(one),) for one in crossings if not one.doubtful]
     if sure:
-        section.table(("converted",), sure)
+        section.table(("how values got to their units",), sure)
 
 
 def _draw(result: ScenarioResult, section: Section) -> None:

@@ -36,7 +36,9 @@ def in_units_of(system: System, scenario: Scenario) -> tuple[Scenario, list[Cros
     for name, stimulus in scenario.stimuli.items():
         stimuli[name], how = stimulus.brought(name, system.port(Endpoint.parse(name)))
         crossed += [] if how is None else [how]
-    cases = tuple(replace(case, expected=tuple(map(expected, case.expected))) for case in scenario.cases)
+    shared = {id(asked): asked for case in scenario.cases for asked in case.expected}
+    done = {key: expected(asked) for key, asked in shared.items()}  # once each: a reference may be large
+    cases = tuple(replace(case, expected=tuple(done[id(a)] for a in case.expected)) for case in scenario.cases)
     return replace(scenario, stimuli=stimuli, cases=cases), crossed
 
 
