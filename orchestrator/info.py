@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from orchestrator.trace import Trace
 
 FIRST_ROWS = 5
+_SHOWN = 64  # elements of an array that are listed singly
 InfoDocument = Mapping[str, object]
 """A JSON document, to be shown and not to be looked into."""
 
@@ -74,11 +75,17 @@ def about_fmu(path: Path) -> InfoDocument:
 
 
 def _ports(interface: Interface, causality: str) -> list[InfoDocument]:
-    return [
-        {"name": port.name, "start": port.start, "unit": port.unit or "", "description": port.description}
-        for port in interface.of(causality)
-        if not port.alone
-    ]
+    """Its variables; of a large array a single entry."""
+    found: list[InfoDocument] = []
+    for port in interface.of(causality):
+        size = 1 if port.array is None else math.prod(port.array.shape)
+        if not port.alone and (size <= _SHOWN or port.element == 0):
+            entry = {"name": port.name, "start": port.start, "unit": port.unit or "", "description": port.description}
+            if size > _SHOWN and port.array is not None:
+                last = ",".join(map(str, port.array.shape))
+                entry |= {"name": f"{port.name} to {port.array.name}[{last}]", "start": None}
+            found.append(entry)
+    return found
 
 
 def _about_units(interface: Interface) -> list[InfoDocument]:

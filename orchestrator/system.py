@@ -102,13 +102,15 @@ class System:
         if endpoint.component not in self.parts:
             raise WiringError(place, f"no component '{endpoint.component}'", _nearest(endpoint.component, self.parts))
         ports = self.parts[endpoint.component].interface.ports
-        if endpoint.variable not in ports:
+        if endpoint.variable in ports:
+            return ports[endpoint.variable]
+        if shape := self.shape(endpoint):
+            size = " x ".join(map(str, shape))
             raise WiringError(
-                place,
-                f"no variable '{endpoint.variable}' in '{endpoint.component}'",
-                _nearest(endpoint.variable, ports),
+                place, f"is an array of {size} elements", f"name one, as {element_names(str(endpoint), shape)[0]}"
             )
-        return ports[endpoint.variable]
+        problem = f"no variable '{endpoint.variable}' in '{endpoint.component}'"
+        raise WiringError(place, problem, _nearest(endpoint.variable, ports))
 
     def shape(self, endpoint: Endpoint) -> tuple[int, ...] | None:
         """Shape of the array at an endpoint, None where there is none."""

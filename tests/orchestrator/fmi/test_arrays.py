@@ -136,6 +136,7 @@ def test_a_file_gives_arrays_whole_and_options_give_elements_and_sizes(path: Pat
         ("{gain: [1, 0, 0, 1]}", "c.gain: is given as 4 elements and is 2 x 2"),
         ("{y: [1, 0]}", "c.y[1]: is an output and cannot be set"),
         ("{m: [1, 0]}", "c.m: is no array"),
+        ("{y: 1}", "c.y: is an array of 2 elements; name one, as c.y[1]"),
         ("{m: 5}", "m: is 5, outside its bounds [1, 4]"),
         ("{m: 1.5}", "m: is of type UInt64, 1.5 is not whole"),
         ("{'gain[3,1]': 1}", "no variable 'gain[3,1]' in 'c'"),
@@ -208,7 +209,10 @@ def test_arrays_with_too_many_elements_are_left_out_and_named(tmp_path: Path, ca
     assert "large: leaves out image" in caplog.text
 
 
-def test_info_shows_elements_and_sizes(path: Path) -> None:
+def test_info_shows_elements_and_sizes(path: Path, tmp_path: Path) -> None:
+    long = '<Float64 name="long" valueReference="95" causality="input" start="0"><Dimension start="1000"/></Float64>'
+    large: Any = about(arrays.build(tmp_path, ('<Float64 name="y"', f'{long}<Float64 name="y"')))
+    assert "long[1] to long[1000]" in [entry["name"] for entry in large["inputs"]] and len(large["inputs"]) < 30
     document: Any = about(path)
     assert [entry["name"] for entry in document["inputs"][:2]] == ["u[1]", "u[2]"]
     assert {"name": "m", "start": "2", "unit": "", "description": ""} in document["structural parameters"]
