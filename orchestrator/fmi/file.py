@@ -96,7 +96,7 @@ class FmuFile(FmuDescription):
             self.folder = unpacked.take(path, bool(self.offer.canBeInstantiatedOnlyOncePerProcess))
         self._open = True
         try:
-            self._require_binary()
+            self.require_binary()
         except BaseException:
             self.close()
             raise
@@ -113,7 +113,12 @@ class FmuFile(FmuDescription):
     def __exit__(self, kind: type | None, error: BaseException | None, traceback: TracebackType | None) -> None:
         self.close()
 
-    def _require_binary(self) -> None:
+    def require_binary(self) -> None:
+        """See that the folder holds the library; one that was compiled from sources is put there.
+
+        Raises:
+            FmuFileError: there is none for this platform.
+        """
         if Path(self.identifier).name != self.identifier:
             raise FmuFileError(self.path, f"has the model identifier '{self.identifier}'", "do not trust it")
         modern = self.description.fmiVersion.startswith("3")

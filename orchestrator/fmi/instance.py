@@ -214,6 +214,7 @@ class FmuInstance(Generic[A]):
                 folder, former = unpacked.take(fmu.path, alone=True), self._copy
                 fmu, self._copy = copy(fmu), folder
                 fmu.folder = folder
+                fmu.require_binary()
                 if former is not None:
                     unpacked.give_back(former)
             with _same_folder():

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fmus.errors import FmuFileError, ServotwinError
+from fmus.errors import FmuError, FmuFileError, ServotwinError
 from fmus.packaging import archive, targets
 from fmus.packaging.native import compiler, foreign_sources
 from orchestrator.engine import Simulation, Timing
@@ -17,7 +17,7 @@ from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part, wire
 from orchestrator.trace import Trace
-from tests.support import third_party
+from tests.support import moody, third_party
 
 XML, BUILD = "modelDescription.xml", "sources/buildDescription.xml"
 
@@ -137,3 +137,23 @@ def test_the_original_is_not_replaced(tmp_path: Path) -> None:
     bare = without_binaries(third_party.reference(3, "StateSpace"), tmp_path / "bare.fmu")
     with pytest.raises(FmuFileError, match="would be replaced; give another folder with --out"):
         foreign_sources.build(bare, bare)
+
+
+@pytest.mark.slow
+def test_a_library_from_sources_is_loaded_anew_after_a_fatal_error(tmp_path: Path, needs_compiler: None) -> None:
+    source = Path(moody.__file__).with_name("moody.c").read_bytes()
+    bare = without_binaries(moody.build(tmp_path), tmp_path / "bare.fmu", **{"sources/moody.c": source})
+    foreign_sources.build(bare, tmp_path / "out.fmu")
+    with FmuFile(bare) as file:
+        slave = Slave(file, "c")
+        for status in (4, 0):
+            slave.set({"step": status})
+            slave.begin(0.0, None)
+            slave.run()
+            if status:
+                with pytest.raises(FmuError, match="fatal"):
+                    slave.step(0.0, 0.1)
+                slave.reset()
+            else:
+                slave.step(0.0, 0.1)
+        slave.close()
