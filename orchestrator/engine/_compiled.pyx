@@ -119,11 +119,11 @@ cdef struct Node:
     Values packed  # those of `held` that the FMU wants in another type or elsewhere
     Calls writing
     Calls reading
-    void **instance  # where it is kept: it may be exchanged for a fresh one
-    void *step
-    void *has_asked  # FMI 2.0: function that says whether it asked to stop, and the one that says where
-    void *has_reached
     bint asked  # to stop, at the end of the latest step
+    void *instance
+    void *step
+    const uint64_t *watched  # its outputs, where all are of this type and side by side
+    int watched_count
     double duration
     Values instant
     Values late  # its outputs that are not instant
@@ -135,6 +135,9 @@ cdef struct Node:
     int64_t accounted  # steps that `seconds` stands for
     uint8_t *flags[3]
     double *reached
+    void *has_asked  # FMI 2.0: function that says whether it asked to stop, and the one that says where
+    void *has_reached
+    void **instance_place  # where the instance is kept, which may be exchanged for a fresh one before a run
 
 cdef enum:
     DISCARD = 2  # status of a step
@@ -142,6 +145,7 @@ cdef enum:
     LAST_TIME = 2
     AHEAD = 16  # rows between the one that is written and the one whose memory is fetched into the cache
 
+cdef uint64_t EXPONENT = 0x7FF0000000000000  # of a double: all of it is set where the value is not finite
 cdef double ALMOST = 1 - 1e-9  # of a step that is whole but for rounding
 cdef double SLOW = 5e-6  # steps longer than this are all timed [s]
 
@@ -234,8 +238,8 @@ cdef inline void _unpack(const Values *values) noexcept nogil:
 
 cdef inline int _call(const Node *node, const Call *call) noexcept nogil:
     if usually(node.version == 2):
-        return (<Access2>call.function)(node.instance[0], call.references, call.count, call.values)
-    return (<Access3>call.function)(node.instance[0], call.references, call.count, call.values, call.total)
+        return (<Access2>call.function)(node.instance, call.references, call.count, call.values)
+    return (<Access3>call.function)(node.instance, call.references, call.count, call.values, call.total)
 
 
 cdef inline int _call_all(const Node *node, const Calls *calls) noexcept nogil:
@@ -250,7 +254,18 @@ cdef inline int _call_all(const Node *node, const Calls *calls) noexcept nogil:
     return worst
 
 
-cdef inline bint _finite(const Calls *calls) noexcept nogil:
+cdef inline bint _finite(const Node *node) noexcept nogil:
+    """Whether all outputs are."""
+    cdef uint64_t beyond = 0
+    cdef int k
+    if node.watched == NULL:
+        return _got_finite(&node.reading)
+    for k in range(node.watched_count):
+        beyond |= (node.watched[k] & EXPONENT) == EXPONENT
+    return beyond == 0
+
+
+cdef bint _got_finite(const Calls *calls) noexcept nogil:
     """Whether all values that were got are finite."""
     cdef const Call *call
     cdef double zero = 0.0  # what is not finite makes it NaN
@@ -258,7 +273,7 @@ cdef inline bint _finite(const Calls *calls) noexcept nogil:
     cdef int i
     for i in range(calls.count):
         call = &calls.of[i]
-        if usually(call.width == 8):
+        if call.width == 8:
             for k in range(call.total):
                 zero += 0.0 * (<double *>call.values)[k]
         elif call.width == 4:
@@ -332,7 +347,7 @@ cdef class Core:
         cdef Node *node = &self.nodes[self.node_count]
         cdef int i
         node.rate = &self.rates[rate]
-        node.version, node.instance, node.step, node.duration = version, <void **>instance, <void *>step, duration
+        node.version, node.instance_place, node.step, node.duration = version, <void **>instance, <void *>step, duration
         node.reached = <double *>reached
         for i in range(len(flags)):
             node.flags[i] = <uint8_t *><uintptr_t>flags[i]
@@ -346,6 +361,8 @@ cdef class Core:
             node.scale = &scale[0]
         node.packed, node.instant, node.late = self._values(packed), self._values(instant), self._values(late)
         node.writing, node.reading = self._calls(writing), self._calls(reading)
+        if node.reading.count == 1 and node.reading.of[0].width == sizeof(double):
+            node.watched, node.watched_count = <uint64_t *>node.reading.of[0].values, node.reading.of[0].total
         self.node_count += 1
 
     def begin(self, const double[:, ::1] stimuli):
@@ -374,6 +391,7 @@ cdef class Core:
         cdef int n
         for n in range(self.node_count):
             node = &self.nodes[n]
+            node.instance = node.instance_place[0]
             if not ((not writing or _write(self, node)) and _read(self, node)):
                 self.failing = n
                 return False
@@ -484,7 +502,7 @@ cdef inline bint _advance(Core core, Node *node, double time) noexcept nogil:
         _time(core, node, begun)
     if node.instant.count:
         _unpack(&node.instant)
-    if core.finite and not _finite(&node.reading):
+    if core.finite and not usually(_finite(node)):
         return _stop(core, VALUE, 0)
     return True
 
@@ -511,10 +529,10 @@ cdef inline bint _step(Core core, Node *node, double time) noexcept nogil:
     if node.asked:
         return _stop(core, STEP, DISCARD if node.version == 2 else 0)
     if node.version == 2:
-        status = (<Step2>node.step)(node.instance[0], time, node.duration, 1)
+        status = (<Step2>node.step)(node.instance, time, node.duration, 1)
         ended = status == DISCARD
     else:
-        status = (<Step3>node.step)(node.instance[0], time, node.duration, True, node.flags[0], node.flags[1],
+        status = (<Step3>node.step)(node.instance, time, node.duration, True, node.flags[0], node.flags[1],
                                     node.flags[2], node.reached)
         ended = node.flags[1][0] or node.flags[2][0]
     if usually(not ended):
@@ -532,8 +550,8 @@ cdef bint _whole(Node *node, double time, int status) noexcept nogil:
         if node.has_asked == NULL:
             return False
         node.reached[0] = time
-        (<Asked2>node.has_asked)(node.instance[0], TERMINATED, &asked)
-        (<Reached2>node.has_reached)(node.instance[0], LAST_TIME, node.reached)
+        (<Asked2>node.has_asked)(node.instance, TERMINATED, &asked)
+        (<Reached2>node.has_reached)(node.instance, LAST_TIME, node.reached)
     else:
         asked = status < DISCARD and node.flags[1][0]
     return asked and node.reached[0] >= time + node.duration * ALMOST
