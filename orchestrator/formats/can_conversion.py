@@ -131,7 +131,7 @@ def streamed(source: Path, target: Path, layout: Layout, progress: Progress) -> 
     database = can_log.database_of(source, layout)
     survey = _survey(source, database, layout, lambda share, doing: progress(share / 2, doing))
     log = logs.read(source, lambda share, doing: progress(0.5 + share / 2, doing))
-    decoder, units = Decoder(database, can_log.signals(layout), source=can_log.source_of(layout)), survey.units
+    decoder, units = Decoder(database, can_log.signals(layout), log.channels, can_log.source_of(layout)), survey.units
     merger = Merger(list(units), start=survey.start, name=source.stem, statistics=decoder.statistics)
     known = {name: unit for name, unit in units.items() if unit}
     begins = LateBegins()
@@ -202,8 +202,9 @@ def _survey(source: Path, database: LogDatabase, layout: Layout, progress: Progr
         TraceError: no signal has a value, or one that was asked for has none.
     """
     wanted = can_log.signals(layout)
-    counted = can_log.Counted(logs.read(source, progress))
-    decoder, there = Decoder(database, wanted, source=can_log.source_of(layout)), dict[tuple[Stream, str], str]()
+    log = logs.read(source, progress)
+    counted = can_log.Counted(log)
+    decoder, there = Decoder(database, wanted, log.channels, can_log.source_of(layout)), dict[tuple[Stream, str], str]()
     for batch in counted:
         for stream, series in decoder.feed(can_log.of_channel(batch, layout)).items():
             for name, values in series.values.items():

@@ -43,6 +43,7 @@ def read(path: Path, layout: Layout, progress: Progress = silent) -> Recording:
             layout.steady,
             str(path),
             source_of(layout),
+            log.channels,
         )
     except AbsentError as error:
         raise refusal(path, error, counted.frame_count) from None

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from orchestrator.can.database.sources import DatabaseFiles, moved
+from orchestrator.can.database.sources import DatabaseFiles, moved, paths
 from orchestrator.formats.layout import Dates, Decimal, Layout, Separator
 from orchestrator.yaml_file import Block
 
@@ -39,6 +39,16 @@ class LayoutBlock(Block):
     channel: int | None = Field(None, ge=0)
     source: Annotated[int, Field(ge=0, le=255)] | Literal["any"] | None = None
     steady: list[str] = []
+
+    @model_validator(mode="after")
+    def _distinct(self) -> LayoutBlock:
+        files = [] if self.database is None else paths(self.database)  # type: ignore[arg-type]
+        names = [file.name for file in files]
+        if twice := next((name for name in names if names.count(name) > 1), None):
+            raise ValueError(
+                f"`database`: two files are called {twice}, and results keep them side by side; rename one"
+            )
+        return self
 
     def layout(self, base: Path) -> Layout:
         """How to read a recording; the database is relative to `base`."""

@@ -72,7 +72,8 @@ class Decoder:
     def names(self) -> SignalNames:
         """What the signals of the streams so far are called."""
         streams = {stream: reader.signals for _, (stream, reader) in sorted(self._readers.items()) if reader.count}
-        return SignalNames(self._log, streams, self.statistics)
+        silent = [channel for channel in self._log.own if channel not in self._router.met]
+        return SignalNames(self._log, streams, self.statistics, silent)
 
     def feed(self, frames: Frames) -> dict[Stream, Series]:
         """The signals of these frames by their names in the database; streams without a wanted one are only counted."""

@@ -64,12 +64,14 @@ class Router:
     Attributes:
         messages: of all databases, by their number.
         owners: the databases that they are of.
+        met: channels with a database of their own of which there were frames.
     """
 
     def __init__(self, log: LogDatabase, channels: Mapping[int, str]) -> None:
         self._log, self._channels = log, channels
         self.messages: list[MessageSpec] = []
         self.owners: list[Database] = []
+        self.met: set[str] = set()
         count = sum(len(database.messages) for database in log.databases)
         # NumPy sorts short ones faster.
         self._kind: type[np.signedinteger[Any]] = np.int16 if count < np.iinfo(np.int16).max else np.int32
@@ -86,7 +88,9 @@ class Router:
         numbers: Numbers = np.full(len(frames), -1, dtype=self._kind)
         for channel in np.flatnonzero(np.bincount(frames.channel)).tolist():
             rows = frames.channel == channel
-            database = self._log.of(channel, channel_name(channel, self._channels))
+            name = channel_name(channel, self._channels)
+            database = self._log.of(channel, name)
+            self.met |= {name, str(channel)}
             numbers[rows] = self._of_channel(frames[rows], database)
         return numbers
 

@@ -6,7 +6,7 @@ A signal goes by its name in the database where one stream has it, else led by w
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from fmus.errors import DatabaseError
@@ -49,7 +49,7 @@ class Wanted:
 
     def fits(self, stream: Stream) -> bool:
         """Whether it may come from there."""
-        return stream.message == self.message and self.labels <= {stream.channel, stream.sender}
+        return stream.message == self.message and self.labels <= {*stream.channel.split("."), stream.sender}
 
 
 def wanted(log: LogDatabase, names: Iterable[str]) -> list[Wanted]:
@@ -72,12 +72,17 @@ class SignalNames:
     Args:
         streams: those that are in it -> public names of their signals in the database.
         statistics: of its frames.
+        silent: channels that have a database of their own, and no frame.
     """
 
     def __init__(
-        self, log: LogDatabase, streams: Mapping[Stream, Collection[str]], statistics: FrameStatistics
+        self,
+        log: LogDatabase,
+        streams: Mapping[Stream, Collection[str]],
+        statistics: FrameStatistics,
+        silent: Sequence[str] = (),
     ) -> None:
-        self._log, self._statistics = log, statistics
+        self._log, self._statistics, self._silent = log, statistics, tuple(silent)
         self._streams: dict[str, list[Stream]] = {}
         for stream, signals in streams.items():
             for signal in signals:
@@ -126,7 +131,7 @@ class SignalNames:
         return list(dict.fromkeys(name for names in means.values() for name in names))
 
     def notes(self) -> list[str]:
-        """Messages that come in several streams, a line each."""
+        """Channels without frames, and messages that come in several streams, a line each."""
         told: dict[str, str] = {}
         for signal, streams in self._streams.items():
             names = [self.name(stream, signal) for stream in streams]
@@ -134,7 +139,8 @@ class SignalNames:
                 origins = " and ".join(name.removesuffix(f".{signal}") for name in names[:5])
                 more = f" and {len(names) - 5} more" if len(names) > 5 else ""
                 told[streams[0].message] = f"comes from {origins}{more}, which are kept apart as {names[0]}, {names[1]}"
-        return [f"message {message} {text}" for message, text in told.items()]
+        idle = [f"no frame comes over channel {channel}, which has a database of its own" for channel in self._silent]
+        return [*idle, *(f"message {message} {text}" for message, text in told.items())]
 
 
 def _meanings(log: LogDatabase, text: str) -> list[Wanted]:

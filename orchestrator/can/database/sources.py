@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from fmus.errors import InputError
+
 Files = Path | Sequence[Path]
 DatabaseFiles = Files | Mapping[str, Files]
 """A file, several, or those of each channel, by its number from 0 or its interface's name; `all` is every channel."""
@@ -25,14 +27,24 @@ def paths(files: DatabaseFiles) -> list[Path]:
 
 def moved(files: DatabaseFiles, move: Callable[[Path], Path]) -> DatabaseFiles:
     """The same choice of files that are somewhere else."""
+    if isinstance(files, Path):
+        return move(files)
     return {channel: [move(path) for path in own] for channel, own in by_channel(files).items()}
 
 
 def parsed(options: Sequence[str]) -> DatabaseFiles:
-    """The files of options as `FILE` or `CHANNEL=FILE`."""
+    """The files of options as `FILE` or `CHANNEL=FILE`.
+
+    Raises:
+        InputError: an option names no file, or no channel.
+    """
     found: dict[str, list[Path]] = {}
     for option in options:
         channel, equals, file = option.partition("=")
         whole = not equals or Path(option).is_file()
+        if not (channel and (file or whole)):
+            raise InputError(
+                f"--dbc {option}", "names no file or no channel", "give FILE or CHANNEL=FILE, as 0=rig.dbc"
+            )
         found.setdefault(ALL if whole else channel, []).append(Path(option if whole else file))
     return found

@@ -37,10 +37,12 @@ class LogReader:
     Attributes:
         path: the file.
         findings: what came up in the last iteration, complete at its end.
+        channels: names of interfaces by the number of their channel, as far as frames have been read.
     """
 
     def __init__(self, path: Path, read_frames: ReadFrames, progress: Progress = silent) -> None:
         self.path, self.findings = path, Findings()
+        self.channels: dict[int, str] = {}
         self._read_frames, self._progress = read_frames, progress
 
     @property
@@ -54,7 +56,7 @@ class LogReader:
         Raises:
             TraceError: there is nothing in the file that can be read as such a log.
         """
-        self.findings = findings = Findings()
+        self.findings = findings = Findings(channels=self.channels)
         count = 0
         doing = f"reading {self.path.name}"
         for batch, share in self._read_frames(self.path, findings):

@@ -39,6 +39,7 @@ class Findings:
         damaged: how many there are.
         skipped: events that are no CAN frames: markers, statistics, other buses.
         notes: what was assumed or worked out to read the log, each said once.
+        channels: names of interfaces by the number of their channel, where the log has names.
         zoneless: whether the log has a date without a time zone, which counts as UTC.
     """
 
@@ -47,6 +48,7 @@ class Findings:
     skipped: int = 0
     notes: list[str] = field(default_factory=list)
     zoneless: bool = False
+    channels: dict[int, str] = field(default_factory=dict)
 
     def add(self, offset: int | None, problem: str, line: int | None = None) -> None:
         """Note a place."""

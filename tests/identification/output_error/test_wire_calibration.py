@@ -99,7 +99,7 @@ def test_what_the_bus_lost_is_a_warning_with_details_beside_the_recordings(resul
     noted = {each["trace"]: each["notes"] for each in document["data"] if "notes" in each}
     assert noted and all("frames missing (estimated)" in notes[0] for notes in noted.values())
     (warning,) = [each for each in document["warnings"] if "recordings is to be known" in each]
-    assert warning.startswith(f"{len(noted)} of 3 recordings") and next(iter(noted)) in warning
+    assert warning.startswith(f"what was seen in {len(noted)} of 3 recordings") and next(iter(noted)) in warning
 
 
 def test_a_result_is_validated_with_the_database_that_it_keeps(result: Path, wired: Path, tmp_path: Path) -> None:

@@ -146,6 +146,16 @@ def test_each_channel_may_have_its_own_database(twins: Path, keys: tuple[str, st
     assert trace["speed"][-1] == pytest.approx(12) and trace["rate"][-1] == pytest.approx(22)
 
 
+def test_interfaces_with_names_are_channels_by_their_names(tmp_path: Path) -> None:
+    frames = [f"{10 * step + place} {name} 123#{speed(step)}" for step in range(3) for place, name in enumerate("ab")]
+    path, base = log(tmp_path, *frames), dbc(tmp_path, "a", message("Rig", 291))
+    assert read(path, database=base).trace.names == ("a.speed", "b.speed")
+    assert read(path, database=base, signals=["b.Rig.speed"]).trace.names == ("b.speed",)
+    found = read(path, database={"b": base, "9": dbc(tmp_path, "c", message("Arm", 291, "rate"))})
+    assert found.trace.names == ("speed",)
+    assert "no frame comes over channel 9, which has a database of its own" in found.notes
+
+
 def test_a_message_longer_than_the_frames_of_a_log_leaves_the_others_alone(tmp_path: Path) -> None:
     base = dbc(tmp_path, "a", message("Rig", 291), message("Long", 512, "far", 80, 12))
     rig = [f"{10 * step} can0 123#{speed(1)}" for step in range(2)]
@@ -161,6 +171,12 @@ def test_the_option_dbc_repeats_and_takes_channels(twins: Path) -> None:
     assert result.exit_code == 0, result.output
     names = [signal["name"] for signal in json.loads(result.stdout)["traces"][0]["signals"]]
     assert names == ["speed", "rate"]
+
+
+@pytest.mark.parametrize("option", ["--dbc=0=", "--dbc==a.dbc", "--dbc=", "--source=x", "--source=256"])
+def test_options_of_databases_that_say_nothing_are_refused(twins: Path, option: str) -> None:
+    result = CliRunner().invoke(app, ["trace", "info", str(twins), option])
+    assert result.exit_code == 2 and option.replace("=", " ", 1) in result.stderr
 
 
 @pytest.mark.parametrize(

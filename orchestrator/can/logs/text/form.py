@@ -31,6 +31,7 @@ class Channels:
             if number is None or number in taken:
                 number = next(free for free in range(len(taken) + 1) if free not in taken)
             self.numbers[name] = number
+            self.findings.channels[number] = name
             if name not in (f"can{number}", str(number)):
                 self.findings.note(f"interface {name} is channel {number}")
 
