@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from orchestrator.trace import BoolArray, Bytes, FloatArray
 
 CLASSIC, LONGEST = 8, 64  # data bytes of a classic and of a CAN FD frame
+MICRO = 6  # digits
+CALENDAR = 1e8  # [s]; stamps from 1973 on are dates, smaller ones count from the start of a measurement
 LENGTHS = np.array([*range(9), 12, 16, 20, 24, 32, 48, 64], dtype=np.uint8)  # data bytes by length code
 
 
@@ -100,6 +102,27 @@ class Frames:
                 dlc=length,
                 data=b"" if remote else self.data[row, :length].tobytes(),
             )
+
+
+def stamps(start: float, offset: FloatArray) -> FloatArray:
+    """(K,) POSIX times of what comes after a start [s].
+
+    A double of today's date is good to a quarter of a microsecond. What is told in whole microseconds becomes the
+    double next to these, so that `since` gives it back.
+    """
+    time = offset + start
+    return np.round(time, MICRO) if _in_microseconds(offset, 1e-9) else time
+
+
+def since(start: float, time: FloatArray) -> FloatArray:
+    """(K,) what stamps are after a start [s]: in whole microseconds where both are."""
+    offset = time - start
+    dated = abs(start) >= CALENDAR and start == round(start, MICRO)
+    return np.round(offset, MICRO) if dated and bool(np.all(time == np.round(time, MICRO))) else offset
+
+
+def _in_microseconds(offset: FloatArray, slack: float) -> bool:
+    return bool(np.all(np.abs(offset - np.round(offset, MICRO)) < slack))
 
 
 def empty() -> Frames:

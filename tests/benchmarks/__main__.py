@@ -25,7 +25,7 @@ BENCH = {
     "window_overhead": "a window of a calibration beside its stepping",
     "many_runs": "1,000 runs of energy control",
     "can_codec": "CAN frames to a trace and back, beside cantools",
-    "can_logs": "BLF logs to frames and traces beside python-can and cantools, and memory",
+    "can_logs": "BLF and text logs to frames and traces beside python-can and cantools, and memory",
     "can_wire": "frames over serial ports, relayed, received and recorded",
     "loop_speed": "a step in our loops, in C and in other tools",
     "loop_scaling": "time and memory over components and steps",

@@ -19,7 +19,7 @@ from orchestrator.can.codec.streams import SignalNames, Stream, channel_name, wa
 from orchestrator.can.codec.time_stamps import StampRepair, smallest_step
 from orchestrator.can.codec.transport import Packet, Transport, frames_of, is_transport
 from orchestrator.can.database.bus import LogDatabase
-from orchestrator.can.frames import Flag, Frames
+from orchestrator.can.frames import Flag, Frames, since
 from orchestrator.can.statistics import FrameStatistics
 from orchestrator.trace import BoolArray, Bytes, FloatArray, Trace
 
@@ -218,4 +218,4 @@ def trace(
 
 def _from(start: float, series: Series) -> Series:
     """The series with stamps from `start` on, ascending."""
-    return ascending(Series(series.time - start, series.values, series.units))
+    return ascending(Series(since(start, series.time), series.values, series.units))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from orchestrator.can.frames import since
 from orchestrator.can.statistics import FrameStatistics
 from orchestrator.trace import BoolArray, FloatArray, Trace
 
@@ -103,7 +104,7 @@ class Merger:
             end = int(np.searchsorted(ordered.time, until, side="right"))
             due.append(self._in_time(ordered[:end]))
             self._kept[message] = ordered[end:]
-        samples = [Series(series.time - self.start, series.values, series.units) for series in due if len(series)]
+        samples = [Series(since(self.start, series.time), series.values, series.units) for series in due if len(series)]
         time, places = _union([series.time for series in samples])
         held = dict(self._held)
         found: dict[str, FloatArray] = {}
@@ -113,7 +114,7 @@ class Merger:
             name: found[name] if name in found else np.full(len(time), held.get(name, np.nan)) for name in self.signals
         }
         if len(time):
-            self._passed = float(time[-1]) + self.start
+            self._passed = max(float(series.time[-1]) for series in due if len(series))
         units = {name: unit for name, unit in self._units.items() if name in columns}
         return Trace(time, columns, units, self.name)
 

@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from orchestrator.can.frames import Flag, Frames
+from orchestrator.can.frames import CALENDAR, Flag, Frames, since
 
 MOST = 1 << 16  # different identifiers that are kept apart
 SPECIAL = {"error": Flag.ERROR, "remote": Flag.REMOTE, "CAN FD": Flag.FD, "sent": Flag.SENT}
-CALENDAR = 1e8  # [s]; stamps from 1973 on are dates, smaller ones count from the start of a measurement
 
 
 @dataclass
@@ -26,7 +25,7 @@ class Identifier:
     @property
     def period(self) -> float | None:
         """Mean time between two frames [s]."""
-        return round((self.last - self.first) / (self.count - 1), 9) if self.count > 1 else None
+        return round(_span(self.first, self.last) / (self.count - 1), 9) if self.count > 1 else None
 
 
 @dataclass
@@ -69,7 +68,7 @@ class FrameCount:
         ]
         return {
             "frames": self.frames,
-            "duration": round(self.last - self.first, 9) if self.frames else 0.0,
+            "duration": round(_span(self.first, self.last), 9) if self.frames else 0.0,
             "start": moment(self.first) if self.frames else "",
             "channels": sorted(self.channels),
             **{f"{name} frames": count for name, count in self.special.items()},
@@ -98,6 +97,10 @@ class FrameCount:
             self.identifiers[name] = Identifier(count, first, last)
         else:
             self.others += count
+
+
+def _span(first: float, last: float) -> float:
+    return float(since(first, np.array([last]))[0])
 
 
 def moment(stamp: float) -> str:

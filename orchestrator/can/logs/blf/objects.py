@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from orchestrator.can.frames import CLASSIC, LENGTHS, LONGEST, Flag, Frames
+from orchestrator.can.frames import CLASSIC, LENGTHS, LONGEST, Flag, Frames, stamps
 from orchestrator.trace import BoolArray, Bytes
 
 SIGNATURE = b"LOBJ"
@@ -260,8 +260,8 @@ def _least(types: NDArray[Any]) -> NDArray[np.int64]:
 
 def _frames(objects: Objects, origin: float) -> Frames:
     count = len(objects.starts)
-    stamps = gather(objects.octets, objects.starts + HEADER.itemsize, STAMP)
-    time = stamps["time"] / np.where(stamps["flags"] == TEN_MICROSECONDS, 1e5, 1e9) + origin
+    told = gather(objects.octets, objects.starts + HEADER.itemsize, STAMP)
+    time = stamps(origin, told["time"] / np.where(told["flags"] == TEN_MICROSECONDS, 1e5, 1e9))
     types = objects.heads["type"]
     parts = [
         (rows, KINDS[kind][1](objects.of(rows)))

@@ -11,7 +11,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from orchestrator.can.frames import CLASSIC, LENGTHS, LONGEST, Flag, Frames
+from orchestrator.can.frames import CLASSIC, LENGTHS, LONGEST, Flag, Frames, since
 from orchestrator.can.logs.blf import objects
 
 CONTAINER = 1 << 17  # bytes of objects in one, as Vector's tools make them
@@ -91,7 +91,7 @@ def _records(frames: Frames, kind: int, layout: np.dtype[Any], start: float) -> 
     head, at, body = records["head"], records["at"], records["body"]
     head["signature"], head["header"], head["version"] = objects.WORD, 32, 1
     head["size"], head["type"] = layout.itemsize, kind
-    at["flags"], at["time"] = NANOSECONDS, np.maximum(0.0, np.rint((frames.time - start) * 1e9))
+    at["flags"], at["time"] = NANOSECONDS, np.maximum(0.0, np.rint(since(start, frames.time) * 1e9))
     body["channel"] = frames.channel.astype(np.uint16) + 1
     body["id"] = frames.id | np.where(frames.has(Flag.EXTENDED), np.uint32(1 << 31), np.uint32(0))
     body["dlc"] = frames.length if kind != objects.CAN_FD_MESSAGE else CODES[np.minimum(frames.length, LONGEST)]

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmus.errors import TraceError
-from orchestrator.can.frames import CLASSIC, LENGTHS, LONGEST, Flag, Frames, concatenated
+from orchestrator.can.frames import CLASSIC, LENGTHS, LONGEST, Flag, Frames, concatenated, since, stamps
 from orchestrator.can.logs.findings import Findings
 from orchestrator.can.logs.messages import shortened
 from orchestrator.trace import Bytes, FloatArray
@@ -90,7 +90,7 @@ def fill(file: BinaryIO, batches: Iterable[Frames], database: Path | None = None
             for group, (name, kind) in enumerate(KINDS.items()):
                 chosen = batch[(batch.flags & np.uint8(Flag.ERROR | Flag.REMOTE)) == kind]
                 if len(chosen):
-                    mdf.extend(group, [(chosen.time - (start or 0.0), None), (_records(chosen, name), None)])
+                    mdf.extend(group, [(since(start or 0.0, chosen.time), None), (_records(chosen, name), None)])
         if start is None:
             _append_groups(asammdf, mdf, database)
         mdf.save(file, overwrite=True, compression=1)
@@ -192,7 +192,7 @@ def _columns(signal: Any, name: str, start: float, first_channel: int) -> Frames
     data *= np.arange(width) < filled[:, None]
     length = np.where(flags & Flag.REMOTE, length, filled).astype(np.uint8)
     return Frames(
-        signal.timestamps + start,
+        stamps(start, signal.timestamps),
         identifier & np.uint32(0x1FFFFFFF),
         flags,
         np.clip(there.get("BusChannel", nothing).astype(np.int64) - first_channel, 0, 255).astype(np.uint8),

@@ -65,7 +65,7 @@ def _one(line: str, state: AscState, reading: Reading) -> Row | None:
     if NOTHING.match(line) or BEGUN.match(line):
         return None
     words = line.split()
-    time = stamp(words[0]) + (0.0 if state.relative else state.start)
+    time = stamp(words[0])
     kind = word(words, 1, "kind")
     if kind.upper() == "CANFD":
         return _fd(words, time, state)
@@ -183,7 +183,7 @@ def _many(lines: Lines, state: AscState, reading: Reading) -> Found:
     _, more = lines.whole_numbers(words[length_word + 1 + length], state.base, 2)
     classic = lines.equal(words[4], "d") & (length <= CLASSIC) & ~more
     return found(
-        (time + (0.0 if state.relative else state.start), right),
+        (time, right),
         identifier,
         flags,
         channel - 1,

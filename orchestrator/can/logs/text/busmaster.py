@@ -39,6 +39,10 @@ class BusmasterState(State):
     base: int = 16
     day: bool = True
 
+    @property
+    def origin(self) -> float:
+        return self.start - self.start % DAY if self.day else self.start
+
 
 def _state(lines: Sequence[str], reading: Reading) -> BusmasterState:
     return BusmasterState()
@@ -62,16 +66,9 @@ def _header(line: str, state: BusmasterState, reading: Reading) -> BusmasterStat
     return replace(state, day=name.startswith("SYSTEM"), relative=name.startswith("RELATIVE"))
 
 
-def _origin(state: BusmasterState) -> float:
-    """What is added to a stamp [s]."""
-    if state.relative:
-        return 0.0
-    return state.start - state.start % DAY if state.day else state.start
-
-
 def _one(line: str, state: BusmasterState, reading: Reading) -> Row | None:
     words = line.split()
-    time = clock(words[0]) + _origin(state)
+    time = clock(words[0])
     direction, kind = word(words, 1, "direction").lower(), word(words, 4, "type").lower()
     if direction not in DIRECTIONS:
         raise NoFrameError(f"'{direction}' is neither Rx nor Tx")
@@ -109,7 +106,7 @@ def _many(lines: Lines, state: BusmasterState, reading: Reading) -> Found:
     data = lines.octet_words(6, length, state.base, CLASSIC)
     right = numbered & named & told & (sent | lines.equal(words[1], "rx")) & (extended | lines.equal(words[4], "s"))
     flags = extended * Flag.EXTENDED | sent * Flag.SENT
-    return found((time + _origin(state), timed), identifier, flags, channel - 1, length, data, right)
+    return found((time, timed), identifier, flags, channel - 1, length, data, right)
 
 
 def _clocks(lines: Lines, field: Field) -> tuple[FloatArray, BoolArray]:

@@ -66,6 +66,11 @@ class State:
     start: float = 0.0
     relative: bool = False
 
+    @property
+    def origin(self) -> float:
+        """What is added to stamps [s]."""
+        return self.start
+
 
 S = TypeVar("S", bound=State)
 

@@ -24,7 +24,7 @@ DIGIT = np.full(256, 255, np.uint8)  # value of a character as a digit
 for _value, _digit in enumerate("0123456789abcdef"):
     DIGIT[[ord(_digit), ord(_digit.upper())]] = _value
 BESIDE = (np.arange(256) <= BLANK) | (np.arange(256) == ord('"'))
-EXACT = 1 << 53
+EXACT, FEW_DIGITS, LONGEST_NUMBER = 1 << 53, 17, 24  # whole numbers that a double holds; characters
 POWERS = 10.0 ** np.arange(23)
 
 
@@ -99,10 +99,9 @@ class Lines:
     def fields(self, separator: str) -> Pieces:
         """What stands between separators, without the blanks around it."""
         first, last = self._bounds
-        cuts = np.flatnonzero(self.octets[first:last] == ord(separator)) + first
-        begins = np.sort(np.concatenate([self.whole.begin, cuts + 1]))
-        ends = np.sort(np.concatenate([self.whole.end, cuts]))
-        return self._pieces(self.trimmed(Field(begins, ends)))
+        text = self.octets[first : last + 1]
+        cuts = np.flatnonzero((text == ord(separator)) | (text == NEWLINE)) + first
+        return self._pieces(self.trimmed(Field(np.concatenate(([first], cuts[:-1] + 1)), cuts)))
 
     def trimmed(self, field: Field, most: int = 4) -> Field:
         """Without some blanks and quotation marks around it."""
@@ -146,6 +145,11 @@ class Lines:
             left &= ~same
         return found, places
 
+    def near(self, begin: Positions, width: int) -> Bytes:
+        """(n, width) the octets from these places on."""
+        window = np.ndarray((len(self.octets) - width,), f"V{width}", self.octets, strides=(1,))
+        return np.asarray(window[begin].view(np.uint8).reshape(len(begin), width))
+
     def whole_numbers(self, field: Field, base: int, most: int) -> tuple[Positions, BoolArray]:
         """(n,) numbers of at most so many digits, and which are sound."""
         length = field.length
@@ -156,20 +160,30 @@ class Lines:
             value = np.where(inside, value * base + digit, value)
         return value, sound
 
-    def decimals(self, field: Field, shift: int = 0, most: int = 18) -> tuple[FloatArray, BoolArray]:
-        """(n,) numbers with a point, divided by 10^shift, rounded as `float` does it, and which are sound."""
+    def decimals(self, field: Field) -> tuple[FloatArray, BoolArray]:
+        """(n,) numbers with a point, rounded as `float` does it, and which are sound."""
         length = field.length
-        value, sound = np.zeros(len(length), np.int64), (length > 0) & (length <= most)
+        value, sound = np.zeros(len(length), np.int64), (length > 0) & (length <= LONGEST_NUMBER)
         behind, pointed = np.zeros(len(length), np.int64), np.zeros(len(length), bool)
-        for place in range(min(most, int(length.max(initial=0))), 0, -1):
+        for place in range(min(LONGEST_NUMBER, int(length.max(initial=0))), 0, -1):
             octet, inside = self.octets[field.end - place], place <= length
             point, digit = inside & (octet == DOT), DIGIT[octet]
             sound &= (digit < 10) | ~inside | (point & ~pointed)
             pointed |= point
             value = np.where(inside & ~point, value * 10 + digit, value)
             behind += inside & ~point & pointed
-        sound &= (np.abs(value) < EXACT) & (length > pointed)
-        return value / POWERS[np.minimum(behind + shift, 22)], sound
+        sound &= length > pointed
+        number = value / POWERS[np.minimum(behind, 22)]
+        inexact = np.flatnonzero(sound & ((length > FEW_DIGITS) | (value >= EXACT)))
+        if len(inexact):
+            number[inexact] = self._as_python_has_them(field.of(inexact))
+        return number, sound
+
+    def _as_python_has_them(self, field: Field) -> FloatArray:
+        near = self.near(field.end - LONGEST_NUMBER, LONGEST_NUMBER)
+        there = np.arange(LONGEST_NUMBER) >= LONGEST_NUMBER - field.length[:, None]
+        digits = np.where(there, near, ord("0")).astype(np.uint8)
+        return digits.view(f"S{LONGEST_NUMBER}").ravel().astype(np.float64)
 
     def octet_words(self, first: int | Positions, count: Positions, base: int, width: int) -> tuple[Bytes, BoolArray]:
         """(n, width) the bytes in the words from `first` on, as many as `count` says, and which are sound."""
@@ -193,8 +207,7 @@ class Lines:
         Args:
             stride: from one byte to the next; with 3 there is a blank or `behind` behind each.
         """
-        window = np.ndarray((len(self.octets) - stride * width,), f"V{stride * width}", self.octets, strides=(1,))
-        near = window[begin].view(np.uint8).reshape(len(begin), width, stride)
+        near = self.near(begin, stride * width).reshape(len(begin), width, stride)
         high, low = DIGIT[near[:, :, 0]], DIGIT[near[:, :, 1]]
         there = np.arange(width) < count[:, None]
         sound = (count >= 0) & (count <= width) & (((high | low) < 16) | ~there).all(axis=1)

@@ -10,7 +10,7 @@ from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
-from orchestrator.can.frames import Frames, concatenated
+from orchestrator.can.frames import Frames, concatenated, stamps
 from orchestrator.can.log_suffixes import first_lines, opened
 from orchestrator.can.logs.findings import Findings
 from orchestrator.can.logs.text.form import Channels, Reading, State, TextFormat
@@ -91,7 +91,8 @@ class _Reader:
                 self._reading.findings.skipped += not row.frame
         if self._state.relative:
             many, rows = self._added_up(many, rows)
-        return with_rows(many, rows)
+        frames, origin = with_rows(many, rows), self._state.origin
+        return replace(frames, time=stamps(origin, frames.time)) if origin else frames
 
     def _row(self, block: Block, lines: Lines, place: int) -> Row | None:
         length = int(lines.whole.length[place])
@@ -117,7 +118,6 @@ class _Reader:
             steps[place] = row.time
         time = np.round(self._clock + np.cumsum(steps), 9)
         self._clock = float(time[-1]) if len(time) else self._clock
-        time += self._state.start
         moved = {place: replace(row, time=float(time[place])) for place, row in rows.items()}
         return Found(replace(many.frames, time=time), many.sound), moved
 

@@ -147,7 +147,7 @@ def _time(text: str, state: TableState) -> float:
         return clock(text)
     if "-" in text[1:] and "e" not in text and (date := moment(text)):
         return date.time
-    return stamp(text) / float(10**state.shift) + state.start
+    return stamp(text) / float(10**state.shift)
 
 
 def _data(cells: list[str], head: TableHead, told: int) -> bytes:
@@ -175,7 +175,7 @@ def _many(lines: Lines, state: TableState, reading: Reading) -> Found:
     def cells(role: str) -> Field:
         return fields[head.columns[role]]
 
-    time, timed = lines.decimals(cells("time"), state.shift)
+    time, timed = lines.decimals(cells("time"))
     name = cells("id")
     digits = name.without(2 * lines.equal(Field(name.begin, np.minimum(name.begin + 2, name.end)), "0x"))
     identifier, right = lines.whole_numbers(digits, 16, 8)
@@ -205,7 +205,13 @@ def _many(lines: Lines, state: TableState, reading: Reading) -> Found:
         right &= sure & (told == length)
     flags = flags | (length > CLASSIC) * int(Flag.FD)
     return found(
-        (time + state.start, timed), identifier, flags, channel, length, data, right & (flags & Flag.REMOTE == 0)
+        (time / float(10**state.shift), timed),
+        identifier,
+        flags,
+        channel,
+        length,
+        data,
+        right & (flags & Flag.REMOTE == 0),
     )
 
 
@@ -245,18 +251,14 @@ def _octet_fields(lines: Lines, fields: Pieces, places: tuple[int, ...]) -> tupl
 
 def _decoded(lines: Lines, field: Field) -> tuple[Positions, tuple[Bytes, BoolArray]]:
     """Data bytes in base 64, up to twelve letters."""
-    sound = (field.length % 4 == 0) & (field.length <= 12)
-    letters = np.zeros((len(lines), 12), np.uint32)
-    for place in range(12):
-        letter = lines.octets[field.begin + place]
-        there = place < field.length
-        sound &= ~there | (BASE64[letter] < 64)
-        letters[:, place] = np.where(there, BASE64[letter], 0)
-    padding = np.zeros(len(lines), np.int64)
-    for place in (1, 2):
-        padding += (field.length > 0) & (lines.octets[field.end - place] == ord("="))
-    for place in range(3, 13):
-        sound &= (place > field.length) | (lines.octets[field.end - place] != ord("="))
+    near = lines.near(field.begin, 12)
+    there = np.arange(12) < field.length[:, None]
+    padded = (near == ord("=")) & there
+    padding = padded.sum(axis=1)
+    last = np.arange(12) >= field.length[:, None] - 2
+    sound = (field.length % 4 == 0) & (field.length <= 12) & ((BASE64[near] < 64) | ~there).all(axis=1)
+    sound &= ~(padded & ~last).any(axis=1) & ((padding == 0) | (lines.octets[field.end - 1] == ord("=")))
+    letters = np.where(there, BASE64[near], 0).astype(np.uint32)
     groups = letters.reshape(-1, 3, 4) @ np.array([1 << 18, 1 << 12, 1 << 6, 1], np.uint32)
     octets_there = (groups[:, :, None] >> np.array([16, 8, 0], np.uint32) & 255).reshape(-1, 9)
     length = field.length // 4 * 3 - padding

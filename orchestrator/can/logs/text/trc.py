@@ -76,7 +76,7 @@ def _one(line: str, state: TrcState, reading: Reading) -> Row | None:
     def cell(name: str, what: str) -> str:
         return word(words, columns[name], what) if name in columns else ""
 
-    time = stamp(cell("O", "time stamp")) / 1e3 + state.start
+    time = stamp(cell("O", "time stamp")) / 1e3
     kind, direction, name = cell("T", "type").lower(), cell("d", "direction").lower(), cell("I", "identifier")
     if kind in EVENTS or direction in EVENTS:
         return event(time)
@@ -105,7 +105,7 @@ def _many(lines: Lines, state: TrcState, reading: Reading) -> Found:
     def cells(name: str) -> Field:
         return words[columns[name]]
 
-    time, right = lines.decimals(cells("O"), 3)
+    time, right = lines.decimals(cells("O"))
     identifier, named = lines.whole_numbers(cells("I"), 16, 8)
     channel, numbered = lines.whole_numbers(cells("B"), 10, 2) if "B" in columns else (nothing + 1, every)
     length, told = lines.whole_numbers(cells("l" if "l" in columns else "L"), 10, 2)
@@ -123,9 +123,7 @@ def _many(lines: Lines, state: TrcState, reading: Reading) -> Found:
     length = np.where(told, length, 255)
     known = known & ~lines.equal(cells("D"), "rtr")
     data = lines.octet_words(columns["D"], length, 16, LONGEST if fd.any() else CLASSIC)
-    return found(
-        (time + state.start, right), identifier, flags, channel - 1, length, data, named & numbered & told & known
-    )
+    return found((time / 1e3, right), identifier, flags, channel - 1, length, data, named & numbered & told & known)
 
 
 TRC = TextFormat(_state, b"0123456789", _header, _one, _many)

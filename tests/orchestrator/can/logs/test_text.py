@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 from base64 import b64encode
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import can
@@ -15,10 +16,10 @@ from hypothesis import strategies as st
 
 from fmus.errors import TraceError
 from orchestrator.can import logs
-from orchestrator.can.frames import Flag, Frames, from_messages
+from orchestrator.can.frames import Flag, Frames, from_messages, since
 from orchestrator.can.logs.text import reading
 from orchestrator.can.logs.text.dates import moment
-from tests.support.can_samples import START, all_of, different, messages
+from tests.support.can_samples import START, all_of, different, messages, rig_frames
 
 quick = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -337,3 +338,16 @@ def test_what_is_wrong_with_a_line_is_said(tmp_path: Path, line: str, why: str) 
     text = f"base hex timestamps absolute\n0.0 1 123 Rx d 1 01\n{line}\n"
     _, log = frames_of(tmp_path / "a.asc", text)
     assert [damage.problem for damage in log.damage] == [f"this line is no frame: {why}"] and log.damage[0].line == 3
+
+
+@pytest.mark.parametrize(
+    "suffix", [".asc", ".blf", ".csv", ".log", ".trc", pytest.param(".mf4", marks=pytest.mark.needs("mf4"))]
+)
+def test_differences_of_stamps_come_out_as_they_were_written(tmp_path: Path, suffix: str) -> None:
+    """A date in a double is good to a quarter of a microsecond."""
+    frames = rig_frames(30, start=1_700_000_000.037)
+    logs.write(tmp_path / f"a{suffix}", [replace(frames, time=np.round(frames.time, 6))])
+    time = all_of(logs.read(tmp_path / f"a{suffix}")).time
+    assert since(float(time[0]), time).tolist() == [
+        round(0.001 * number + late, 6) for number in range(30) for late in (0.0, 0.0002)
+    ]
