@@ -69,6 +69,11 @@ def file_of(path: Path, *containers: bytes) -> Path:
     return path
 
 
+def same(one: Frames, other: Frames) -> bool:
+    """Whether frames are the same, their stamps up to what a double of a date can hold."""
+    return different(one, other) == [] and bool(np.all(np.abs(one.time - other.time) < 3e-7))
+
+
 def theirs(path: Path) -> Frames:
     return from_messages(can.BLFReader(path))
 
@@ -84,7 +89,7 @@ def test_frames_equal_those_of_python_can_one_by_one(
 ) -> None:
     path = write_blf(tmp_path / "a.blf", sent, max_container_size=size, compression_level=level)
     log = logs.read(path)
-    assert different(all_of(log), theirs(path), "time id flags channel length data") == []
+    assert same(all_of(log), theirs(path))
     assert log.damage == [] and log.findings.skipped == 0
 
 
@@ -96,7 +101,7 @@ def test_python_can_reads_the_frames_that_are_written_here(tmp_path: Path, sent:
     logs.write(path, [frames[:20], frames[20:]], lost=Counter())
     reader = can.BLFReader(path)
     back = from_messages(reader)
-    assert different(back, all_of(logs.read(path)), "time id flags channel length data") == []
+    assert same(back, all_of(logs.read(path)))
     frames.flags[frames.has(Flag.ERROR)] &= ~np.uint8(Flag.SENT)
     assert different(back, frames) == [] and np.abs(back.time - frames.time).max() < 1e-6
     assert reader.object_count == len(frames) and reader.file_size == path.stat().st_size
@@ -148,7 +153,7 @@ def test_all_objects_of_frames_and_both_units_of_time_are_read(tmp_path: Path) -
     ]
     path = file_of(tmp_path / "a.blf", container(b"".join(objects)))
     frames = all_of(logs.read(path))
-    assert different(frames, theirs(path), "time id flags channel length data") == []
+    assert same(frames, theirs(path))
     assert frames.length.tolist() == [8, 3, 12, 64, 12, 2, 0]
     assert (frames.time[:2] - START).tolist() == pytest.approx([1.5, 1.50001], abs=1e-6)
     assert frames.flags[3] == Flag.FD | Flag.BITRATE_SWITCH | Flag.SENT
@@ -181,7 +186,7 @@ def test_a_signature_among_the_data_is_no_object(tmp_path: Path) -> None:
     sent = [can.Message(timestamp=START, arbitration_id=n, data=b"LOBJLOBJ") for n in range(1000)]
     path = write_blf(tmp_path / "a.blf", sent)
     log = logs.read(path)
-    assert different(all_of(log), theirs(path), "time id flags channel length data") == [] and not log.damage
+    assert same(all_of(log), theirs(path)) and not log.damage
 
 
 @pytest.mark.parametrize("size", [250, 1 << 17])
