@@ -9,6 +9,7 @@ from __future__ import annotations
 import gzip
 import re
 import zlib
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import BinaryIO
 
@@ -19,6 +20,7 @@ TEXT = {".asc": "asc", ".csv": "table", ".log": "candump", ".trc": "trc", ".txt"
 """Suffix of a text -> its format where its lines do not tell."""
 SHARED = (".csv", ".txt")
 PACKED = ".gz"
+FRAMES = (b"CAN_DataFrame", b"CAN_ErrorFrame", b"CAN_RemoteFrame", b"LIN_Frame", b"FLX_Frame")  # channels of MDF logs
 HEAD = 1 << 16  # bytes that are looked at
 PLAIN = bytes(32 if octet < 32 and octet != 10 else octet for octet in range(256))  # control characters are blanks
 
@@ -79,4 +81,15 @@ def is_log(path: str | Path) -> bool:
     suffix = suffix_of(file)
     if suffix in SHARED:
         return bool(text_format(file))
+    if suffix == ".mf4" and file.is_file() and file.suffix.lower() != PACKED:
+        return _holds_frames(file)
     return suffix in TEXT if file.suffix.lower() == PACKED else suffix in SUFFIXES
+
+
+def _holds_frames(path: Path) -> bool:
+    """Whether an MDF file names channels of bus frames, or is none: then its reader says so."""
+    try:
+        with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as content:
+            return content[:8].strip() != b"MDF" or any(content.find(name) >= 0 for name in FRAMES)
+    except (OSError, ValueError):
+        return True

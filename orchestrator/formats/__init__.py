@@ -6,6 +6,7 @@ Files come from outside: whatever is wrong with one ends in a `TraceError` that 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -35,14 +36,30 @@ FORMATS = {".csv": "csv", ".mat": "arrays.mat", ".parquet": "parquet", ".tsv": "
 """Those that come along; other packages add theirs as entry points `SUFFIX = module` of `servotwin.formats`."""
 
 READ = {
+    ".dat": "text",
     ".h5": "arrays.hdf5",
     ".hdf5": "arrays.hdf5",
+    ".lvm": "text",
+    ".mdf": "arrays.mdf",
+    ".mf4": "arrays.mdf",
     ".npy": "arrays.npz",
     ".npz": "arrays.npz",
+    ".prn": "text",
     ".tdms": "arrays.tdms",
     ".xlsx": "texts.xlsx",
 }
 """Those that are read alone."""
+
+MARKS = {
+    b"MDF     ": ".mdf",
+    b"TDSm": ".tdms",
+    b"\x89HDF": ".h5",
+    b"PAR1": ".parquet",
+    b"MATLAB": ".mat",
+    b"\x93NUMPY": ".npy",
+    b"PK\x03\x04": ".xlsx",
+}
+"""First bytes -> the suffix of such files."""
 
 
 def read(path: str | Path, layout: Layout | None = None, progress: Progress = silent) -> Recording:
@@ -61,9 +78,15 @@ def read(path: str | Path, layout: Layout | None = None, progress: Progress = si
         from orchestrator.formats import can_log  # noqa: PLC0415 (it brings python-can and cantools along)
 
         return can_log.read(file, layout or Layout(), progress)
-    form = _format(file, FORMATS | READ)
+    suffix = _by_content(file)
+    form = _format(file, suffix, FORMATS | READ)
     check_file(file)
-    return form.read(file, layout or Layout())
+    if layout is not None and layout.database is not None:
+        raise TraceError(file, "holds no CAN frames", "leave out the database (--dbc; `database` in a layout)")
+    recording = form.read(file, layout or Layout())
+    if suffix == file.suffix.lower():
+        return recording
+    return replace(recording, notes=(f"is read as {suffix}, by its first bytes", *recording.notes))
 
 
 def write(trace: Trace, path: str | Path) -> None:
@@ -72,14 +95,24 @@ def write(trace: Trace, path: str | Path) -> None:
     Raises:
         TraceError: an unknown suffix, or names that the format cannot hold.
     """
-    form = _format(Path(path), FORMATS)
+    form = _format(Path(path), Path(path).suffix.lower(), FORMATS)
     if "time" in trace.names:
         raise TraceError(trace.name, "a signal is named 'time', as the stamps are", "rename it")
     atomic_write(path, partial(form.write, trace))
 
 
-def _format(path: Path, modules: Mapping[str, str]) -> Format:
+def _by_content(path: Path) -> str:
+    """The suffix that tells the format; where it says text, or is not known, the first bytes have the last word."""
     suffix = path.suffix.lower()
+    known = FORMATS | READ
+    if not path.is_file() or known.get(suffix, "text") not in ("csv", "text"):
+        return suffix
+    with path.open("rb") as file:
+        start = file.read(8)
+    return next((found for mark, found in MARKS.items() if start.startswith(mark)), suffix)
+
+
+def _format(path: Path, suffix: str, modules: Mapping[str, str]) -> Format:
     if suffix in modules:
         form: Format = import_module(f"{__name__}.{modules[suffix]}")
         return form
@@ -87,7 +120,7 @@ def _format(path: Path, modules: Mapping[str, str]) -> Format:
     if suffix not in added:
         known = ", ".join(dict.fromkeys((*modules, *SUFFIXES, *added)))
         what = "is read, not written" if suffix in READ else "is not known"
-        raise TraceError(path, f"format '{path.suffix}' {what}", f"use {known}")
+        raise TraceError(path, f"format '{path.suffix}' {what}", f"use {known} (a table of text is a .csv or .txt)")
     return added[suffix]
 
 

@@ -23,7 +23,7 @@ def read(path: Path, layout: Layout) -> Recording:
         TraceError: damaged, or it holds no numbers.
     """
     try:
-        if path.suffix.lower() == ".npy":
+        if not zipfile.is_zipfile(path):
             with path.open("rb") as file:
                 return tree.read(path, layout, {path.stem: _node(path, None, file, path.stat().st_size)})
         with zipfile.ZipFile(path) as archive:

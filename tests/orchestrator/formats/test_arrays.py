@@ -227,13 +227,15 @@ def samples(folder: Path, suffix: str) -> Path:
 
         with TdmsWriter(path) as file:
             file.write_segment([ChannelObject("g", "time", TIME), ChannelObject("g", "n", SPEED)])
+    elif suffix in (".dat", ".lvm", ".prn"):
+        np.savetxt(path, np.column_stack([TIME, SPEED]), header="time n")
     else:
         pandas.DataFrame({"time": TIME, "n": SPEED}).to_excel(path, index=False)
     return path
 
 
 @pytest.mark.needs("formats")
-@pytest.mark.parametrize("suffix", READ)
+@pytest.mark.parametrize("suffix", sorted(set(READ) - {".mdf", ".mf4"}))
 def test_any_damage_ends_in_a_trace_error_or_a_trace(tmp_path: Path, suffix: str) -> None:
     content, rng = samples(tmp_path, suffix).read_bytes(), np.random.default_rng(8)
     path = tmp_path / f"damaged{suffix}"
@@ -247,6 +249,42 @@ def test_any_damage_ends_in_a_trace_error_or_a_trace(tmp_path: Path, suffix: str
         except TraceError as error:
             assert str(path) in str(error)
             assert "\n" not in str(error)
+
+
+def measured(path: Path, version: str) -> Path:
+    """An MDF file with three groups of channels, two of them at the same stamps."""
+    from asammdf import MDF, Signal
+
+    with MDF(version=version) as file:
+        file.append([Signal(SPEED, TIME, name="n", unit="rpm"), Signal(np.arange(20, dtype="u1"), TIME, name="count")])
+        file.append([Signal(SPEED[:5], TIME[:5] * 4, name="slow", unit="V")])
+        file.append([Signal(-SPEED, TIME, name="phi", unit="deg")])
+        saved: Path = file.save(path, overwrite=True)
+    return Path(saved)
+
+
+@pytest.mark.slow
+@pytest.mark.needs("mf4")
+@pytest.mark.parametrize(("suffix", "version"), [(".mf4", "4.10"), (".mdf", "3.30"), (".dat", "3.30")])
+def test_measurements_in_mdf_files_are_read_at_their_first_stamps(tmp_path: Path, suffix: str, version: str) -> None:
+    path = measured(tmp_path / ("x" + suffix.replace("dat", "mdf")), version).rename(tmp_path / f"y{suffix}")
+    recording = read(path)
+    signals = {"n": SPEED, "count": np.arange(20.0), "phi": -SPEED}
+    assert recording.trace == Trace(TIME, signals, {"n": "rpm", "phi": "deg"}, "y")
+    assert any("'slow' holds 5 samples where the time has 20" in note for note in recording.notes)
+    assert any("read as .mdf" in note for note in recording.notes) == (suffix == ".dat")
+    assert read(path, Layout(time="time_2")).trace == Trace(TIME[:5] * 4, {"slow": SPEED[:5]}, {"slow": "V"}, "y")
+    path.write_bytes(path.read_bytes()[:900])
+    with pytest.raises(TraceError, match=r"is damaged: asammdf cannot read it|holds no measured channels"):
+        read(path)
+
+
+def test_the_first_bytes_tell_the_format_where_the_suffix_does_not(tmp_path: Path) -> None:
+    np.save(tmp_path / "x.npy", np.array([(0.0, 1.0), (1.0, 2.0)], dtype=[("time", "f8"), ("n", "f8")]))
+    recording = read((tmp_path / "x.npy").rename(tmp_path / "x.bin"))
+    assert recording.notes == ("is read as .npy, by its first bytes",)
+    with pytest.raises(TraceError, match="holds no CAN frames; leave out the database"):
+        read(tmp_path / "x.bin", Layout(database=tmp_path / "x.dbc"))
 
 
 @pytest.mark.parametrize("suffix", READ)
