@@ -85,6 +85,8 @@ def read(path: str | Path, progress: Progress = silent) -> LogReader:
     file = Path(path)
     check_file(file)
     if not is_log(file):
+        if suffix_of(file) == ".mf4":
+            raise TraceError(file, "holds no CAN frames but measured channels", "read it as a recording, without --dbc")
         shared = suffix_of(file) in SHARED
         fix = "its first lines are those of no format of frames" if shared else f"use {', '.join(SUFFIXES)}"
         raise TraceError(file, "is no log of CAN frames that is known", fix)

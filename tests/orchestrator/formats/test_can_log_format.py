@@ -99,7 +99,7 @@ def test_a_log_of_other_identifiers_lists_them(rig: Path) -> None:
     frames = any_frames(50)
     strange = frames[(frames.id != 256) & (frames.id != 257) & ~frames.has(Flag.ERROR | Flag.REMOTE)]
     logs.write(rig / "other.blf", [strange])
-    with pytest.raises(TraceError, match=r"no frame of the database \(identifiers in the log: [0-9A-F]{3}"):
+    with pytest.raises(TraceError, match=r"no frame of the database \(.*identifiers in the log: [0-9A-F]{3}"):
         formats.read(rig / "other.blf", Layout(database=rig / "rig.dbc"))
     layout = Layout(database=rig / "rig.dbc", signals=["angle"])
     with pytest.raises(TraceError, match=r"no frame with the signal angle .*identifiers in the log"):

@@ -80,5 +80,5 @@ def test_a_measurement_without_frames_is_no_empty_log(tmp_path: Path) -> None:
     mdf.append([asammdf.Signal(np.sin(time), time, name=name, unit="rad/s") for name in ("speed", "current")])
     mdf.save(tmp_path / "a.mf4")
     mdf.close()
-    with pytest.raises(TraceError, match="no CAN frames but 2 measured channels"):
+    with pytest.raises(TraceError, match="no CAN frames but measured channels"):
         all_of(logs.read(tmp_path / "a.mf4"))
