@@ -71,10 +71,10 @@ def _from_file(path: Path) -> Model:
 
 
 def _refuse_garbled_units(path: Path, model: Model) -> None:
-    """A word of one's own may be a unit ("counts"), but not something composed that cannot be taken apart."""
+    """A word of one's own may be a unit ("counts"), but what is composed has to be spelt as other tools read it."""
     named = {variable.name: variable.unit for variable in model.variables}
     for name, unit in ({state.name: state.unit for state in model.states} | named).items():
-        if units.parse(unit) is None and set(unit) & set("./*^ "):
+        if set(unit) & set("./*^ ") and not units.spelt_as_in_fmi(unit):
             lines = path.read_text(encoding="utf-8").splitlines()
             line = next((number for number, text in enumerate(lines, 1) if unit in text), 1)
             fix = 'join known ones by dots and a slash, as in "N.m.s/rad"'

@@ -109,6 +109,12 @@ def parse(name: str) -> Unit | None:
     return unit if unit is not None and 0 < unit.factor < math.inf else None
 
 
+def spelt_as_in_fmi(name: str) -> bool:
+    """Whether it is a unit whose symbols stand by themselves, joined by dots and slashes: N.m.s/rad, not Nms/rad."""
+    symbols = re.findall(r"[^\W\d_]+", name)
+    return parse(name) is not None and all(_defined(symbol) is not None for symbol in symbols)
+
+
 def _quotient(text: str) -> Unit | None:
     tight = re.sub(r"\s*([./])\s*", r"\1", text.strip())
     joined = re.sub(r"(?<=[A-Za-z])-(?=[A-Za-z])", ".", tight).replace(" ", ".").replace("^", "")

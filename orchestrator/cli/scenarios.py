@@ -135,7 +135,7 @@ def run(
         document = document_of(result, values, folder)
     for line in result.scenario.held:
         terminal.say(f"note: {line}")
-    for line in notes(document["units"]):
+    for line in notes(document["units"]) if not terminal.verbose else ():  # the log has them, too
         terminal.say(line)
     if result.interrupted:
         line = f"{interruption(result)}; the result up to there is in {folder}"

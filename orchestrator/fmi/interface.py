@@ -144,7 +144,7 @@ class Port:
         number, name = found
         unit, own = self.meaning(name), self.measure
         if unit.unit is None or own.unit is None:
-            unknown = f"'{name}' is no unit that is known" if unit.unit is None else "the variable has none"
+            unknown = f"'{name}' is no unit that is known" if unit.unit is None else "the variable has no unit"
             raise FmuFileError(place, f"cannot be '{text}': {unknown}", "give a plain number")
         if difference:
             unit, own = unit.difference, own.difference

@@ -86,6 +86,11 @@ def test_units_fit_when_their_quantity_is_the_same_and_radians_count_as_numbers(
     assert not fits("V", "A")
 
 
+def test_spellings_that_other_tools_do_not_read_are_told_from_those_of_fmi() -> None:
+    assert all(map(units.spelt_as_in_fmi, ["N.m.s/rad", "kg.m2/s2", "1/min", "mm", "V.s/(rad.J)"]))
+    assert not any(map(units.spelt_as_in_fmi, ["Nms/rad", "volts/s", "furlong/s", "m/"]))
+
+
 @pytest.mark.parametrize("name", library.names())
 def test_every_unit_of_the_library_is_known(name: str) -> None:
     for variable in library.find(name).variables:
