@@ -310,9 +310,11 @@ def _every_input_set(system: System) -> None:
 
 
 def remarks(system: System, component: str, given: Container[str]) -> list[str]:
-    """What is left to itself in a component that has these values: clocks, and elements of arrays that were resized."""
+    """What is left to itself in a component that has these values."""
     interface = system.parts[component].interface
-    clocks = [port.name for port in interface.of("input") if port.type == "Clock"]
+    clocks, binaries = (
+        [port.name for port in interface.of("input") if port.type == kind] for kind in ("Clock", "Binary")
+    )
     driven = {link.target for link in system.connections} | system.stimulated
     free = [
         port.name
@@ -321,6 +323,8 @@ def remarks(system: System, component: str, given: Container[str]) -> list[str]:
         if Endpoint(component, port.name) not in driven
     ]
     said = [f"nothing ticks its clocks ({_some(clocks)})"] if clocks else []
+    if binaries:
+        said.append(f"its binary inputs ({_some(binaries)}) keep what the FMU gives them")
     if interface.left_out:
         said.append(f"leaves out {_some(list(interface.left_out))}: `servotwin info` says why")
     if free:

@@ -102,6 +102,7 @@ def test_clocks_and_binary_inputs_are_left_alone_and_told(
     with open_system({name: path}) as system:
         assert system.run(1, 0.5).trace[f"{name}.y[2]"][-1] == 2.0
     assert f"{name}: nothing ticks its clocks (tick)" in caplog.text
+    assert f"{name}: its binary inputs (frames) keep what the FMU gives them" in caplog.text
 
 
 def test_an_fmu_of_another_platform_is_described() -> None:
