@@ -108,10 +108,7 @@ def _about_others(interface: Interface) -> InfoDocument:
         "structural parameters": _ports(interface, "structuralParameter"),
         "clocks (never ticked)": [_alone(port) for port in alone if port.type == "Clock"],
         "binary variables (left alone)": [_alone(port) for port in alone if port.type == "Binary"],
-        "left out": [
-            {"name": name, "why": f"an array of {' x '.join(map(str, shape))} elements"}
-            for name, shape in interface.left_out.items()
-        ],
+        "left out": [{"name": name, "why": why} for name, why in interface.left_out.items()],
     }
     return {key: entries for key, entries in lists.items() if entries}
 

@@ -15,6 +15,10 @@ from orchestrator.fmi.interface import Array, Port, Value
 LARGEST = 1 << 17  # elements of all arrays of an FMU that become ports
 
 
+class LeftOutError(Exception):
+    """An array has no ports; the message says why."""
+
+
 @dataclass(frozen=True)
 class Sizes:
     """What structural parameters say of the shapes of arrays.
@@ -66,7 +70,7 @@ def _checked(place: str, port: Port, value: Value) -> Value:
     return typed
 
 
-def elements(port: Port, shape: tuple[int, ...], starts: Sequence[str] | None) -> Iterator[Port]:
+def elements(port: Port, shape: tuple[int, ...], starts: Sequence[str] | None, room: int) -> Iterator[Port]:
     """The port of each element of an array.
 
     Args:
@@ -74,12 +78,15 @@ def elements(port: Port, shape: tuple[int, ...], starts: Sequence[str] | None) -
         starts: start values as the file gives them, all or one for all; None without any for this shape.
 
     Raises:
-        ValueError: they are too many or too few.
+        LeftOutError: it has more elements than `room`, or a start value too many or too few.
     """
     count = math.prod(shape)
+    size = f"an array of {' x '.join(map(str, shape))} elements"
+    if port.alone or min(shape) < 0 or count > room:
+        raise LeftOutError(size)
     texts = None if starts is None else list(starts) * (count if len(starts) == 1 else 1)
     if texts is not None and len(texts) != count:
-        raise ValueError(f"'{port.name}' has {len(texts)} start values for {count} elements")
+        raise LeftOutError(f"{size} with {len(texts)} start values")
     whole = Array(port.name, shape, None if texts is None else tuple(map(port.parsed, texts)))
     for number, name in enumerate(element_names(port.name, shape)):
         yield replace(port, name=name, start=None if texts is None else texts[number], array=whole, element=number)

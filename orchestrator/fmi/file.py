@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import io
 import logging
-import math
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -26,7 +25,7 @@ from fmus.packaging import archive
 from fmus.packaging.native import foreign_sources
 from fmus.units import Unit
 from orchestrator.fmi import arrays, definitions, unpacked
-from orchestrator.fmi.arrays import Sizes
+from orchestrator.fmi.arrays import LeftOutError, Sizes
 from orchestrator.fmi.interface import Interface, Port, Value
 
 if TYPE_CHECKING:
@@ -227,17 +226,17 @@ def _interface(
     sizes = arrays.sizes(path, [_port(path, variable, {}) for variable in sizing], parameters)
     ports: dict[str, Port] = {}
     elements: dict[str, list[str]] = {}
-    left_out: dict[str, tuple[int, ...]] = {}
+    left_out: dict[str, str] = {}
     room = arrays.LARGEST
     for variable in variables:
-        found = _ports(path, variable, sizes, units, room)
+        try:
+            found = _ports(path, variable, sizes, units, room)
+        except LeftOutError as why:
+            found, left_out[variable.name] = [], str(why)
         elements[variable.name] = names = [port.name for port in found]
         if any(name in ports for name in names):
             raise FmuFileError(path, "two variables have one name", "ask its supplier for a valid FMU")
-        if variable.dimensions:
-            room -= len(found)
-            if not found and 0 not in sizes.shape(variable):
-                left_out[variable.name] = sizes.shape(variable)
+        room -= len(found) if variable.dimensions else 0
         ports.update(zip(names, found, strict=True))
     return Interface(
         model_name=description.modelName,
@@ -253,17 +252,14 @@ def _interface(
 
 
 def _ports(path: Path, variable: ModelVariable, sizes: Sizes, units: Mapping[str, Unit], room: int) -> list[Port]:
-    """A scalar's port, or one for each element of an array unless they are more than there is room for."""
+    """A scalar's port, or one for each element of an array."""
     port = _port(path, variable, units)
     if not variable.dimensions:
         return [replace(port, start=str(sizes.given[port.name]))] if port.name in sizes.given else [port]
-    shape = sizes.shape(variable)
-    if port.alone or min(shape) < 0 or math.prod(shape) > room:
-        return []
     starts = variable.start.split() if isinstance(variable.start, str) else variable.start
     if starts is not None and len(starts) > 1 and sizes.resized(variable):
         starts = None
-    return list(arrays.elements(port, shape, starts))
+    return list(arrays.elements(port, sizes.shape(variable), starts, room))
 
 
 def _port(path: Path, variable: ModelVariable, units: Mapping[str, Unit]) -> Port:

@@ -181,7 +181,7 @@ class Interface:
 
     Attributes:
         ports: name -> scalar variable or element of an array.
-        left_out: arrays that have no ports, for they have too many elements, each with its shape.
+        left_out: arrays that have no ports, each with the reason.
         sizes: structural parameters that were given values, with which the arrays have these shapes.
         feed_through: output -> the inputs that act on it at once; None where the FMU does not say.
     """
@@ -193,7 +193,7 @@ class Interface:
     has_state: bool = False
     fixed_step: float | None = None
     variable_step: bool = True
-    left_out: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    left_out: Mapping[str, str] = field(default_factory=dict)
     sizes: Mapping[str, Value] = field(default_factory=dict)
 
     def shape(self, array: str) -> tuple[int, ...] | None:

@@ -192,15 +192,18 @@ def test_in_fmi_3_a_matrix_is_one_variable_with_dimensions(tmp_path: Path) -> No
 
 
 @pytest.mark.skipif(not compiler.available(), reason="no C compiler here")
-@pytest.mark.parametrize("size", ['start="1000000000"', 'start="4"'])
-def test_an_array_whose_size_is_not_that_of_its_start_values_is_left_alone(tmp_path: Path, size: str) -> None:
+@pytest.mark.parametrize("size", [1000000000, 4])
+def test_an_array_whose_size_is_not_that_of_its_start_values_is_left_out_and_named(tmp_path: Path, size: int) -> None:
     path = linear.build(random_linear(3, 5), tmp_path / "m.fmu", target="native", fmi=3)
     files = archive.read(path)
-    files["modelDescription.xml"] = files["modelDescription.xml"].replace(b'start="3" />', f"{size} />".encode())
+    files["modelDescription.xml"] = files["modelDescription.xml"].replace(
+        b'start="3" />', f'start="{size}" />'.encode()
+    )
     archive.write(path, files)
     with FmuFile(path) as file:
         assert not [name for name in file.interface.ports if name.startswith("A")]
         assert "y" in file.interface.ports
+        assert file.interface.left_out["A"].startswith(f"an array of {size} x {size} elements")
 
 
 @pytest.mark.skipif(not compiler.available(), reason="no C compiler here")

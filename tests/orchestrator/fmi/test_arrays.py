@@ -160,11 +160,6 @@ def test_a_size_is_the_same_in_all_cases(path: Path, tmp_path: Path) -> None:
     assert "c.m: is 2 and cannot be 3 in one run only" in refusal(lambda: run_scenario(scenario(tmp_path, text)))
 
 
-def test_start_values_that_are_too_few_are_refused(tmp_path: Path) -> None:
-    path = arrays.build(tmp_path, ('start="1 0 0 1"', 'start="1 0 0"'))
-    assert "'gain' has 3 start values for 4 elements" in refusal(lambda: FmuFile(path))
-
-
 def test_one_start_value_is_that_of_all(tmp_path: Path) -> None:
     with FmuFile(arrays.build(tmp_path, ('start="1 0 0 1"', 'start="2"'))) as file:
         assert [port.start for port in file.interface.ports.values() if port.name.startswith("gain")] == ["2"] * 4
