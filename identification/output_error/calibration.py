@@ -17,6 +17,7 @@ from identification.estimation.stopped import STOPPED, reason, stopped
 from identification.output_error.estimator import Estimate, SearchState, Watch, estimate, predict
 from identification.output_error.problem import Problem, spread_weights
 from identification.output_error.simulator import SystemFactory
+from identification.output_error.start_values import UnreadStart, start_warnings, unread_starts
 from identification.output_error.study import OutputErrorStudy
 from identification.output_error.windows import FreeRunWindow, cut_windows
 from identification.recordings.campaign import StudyTrace, load_campaign, recording_warnings, split
@@ -92,6 +93,8 @@ class Calibration:
             fitted ones where there are none).
         system: the FMUs as they were before.
         wired: how values pass through the connections.
+        starts: sentences about windows that begin elsewhere than their free runs.
+        stopped: why there is less than was asked for; nothing where the calibration came to its end.
     """
 
     study: OutputErrorStudy
@@ -103,13 +106,14 @@ class Calibration:
     compared: Mapping[str, Judged]
     units: Mapping[str, str]
     wired: tuple[Crossing, ...]
+    starts: tuple[str, ...] = ()
     stopped: str = ""
 
     @property
     def warnings(self) -> list[str]:
         """What a reader of the figures must know."""
         doubts = [str(crossing) for crossing in self.crossings if crossing.doubtful]
-        return [*doubts, *self.estimate.warnings, *recording_warnings(self.recorded)]
+        return [*doubts, *self.starts, *self.estimate.warnings, *recording_warnings(self.recorded)]
 
     @property
     def crossings(self) -> tuple[Crossing, ...]:
@@ -138,13 +142,14 @@ def calibrate(
     )
     fitted, kept = split(recorded, study.traces.hold_out)
     system = BuiltSystem(study.system, sorted(study.run.inputs))
-    units, ports, wired = _checked(study, system.assembled)
+    units, ports, wired, unread = _checked(study, system.assembled)
     train = cut_windows(study.run, fitted, study.windows, ports)
     unseen = cut_windows(study.run, kept, study.validation, ports)
 
     def calibration(found: Estimate, why: str = "") -> Calibration:
         judged = Judged(study.outputs, tuple(train), found.simulated, found.fit)
-        return Calibration(study, system, tuple(recorded), found, judged, None, {}, units, wired, why)
+        starts = tuple(start_warnings(study, unread, [trace.trace for trace in fitted], train))
+        return Calibration(study, system, tuple(recorded), found, judged, None, {}, units, wired, starts, why)
 
     try:
         found = _fit(study, system.assembled, train, units, _watch(study, progress))
@@ -253,8 +258,9 @@ def ports_of(study: OutputErrorStudy, system: System) -> dict[str, Port]:
 
 def _checked(
     study: OutputErrorStudy, assembled: Assembled
-) -> tuple[dict[str, str], dict[str, Port], tuple[Crossing, ...]]:
-    """Units of the parameters, what signals go to, and the connections, once all of the study is seen to exist."""
+) -> tuple[dict[str, str], dict[str, Port], tuple[Crossing, ...], list[UnreadStart]]:
+    """Units of the parameters, what signals go to, the connections, and start values that nobody gives, once all of the
+    study is seen to exist."""
     delays, parameters = study.delays, study.parameters
     with OpenSystem(assembled) as opened:
         system = opened.system
@@ -273,7 +279,8 @@ def _checked(
             check_values(system, {name: value for name, value in values.items() if name not in delays})
         named = [*parameters.names, *study.outputs, *study.run.initial]
         units = {name: system.port(Endpoint.parse(name)).unit or "1" for name in named if name not in delays}
-        return units | dict.fromkeys(delays, "s"), ports_of(study, system), tuple(system.crossings)
+        units |= dict.fromkeys(delays, "s")
+        return units, ports_of(study, system), tuple(system.crossings), unread_starts(study, system)
 
 
 def _named_parameters(study: OutputErrorStudy) -> dict[str, list[str]]:
