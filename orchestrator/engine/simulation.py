@@ -16,7 +16,7 @@ from orchestrator.engine.compiled import Engine, Steppers
 from orchestrator.engine.live import FARTHEST, HELD, LiveRun
 from orchestrator.engine.loop import Loop, Node, Statistics, Stepper
 from orchestrator.engine.plan import REFUSED, CycleSettings, Order, Plan, make_plan
-from orchestrator.engine.recording import ROWS, Columns, Recorder, Sink
+from orchestrator.engine.recording import ROWS, Columns, Recorder, Sink, require_room
 from orchestrator.fmi.component import Component
 from orchestrator.fmi.interface import Value
 from orchestrator.interrupts import requested
@@ -183,7 +183,9 @@ class Simulation:
 
     def instants(self) -> FloatArray:
         """(K,) the communication instants, at which stimuli are wanted and rows recorded [s]."""
-        return self._times(self._steps(self.timing.stop) + 1)
+        count = self._steps(self.timing.stop) + 1
+        require_room(count, 1 + len(self.stimuli))
+        return self._times(count)
 
     def check_record(self, names: Iterable[str]) -> None:
         """See that each name is a variable that a trace can hold.
@@ -267,12 +269,13 @@ class Simulation:
         own, stimuli = self._checked(run.values), self._driven(run.stimuli, steps + 1)
         every, stop = self._every, self.timing.stop if run.stop is None else run.stop
         self._reset()
-        prepared = self._prepare(run.record, (), every)
+        prepared, count = self._prepare(run.record, (), every), steps // run.record_every + 1
+        if sink is None:
+            require_room(count, len(prepared.columns.places))
         loop = prepared.loop
         loop.begin(stimuli)
         engine, reason = prepared.steppers.chosen(steps * every)
         self._initialise(engine, loop, own, float(stop))
-        count = steps // run.record_every + 1
         recorder = Recorder(prepared.columns, loop.time, every * run.record_every, count, sink)
         begun, end = perf_counter(), None
         try:

@@ -34,6 +34,7 @@ from orchestrator.fmi.component import Component
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.isolation import IsolatedSlave, Isolation
 from orchestrator.fmi.slave import Slave
+from orchestrator.results import permission
 from orchestrator.solvers.base import SolverSettings
 from orchestrator.system import Part, wire
 from orchestrator.trace import Trace
@@ -423,15 +424,15 @@ def test_the_other_scenarios_of_a_suite_go_on(fmus: dict[int, Path], tmp_path: P
     assert "wheel: its FMU hangs, without an answer for 5 s, in the step" in verdicts["c"]["error"]
     errors = [each.get("message") for each in ET.parse("j.xml").getroot().iter("error")]
     assert errors == [verdicts["b"]["error"], verdicts["c"]["error"]]
-    assert [path.parent.name for path in sorted(Path("out").rglob("*.parquet"))] == ["a", "d"]
+    assert [path.parent.name for path in sorted(Path("out").rglob("*.parquet"))] == ["a", "b", "c", "d"]
 
 
-def test_a_scenario_with_a_crash_fails_and_leaves_no_result(fmus: dict[int, Path], tmp_path: Path) -> None:
+def test_a_scenario_with_a_crash_fails_and_leaves_what_was_recorded(fmus: dict[int, Path], tmp_path: Path) -> None:
     path = write_scenario(tmp_path, fmus[2], mood=Mood.ABORT)
-    verdict = suite._judged(partial(suite._run_scenario, isolation=Isolation()), path, tmp_path / "out")
+    verdict = suite._judged(partial(suite._run_scenario, isolation=Isolation()), path, tmp_path / "out", permission())
     assert not verdict.passed and verdict.document is None
     assert "wheel: its FMU crashed (signal SIGABRT) in the step from t = 0.5 s by 0.01 s" in verdict.error
-    assert not Path("out").exists()
+    assert formats.read(tmp_path / "out" / "run.parquet").trace.time[-1] == 0.5
 
 
 @pytest.mark.slow

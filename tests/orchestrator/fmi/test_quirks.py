@@ -234,3 +234,10 @@ def test_like_messages_are_shown_a_few_times_and_all_are_kept(options: list[str]
     kept = (tmp_path / "out" / "fmu.log").read_text().splitlines()
     assert len(kept) == 1000 and kept[999] == "WARNING lag: torque clipped at 0.9"
     assert json.loads((tmp_path / "out" / "manifest.json").read_text())["log"] == "fmu.log"
+
+
+def test_a_record_that_memory_cannot_hold_is_refused_before_it_begins(tmp_path: Path) -> None:
+    path = scenario(tmp_path)
+    path.write_text(path.read_text().replace("stop: 1,", "stop: 1.0e+12,"))
+    line = servotwin("run", path, "--out", tmp_path / "out", code=2)
+    assert "has 10,000,000,000,001 rows of 1 values to keep, 74,506 GiB of memory; " in line and "--stream" in line
