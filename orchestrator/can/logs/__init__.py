@@ -68,7 +68,7 @@ class LogReader:
             raise TraceError(
                 self.path,
                 f"holds no frame that can be read ({findings.damage[0]})",
-                f"check that it is a {self.path.suffix} log",
+                f"check that it is a {suffix_of(self.path)} log",
             )
         self._progress(1.0, doing)
 

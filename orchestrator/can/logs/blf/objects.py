@@ -167,12 +167,14 @@ class Decoded(NamedTuple):
         frames: those that could be read.
         skipped: how many objects are no CAN frames.
         short: positions of those that are too short for a frame.
+        astray: frames whose channel is 0 or above 256, which count as channel 0.
         unknown: version of an object's header that is not known -> positions of the frames that have it.
     """
 
     frames: Frames
     skipped: int
     short: Positions
+    astray: int
     unknown: dict[int, Positions]
 
 
@@ -196,7 +198,8 @@ def decoded(octets: Bytes, starts: Positions, origin: float) -> Decoded:
     lost = starts[short]
     if len(lost):
         starts, heads, bodies = starts[~short], heads[~short], bodies[~short]
-    return Decoded(_frames(Objects(octets, starts, heads, bodies), origin), skipped, lost, unknown)
+    frames, astray = _frames(Objects(octets, starts, heads, bodies), origin)
+    return Decoded(frames, skipped, lost, astray, unknown)
 
 
 class Objects(NamedTuple):
@@ -258,7 +261,7 @@ def _least(types: NDArray[Any]) -> NDArray[np.int64]:
     return np.asarray(least[types])
 
 
-def _frames(objects: Objects, origin: float) -> Frames:
+def _frames(objects: Objects, origin: float) -> tuple[Frames, int]:
     count = len(objects.starts)
     told = gather(objects.octets, objects.starts + HEADER.itemsize, STAMP)
     time = stamps(origin, told["time"] / np.where(told["flags"] == TEN_MICROSECONDS, 1e5, 1e9))
@@ -272,16 +275,19 @@ def _frames(objects: Objects, origin: float) -> Frames:
     flags, channel, length = (np.zeros(count, np.uint8) for _ in range(3))
     data = np.zeros((count, LONGEST if wide else CLASSIC), np.uint8)
     found = Frames(time, np.zeros(count, np.uint32), flags, channel, length, data)
+    astray = 0
     for rows, part in parts:
         found.id[rows] = part.id & 0x1FFFFFFF
         found.flags[rows] = part.flags | Flag.EXTENDED * (part.id >> 31)
         number = part.channel.astype(np.int64) - 1
-        found.channel[rows] = np.where((number >= 0) & (number < 256), number, 0)
+        outside = (number < 0) | (number > 255)
+        found.channel[rows] = np.where(outside, 0, number)
+        astray += int(np.count_nonzero(outside))
         found.length[rows] = part.length
         width = min(part.data.shape[1], found.data.shape[1])
         bytes_there = np.where(part.flags & Flag.REMOTE, 0, part.length)
         found.data[rows, :width] = part.data[:, :width] * (np.arange(width) < bytes_there[:, None])
-    return found
+    return found, astray
 
 
 def _message(objects: Objects) -> FrameColumns:

@@ -192,6 +192,21 @@ def test_many_lines_at_once_say_what_each_says_alone(
         assert not any("could not be read" in line for line in told)
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_log_is_the_same_in_pieces_of_any_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
+    path = tmp_path / f"a{KINDS[kind][0]}"
+    path.write_text(text_of(kind, range(60)) + "what is this\n" + text_of(kind, range(20)))
+    whole = logs.read(path)
+    frames = all_of(whole)
+    monkeypatch.setattr(reading, "BLOCK", 300)
+    pieces = logs.read(path)
+    assert different(all_of(pieces), frames, "time id flags channel length data") == []
+    assert whole.damage == pieces.damage and [damage.line for damage in whole.damage] in (
+        [],
+        [61 + KINDS[kind][1].count("\n")],
+    )
+
+
 @pytest.mark.parametrize("suffix", WRITERS)
 @quick
 @given(sent=st.lists(messages(), min_size=1, max_size=40))
