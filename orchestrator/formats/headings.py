@@ -30,11 +30,12 @@ _TOLD = (
     re.compile(r"(?P<name>.*?)(?:\s+|(?<!\s)(?!\[\d+\]$))\[(?P<unit>[^\[\]]*)\]"),
     re.compile(r"(?P<name>.*\S)\s*\((?P<sure>[^()]*)\)"),
     re.compile(r"(?P<name>.*\S)\s+(?:/|in)\s+(?P<sure>\S+)"),
+    re.compile(r"(?P<name>.*\S),\s*(?P<sure>\S+)"),
 )
 
 
 def split(heading: str) -> tuple[str, str]:
-    """Name and unit ("" when there is none) of a heading: `n [rpm]`, `n (rpm)`, `n / rpm`, `n in rpm`."""
+    """Name and unit ("" when there is none) of a heading: `n [rpm]`, `n (rpm)`, `n / rpm`, `n in rpm`, `n, rpm`."""
     text = " ".join(heading.split())
     for form in _TOLD:
         found = form.fullmatch(text)

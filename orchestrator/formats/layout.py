@@ -202,6 +202,10 @@ def choose(layout: Layout, columns: Columns, place: Path) -> Choice:
         TraceError: a column is not there, or its name is missing or ambiguous; an unknown unit of time.
     """
     time, notes = _time(layout, columns, place)
+    if columns.useless.get(time):
+        what = f"holds {columns.useless[time]}, no times"
+        raise TraceError(f"{place}: column {_quoted(columns.label(time))}", what, "choose another `time` in the layout")
+    columns = replace(columns, useless={**dict.fromkeys(set(columns.stamped) - {time}, "times"), **columns.useless})
     signals = _signals(layout, columns, time, place, notes)
     time_name = columns.names[time] if columns.names else "time"
     stray = set(layout.units) - set(signals) - {time_name, "time"}

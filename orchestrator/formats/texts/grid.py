@@ -76,7 +76,9 @@ def grid(lines: Sequence[str], layout: Layout, place: Path) -> Grid:
         row.line for row in rows[:start] if row not in (names, units) and not lines[row.line - 1].startswith(("#", "%"))
     ]
     if unused and layout.header is None:
-        notes.append(f"lines above the samples that are skipped: {', '.join(map(str, unused[:9]))}")
+        notes.append(
+            f"lines above the samples that are skipped: {', '.join(map(str, unused[:9]))}{', ...' if unused[9:] else ''}"
+        )
     if separator != "," and layout.separator is None and place.suffix.lower() == ".csv":
         notes.append(f"its cells are separated by {separator}")
     if decimal != "." and layout.decimal is None:
@@ -94,6 +96,10 @@ def grid(lines: Sequence[str], layout: Layout, place: Path) -> Grid:
         head,
         tuple(notes),
     )
+
+
+def _some(numbers: Sequence[int], most: int = 9) -> str:
+    return ", ".join(map(str, numbers[:most])) + (", ..." if numbers[most:] else "")
 
 
 def _rows(lines: Sequence[str], layout: Layout, place: Path) -> tuple[Separator, list[Row]]:
@@ -205,7 +211,9 @@ def _heading(
             raise TraceError(place, f"line {layout.header} names no columns of it", "correct `header` in the layout")
         return names, units, notes
     others = [row for row in labels if row is not units]
-    timely = [row for row in others if any(map(headings.names_time, row.cells)) or row.cells[0].lower() in NAME_WORDS]
+    timely = [row for row in others if any(map(headings.names_time, row.cells))] or [
+        row for row in others if row.cells[0].lower() in NAME_WORDS
+    ]
     names = timely[0] if timely else others[-1] if others else None
     if names and units:
         notes.append(f"line {names.line} names its columns, line {units.line} their units")

@@ -16,7 +16,7 @@ from fmus.errors import TraceError
 from orchestrator.formats.arrow import numbers
 from orchestrator.formats.layout import Choice, Columns, Layout, choose
 from orchestrator.formats.recording import Recording, excerpt
-from orchestrator.formats.texts.cells import MISSING
+from orchestrator.formats.texts.cells import MISSING, kind
 from orchestrator.formats.texts.encoding import first_lines
 from orchestrator.formats.texts.grid import SEPARATORS, Grid, grid
 from orchestrator.formats.texts.stamps import seconds
@@ -67,13 +67,15 @@ def read_text(file: BinaryIO, layout: Layout, path: Path) -> Recording:
 
 def _columns(seen: Grid) -> Columns:
     def head(number: int) -> list[float]:
-        cells = [row[number].replace(seen.decimal, ".") for row in seen.head]
-        return [float(cell) if re.fullmatch(r"[-+.\deE]*\d[-+.\deE]*", cell) else np.nan for cell in cells]
+        cells = [row[number] for row in seen.head]
+        return [
+            float(cell.replace(seen.decimal, ".")) if kind(cell, seen.decimal) == "number" else np.nan for cell in cells
+        ]
 
-    useless = {number: "text" for number, kind in enumerate(seen.kinds) if kind == "text"}
+    useless = {number: "text" for number, held in enumerate(seen.kinds) if held == "text"}
     if seen.names:
-        useless |= {n: "" for n, kind in enumerate(seen.kinds) if kind == "missing" and not seen.names[n]}
-    stamped = [number for number, kind in enumerate(seen.kinds) if kind == "stamp"]
+        useless |= {n: "" for n, held in enumerate(seen.kinds) if held == "missing" and not seen.names[n]}
+    stamped = [number for number, held in enumerate(seen.kinds) if held == "stamp"]
     return Columns(len(seen.kinds), seen.names, seen.units, useless, stamped, head)
 
 
@@ -113,5 +115,5 @@ def _ungrouped(texts: Any, decimal: str, path: Path) -> FloatArray:
     if compute.any(odd).as_py():
         text = texts.filter(odd)[0].as_py()
         raise TraceError(path, f"has '{text[:40]}' among numbers with marks of thousands", "correct or cut that row")
-    plain = compute.replace_substring_regex(texts, "[,' ]" if decimal == "." else "[.' ]", "")
+    plain = compute.replace_substring_regex(texts, r"[,'\s]" if decimal == "." else r"[.'\s]", "")
     return numbers(compute.replace_substring(plain, decimal, "."))

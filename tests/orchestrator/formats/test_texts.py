@@ -102,7 +102,9 @@ def test_lines_above_the_headings_and_a_row_of_units_are_seen(tmp_path: Path, he
     assert again(recording) == recording.trace
 
 
-@pytest.mark.parametrize("heading", ["speed [rpm]", "speed (rpm)", "speed / rpm", "speed in rpm", "speed[rpm]"])
+@pytest.mark.parametrize(
+    "heading", ["speed [rpm]", "speed (rpm)", "speed / rpm", "speed in rpm", "speed[rpm]", '"speed, rpm"']
+)
 def test_units_in_headings_are_units(tmp_path: Path, heading: str) -> None:
     recording = read(written(tmp_path, table(head=f"t (ms){{0}}{heading}")))
     assert recording.trace.units == {"speed": "rpm"}
@@ -206,6 +208,18 @@ def test_a_bad_row_is_refused_and_not_taken_for_a_heading(tmp_path: Path) -> Non
     for text in ("time,a\n0,abc\n1,2\n2,3\n", "time,a\n0,1\n1,abc\n2,3\n", "time,a,b\n0,1,2\n1,2,3\ntime,a,b\n0,1,2\n"):
         with pytest.raises(TraceError, match="correct or cut that row"):
             read(written(tmp_path, text))
+
+
+def test_columns_of_times_and_words_are_no_signals_and_words_no_time(tmp_path: Path) -> None:
+    path = written(tmp_path, "time;clock;state;a\n0;09:15:00;RUN;1,5\n1;09:15:01;RUN; \t1.000,5\n", name="log.txt")
+    recording = read(path, Layout(decimal=",", columns=None))
+    assert recording.trace.names == ("a",) and recording.trace["a"].tolist() == [1.5, 1000.5]
+    assert recording.notes == (
+        "column 'clock' holds times and is left out",
+        "column 'state' holds text and is left out",
+    )
+    with pytest.raises(TraceError, match="column 'state': holds text, no times; choose another `time`"):
+        read(path, Layout(time="state", decimal=","))
 
 
 def test_an_export_with_a_column_of_labels_is_seen(tmp_path: Path) -> None:
