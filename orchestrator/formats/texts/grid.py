@@ -68,28 +68,22 @@ def grid(lines: Sequence[str], layout: Layout, place: Path) -> Grid:
     decimal = layout.decimal or decimal_mark((cell for cells in body for cell in cells), separator, place)
     typical = [_typical([kind(cells[column], decimal) for cells in body]) for column in range(width)]
     start = _start(rows, typical, decimal, layout, place)
-    labels = _labels(rows[:start], width, decimal, layout)
-    names, units, notes = _heading(labels, rows[start].cells, layout, place)
+    labels = _labels(rows[:start], width)
+    names, units, notes = _heading(labels, layout, place)
     head = [row.cells for row in rows[start:] if len(row.cells) == width]
-    skipped = rows[start - 1].line if start else 0
-    unused = [
-        row.line for row in rows[:start] if row not in (names, units) and not lines[row.line - 1].startswith(("#", "%"))
-    ]
-    if unused and layout.header is None:
-        notes.append(
-            f"lines above the samples that are skipped: {', '.join(map(str, unused[:9]))}{', ...' if unused[9:] else ''}"
-        )
+    if layout.header is None:
+        notes += _skipped([row for row in rows[:start] if row not in (names, units)], lines)
     if separator != "," and layout.separator is None and place.suffix.lower() == ".csv":
         notes.append(f"its cells are separated by {separator}")
     if decimal != "." and layout.decimal is None:
         notes.append("its numbers have decimal commas")
-    told, split_units = _split(names, separator, width)
+    told, split_units = _split(names, width)
     return Grid(
         separator,
         decimal,
         names.line if names else 0,
         units.line if units else 0,
-        skipped,
+        rows[start - 1].line if start else 0,
         told,
         _units(units, split_units, width),
         tuple(_final([kind(cells[column], decimal) for cells in head]) for column in range(width)),
@@ -98,8 +92,11 @@ def grid(lines: Sequence[str], layout: Layout, place: Path) -> Grid:
     )
 
 
-def _some(numbers: Sequence[int], most: int = 9) -> str:
-    return ", ".join(map(str, numbers[:most])) + (", ..." if numbers[most:] else "")
+def _skipped(rows: Sequence[Row], lines: Sequence[str], most: int = 9) -> list[str]:
+    """A note about rows that are neither headings nor comments nor samples."""
+    numbers = [row.line for row in rows if not lines[row.line - 1].startswith(("#", "%"))]
+    some = ", ".join(map(str, numbers[:most])) + (", ..." if numbers[most:] else "")
+    return [f"lines above the samples that are skipped: {some}"] if numbers else []
 
 
 def _rows(lines: Sequence[str], layout: Layout, place: Path) -> tuple[Separator, list[Row]]:
@@ -184,7 +181,7 @@ def _is_label(cells: Sequence[str], typical: Sequence[Kind], decimal: Decimal) -
     return not sampled or sampled[0][0] == "text" or 2 * len(words) > len(sampled)
 
 
-def _labels(rows: Sequence[Row], width: int, decimal: Decimal, layout: Layout) -> list[Row]:
+def _labels(rows: Sequence[Row], width: int) -> list[Row]:
     """The rows that may name columns or units: those directly above the samples that are as wide."""
     found: list[Row] = []
     for row in reversed(rows):
@@ -195,9 +192,7 @@ def _labels(rows: Sequence[Row], width: int, decimal: Decimal, layout: Layout) -
     return found
 
 
-def _heading(
-    labels: list[Row], sample: Sequence[str], layout: Layout, place: Path
-) -> tuple[Row | None, Row | None, list[str]]:
+def _heading(labels: list[Row], layout: Layout, place: Path) -> tuple[Row | None, Row | None, list[str]]:
     """The rows with names and units of the columns, and notes."""
     by_line = {row.line: row for row in labels}
     notes: list[str] = []
@@ -229,7 +224,7 @@ def _are_units(cells: Sequence[str]) -> bool:
     return 2 * sum(map(headings.is_unit, filled)) >= len(filled) > 0
 
 
-def _split(names: Row | None, separator: str, width: int) -> tuple[tuple[str, ...] | None, tuple[str, ...]]:
+def _split(names: Row | None, width: int) -> tuple[tuple[str, ...] | None, tuple[str, ...]]:
     if names is None:
         return None, ("",) * width
     cells = [names.cells[0].lstrip("#").strip(), *names.cells[1:]]
