@@ -6,6 +6,7 @@ They are forked from a server that has loaded the modules they need, once for al
 from __future__ import annotations
 
 import contextlib
+import logging
 import multiprocessing
 import os
 import pickle
@@ -32,6 +33,7 @@ from orchestrator import last_words
 from orchestrator.interrupts import Interrupts, whole
 from orchestrator.last_words import LastWords, culprits
 
+LOG = logging.getLogger("servotwin.processes")
 T = TypeVar("T")
 A = TypeVar("A")
 
@@ -39,6 +41,7 @@ _PATIENCE = 5.0  # with a process that is to end by itself [s]
 _LONGEST = 70  # of a temporary folder's path; a socket's has some 35 bytes more, and 104 at most
 _WORDS = "last words"  # file in the folder of a process
 _CLEANING = 15.0  # with one that was interrupted and cleans up [s]
+_LONG = 60.0  # without any answer [s]
 _STARTING = 120.0  # with one that has still to make its worker [s]
 
 
@@ -80,6 +83,7 @@ class Processes(Generic[T, A]):
         modules: what they need, to be loaded ahead.
         fresh: whether each task gets a process of its own.
         patience: how long an answer may take before its process is killed [s]; None waits for ever.
+        silence: what is logged once where it waits for ever, and nothing has come for a minute.
     """
 
     def __init__(
@@ -90,8 +94,10 @@ class Processes(Generic[T, A]):
         *,
         fresh: bool = False,
         patience: float | None = None,
+        silence: str = "",
     ) -> None:
         self._make, self._count, self._fresh, self._patience = make, count, fresh, patience
+        self._silence = silence
         self._context = _context(modules)
         self._processes: list[_Child] = []
 
@@ -115,6 +121,9 @@ class Processes(Generic[T, A]):
                 process.send(task)
             if not busy:
                 return
+            if self._silence and not wait([process.connection for process in busy], _LONG):
+                LOG.warning("%s", self._silence)
+                self._silence = ""
             for process in _speaking(busy, self._patience):
                 answer = process.answer()
                 if answer is _Ready:

@@ -116,6 +116,9 @@ class ProcessPool:
             processes,
             [type(factory).__module__],
             patience=isolation.patience if isolation else None,
+            silence=""
+            if isolation
+            else "no simulation has come back for 60 s; --isolate counts one that hangs as failed",
         )
         self.restarts = 0
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from orchestrator import last_words
+from orchestrator import last_words, processes
 from orchestrator.processes import Died, Processes, calling
 
 Task = Callable[[], object]
@@ -91,6 +91,15 @@ def test_patience_ends_with_the_task_that_is_silent_and_the_next_one_is_answered
     silent = answers[0]
     assert isinstance(silent, Died) and silent.ending.startswith("gave no answer for 0.5")
     assert isinstance(answers[1], int)
+
+
+def test_where_it_waits_for_ever_a_long_silence_is_told_once(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(processes, "_LONG", 0.05)
+    with Processes[Task, object](calling, 1, silence="still waiting") as pool:
+        assert len(list(pool.answers([partial(time.sleep, 0.4), partial(time.sleep, 0.4)]))) == 2
+    assert [record.message for record in caplog.records] == ["still waiting"]
 
 
 def test_tasks_are_taken_when_there_is_a_process_for_them() -> None:
