@@ -211,7 +211,10 @@ class OpenSystem:
         logged(crossed)
         with self.simulation(Timing(seconds(stop, "stop"), seconds(step, "step"))) as simulation:
             samples = {name: stimulus.values(simulation.instants(), name) for name, stimulus in driven.items()}
-            return simulation.run({**self.assembled.system.values(), **(values or {})}, samples, record)
+            result = simulation.run({**self.assembled.system.values(), **(values or {})}, samples, record)
+        if result.ended:
+            LOG.warning("%s; the run ends there", result.ended)
+        return result
 
     def _wire(self) -> System:
         components = self.assembled.system.components

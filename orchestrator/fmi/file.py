@@ -283,7 +283,7 @@ def _port(path: Path, variable: ModelVariable, units: Mapping[str, Unit]) -> Por
         description=variable.description or "",
         variability=variable.variability or "continuous",
         definitions=units,
-        exact=variable.initial == "exact" and variable.start is not None,
+        exact=variable.start is not None and (variable.initial == "exact" or variable.causality == "input"),
     )
 
 

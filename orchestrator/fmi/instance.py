@@ -7,7 +7,7 @@ import logging
 import math
 import os
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import copy
 from functools import cached_property
@@ -58,6 +58,7 @@ class FmuInstance(Generic[A]):
         self._sound = True  # the library has given a whole run since it was loaded or an instance of it died
         self._resets, self._was_reset = True, False
         self._doubtful: set[str] = set()  # variables whose start is not what the file declares
+        self._touched: dict[str, float] = {}  # what was set in earlier runs, and the start value of that
         self._bound: tuple[Sequence[str], Sequence[str]] = (), ()
         self._known_as = last_words.OURS if fmu.is_ours else last_words.FMU, f"{name} ({fmu.path})"
         last_words.own().say(*self._known_as)
@@ -166,6 +167,7 @@ class FmuInstance(Generic[A]):
 
     def reset(self) -> bool:
         self.terminate()
+        self._touched |= self._starts(name for name in self._given if name not in self._touched)
         self._given.clear()
         self._messages.clear()
         self.warnings, self._was_reset, self._complained = 0, False, False
@@ -248,14 +250,20 @@ class FmuInstance(Generic[A]):
     @cached_property
     def _exact(self) -> dict[str, float]:
         """variable -> start value that tells whether a reset works; of many, states and outputs come first."""
-        ports = [port for port in self.interface.ports.values() if port.exact and port.numeric and not port.array]
+        ports = [port for port in self.interface.ports.values() if port.exact]
         ports.sort(key=lambda port: port.causality == "parameter")
-        starts = {port.name: _number(port) for port in ports[:_MOST_EXACT]}
+        return self._starts(port.name for port in ports[:_MOST_EXACT])
+
+    def _starts(self, names: Iterable[str]) -> dict[str, float]:
+        """Declared start values of those that have one that is a number."""
+        ports = (self._port(name) for name in names)
+        starts = {port.name: _number(port) for port in ports if port.numeric and not port.array}
         return {name: start for name, start in starts.items() if start is not None}
 
     def _not_reset(self) -> dict[str, float]:
         """Variables with another value than the one they are declared to start from, and that value."""
-        starts = {n: v for n, v in self._exact.items() if n not in self._given and n not in self._doubtful}
+        known = {**self._exact, **self._touched}
+        starts = {name: v for name, v in known.items() if name not in self._given and name not in self._doubtful}
         if not starts:
             return {}
         status, values = self._group(*starts).read()

@@ -90,6 +90,13 @@ def test_a_reset_that_does_nothing_or_is_refused_is_replaced_by_a_fresh_instance
     assert library(made, "instances") == 1
 
 
+def test_a_reset_that_keeps_an_input_is_seen(tmp_path: Path, stack: ExitStack) -> None:
+    keeping = "double u = m->number[U]; start(m); m->number[U] = u;"
+    made = simulated(stack, quirks.build(tmp_path / "quirks.fmu", ON_RESET=keeping))
+    made.run({"lag.u": 3.0})
+    assert np.allclose(made.run().trace["lag.x"], DECAY)
+
+
 @pytest.mark.parametrize("then", ["if (m->number[K] > 1)", "broken |= m->number[K] > 1; if (broken)"])
 def test_after_a_fatal_error_the_fmu_is_loaded_anew(then: str, tmp_path: Path, stack: ExitStack) -> None:
     """Where one instance has spoilt the library, from a copy."""
