@@ -164,10 +164,17 @@ def _group(mdf: Any, number: int, name: str, first_channel: int, findings: Findi
         if not len(batch):
             findings.add(int(group.address), f"this group has {first} of its {group.cycles_nr} records")
             return
+        _say_channel_0(signal.samples, name, first_channel, findings)
         sound = np.isfinite(batch.time)
         if not sound.all():
             findings.add(int(group.address), f"{np.count_nonzero(~sound)} time stamps of this group are no numbers")
         yield batch[sound]
+
+
+def _say_channel_0(samples: NDArray[Any], name: str, first_channel: int, findings: Findings) -> None:
+    field = f"{name}.BusChannel"
+    if first_channel and field in (samples.dtype.names or ()) and np.any(samples[field] < first_channel):
+        findings.note("frames name channel 0, and count as channel 0 like those of the first")
 
 
 def _columns(signal: Any, name: str, start: float, first_channel: int) -> Frames:
