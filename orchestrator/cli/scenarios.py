@@ -10,7 +10,8 @@ import typer
 
 from fmus.errors import InputError
 from orchestrator.cli.tables import JUDGES
-from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command, facts
+from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
+from orchestrator.cli.traces import described
 from orchestrator.interrupts import whole
 
 if TYPE_CHECKING:
@@ -211,7 +212,7 @@ def info(
     from orchestrator.info import about
 
     document = about(file)
-    return Answer(document, [facts(document)])
+    return Answer(document, list(described(document)))
 
 
 def overrides(texts: list[str] | None) -> dict[str, Value]:

@@ -90,7 +90,7 @@ def trace_info(terminal: Terminal, files: Files, reading: Reading) -> Answer:
 
     layout = reading.chosen()
     documents = [_with_bar(terminal, file, lambda file, told: about_trace(file, layout, told)) for file in files]
-    return Answer({"traces": documents}, [shown for document in documents for shown in _shown(document)])
+    return Answer({"traces": documents}, [shown for document in documents for shown in described(document)])
 
 
 @command(app, "convert")
@@ -154,7 +154,7 @@ def _with_bar(terminal: Terminal, file: Path, work: Callable[[Path, Progress], R
         return work(file, move)
 
 
-def _shown(document: InfoDocument) -> Iterator[Listing | str]:
+def described(document: InfoDocument) -> Iterator[Listing | str]:
     """What is known of a recording, its first rows as they were understood, and the block that has it read so."""
     apart = ("found", "rows", "layout", *(["signals"] if "rows" in document else []))
     yield facts({key: value for key, value in document.items() if key not in apart})
@@ -183,6 +183,8 @@ def _column(text: str) -> int | str:
 
 def _assignment(text: str) -> tuple[str, int | str]:
     name, _, column = text.partition("=")
+    if not column and isinstance(_column(name), int):
+        raise InputError(f"--columns {text}", "names no signal", f"write --columns SIGNAL={text}")
     return name, _column(column or name)
 
 

@@ -352,6 +352,9 @@ def test_info_prints_the_layout_that_the_other_commands_take(tmp_path: Path) -> 
     (tmp_path / "log.csv").write_bytes("Zeit [ms];Drehzahl [°/s]\n0;1,5\n2;2,5\n".encode("cp1252"))
     shown = servotwin("trace", "info", tmp_path / "log.csv")
     assert "its numbers have decimal commas" in shown.stdout and "first rows" in shown.stdout
+    assert servotwin("info", tmp_path / "log.csv").stdout == shown.stdout
+    refused = servotwin("trace", "info", tmp_path / "log.csv", "--columns", "1")
+    assert refused.exit_code == 2 and "names no signal; write --columns SIGNAL=1" in refused.stderr
     (tmp_path / "layout.yaml").write_text(shown.stdout[shown.stdout.index("layout:") :], encoding="utf-8")
     copies = []
     for number, said in enumerate([["--layout", tmp_path / "layout.yaml"], ["--time", 0, "--columns", "Drehzahl=1"]]):
