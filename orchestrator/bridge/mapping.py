@@ -72,6 +72,10 @@ def coupled(block: CanBlock, system: System, database: Database, step: Fraction,
     both = {message.spec.name for message in received} & {message.spec.name for message in sent}
     if both:
         raise WiringError(f"can: {min(both)}", "is both received and sent", "a message has one sender")
+    for spec in [*(message.spec for message in received), *(message.spec for message in sent)]:
+        if spec.of_any_sender:
+            problem = f"the identifier 0x{spec.id:X} has no sender's address, so no frame of the bus has it"
+            raise WiringError(f"can: {spec.name}", problem, "give a database with the address (of CANopen a DCF)")
     return Coupling(Reception(database, received), sent, outputs, statistics)
 
 

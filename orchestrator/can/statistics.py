@@ -39,7 +39,7 @@ class FrameStatistics:
         errors, remotes: error frames, remote frames.
         short: message -> frames with too few bytes, which are not decoded; long: with too many, which are.
         other_sources: message -> frames from other senders than the one that is wanted; they are not decoded.
-        transported: messages that came in parts by J1939's transport protocol; broken: those with a part missing.
+        transported: messages that came in parts by J1939's transport protocol; broken: those that lack a part so far.
         multiplexers: message -> frames whose multiplexer has a value that no signal belongs to.
         duplicates: message -> frames that repeat the one before in stamp and data; they are dropped.
         crowded: message -> frames that shared a stamp with another of it; they are spread over the log's smallest step.

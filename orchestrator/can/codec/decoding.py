@@ -93,7 +93,7 @@ class Decoder:
         if self._has_groups and (packets := self._transport.feed(frames)):
             self.statistics.transported += len(packets)
             yield from self._put_together(packets, tick)
-        self.statistics.broken = self._transport.broken
+        self.statistics.broken = self._transport.broken + self._transport.unfinished
 
     def _put_together(self, packets: list[Packet], tick: float) -> Iterator[tuple[Stream, Series]]:
         """The signals of messages that came in parts."""

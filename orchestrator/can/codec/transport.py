@@ -54,6 +54,11 @@ class Transport:
     broken: int = 0
     _sessions: dict[tuple[int, int, int], _Session] = field(default_factory=dict)
 
+    @property
+    def unfinished(self) -> int:
+        """Messages under way."""
+        return len(self._sessions)
+
     def feed(self, frames: Frames) -> list[Packet]:
         """The messages that these frames complete; frames of other kinds are passed over."""
         return list(self._packets(frames[is_transport(frames)]))

@@ -8,6 +8,8 @@ from orchestrator.can.database.database import Database, load, merged
 from orchestrator.can.database.message import MessageSpec
 from orchestrator.can.database.sources import ALL, DatabaseFiles, by_channel
 
+MOST = 20  # notes
+
 
 class LogDatabase:
     """The databases of a log.
@@ -28,7 +30,10 @@ class LogDatabase:
     @property
     def notes(self) -> list[str]:
         """What is not as in the files, a line each."""
-        return list(dict.fromkeys(note for database in self.databases for note in database.notes))
+        found = list(dict.fromkeys(note for database in self.databases for note in database.notes))
+        return found[:MOST] + (
+            [f"and {len(found) - MOST} more that is not as in the databases"] if found[MOST:] else []
+        )
 
     def message(self, name: str) -> tuple[Database, MessageSpec]:
         """The message of that name, of the first database that has it.

@@ -13,7 +13,7 @@ STRINGS = re.compile(r'"[^"\\]*(?:\\.[^"\\]*)*"|//[^\n]*')  # and comments
 _STATEMENT = re.compile(r"^[ \t]*([A-Z]+(?:_[A-Z]+)*_|VERSION)(?!\w)", re.MULTILINE)
 _MESSAGE = re.compile(r"\s*BO_\s+(\d+)\s+(\w+)")
 _SIGNAL = re.compile(r"\s*SG_\s+(\w+)(?:\s+(\w+))?\s*:")
-_NUMBER = r"\s*[-+]?\d+\.?\d*(?:[eE][+-]?\d+)?\s*"
+_NUMBER = r"\s*[-+]?\d+(?:\.\d*)?(?:[eE][+-]?\d+)?\s*"
 _WHOLE_SIGNAL = re.compile(
     _SIGNAL.pattern
     + rf"{_NUMBER}\|{_NUMBER}@{_NUMBER}[-+]\s*\({_NUMBER},{_NUMBER}\)\s*\[{_NUMBER}\|{_NUMBER}\]"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 from fmus.errors import DatabaseError
@@ -13,7 +14,6 @@ GUESSES = ("gb18030", "cp932", "cp949", "big5", "cp1250", "cp1252", "cp1251", "c
 WESTERN = frozenset("°µ²³±·×§´äöüÄÖÜßéèêàâçîôûñåøÅØíóúáΩÀÉÈÊ’“”–…€®™¿¡")
 SAMPLE = 1 << 16  # bytes that a guess looks at
 _DECLARED = re.compile(rb"<\?xml[^>]{0,200}\bencoding\s*=\s*[\"']([\w.-]{1,40})")
-_BEYOND_ASCII = re.compile(rb"\"[^\"\n]{0,4000}[\x80-\xff][^\"\n]{0,4000}\"|[^\"\n]{0,80}[\x80-\xff][^\"\n]{0,80}")
 _RUNS = re.compile(rb"[\x80-\xff]+")
 
 
@@ -49,15 +49,23 @@ def _guess(data: bytes) -> str:
     """The likeliest of the usual encodings by its texts; latin-1, which takes any byte, where none fits."""
     from charset_normalizer import from_bytes  # noqa: PLC0415 (most files need no guess)
 
-    pieces = [found[0] for found in _BEYOND_ASCII.finditer(data)]
-    sample = b"\n".join(pieces)[:SAMPLE]
-    if set(b"".join(_RUNS.findall(sample)).decode("cp1252", "replace")) <= WESTERN:
+    sample = b"\n".join(_foreign(data))[:SAMPLE]
+    escaped = re.search(rb"[\x80-\xff]\\", sample)  # a backslash there is half of a Japanese or Chinese character
+    if not escaped and set(b"".join(_RUNS.findall(sample)).decode("cp1252", "replace")) <= WESTERN:
         return "cp1252"
     if _fits(sample, "gb2312") and all(0xA1 <= lead <= 0xA9 for run in _RUNS.findall(sample) for lead in run[::2]):
         return "gb18030"  # China's signs for units, as that for degrees Celsius
     found = {match.encoding: match for match in from_bytes(sample, cp_isolation=list(GUESSES))}
     ranked = sorted(found, key=lambda name: _rank(name, found[name].chaos, sample))
     return next((name for name in ranked if _fits(data, name)), "latin-1")
+
+
+def _foreign(data: bytes) -> Iterator[bytes]:
+    """The strings with bytes beyond ASCII, or the lines that have such outside of strings."""
+    for line in data.splitlines():
+        if not line.isascii():
+            strings = [b'"%s"' % own for own in line.split(b'"')[1::2] if not own.isascii()]
+            yield from strings or [line]
 
 
 def _rank(name: str, chaos: float, sample: bytes) -> tuple[float, int]:

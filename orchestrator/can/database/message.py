@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from fmus.errors import DatabaseError
-from orchestrator.can.database.addressing import Addressing
+from orchestrator.can.database.addressing import ANY, CANOPEN, Addressing
 from orchestrator.can.database.protection import Protection
 
 
@@ -94,6 +94,12 @@ class MessageSpec:
     protection: Protection | None = None
     addressing: Addressing | None = None
     notes: tuple[str, ...] = ()
+
+    @property
+    def of_any_sender(self) -> bool:
+        """Whether its identifier lacks the address of a sender, so that no frame has it as it is."""
+        addressing = self.addressing
+        return addressing is not None and (addressing == CANOPEN or self.id & addressing.sender == ANY)
 
     def is_like(self, other: MessageSpec) -> bool:
         """Whether the other is decoded in the same way, under the same names."""

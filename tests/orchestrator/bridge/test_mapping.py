@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import struct
 import tempfile
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from fmus.errors import InputError, ScenarioError
 from orchestrator.bridge.mapping import Coupling, coupled
 from orchestrator.bridge.outputs import SentMessage, SentSignal
 from orchestrator.can.codec.fields import raw_limits
+from orchestrator.can.database.addressing import CANOPEN
 from orchestrator.can.database.database import Database
 from orchestrator.can.database.database import load as load_database
 from orchestrator.can.statistics import FrameStatistics
@@ -296,3 +298,10 @@ def test_a_block_that_does_not_fit_its_schema_is_refused(tmp_path: Path, text: s
     with pytest.raises(ScenarioError) as refused:
         load(path, CanBlock)
     assert message in str(refused.value)
+
+
+def test_a_message_of_any_sender_takes_no_part_in_a_bus(rig: Database) -> None:
+    spec = rig.message("Command")
+    anyone = rig.changed(replace(own, addressing=CANOPEN) if own is spec else own for own in rig.messages)
+    with pytest.raises(InputError, match=r"can: Command: the identifier 0x101 has no sender's address"):
+        couple(anyone, receive=VOLTAGE)

@@ -145,6 +145,8 @@ def test_what_is_missing_of_a_message_is_told(base: LogDatabase) -> None:
     decoder.feed(frames(*lines, *parts(bytes(20), 3, begin=1.0)))
     assert (decoder.statistics.broken, decoder.statistics.transported) == (1, 1)
     assert "messages in parts of which one is missing, dropped: 1" in decoder.statistics.lines()
+    decoder.feed(frames(*parts(bytes(20), 3, begin=2.0)[:-1]))  # the log ends in the middle
+    assert decoder.statistics.broken == 2
 
 
 @settings(max_examples=60, deadline=None)
