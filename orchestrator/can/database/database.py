@@ -164,8 +164,14 @@ def load(path: Path, *, encoding: str | None = None, j1939: bool = False) -> Dat
     if not read.messages:
         why = "".join(f" that can be used: {lost}" for lost in read.left_out[:1])
         raise DatabaseError(path, f"defines no messages{why}", "export it again")
-    messages = (specification(message, _addressing(message, read, j1939)) for message in read.messages)
-    return Database(path, messages, read.left_out, read.notes)
+    messages, left_out = [], [*read.left_out]
+    for message in read.messages:
+        try:
+            messages.append(specification(message, _addressing(message, read, j1939)))
+        except (TypeError, ValueError, ArithmeticError) as problem:  # cantools has taken what is no name or number
+            why = f"it is not defined as a message is ({problem})"
+            left_out.append(LeftOut(str(message.name), why, tuple(str(signal.name) for signal in message.signals)))
+    return Database(path, messages, left_out, read.notes)
 
 
 def _addressing(message: Any, read: reading.Read, is_j1939: bool) -> Addressing | None:

@@ -25,7 +25,13 @@ _FLOAT_LENGTHS = (16, 32, 64)
 
 
 def specification(raw: Any, addressing: Addressing | None = None) -> MessageSpec:
-    """The message as it is decoded, without those of its signals that cannot be."""
+    """The message as it is decoded, without those of its signals that cannot be.
+
+    Raises:
+        ValueError: something has no name; or what else comes of values that are none.
+    """
+    if not all(isinstance(name, str) and name for name in (raw.name, *(signal.name for signal in raw.signals))):
+        raise ValueError("a name is missing")
     left_out = {signal.name: why for signal in raw.signals if (why := _unusable(signal, raw.length))}
     signals = _distinct((_signal(signal) for signal in raw.signals if signal.name not in left_out), left_out)
     while lost := [s for s in signals if s.multiplexer in left_out]:
@@ -43,11 +49,9 @@ def specification(raw: Any, addressing: Addressing | None = None) -> MessageSpec
         raw=_without(raw, left_out),
         addressing=addressing,
     )
-    protection = _declared(message) or _by_convention(message)
-    if protection is None:
-        return message
     try:
-        return protected("", message, protection)
+        protection = _declared(message) or _by_convention(message)
+        return message if protection is None else protected("", message, protection)
     except DatabaseError as error:
         return replace(message, notes=(f"its counter and checksum are not checked, {error.problem}",))
 
@@ -109,9 +113,9 @@ def _without(raw: Any, left_out: Mapping[str, str]) -> Any:
     )
 
 
-def _seconds(cycle: float | None) -> float | None:
-    """A cycle time [ms] as a period [s]."""
-    return cycle / 1000 if cycle and math.isfinite(cycle) and cycle > 0 else None
+def _seconds(cycle: object) -> float | None:
+    """A cycle time [ms] as a period [s]; None for what is none."""
+    return cycle / 1000 if isinstance(cycle, int | float) and math.isfinite(cycle) and cycle > 0 else None
 
 
 def _lowest(raw: Any) -> int:
@@ -165,7 +169,11 @@ def _declared(message: MessageSpec) -> Protection | None:
     if not counter and not checksum:
         return None
     algorithm, data_id = str(given.get(ALGORITHM, "CRC8_SAE_J1850")), given.get(DATA_ID)
-    return Protection(counter, 0, checksum, algorithm, None if data_id is None else int(data_id))
+    if not isinstance(data_id, int | None):
+        raise DatabaseError(
+            f"message {message.name}", f"the {DATA_ID} '{data_id}' is no whole number", "declare an INT"
+        )
+    return Protection(counter, 0, checksum, algorithm, data_id)
 
 
 def _by_convention(message: MessageSpec) -> Protection | None:

@@ -299,6 +299,18 @@ def test_what_is_sound_in_a_database_is_used_and_what_is_not_is_told(tmp_path: P
     assert note in "\n".join(read.notes) and bool(note) == bool(read.notes)
 
 
+def test_values_of_a_wrong_kind_cost_no_more_than_what_they_are_of(tmp_path: Path) -> None:
+    text = DBC.replace('"GenMsgCycleTime" INT 0 65535', '"GenMsgCycleTime" STRING').replace(
+        "BO_ 100 10;", 'BO_ 100 "x";'
+    )
+    assert database.load(file(tmp_path, text)).message("State").cycle is None
+    nameless = KCD.replace("</Bus>", '<Message id="0x11"><Signal offset="0" length="8"/></Message></Bus>')
+    read = database.load(file(tmp_path, nameless, ".kcd"))
+    assert (
+        read.signal("angle") and "is left out: it is not defined as a message is (a name is missing)" in read.notes[0]
+    )
+
+
 def test_a_signal_that_is_wanted_and_not_sound_is_refused_with_the_reason(tmp_path: Path) -> None:
     read = database.load(file(tmp_path, PAGES + 'BO_ 1 Other: 1 A\n SG_ x : 0|8@1+ (1,0) [0|0] "" A\n'))
     for name in ("x", "Other.x"):
