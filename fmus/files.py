@@ -38,6 +38,13 @@ def atomic_write(path: str | Path, content: bytes | Callable[[BinaryIO], object]
     return target
 
 
+def absence(path: Path, missing: str = "no such file") -> str:
+    """What is there in place of a file."""
+    if path.is_dir():
+        return "is a folder, not a file"
+    return "is a pipe, a device or a socket, not a file" if path.exists() else missing
+
+
 def _write(path: Path, content: bytes | Callable[[BinaryIO], object]) -> None:
     with path.open("xb") as file:
         if callable(content):

@@ -11,6 +11,7 @@ from types import ModuleType
 
 from fmus import models, units
 from fmus.errors import ModelError
+from fmus.files import absence
 from fmus.modelling.mistakes import at, in_file
 from fmus.modelling.model import Model, Table, namespace, start_values
 
@@ -48,7 +49,7 @@ def source_file(model: Model) -> Path:
 
 def _from_file(path: Path) -> Model:
     if not path.is_file():
-        raise ModelError(path, "no such file", "give the path of a model file")
+        raise ModelError(path, absence(path), "give the path of a model file")
     if not path.stem.isidentifier() or path.stem in RESERVED:
         raise ModelError(path, f"'{path.stem}' cannot be a module's name here", "rename the file")
     module = ModuleType(f"fmus.models.{path.stem}")

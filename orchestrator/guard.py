@@ -7,6 +7,7 @@ turns an end that the command itself did not come to into an exit code and a lin
 from __future__ import annotations
 
 import os
+import select
 import shutil
 import signal
 import sys
@@ -45,19 +46,22 @@ def guarded(work: Callable[[], None]) -> None:
     life, held = os.pipe()
     sys.stdout.flush()
     sys.stderr.flush()
-    parent, child = os.getpid(), os.fork()
+    child = os.fork()
     if child:
         os.close(life)
         owned.sweep(usual, _NAME)
         _watch(child, watched, words)
     os.close(held)
     with interrupts.Interrupts():
-        _stand_alone(life)
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
         try:
+            _stand_alone(life)
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
             _work(work, words)
+        except KeyboardInterrupt:
+            interrupts.ignore()
+            sys.exit(130)  # the parent says why
         finally:
-            if os.getppid() != parent:
+            if select.select([life], [], [], 0)[0]:  # the parent is gone
                 _remove(words)
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fmus.errors import InputError, TraceError
+from fmus.files import absence
 
 if TYPE_CHECKING:
     import pandas
@@ -333,8 +334,7 @@ def check_file(path: Path) -> None:
         TraceError: it is not, is empty, or cannot be read.
     """
     if not path.is_file():
-        problem = "is a folder" if path.is_dir() else "there is no such file"
-        raise TraceError(path, problem, "check the path")
+        raise TraceError(path, absence(path, "there is no such file"), "check the path")
     try:
         with path.open("rb") as file:
             empty = not file.read(1)

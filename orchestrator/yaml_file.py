@@ -18,6 +18,7 @@ from ruamel.yaml.events import AliasEvent, CollectionEndEvent, CollectionStartEv
 from ruamel.yaml.parser import RoundTripParser
 
 from fmus.errors import FmuFileError, ScenarioError, ServotwinError, TraceError, WiringError
+from fmus.files import absence
 from orchestrator.rational import seconds
 
 LARGEST = 4 << 20
@@ -127,7 +128,7 @@ def naming(path: Path) -> Iterator[None]:
 
 def _parse(path: Path) -> Any:
     if not path.is_file():
-        raise ScenarioError(path, "no such file", "check the path")
+        raise ScenarioError(path, absence(path), "check the path")
     if path.stat().st_size > LARGEST:
         raise ScenarioError(path, "is larger than 4 MiB", "move data into a trace file")
     try:

@@ -11,12 +11,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 from fmus.errors import FmuFileError
-from fmus.files import atomic_write
+from fmus.files import absence, atomic_write
 
 if TYPE_CHECKING:
     from lxml import etree
 
 LARGEST_UNPACKED = 4 << 30
+MOST_ENTRIES = 100_000
+LARGEST_RATIO, SMALL = 200, 64 << 20  # of what is inside to the file, where that is more than a few [bytes]
 _FOLDERS = ("binaries", "documentation", "resources", "sources")
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 
@@ -63,7 +65,7 @@ def opened(path: Path) -> zipfile.ZipFile:
         FmuFileError: as for `read`.
     """
     if not path.is_file():
-        raise FmuFileError(path, "no such file", "check the path")
+        raise FmuFileError(path, absence(path), "check the path")
     try:
         archive = zipfile.ZipFile(path)
     except (zipfile.BadZipFile, OSError) as error:
@@ -73,14 +75,27 @@ def opened(path: Path) -> zipfile.ZipFile:
         if ".." in parts or info.filename.startswith(("/", "\\")) or ":" in parts[0]:
             archive.close()
             raise FmuFileError(path, f"holds the path '{info.filename}' that leaves the archive", "do not trust it")
-    if sum(info.file_size for info in archive.infolist()) > LARGEST_UNPACKED:
+    if problem := _too_much(archive, path.stat().st_size):
         archive.close()
-        raise FmuFileError(path, "unpacks to more than 4 GiB", "do not trust it")
+        raise FmuFileError(path, problem, "do not trust it")
     for info in archive.infolist():
         info.filename = _canonical(info.filename)
     archive.filelist[:] = [info for info in archive.infolist() if info.filename]
     archive.NameToInfo = {info.filename: info for info in archive.infolist()}
     return archive
+
+
+def _too_much(archive: zipfile.ZipFile, size: int) -> str:
+    """Why an archive of this size [bytes] is not unpacked; empty where it may be."""
+    entries = len(archive.infolist())
+    unpacked = sum(info.file_size for info in archive.infolist())
+    if entries > MOST_ENTRIES:
+        return f"holds {entries:,} files, more than {MOST_ENTRIES:,}"
+    if unpacked > LARGEST_UNPACKED:
+        return f"unpacks to {unpacked:,} bytes, more than 4 GiB"
+    if unpacked > SMALL and unpacked > LARGEST_RATIO * size:
+        return f"unpacks to {unpacked / size:.0f} times its size"
+    return ""
 
 
 def _canonical(name: str) -> str:

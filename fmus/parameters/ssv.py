@@ -7,6 +7,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from fmus.errors import FmuFileError
+from fmus.files import absence
 from fmus.modelling.model import Number
 from fmus.packaging import archive
 from fmus.packaging.description.xml import base_unit, document, xml_number
@@ -66,7 +67,7 @@ def read_values(path: Path) -> dict[str, SetValue]:
         FmuFileError: no such file, or not a parameter set.
     """
     if not path.is_file():
-        raise FmuFileError(path, "no such file", "check the path")
+        raise FmuFileError(path, absence(path), "check the path")
     root = archive.parse_xml(path, path.read_bytes())
     if root.tag != f"{{{SSV}}}ParameterSet":
         raise FmuFileError(path, "is not an SSV parameter set", "check the path")

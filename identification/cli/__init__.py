@@ -34,8 +34,6 @@ def _command() -> None:
             sys.excepthook(type(error), error, error.__traceback__)
         print(f"servotwin: {InternalError.of(error)}", file=sys.stderr)
         sys.exit(InternalError.exit_code)
-    except KeyboardInterrupt:
-        sys.exit(130)
 
 
 def __getattr__(name: str) -> Any:

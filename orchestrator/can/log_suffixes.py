@@ -80,7 +80,7 @@ def is_log(path: str | Path) -> bool:
     file = Path(path)
     suffix = suffix_of(file)
     if suffix in SHARED:
-        return bool(text_format(file))
+        return file.is_file() and bool(text_format(file))  # to open a pipe waits for who writes to it
     if suffix == ".mf4" and file.is_file() and file.suffix.lower() != PACKED:
         return _holds_frames(file)
     return suffix in TEXT if file.suffix.lower() == PACKED else suffix in SUFFIXES

@@ -19,6 +19,7 @@ import typer
 
 from fmus.errors import InputError, InternalError, ServotwinError
 from orchestrator.cli.stdout import stdout_kept
+from orchestrator.display.plain import plain
 from orchestrator.interrupts import Interrupts, requested
 from orchestrator.progress import Progress, silent
 from orchestrator.results import Permission, permitted
@@ -72,7 +73,7 @@ class Terminal:
     def say(self, line: str) -> None:
         """Tell people something while the work goes on."""
         if not self.quiet:
-            _err().print(line, soft_wrap=True)
+            _err().print(plain(line), soft_wrap=True)
 
     @contextmanager
     def bar(self, label: str) -> Iterator[Progress]:
@@ -89,8 +90,8 @@ class Terminal:
             progress.TimeElapsedColumn(),
         )
         with progress.Progress(*columns, console=_err(), transient=True) as shown:
-            task = shown.add_task(label, total=1.0, doing="")
-            yield lambda fraction, doing: shown.update(task, completed=fraction, doing=doing)
+            task = shown.add_task(plain(label), total=1.0, doing="")
+            yield lambda fraction, doing: shown.update(task, completed=fraction, doing=plain(doing))
 
 
 Work = TypeVar("Work", bound=Callable[..., Answer])
@@ -202,19 +203,24 @@ class _Log(logging.Handler):
         from rich.logging import RichHandler
 
         handler = RichHandler(console=_err(), show_time=False, show_path=False)
-        handler.setFormatter(logging.Formatter("%(message)s"))
+        handler.setFormatter(_Plain("%(message)s"))
         return handler
 
 
+class _Plain(logging.Formatter):
+    def format(self, record: logging.LogRecord) -> str:
+        return plain(super().format(record))
+
+
 def _interrupted(line: str = "interrupted") -> NoReturn:
-    _err().print(line, soft_wrap=True)
+    _err().print(plain(line), soft_wrap=True)
     raise typer.Exit(130) from None
 
 
 def _fail(error: ServotwinError, terminal: Terminal) -> NoReturn:
     if terminal.verbose >= 2:
         _err().print_exception()
-    _err().print(f"servotwin: {error}", style="red", soft_wrap=True, markup=False)
+    _err().print(plain(" ".join(f"servotwin: {error}".split("\n"))), style="red", soft_wrap=True, markup=False)
     raise typer.Exit(error.exit_code) from None
 
 
@@ -225,17 +231,17 @@ def show(shown: Listing | str) -> None:
 
     console = Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else WIDE)
     if isinstance(shown, str):
-        console.print(shown, soft_wrap=True)
+        console.print(plain(shown), soft_wrap=True)
         return
-    drawn = table.Table(title=shown.title, show_header=bool(shown.headers))
+    drawn = table.Table(title=plain(shown.title or "") or None, show_header=bool(shown.headers))
     if shown.figures:
         drawn.box, drawn.padding = box.SIMPLE_HEAD, (0, 1, 0, 0)
     for number, header in enumerate(shown.headers):
         right = shown.figures and 0 < number < len(shown.headers) - 1
         whole = shown.figures and number == 0
-        drawn.add_column(header, justify="right" if right else "left", overflow="fold", no_wrap=whole)
+        drawn.add_column(plain(header), justify="right" if right else "left", overflow="fold", no_wrap=whole)
     for row in shown.rows:
-        drawn.add_row(*row)
+        drawn.add_row(*map(plain, row))
     console.print(drawn)
 
 

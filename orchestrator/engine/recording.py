@@ -5,15 +5,12 @@ A block is small, so that a run whose record goes to a sink needs little memory 
 
 from __future__ import annotations
 
-import math
-import os
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
 
 import numpy as np
 
-from fmus.errors import WiringError
 from orchestrator.interrupts import whole
+from orchestrator.memory import require
 from orchestrator.rational import Clock
 from orchestrator.trace import FloatArray, Trace
 
@@ -102,24 +99,10 @@ def require_room(rows: int, columns: int) -> None:
     """See that so many numbers find room in the computer's memory.
 
     Raises:
-        WiringError: they do not.
+        InputError: they do not.
     """
-    wanted = 8 * rows * max(columns, 1)
-    if wanted > _memory():
-        raise WiringError(
-            "run",
-            f"has {rows:,} rows of {columns} values to keep, {wanted / 2**30:,.0f} GiB of memory",
-            "lengthen its `step`, keep fewer rows with --stride, or write them while running with --stream",
-        )
-
-
-@cache
-def _memory() -> float:
-    """All that this computer has [bytes]; infinite where it does not tell."""
-    try:
-        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
-    except (AttributeError, ValueError, OSError):
-        return math.inf
+    fix = "lengthen its `step`, keep fewer rows with --stride, or write them while running with --stream"
+    require("run", f"{rows:,} rows of {columns} values to keep", 8 * rows * max(columns, 1), fix)
 
 
 def _spread(count: int, size: int) -> FloatArray:

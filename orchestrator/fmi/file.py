@@ -27,6 +27,7 @@ from fmus.units import Unit
 from orchestrator.fmi import arrays, definitions, unpacked
 from orchestrator.fmi.arrays import LeftOutError, Sizes
 from orchestrator.fmi.interface import Interface, Port, Value
+from orchestrator.memory import require
 
 if TYPE_CHECKING:
     from lxml import etree
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 LOG = logging.getLogger("servotwin.fmu")
 DESCRIPTION = "modelDescription.xml"
 LARGEST_DESCRIPTION = 256 << 20
+TREE = 25  # memory of what is made of a description, by its size
 
 
 class Kind(StrEnum):
@@ -152,6 +154,9 @@ def read_description(path: Path) -> ModelDescription:
             raise FmuFileError(path, f"holds no {DESCRIPTION}", "is it an FMU?") from None
         if info.file_size > LARGEST_DESCRIPTION:
             raise FmuFileError(path, f"has a {DESCRIPTION} over 256 MiB", "do not trust it")
+        require(
+            path, f"a {DESCRIPTION} of {info.file_size:,} bytes", TREE * info.file_size, "have fewer variables in it"
+        )
         text = zipped.read(info)
     root = archive.parse_xml(f"{path}: {DESCRIPTION}", text)
     with _guarded(path, DESCRIPTION):

@@ -12,6 +12,7 @@ from collections import Counter
 from pathlib import Path
 from zipfile import ZipFile, ZipInfo
 
+from fmus.errors import FmuFileError
 from fmus.files import sha256
 from fmus.packaging import archive
 from orchestrator.interrupts import UNPACKED
@@ -54,6 +55,10 @@ def _unpack(path: Path) -> Path:
     folder = Path(tempfile.mkdtemp(prefix=UNPACKED))
     try:
         with archive.opened(path) as zipped:
+            size, free = sum(info.file_size for info in zipped.infolist()), shutil.disk_usage(folder).free
+            if size > free:
+                problem = f"unpacks to {size:,} bytes, and {free:,} are free in {folder.parent}"
+                raise FmuFileError(path, problem, "make space, or set TMPDIR")
             for info in zipped.infolist():
                 _extract(zipped, info, folder)
     except BaseException:

@@ -11,14 +11,16 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import parquet
 
-from fmus.errors import TraceError
+from fmus.errors import InputError, TraceError
 from orchestrator.formats.arrow import arrays, numbers
 from orchestrator.formats.layout import MAX_VALUES, Columns, Layout, choose
 from orchestrator.formats.recording import Recording, excerpt
 from orchestrator.formats.stamps import Stamps, since_first
 from orchestrator.interrupts import whole
+from orchestrator.memory import require
 from orchestrator.trace import FloatArray, Trace
 
+COPIES = 4  # of the samples that are in memory while they are read
 GROUP = 1 << 16  # rows of a trace in pieces that are written together
 WRITING: dict[str, Any] = {"write_page_checksum": True, "use_dictionary": False}  # samples seldom repeat
 
@@ -33,7 +35,7 @@ def read(path: Path, layout: Layout) -> Recording:
         with parquet.ParquetFile(path, page_checksum_verification=True) as file:
             return _recording(file, layout, path)
     except (pa.ArrowException, OSError, ValueError, KeyError) as problem:
-        if isinstance(problem, TraceError):
+        if isinstance(problem, InputError):
             raise
         raise TraceError(
             path, f"is not a readable Parquet file ({excerpt(problem)})", "record or export it again"
@@ -88,7 +90,9 @@ def _recording(file: parquet.ParquetFile, layout: Layout, path: Path) -> Recordi
     useless = {number: what for number, what in odd.items() if number not in stamped}
     choice = choose(layout, Columns(len(schema), tuple(schema.names), units, useless, stamped, _head(file)), path)
     if file.metadata.num_rows * len(choice.wanted) > MAX_VALUES:
-        raise TraceError(path, f"claims {file.metadata.num_rows} samples", "cut the recording")
+        raise TraceError(path, f"claims {file.metadata.num_rows:,} samples", "cut the recording")
+    size = COPIES * 8 * file.metadata.num_rows * len(choice.wanted)
+    require(path, f"{file.metadata.num_rows:,} samples", size, "cut the recording, or read fewer `columns`")
     rows = file.read(columns=[schema.names[number] for number in choice.wanted])
 
     def column(number: int) -> FloatArray:

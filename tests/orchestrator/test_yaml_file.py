@@ -124,7 +124,7 @@ def test_aliases_do_not_multiply(tmp_path: Path) -> None:
 def test_missing_files_folders_and_huge_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match="no such file; check the path"):
         load(tmp_path / "missing.yaml", Car)
-    with pytest.raises(ScenarioError, match="no such file; check the path"):
+    with pytest.raises(ScenarioError, match="is a folder, not a file; check the path"):
         load(tmp_path, Car)
     assert "is larger than 4 MiB" in complaint(tmp_path, "title: " + "a" * LARGEST)
 

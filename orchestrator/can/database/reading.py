@@ -19,6 +19,7 @@ import cantools
 from cantools.database.errors import UnsupportedDatabaseFormatError
 
 from fmus.errors import DatabaseError
+from fmus.files import absence
 from orchestrator.can.database import canopen_pdos
 from orchestrator.can.database.dbc_text import STRINGS, DbcText
 from orchestrator.can.database.encoding import text_of
@@ -146,7 +147,7 @@ def _silenced(name: str) -> Iterator[None]:
 
 def _content(path: Path) -> bytes:
     if not path.is_file():
-        raise DatabaseError(path, "no such file", "check the path")
+        raise DatabaseError(path, absence(path), "check the path")
     try:
         if path.stat().st_size > LARGEST:
             raise DatabaseError(path, f"is larger than {LARGEST >> 20} MiB", "keep only the messages in use")

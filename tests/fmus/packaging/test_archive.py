@@ -89,7 +89,7 @@ def test_a_strange_name_that_stays_inside_is_read(tmp_path: Path, name: str) -> 
 
 def test_a_missing_file_and_a_folder_are_no_archives(tmp_path: Path) -> None:
     assert "no such file" in refusal(tmp_path / "none.fmu")
-    assert "no such file" in refusal(tmp_path)
+    assert "is a folder, not a file" in refusal(tmp_path)
 
 
 @pytest.mark.parametrize("content", [b"", b"not a zip at all", b"PK\x03\x04"])
@@ -135,4 +135,17 @@ def test_more_than_the_limit_is_refused_before_anything_is_unpacked(
     assert len(archive.read(path)) == 2
     monkeypatch.setattr(archive, "LARGEST_UNPACKED", 1999)
     monkeypatch.setattr(zipfile.ZipFile, "read", lambda *_: pytest.fail("was unpacked"))
-    assert "unpacks to more than" in refusal(path)
+    assert "unpacks to 2,000 bytes, more than" in refusal(path)
+
+
+@pytest.mark.parametrize(
+    ("limit", "value", "told"),
+    [("MOST_ENTRIES", 2, "holds 3 files, more than 2"), ("SMALL", 1000, r"unpacks to \d\d\d times its size")],
+)
+def test_what_unpacks_to_too_much_is_refused_before_it_is_unpacked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: str, value: int, told: str
+) -> None:
+    monkeypatch.setattr(archive, limit, value)
+    archive.write(tmp_path / "bomb.fmu", {"a": bytes(1_000_000), "b": b"", "c": b""})
+    with pytest.raises(FmuFileError, match=f"bomb.fmu: {told}; do not trust it"):
+        archive.read(tmp_path / "bomb.fmu")

@@ -327,6 +327,36 @@ def test_square_brackets_are_shown_as_they_are(tmp_path: Path) -> None:
     assert answer.exit_code == 2 and "none[red].yaml: no such file" in answer.stderr
 
 
+def test_a_terminal_obeys_no_name_from_a_file(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("time [s],\x1b[31mred\x1b]0;own\x07\x9b2J\u202etxt [V]\n0,1\n1,2\n")
+    told = servotwin("info", tmp_path / "a.csv").stdout
+    assert "\\x1b[31mred\\x1b]0;own\\x07\\x9b2J\\u202etxt" in told
+    refused = servotwin("trace", "convert", tmp_path / "a.csv", tmp_path / "\x1b[2J.xyz").stderr
+    assert not {"\x1b", "\x07", "\x9b", "\u202e"} & {*told, *refused} and len(refused.splitlines()) == 1
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs pipes with names")
+@pytest.mark.parametrize("name", ["a.csv", "a.yaml", "a.fmu", "a.blf", "a.log", "a.mat", "a.parquet"])
+def test_a_pipe_is_no_file(tmp_path: Path, name: str) -> None:
+    os.mkfifo(tmp_path / name)
+    for command in (["info"], ["run"], ["calibrate"], ["trace", "info"], ["trace", "plot"]):
+        answer = servotwin(*command, tmp_path / name)
+        assert answer.exit_code == 2 and len(answer.stderr.splitlines()) == 1, answer.stderr
+
+
+def test_what_nobody_foresaw_is_one_line_and_a_code_of_its_own(scenario: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise KeyError("no such thing")
+
+    monkeypatch.setattr("orchestrator.scenario.run.run_scenario", broken)
+    answer = servotwin("run", scenario)
+    assert answer.exit_code == 4 and answer.stdout == ""
+    assert answer.stderr == (
+        "servotwin: a fault of servotwin: KeyError: 'no such thing'; run with -vv and report what that says\n"
+    )
+    assert "Traceback" in servotwin("run", scenario, "-vv").stderr
+
+
 def test_traces_are_described_converted_and_plotted(rig: Path, tmp_path: Path) -> None:
     recordings = sorted((rig / "data").glob("*.csv"))
     document = only_json(servotwin("trace", "info", *recordings, "--json"))
@@ -434,7 +464,8 @@ def test_an_interrupted_calibration_leaves_nothing(tmp_path: Path, group: bool) 
     ended = interrupted(
         tmp_path, group, "calibrate", study, "--data", tmp_path / "data", "--out", tmp_path / "out" / "c"
     )
-    assert ended == (130, "", "interrupted\n")
+    assert ended[:2] == (130, "")
+    assert ended[2] in ("interrupted\n", "interrupted before anything was estimated; nothing is written\n")
     assert list((tmp_path / "out").rglob("*")) == []
 
 

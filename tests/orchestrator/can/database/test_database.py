@@ -349,7 +349,7 @@ def test_bad_xml_is_refused_with_its_place(tmp_path: Path, text: str, problem: s
 
 def test_what_is_no_file_of_a_database_is_refused(tmp_path: Path) -> None:
     (tmp_path / "folder.dbc").mkdir()
-    for name, problem in [("a.dbc", "no such file"), ("folder.dbc", "no such file"), ("a.txt", "no format of a CAN")]:
+    for name, problem in [("a.dbc", "no such file"), ("folder.dbc", "is a folder"), ("a.txt", "no format of a CAN")]:
         with pytest.raises(DatabaseError, match=problem):
             database.load(tmp_path / name)
     with (tmp_path / "large.dbc").open("wb") as large:
