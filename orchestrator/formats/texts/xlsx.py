@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 MOST = 2**25  # cells of a sheet
 LARGEST = 2**30  # bytes of a workbook when it is unpacked
+SMALL = 2**26  # bytes that a workbook may be however tightly it is packed
+PACKED = 100  # times that a larger one may be smaller in its archive
 
 
 def read(path: Path, layout: Layout) -> Recording:
@@ -39,7 +41,7 @@ def read(path: Path, layout: Layout) -> Recording:
     try:
         with zipfile.ZipFile(path) as archive:
             size = sum(entry.file_size for entry in archive.infolist())
-        if size > LARGEST:
+        if size > min(LARGEST, max(SMALL, PACKED * path.stat().st_size)):
             raise TraceError(path, f"is {size} bytes when it is unpacked", "export it as .csv")
         book = openpyxl.load_workbook(path, read_only=True, data_only=True, keep_links=False)
         book._date_formats = set()  # days as numbers: as dates they are rounded to milliseconds

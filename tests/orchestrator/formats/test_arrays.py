@@ -291,3 +291,11 @@ def test_the_first_bytes_tell_the_format_where_the_suffix_does_not(tmp_path: Pat
 def test_what_is_read_alone_is_not_written(tmp_path: Path, suffix: str) -> None:
     with pytest.raises(TraceError, match=rf"format '{suffix}' is read, not written; use \.csv, \.mat"):
         write(Trace(TIME, {}), tmp_path / f"x{suffix}")
+
+
+@pytest.mark.needs("formats")
+def test_a_workbook_that_is_packed_too_tightly_is_not_unpacked(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "x.xlsx", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("xl/sharedStrings.xml", bytes(2**26 + 1))
+    with pytest.raises(TraceError, match=r"is 67108865 bytes when it is unpacked; export it as \.csv"):
+        read(tmp_path / "x.xlsx")
