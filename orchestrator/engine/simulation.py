@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -442,7 +443,7 @@ class Simulation:
         for component in self.components.values():
             component.run()
         values = engine.pass_on(writing=False)
-        for node in loop.nodes:
+        for node in loop.nodes if not math.isfinite(sum(values)) else ():
             loop.require_finite(node, values[node.first : node.first + len(node.outputs)], "initialisation")
 
     def _loop(self, chosen: Sequence[str], outputs: Mapping[str, Sequence[str]], hold: int) -> Loop:

@@ -285,8 +285,14 @@ class FmiFunctions(ABC):
 
     def call(self, name: str, *arguments: Any) -> int:
         """A function that takes the instance first, by the end of its name."""
-        status: int = self.function(name)(self.handle, *arguments)
+        function = self._called.get(name) or self._called.setdefault(name, self.function(name))
+        status: int = function(self.handle, *arguments)
         return status
+
+    @cached_property
+    def _called(self) -> dict[str, Callable[..., int]]:
+        """Functions that were called, by the end of their names: to find one takes longer than to call it."""
+        return {}
 
     def has(self, name: str) -> bool:
         """Whether there is a function of this name, without the prefix."""
@@ -298,9 +304,10 @@ class FmiFunctions(ABC):
         Raises:
             FmuError: the library does not have it.
         """
-        if not self.has(name):
+        found = getattr(self.fmu.dll, self.prefix + name, None)
+        if found is None:
             raise FmuError(self.fmu.instanceName, absent(self.prefix + name), "ask its supplier for a whole one")
-        return getattr(self.fmu.dll, self.prefix + name)
+        return found
 
     def state(self, verb: str, argument: Any) -> int:
         """Get, Set or Free a snapshot of the whole state."""

@@ -58,7 +58,8 @@ class FmuInstance(Generic[A]):
         self._sound = True  # the library has given a whole run since it was loaded or an instance of it died
         self._resets, self._was_reset = True, False
         self._doubtful: set[str] = set()  # variables whose start is not what the file declares
-        self._touched: dict[str, float] = {}  # what was set in earlier runs, and the start value of that
+        self._touched: set[str] = set()  # what was set in earlier runs
+        self._watched_beside: frozenset[str] | None = None  # the given ones, beside which others are read after a reset
         self._bound: tuple[Sequence[str], Sequence[str]] = (), ()
         self._known_as = last_words.OURS if fmu.is_ours else last_words.FMU, f"{name} ({fmu.path})"
         last_words.own().say(*self._known_as)
@@ -66,8 +67,8 @@ class FmuInstance(Generic[A]):
 
     def set(self, values: Mapping[str, Value]) -> None:
         given = {**self._given, **values}
-        for name in given.keys() & self._sizes:
-            del given[name]
+        if self._sizes:
+            given = {name: value for name, value in given.items() if name not in self._sizes}
         self._given_group = group = self._group(*given)
         if not group.floats or {type(value) for value in given.values()} != {float}:
             given = {name: self._port(name).typed(f"{self.name}.{name}", value) for name, value in given.items()}
@@ -104,6 +105,7 @@ class FmuInstance(Generic[A]):
             self._group(*self._given).write(list(self._given.values()))
             self._enter(start, stop, tolerance)
             self._doubtful |= self._not_reset().keys()
+            self._watched_beside = None
             odd = {name: value for name, value in odd.items() if name not in self._doubtful}
         if odd:
             name, value = next(iter(odd.items()))
@@ -159,7 +161,7 @@ class FmuInstance(Generic[A]):
         if not self._under_way:
             return
         self._under_way, self._sound = False, True
-        if self._fmi.has("Terminate"):
+        if self._terminates:
             try:
                 self._check(self._fmi.call("Terminate"), "terminate")
             except FmuError as error:
@@ -167,7 +169,9 @@ class FmuInstance(Generic[A]):
 
     def reset(self) -> bool:
         self.terminate()
-        self._touched |= self._starts(name for name in self._given if name not in self._touched)
+        if not self._given.keys() <= self._touched:
+            self._touched |= self._given.keys()
+            self._watched_beside = None
         self._given.clear()
         self._messages.clear()
         self.warnings, self._was_reset, self._complained = 0, False, False
@@ -175,7 +179,7 @@ class FmuInstance(Generic[A]):
             self._load(anew=True)
             return True
         self._sound = self._sound and self._alive
-        if self._alive and self._resets and self._fmi.has("Reset"):
+        if self._alive and self._resets:
             status = self._fmi.call("Reset")
             if status < FAILED:
                 self._was_reset = True
@@ -225,8 +229,10 @@ class FmuInstance(Generic[A]):
         except Exception as error:
             raise self._failure("instantiate", str(error)) from error
         self._alive = True
+        self._resets, self._terminates = self._resets and self._fmi.has("Reset"), self._fmi.has("Terminate")
         self._log_errors()
         self._groups: dict[tuple[str, ...], VariableGroup] = {}
+        self._watched_beside = None
         self._given_group = self._group()
         self.bind(*self._bound)
         self._configure()
@@ -262,16 +268,20 @@ class FmuInstance(Generic[A]):
 
     def _not_reset(self) -> dict[str, float]:
         """Variables with another value than the one they are declared to start from, and that value."""
-        known = {**self._exact, **self._touched}
-        starts = {name: v for name, v in known.items() if name not in self._given and name not in self._doubtful}
-        if not starts:
+        given = self._given.keys()
+        if given != self._watched_beside:
+            self._watched_beside = frozenset(given)
+            known = {**self._exact, **self._starts(self._touched)}
+            self._watched = {name: v for name, v in known.items() if name not in given and name not in self._doubtful}
+            self._watched_group, self._watched_starts = self._group(*self._watched), [*self._watched.values()]
+        if not self._watched:
             return {}
-        status, values = self._group(*starts).read()
+        status, values = self._watched_group.read()
         if status >= FAILED:
-            self._check(status, f"get {', '.join(starts)}")
-        if list(values) == list(starts.values()):
+            self._check(status, f"get {', '.join(self._watched)}")
+        if values == self._watched_starts:
             return {}
-        pairs = zip(starts.items(), values, strict=True)
+        pairs = zip(self._watched.items(), values, strict=True)
         return {name: value for (name, start), value in pairs if not self._close(name, start, value)}
 
     def _distrust_reset(self, why: str) -> None:
