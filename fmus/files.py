@@ -10,6 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
+from fmus import owned
 from fmus.errors import InputError
 
 
@@ -27,6 +28,7 @@ def atomic_write(path: str | Path, content: bytes | Callable[[BinaryIO], object]
     part = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
+        owned.sweep_files(target.parent, f".{target.name}.", ".part")
         _write(part, content)
         part.replace(target)
     except OSError as problem:
@@ -47,6 +49,7 @@ def absence(path: Path, missing: str = "no such file") -> str:
 
 def _write(path: Path, content: bytes | Callable[[BinaryIO], object]) -> None:
     with path.open("xb") as file:
+        owned.hold(file)
         if callable(content):
             content(file)
         else:

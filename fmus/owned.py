@@ -1,6 +1,6 @@
-"""Folders that belong to a process: when it is dead, however it died, the next that looks for such ones removes them.
+"""Folders, and files being written, that belong to a process: when that is dead, the next one that looks removes them.
 
-The process holds a lock on its folder, and the system lets go of that with the process.
+The process holds a lock on each, which the system lets go of however the process ends.
 """
 
 from __future__ import annotations
@@ -8,14 +8,18 @@ from __future__ import annotations
 import os
 import shutil
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import BinaryIO
 
 if sys.platform != "win32":
     import fcntl
 
 MARK = ".servotwin-"  # in the names of all, so that nothing else is taken for one
+
+_YOUNG = 5.0  # a file may not be held yet [s]
 
 
 def create(parent: Path, name: str) -> tuple[Path, int]:
@@ -59,6 +63,26 @@ def owned_folder(parent: Path, name: str) -> Iterator[Path]:
         shutil.rmtree(folder, ignore_errors=True)
         with suppress(OSError):  # an FMU may have closed it
             os.close(descriptor)
+
+
+def hold(file: BinaryIO) -> None:
+    """Mark an open file as one of a living process."""
+    if sys.platform != "win32":
+        with suppress(OSError):
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def sweep_files(parent: Path, start: str, end: str) -> None:
+    """Remove the files that processes held which are dead, named so at both ends of eight characters."""
+    with suppress(OSError):
+        for entry in os.scandir(parent):
+            named = entry.name.startswith(start) and entry.name[len(start) + 8 :] == end
+            if not named or time.time() - entry.stat(follow_symlinks=False).st_mtime < _YOUNG:
+                continue
+            descriptor = _lock(Path(entry))
+            if descriptor is not None:
+                Path(entry).unlink()
+                os.close(descriptor)
 
 
 def _lock(folder: Path) -> int | None:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from pathlib import Path
 from typing import BinaryIO
 
 import pytest
 
+from fmus import owned
 from fmus.errors import InputError
 from fmus.files import atomic_write, sha256
 
@@ -38,3 +41,17 @@ def test_a_place_that_cannot_be_written_is_an_input_error(tmp_path: Path) -> Non
         atomic_write(tmp_path / "file" / "below", b"")
     with pytest.raises(InputError, match="cannot be read"):
         sha256(tmp_path / "absent")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs locks of files")
+def test_parts_that_dead_processes_left_go_and_those_of_living_ones_stay(tmp_path: Path) -> None:
+    left, young, held, other = (
+        tmp_path / f".{name}.part" for name in ("a.b.01234567", "a.b.89abcdef", "a.b.fedcba98", "a.b")
+    )
+    for part in (left, young, held, other):
+        part.write_bytes(b"half")
+        os.utime(part, None if part is young else (0, 0))
+    with held.open("rb") as file:
+        owned.hold(file)
+        atomic_write(tmp_path / "a.b", b"whole")
+    assert {*tmp_path.iterdir()} == {tmp_path / "a.b", young, held, other}
