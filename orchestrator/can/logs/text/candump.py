@@ -14,6 +14,7 @@ from orchestrator.can.logs.text.dates import moment
 from orchestrator.can.logs.text.form import Reading, State, TextFormat
 from orchestrator.can.logs.text.lines import Field, Lines
 from orchestrator.can.logs.text.rows import (
+    DIRECTIONS,
     Found,
     NoFrameError,
     Row,
@@ -29,7 +30,7 @@ from orchestrator.can.logs.text.rows import (
 
 ERROR_BIT, IDENTIFIER = 0x20000000, 0x1FFFFFFF
 STAMP = re.compile(r"\(([^)]*)\)\s*")
-LENGTH = re.compile(r"[\[{]\s*(\d+)[\]}]$")
+LENGTH = re.compile(r"\[\d+\]$|\{[0-9a-f]\}$", re.IGNORECASE)
 LEAST = 5  # stamps that tell differences from times
 CALENDAR = 1e6  # [s]
 
@@ -103,9 +104,9 @@ def _logged(time: float, frame: str, behind: list[str]) -> Row:
 
 
 def _printed(time: float, words: list[str]) -> Row:
-    """`can0  123   [8]  00 11`, before that with -x the direction and two flags."""
+    """`can0  123   [8]  00 11`; with -x direction and two flags before that, with -8 the length code in braces."""
     lengths = [place for place, text in enumerate(words[:7]) if LENGTH.match(text)]
-    if not lengths or lengths[0] < 2:
+    if lengths[:1] not in ([2], [5]) or (lengths[0] == 5 and words[1].lower() not in DIRECTIONS):
         raise NoFrameError("is neither of candump's log nor of its terminal")
     place = lengths[0]
     bracket, told = words[place], words[place + 1 :]
@@ -113,7 +114,7 @@ def _printed(time: float, words: list[str]) -> Row:
     if place == 5:
         flags |= Flag.SENT * (words[1].lower() == "tx")
         flags |= Flag.BITRATE_SWITCH * (words[2] == "B") | Flag.ERROR_STATE * (words[3] == "E")
-    length = int(bracket[1:-1])
+    length = int(bracket[1:-1], 16 if bracket[0] == "{" else 10)
     if len(bracket) == 4 and bracket[0] == "[":  # two digits: CAN FD
         flags |= Flag.FD
     if told[:1] == ["remote"]:
@@ -188,7 +189,8 @@ def _many_printed(lines: Lines, state: CandumpState, reading: Reading) -> Found:
         | (extra & lines.equal(words[first + 3], "e")) * Flag.ERROR_STATE
     )
     right = named & told & (lines.starts(bracket) == ord("[")) & (identifier <= IDENTIFIER) & (fd | (length <= CLASSIC))
-    right &= ~lines.equal(words[place + 1 + length], "remote")
+    right &= ~lines.equal(words[place + 1 + length], "remote") & (lines.starts(words[first]) != ord("("))
+    right &= ~extra | lines.equal(words[first + 1], *DIRECTIONS)
     right &= data[1] & ((name.length == 3) | (name.length == 8)) & (timed | ~stamped)
     channel = reading.channels.many(lines, words[first], right)
     return found((np.where(stamped, time, state.step), right), identifier, flags, channel, length, data, right)

@@ -5,6 +5,7 @@ Whatever does not look as it should is not `sound`, and is left to whoever reads
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -24,6 +25,7 @@ DIGIT = np.full(256, 255, np.uint8)  # value of a character as a digit
 for _value, _digit in enumerate("0123456789abcdef"):
     DIGIT[[ord(_digit), ord(_digit.upper())]] = _value
 BESIDE = (np.arange(256) <= BLANK) | (np.arange(256) == ord('"'))
+ODD_BLANKS = re.compile(r"[^\S ]")  # they separate nothing
 EXACT, FEW_DIGITS, LONGEST_NUMBER = 1 << 53, 17, 24  # whole numbers that a double holds; characters
 POWERS = 10.0 ** np.arange(23)
 
@@ -84,9 +86,10 @@ class Lines:
         """A line, as UTF-8 where it is."""
         raw = self.octets[self.whole.begin[row] : self.whole.end[row]].tobytes().translate(PLAIN)
         try:
-            return raw.decode("utf-8-sig").strip()
+            text = raw.decode("utf-8-sig")
         except UnicodeDecodeError:
-            return raw.decode("latin-1").strip()
+            text = raw.decode("latin-1")
+        return ODD_BLANKS.sub("\ufffd", text).strip()
 
     @cached_property
     def words(self) -> Pieces:

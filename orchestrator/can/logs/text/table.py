@@ -158,6 +158,7 @@ def _data(cells: list[str], head: TableHead, told: int) -> bytes:
     text = (
         head.separator.join(cells[place:]) if place == max(head.columns.values()) else "".join(cells[place : place + 1])
     )
+    text = text.rstrip(head.separator)
     if not head.base64:
         return hexadecimal(text.replace(head.separator, " ").replace("0x", ""))
     try:
@@ -204,6 +205,8 @@ def _many(lines: Lines, state: TableState, reading: Reading) -> Found:
         told, sure = lines.whole_numbers(cells(told_by), 10, 2)
         right &= sure & (told == length)
     flags = flags | (length > CLASSIC) * int(Flag.FD)
+    last = max([*head.columns.values(), *head.octets])
+    right = right & (fields[last + 1].length == 0)
     return found(
         (time / float(10**state.shift), timed),
         identifier,
@@ -262,7 +265,8 @@ def _decoded(lines: Lines, field: Field) -> tuple[Positions, tuple[Bytes, BoolAr
     groups = letters.reshape(-1, 3, 4) @ np.array([1 << 18, 1 << 12, 1 << 6, 1], np.uint32)
     octets_there = (groups[:, :, None] >> np.array([16, 8, 0], np.uint32) & 255).reshape(-1, 9)
     length = field.length // 4 * 3 - padding
-    return length, (octets_there[:, :CLASSIC].astype(np.uint8), sound & (length <= CLASSIC))
+    data = np.where(np.arange(CLASSIC) < length[:, None], octets_there[:, :CLASSIC], 0)
+    return length, (data.astype(np.uint8), sound & (length <= CLASSIC))
 
 
 TABLE = TextFormat(_state, b"0123456789-.", _header, _one, _many)
