@@ -159,7 +159,7 @@ def test_an_mf4_log_of_python_can_is_read(tmp_path: Path) -> None:
 
 
 def test_without_asammdf_an_mf4_log_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "a.mf4").write_bytes(b"MDF     4.10")
+    (tmp_path / "a.mf4").write_bytes(b"MDF     4.10 CAN_DataFrame")
     monkeypatch.setitem(sys.modules, "asammdf", None)
     for work in (lambda: all_of(logs.read(tmp_path / "a.mf4")), lambda: logs.write(tmp_path / "b.mf4", [])):
         with pytest.raises(TraceError, match=r"pip install servotwin\[mf4\]"):
@@ -448,7 +448,7 @@ def test_reading_a_changed_mf4_log_ends_with_frames_or_a_message(tmp_path: Path,
 def test_an_mf4_log_on_which_asammdf_dies_or_hangs_is_given_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, does: str, patience: float, problem: str
 ) -> None:
-    (tmp_path / "a.mf4").write_bytes(b"MDF     4.10")
+    (tmp_path / "a.mf4").write_bytes(b"MDF     4.10 CAN_DataFrame")
     monkeypatch.setattr(mf4, "_BOOT", f"import os, time; {does}")
     monkeypatch.setattr(mf4, "PATIENCE", patience)
     with pytest.raises(TraceError, match=f"no frame that can be read .*{problem}"):
