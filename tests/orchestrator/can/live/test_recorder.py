@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import signal
 import subprocess
 import time
@@ -119,16 +120,38 @@ def test_every_frame_that_was_received_is_on_disk_after_a_signal(hub: Hub, tmp_p
     assert len(list(can.BLFReader(folder / file["file"]))) == count
 
 
+def worker(process: subprocess.Popen[str]) -> int:
+    """The process that works for a command; the command itself only watches it."""
+    (child,) = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    return int(child)
+
+
 def test_a_killed_recorder_leaves_what_was_on_disk_in_time(hub: Hub, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     with recording(hub, folder) as process, joined(hub.paths[0]) as sender:
         for k in range(200):
             send(sender, frame(k))
         wait_for(lambda: on_disk(folder) == 200)
-        process.kill()
-        process.communicate()
+        os.kill(worker(process), signal.SIGKILL)
+        _, said = process.communicate(timeout=HANG)
+    assert process.returncode not in (0, 130)
+    assert "SIGKILL" in said
     assert numbers(folder) == list(range(200))
     assert manifest(folder)["ended"] == "unfinished"
+
+
+def test_a_recorder_whose_command_is_killed_ends_its_recording(hub: Hub, tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    with recording(hub, folder) as process, joined(hub.paths[0]) as sender:
+        own = worker(process)
+        for k in range(200):
+            send(sender, frame(k))
+        wait_for(lambda: on_disk(folder) == 200)
+        process.kill()
+        process.communicate(timeout=HANG)  # until nobody holds the other end of what it says
+        wait_for(lambda: not Path(f"/proc/{own}/exe").exists())
+    assert numbers(folder) == list(range(200))
+    assert manifest(folder)["ended"] == "stopped"
 
 
 def test_an_unplugged_adapter_ends_the_recording_with_what_it_has(tmp_path: Path) -> None:
