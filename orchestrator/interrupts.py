@@ -83,10 +83,11 @@ class Interrupts:
 
     Attributes:
         requested: whether an interrupt has come, also one that an FMU answered with an error.
+        broken_off: whether it broke off an FMU that had not come back, which is not to be called any more.
     """
 
     def __init__(self, *numbers: signal.Signals) -> None:
-        self.requested = False
+        self.requested = self.broken_off = False
         self._numbers = [*numbers] or endings()
         self._wishes = Wishes()
         self._handling = handling(self._handle, self._numbers)
@@ -111,6 +112,7 @@ class Interrupts:
             self._given_up = False
             if self._last_resort is None:
                 return  # the FMU has come back meanwhile: what is being cleaned up now must not be torn
+            self.broken_off = True
             raise KeyboardInterrupt
         if not self._wishes.again():
             return
@@ -153,6 +155,11 @@ class Interrupts:
             self._last_resort.cancel()
             self._last_resort = None
             sys.settrace(None)
+
+
+def broken_off() -> bool:
+    """Whether an interrupt has broken off a call of an FMU."""
+    return any(interrupts.broken_off for interrupts in _active)
 
 
 def requested() -> bool:

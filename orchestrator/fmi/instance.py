@@ -21,6 +21,7 @@ from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.functions import DISCARD, FAILED, FATAL, FmiFunctions, VariableGroup
 from orchestrator.fmi.interface import Port, Value
 from orchestrator.fmi.said import LOG, REPEATS
+from orchestrator.interrupts import broken_off
 
 STATUS = ("OK", "warning", "discard", "error", "fatal error", "pending")
 # Errors are raised with what the FMU said, so their messages need no louder place in the log.
@@ -161,7 +162,7 @@ class FmuInstance(Generic[A]):
         if not self._under_way:
             return
         self._under_way, self._sound = False, True
-        if self._terminates:
+        if self._terminates and not broken_off():
             try:
                 self._check(self._fmi.call("Terminate"), "terminate")
             except FmuError as error:
