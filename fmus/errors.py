@@ -4,12 +4,17 @@ ServotwinError            anything we refuse; the command line prints its one li
 ├── InputError            bad input from outside (exit code 2)
 │   ├── ModelError        a model file: unknown variable, missing derivative, ...
 │   ├── TraceError        a recording: unreadable, wrong column, NaN, bad stamps
+│   │   └── AbsentError       signals have no value in a CAN log
 │   ├── WiringError       wiring: unknown component or variable, units, cycles, steps
 │   ├── ScenarioError     a scenario or study file that does not fit its schema
 │   ├── DatabaseError     a CAN database (DBC, ...) that cannot be read, or lacks what was asked of it
 │   ├── FmuFileError      an FMU that cannot be read, or has no binary for this platform
 │   └── IdentificationError   data or settings that cannot answer the question that was asked
 ├── FmuError              an FMU failed while it was used (exit code 3)
+│   ├── PartialError      `result` is what there was until then
+│   │   ├── RunFailed         of a run
+│   │   ├── ScenarioFailed    of a scenario: the cases before it, and all up to there
+│   │   └── EstimationFailed  of an estimation
 │   └── FmuEnded          it asked to stop: the run ends well where whoever steps it knows what to do with one that ends
 ├── BusError              a CAN bus or its adapter failed while it was used (exit code 3)
 └── InternalError         what should not be possible: the fault is in this project (exit code 4)
@@ -17,7 +22,7 @@ ServotwinError            anything we refuse; the command line prints its one li
 
 from __future__ import annotations
 
-from typing import Self
+from typing import Any, Self
 
 
 class ServotwinError(Exception):
@@ -72,6 +77,20 @@ class FmuError(ServotwinError, RuntimeError):
     """An FMU returned an error status, or did not take a value."""
 
     exit_code = 3
+
+
+class PartialError(FmuError):
+    """An FMU failed; `result` is what there was until then.
+
+    From one process to another it travels as a plain FmuError.
+    """
+
+    def __init__(self, error: FmuError, result: Any) -> None:
+        super().__init__(error.place, error.problem, error.fix)
+        self.result = result
+
+    def __reduce__(self) -> tuple[type, tuple[str, str, str]]:
+        return FmuError, (self.place, self.problem, self.fix)
 
 
 class FmuEnded(FmuError):  # noqa: N818 - nothing is wrong

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from fmus.errors import FmuError
+from fmus.errors import FmuError, PartialError
 
 
 class EstimationInterrupted(KeyboardInterrupt):
@@ -15,15 +15,10 @@ class EstimationInterrupted(KeyboardInterrupt):
         self.result = result
 
 
-class EstimationFailed(FmuError):  # noqa: N818 - as `EstimationInterrupted`
+class EstimationFailed(PartialError):
     """FMUs failed beyond what is tolerated; `result` as there."""
 
-    def __init__(self, error: FmuError, result: Any) -> None:
-        super().__init__(error.place, error.problem, error.fix)
-        self.result = result
-
-    def __reduce__(self) -> tuple[type, tuple[str, str, str]]:
-        return FmuError, (self.place, self.problem, self.fix)
+    result: Any
 
 
 STOPPED = (EstimationInterrupted, EstimationFailed)

@@ -11,7 +11,7 @@ from types import TracebackType
 
 import numpy as np
 
-from fmus.errors import FmuEnded, FmuError, ServotwinError, WiringError
+from fmus.errors import FmuEnded, FmuError, PartialError, ServotwinError, WiringError
 from orchestrator.engine.account import Account
 from orchestrator.engine.compiled import Engine, Steppers
 from orchestrator.engine.live import FARTHEST, HELD, LiveRun
@@ -94,18 +94,10 @@ class Interrupted(KeyboardInterrupt):
         return KeyboardInterrupt, (str(self),)
 
 
-class RunFailed(FmuError):  # noqa: N818 - as `Interrupted`
-    """An FMU failed while a run was stepped; `result` is what it gave until then.
+class RunFailed(PartialError):
+    """An FMU failed while a run was stepped."""
 
-    From one process to another it travels as a plain FmuError.
-    """
-
-    def __init__(self, error: FmuError, result: Result) -> None:
-        super().__init__(error.place, error.problem, error.fix)
-        self.result = result
-
-    def __reduce__(self) -> tuple[type, tuple[str, str, str]]:
-        return FmuError, (self.place, self.problem, self.fix)
+    result: Result
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fmus.errors import FmuError, ScenarioError, ServotwinError, WiringError
+from fmus.errors import FmuError, PartialError, ScenarioError, ServotwinError, WiringError
 from orchestrator import formats
 from orchestrator.assembly.assembly import Assembled, OpenSystem, assemble
 from orchestrator.assembly.whole_arrays import check_shapes
@@ -161,18 +161,10 @@ class ScenarioInterrupted(KeyboardInterrupt):
         return KeyboardInterrupt, (str(self),)
 
 
-class ScenarioFailed(FmuError):  # noqa: N818 - as `ScenarioInterrupted`
-    """An FMU failed in a case that does not expect it; `result` has the cases before it, and all up to there.
+class ScenarioFailed(PartialError):
+    """An FMU failed in a case that does not expect it; `result` has the cases before it, and all up to there."""
 
-    From one process to another it travels as a plain FmuError.
-    """
-
-    def __init__(self, error: FmuError, result: ScenarioResult) -> None:
-        super().__init__(error.place, error.problem, error.fix)
-        self.result = result
-
-    def __reduce__(self) -> tuple[type, tuple[str, str, str]]:
-        return FmuError, (self.place, self.problem, self.fix)
+    result: ScenarioResult
 
 
 def run_scenario(

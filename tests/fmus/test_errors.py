@@ -11,14 +11,14 @@ import fmus
 import identification
 import orchestrator
 from fmus import errors
-from fmus.errors import ServotwinError
+from fmus.errors import FmuError, PartialError, ServotwinError
 
 
 def drawn() -> dict[str, tuple[str, int | None]]:
     """Error -> its parent in the drawing, and the exit code that it states."""
     tree, above = {}, [("Exception", -1)]
     for line in str(errors.__doc__).splitlines():
-        found = re.match(r"([│├└─ ]*)(\w+Error)\b", line)
+        found = re.match(r"([│├└─ ]*)([A-Z]\w+(?:Error|Failed|Ended))\b", line)
         if found is None:
             continue
         depth = len(found[1]) // 4
@@ -58,5 +58,14 @@ def test_every_error_exits_with_the_code_that_the_drawing_states() -> None:
 
 def test_every_error_comes_back_whole_from_another_process() -> None:
     for kind in all_errors():
+        if issubclass(kind, PartialError):
+            continue
         error = pickle.loads(pickle.dumps(kind("place", "problem", "fix")))
         assert type(error) is kind and str(error) == "place: problem; fix"
+
+
+def test_a_failure_with_a_result_comes_back_as_the_failure_alone() -> None:
+    for kind in all_errors():
+        if issubclass(kind, PartialError):
+            error = pickle.loads(pickle.dumps(kind(FmuError("place", "problem", "fix"), object())))
+            assert type(error) is FmuError and str(error) == "place: problem; fix"

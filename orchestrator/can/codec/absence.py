@@ -18,9 +18,16 @@ class AbsentError(TraceError):
         statistics: of the frames that were decoded.
     """
 
-    def __init__(self, place: str, problem: str, messages: Sequence[MessageSpec], statistics: FrameStatistics) -> None:
-        super().__init__(place, problem, "check the database, the channel and the log")
-        self.messages, self.statistics = tuple(messages), statistics
+    def __init__(
+        self,
+        place: str,
+        problem: str,
+        fix: str = "check the database, the channel and the log",
+        messages: Sequence[MessageSpec] = (),
+        statistics: FrameStatistics | None = None,
+    ) -> None:
+        super().__init__(place, problem, fix)
+        self.messages, self.statistics = tuple(messages), statistics or FrameStatistics()
 
     def reasons(self, identifiers: Collection[str], most: int = 3) -> str:
         """Why, for the first messages for which there is more to say than that they are not in the log.

@@ -121,13 +121,15 @@ class SignalNames:
             messages = [message for database in self._log.databases for message in database.messages]
             names = [self.name(stream, name) for name, streams in self._streams.items() for stream in streams]
             if not (found := [name for name in names if name in there]):
-                raise AbsentError(place, "holds no frame of the database", messages, self._statistics)
+                raise AbsentError(
+                    place, "holds no frame of the database", messages=messages, statistics=self._statistics
+                )
             return found
         means = {text: [name for name in self.of(text) if name in there] for text in signals}
         if missing := [text for text, names in means.items() if not names]:
             messages = [asked.spec for asked in wanted(self._log, missing)]
             problem = f"holds no frame with the signal {', '.join(missing)}"
-            raise AbsentError(place, problem, list(dict.fromkeys(messages)), self._statistics)
+            raise AbsentError(place, problem, messages=list(dict.fromkeys(messages)), statistics=self._statistics)
         return list(dict.fromkeys(name for names in means.values() for name in names))
 
     def notes(self) -> list[str]:
