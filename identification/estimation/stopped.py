@@ -15,7 +15,7 @@ class EstimationInterrupted(KeyboardInterrupt):
         self.result = result
 
 
-class EstimationFailed(PartialError):
+class EstimationFailed(PartialError):  # noqa: N818 - as what interrupts it
     """FMUs failed beyond what is tolerated; `result` as there."""
 
     result: Any

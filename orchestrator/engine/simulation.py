@@ -94,7 +94,7 @@ class Interrupted(KeyboardInterrupt):
         return KeyboardInterrupt, (str(self),)
 
 
-class RunFailed(PartialError):
+class RunFailed(PartialError):  # noqa: N818 - as what interrupts it
     """An FMU failed while a run was stepped."""
 
     result: Result

@@ -161,7 +161,7 @@ class ScenarioInterrupted(KeyboardInterrupt):
         return KeyboardInterrupt, (str(self),)
 
 
-class ScenarioFailed(PartialError):
+class ScenarioFailed(PartialError):  # noqa: N818 - as what interrupts it
     """An FMU failed in a case that does not expect it; `result` has the cases before it, and all up to there."""
 
     result: ScenarioResult
