@@ -8,23 +8,18 @@ from pathlib import Path
 from typing import Any
 
 from fmus.files import sha256
-from orchestrator.bridge.watchdog import WatchdogReport
+from orchestrator.bridge.traffic import TrafficReport
 from orchestrator.can.live.bus import BusSettings
-from orchestrator.can.statistics import FrameStatistics
 from orchestrator.realtime.deadlines import Deadlines
 
 
 @dataclass(frozen=True)
-class BusAccount:
+class BusAccount(TrafficReport):
     """Which bus it was, what passed over it, and how peers and deadlines were kept.
 
     Attributes:
         mode: "bridge" or "bench".
         database: files of the bus' messages.
-        dropped: received frames that came faster than they could be taken.
-        frames: that the adapter took; no_room: those that it did not.
-        malformed, refused: lines from the adapter that were no frames, and commands that it refused.
-        trouble: what was wrong with the bus, "" where nothing was.
         notes: what is not as in the database, and what is sent without having been asked for, a line each.
         started: when it began; seconds: for how long it went on [s].
     """
@@ -32,19 +27,10 @@ class BusAccount:
     mode: str
     bus: BusSettings
     database: tuple[Path, ...]
-    received: FrameStatistics
-    dropped: int
-    sent: FrameStatistics
-    frames: int
-    no_room: int
-    malformed: int
-    refused: int
-    trouble: str
     notes: list[str]
     started: datetime
     seconds: float
     deadlines: Deadlines
-    watchdog: WatchdogReport
 
     def document(self) -> dict[str, Any]:
         """For the manifest."""
@@ -65,6 +51,10 @@ class BusAccount:
             "malformed_lines": self.malformed,
             "refused_lines": self.refused,
             "trouble": self.trouble,
+            "over": self.over,
+            "unconfirmed": list(self.unconfirmed),
+            "not_finite": self.odd,
+            "sent_by_others": self.foreign,
             "notes": self.notes,
             "started": self.started.isoformat(),
             "seconds": self.seconds,
@@ -87,6 +77,7 @@ class BusAccount:
             *self.received.lines(),
             *self.sent.lines(),
             *(peer.remark(name) for name, peer in self.watchdog.messages.items() if peer.silences),
+            *(f"{name} was also sent by somebody else: {count:,} frames" for name, count in self.foreign.items()),
             *(text for text, holds in said.items() if holds),
         ]
 

@@ -17,12 +17,9 @@ from pathlib import Path
 from fmus.errors import ServotwinError
 from orchestrator import formats
 from orchestrator.bridge.account import BusAccount
+from orchestrator.bridge.keeper import beside
 from orchestrator.bridge.preparation import BridgeJob, PreparedBridge, prepared
 from orchestrator.bridge.session import Ending, Session
-from orchestrator.bridge.traffic import BusTraffic
-from orchestrator.bridge.watchdog import Watchdog
-from orchestrator.can.live.bus import opened
-from orchestrator.can.live.receiver import Receiver
 from orchestrator.engine import Result
 from orchestrator.formats import parquet
 from orchestrator.progress import Progress, silent
@@ -34,7 +31,6 @@ from orchestrator.scenario.run import CaseResult, CaseState, Keeping, ScenarioRe
 from orchestrator.trace import Trace
 
 LOG = logging.getLogger("servotwin.can")
-QUEUE = 4096  # frames that wait to be taken at most; more are dropped and counted
 READABLE = 5_000_000  # values of a record up to which all of it is read again, to be drawn
 
 
@@ -83,36 +79,28 @@ def couple(
             live = system.simulation.live(
                 system.run, coupling.outputs, lambda piece: background.do(partial(append, piece))
             )
-            bus = stack.enter_context(opened(job.bus))
+            keeper = stack.enter_context(beside(job.bus, coupling, float(system.scenario.timing.step), _warn))
             stack.enter_context(quiet())
-            receiver = stack.enter_context(Receiver(bus, QUEUE))
-            messages = coupling.reception.messages
-            watchdog = Watchdog(messages, lambda line: background.do(partial(LOG.warning, "%s", line)))
-            traffic = BusTraffic(bus, receiver, coupling, watchdog)
-            session = Session(live, traffic, system.scenario.timing.step, system.course, job.bus.place)
+            session = Session(live, keeper, system.scenario.timing.step, system.course, job.bus.place)
             ready(stop)
             ending = session.run(stop, progress)
             result = live.result()
         account = BusAccount(
+            **vars(ending.report),
             mode="bench" if job.stand_in else "bridge",
             bus=job.bus,
             database=system.database,
-            received=coupling.reception.statistics,
-            dropped=receiver.dropped,
-            sent=coupling.sent_statistics,
-            frames=traffic.sent,
-            no_room=traffic.refused,
-            malformed=getattr(bus, "malformed", 0),
-            refused=getattr(bus, "refused", 0),
-            trouble=traffic.trouble,
             notes=[*system.notes, *coupling.notes()],
             started=started,
             seconds=round(ending.elapsed, 6),
             deadlines=session.deadlines,
-            watchdog=watchdog.report(ending.elapsed),
         )
         judged = _judged(job, system, result, ending, file)
         return BridgeResult(job, judged, account, ending, ending.stopped and stop.interrupted)
+
+
+def _warn(line: str) -> None:
+    LOG.warning("%s", line)
 
 
 def _judged(job: BridgeJob, system: PreparedBridge, result: Result, ending: Ending, file: Path) -> ScenarioResult:

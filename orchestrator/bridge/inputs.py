@@ -1,11 +1,12 @@
 """Received frames on their way to the inputs of components.
 
-A frame that cannot be trusted (too short, a wrong checksum) changes nothing, a value that is not finite leaves the
-last one; both are counted.
+A frame that cannot be trusted (too short, a wrong checksum, a counter that stands still) changes nothing, nor does a
+value that is not finite, or one outside its range where it is rejected. All are counted.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -21,7 +22,7 @@ from orchestrator.trace import FloatArray
 Key = tuple[int, bool]  # identifier, and whether it is an extended one
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ReceivedSignal:
     """How an input takes a signal.
 
@@ -30,7 +31,8 @@ class ReceivedSignal:
         input: component.input.
         place: its number among the inputs.
         crossing: from the signal's unit to the input's.
-        safe: value while no frame comes [unit of the input].
+        safe: value while no good one comes [unit of the input].
+        low, high: its range; `rejects` values outside, or else limits them [unit of the input].
     """
 
     name: str
@@ -38,6 +40,9 @@ class ReceivedSignal:
     place: int
     crossing: Crossing
     safe: float
+    low: float = -math.inf
+    high: float = math.inf
+    rejects: bool = False
 
 
 @dataclass(frozen=True)
@@ -45,7 +50,7 @@ class ReceivedMessage:
     """A message that is received.
 
     Attributes:
-        silence: how long no frame may come [s].
+        silence: how long no good value may come [s].
     """
 
     spec: MessageSpec
@@ -57,10 +62,14 @@ class ReceivedMessage:
         """What its frames are known by."""
         return self.spec.id, self.spec.extended
 
-    def give_safe_values(self, inputs: FloatArray) -> None:
-        """Give the inputs their safe values."""
-        for signal in self.signals:
-            inputs[signal.place] = signal.safe
+
+@dataclass(frozen=True)
+class Taken:
+    """What came of a frame: the signals that gave their inputs a good value, and those that did not -> why."""
+
+    message: ReceivedMessage
+    good: tuple[ReceivedSignal, ...]
+    faults: dict[ReceivedSignal, str]
 
 
 class Reception:
@@ -80,18 +89,28 @@ class Reception:
     def statistics(self) -> FrameStatistics:
         return self._decoder.statistics
 
-    def take(self, frame: can.Message, inputs: FloatArray) -> ReceivedMessage | None:
-        """Give a frame's values to the inputs; its message, None where no input got any."""
-        message = self._by_key.get((frame.arbitration_id, frame.is_extended_id))
-        wrong = None if message is None else self.statistics.checksums[message.spec.name]
+    def take(self, frame: can.Message, inputs: FloatArray) -> Taken | None:
+        """Give a frame's good values to the inputs; None where it is of no message that is received."""
         values = self._decoder.decode(frame)
-        if message is None or not values or self.statistics.checksums[message.spec.name] != wrong:
+        message = self._by_key.get((frame.arbitration_id, frame.is_extended_id))
+        if message is None or frame.is_error_frame or frame.is_remote_frame:
             return None
+        if values is None or self._decoder.fault:
+            return Taken(message, (), dict.fromkeys(message.signals, self._decoder.fault))
+        good, faults = [], {}
         for signal in message.signals:
-            value = values.get(signal.name)
-            if value is not None:
-                inputs[signal.place] = signal.crossing.conversion(value)
-        return message
+            if signal.name not in values:
+                if signal.name in self._decoder.not_finite:
+                    faults[signal] = "not finite"
+                continue
+            value = signal.crossing.conversion(values[signal.name])
+            within = min(max(value, signal.low), signal.high)
+            if signal.rejects and within != value:
+                faults[signal] = f"{value:g} is out of range"
+                continue
+            inputs[signal.place] = within
+            good.append(signal)
+        return Taken(message, tuple(good), faults)
 
 
 def _timeless(database: Database) -> Database:

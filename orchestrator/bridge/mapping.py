@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
 from fmus.errors import DatabaseError, WiringError
+from orchestrator.bridge.dependence import STOP, needs
 from orchestrator.bridge.inputs import ReceivedMessage, ReceivedSignal, Reception
 from orchestrator.bridge.outputs import SentMessage, SentSignal
-from orchestrator.can.codec.fields import check_sendable
+from orchestrator.bridge.safety import Rules
+from orchestrator.can.codec.fields import check_sendable, raw_limits
 from orchestrator.can.database.database import Database
 from orchestrator.can.database.message import MessageSpec, SignalSpec
 from orchestrator.can.statistics import FrameStatistics
-from orchestrator.crossing import Crossing, crossing
+from orchestrator.crossing import Crossing, NamedUnit, crossing
 from orchestrator.fmi.interface import Port
 from orchestrator.rational import multiples, seconds
 from orchestrator.scenario.can_block import CanBlock, ReceivedBlock
@@ -28,23 +31,34 @@ class Coupling:
 
     Attributes:
         outputs: component.output of the values that are sent.
+        width: values that are received, one a stimulated input and one for the stop signal, which is the last.
+        rules: when outputs rest and go on again.
         sent_statistics: what was found in sending them.
     """
 
     reception: Reception
     sent: tuple[SentMessage, ...]
     outputs: tuple[str, ...]
+    width: int
+    rules: Rules
     sent_statistics: FrameStatistics
 
     @property
     def crossings(self) -> list[Crossing]:
         """How values pass between signals and variables."""
-        received = [signal.crossing for message in self.reception.messages for signal in message.signals]
+        signals = [signal for message in self.reception.messages for signal in message.signals]
+        received = [signal.crossing for signal in signals if signal.input != STOP]
         return received + [signal.crossing for message in self.sent for signal in message.signals]
 
     def notes(self) -> list[str]:
-        """What is sent without having been asked for."""
-        return [
+        """What is sent without having been asked for, and what nothing puts to rest."""
+        endless = [
+            f"{message.spec.name}.{signal.spec.name} has no `safe` value: whatever happens, its last value is the last"
+            for message in self.sent
+            for signal in message.signals
+            if signal.safe is None and self.reception.messages
+        ]
+        return endless + [
             f"{message.spec.name}: {', '.join(message.others)} rest{'s' if len(message.others) == 1 else ''} at the "
             "initial value, or zero, since nothing is sent there"
             for message in self.sent
@@ -65,10 +79,8 @@ def coupled(block: CanBlock, system: System, database: Database, step: Fraction,
     statistics = FrameStatistics()
     outputs = tuple(dict.fromkeys(signal.source for signal in block.send.values()))
     received = _received(block, system, database)
-    sent = tuple(
-        SentMessage(spec, signals, _period(spec, block.every.get(spec.name), step), statistics, switched)
-        for spec, signals in _sent(block, system, database, outputs).items()
-    )
+    periods, signals = _sent(block, system, database, outputs, step, received)
+    sent = tuple(SentMessage(spec, signals[spec], period, statistics, switched) for spec, period in periods.items())
     both = {message.spec.name for message in received} & {message.spec.name for message in sent}
     if both:
         raise WiringError(f"can: {min(both)}", "is both received and sent", "a message has one sender")
@@ -76,7 +88,14 @@ def coupled(block: CanBlock, system: System, database: Database, step: Fraction,
         if spec.of_any_sender:
             problem = f"the identifier 0x{spec.id:X} has no sender's address, so no frame of the bus has it"
             raise WiringError(f"can: {spec.name}", problem, "give a database with the address (of CANopen a DCF)")
-    return Coupling(Reception(database, received), sent, outputs, statistics)
+    rules = Rules(
+        block.resume == "latch",
+        block.after,
+        block.on_silence == "end",
+        block.most_late or max(0.05, 3 * float(step)),
+        block.give_up,
+    )
+    return Coupling(Reception(database, received), sent, outputs, len(system.stimulated) + 1, rules, statistics)
 
 
 def _received(block: CanBlock, system: System, database: Database) -> tuple[ReceivedMessage, ...]:
@@ -95,10 +114,24 @@ def _received(block: CanBlock, system: System, database: Database) -> tuple[Rece
                 f"differs from that of another signal of {message.name}",
                 "they come and go together; give one",
             )
+    if block.stop is not None:
+        message, signal = database.signal(block.stop)
+        public, nothing = database.public_name(message, signal), NamedUnit()
+        halting = ReceivedSignal(public, STOP, len(places), crossing(STOP, nothing, nothing), 0.0)
+        messages.setdefault(message, []).append(halting)
     return tuple(
-        ReceivedMessage(message, tuple(signals), next(iter(silences[message]), block.silence))
+        ReceivedMessage(message, tuple(signals), _silence(message, silences.get(message, set()), block.silence))
         for message, signals in messages.items()
     )
+
+
+def _silence(message: MessageSpec, given: set[float], usual: float) -> float:
+    """How long no frame of the message may come [s]."""
+    silence = next(iter(given), usual)
+    if message.cycle is not None and silence <= message.cycle:
+        problem = f"is {silence:g} s, and {message.name} comes every {message.cycle:g} s"
+        raise WiringError("can: silence", problem, "allow some periods")
+    return silence
 
 
 def _received_signal(
@@ -114,7 +147,20 @@ def _received_signal(
     if _whole(port) and block.safe != int(block.safe):
         raise WiringError(f"{where}.safe", f"{block.safe:g} is not whole", f"it is {with_article(port.type)}")
     crossed = crossing(where, port.meaning(signal.unit), port.measure)
-    return ReceivedSignal(public, name, place, crossed, block.safe)
+    low, high = _range(signal, port, crossed)
+    return ReceivedSignal(public, name, place, crossed, block.safe, low, high, block.range == "reject")
+
+
+def _range(signal: SignalSpec, port: Port, crossed: Crossing) -> tuple[float, float]:
+    """What a received value may be by its signal and by its input [unit of the input]."""
+    ends = (signal.minimum, signal.maximum)
+    ends = ends[::-1] if crossed.conversion.factor < 0 else ends
+    found = [None if end is None else float(crossed.conversion(end)) for end in ends]
+    low = max(-math.inf if end is None else end for end in (found[0], port.minimum))
+    high = min(math.inf if end is None else end for end in (found[1], port.maximum))
+    if low > high:
+        raise WiringError(crossed.place, f"no value of {signal.name} fits the input's bounds", "see to both ranges")
+    return low, high
 
 
 def _whole(port: Port) -> bool:
@@ -127,27 +173,56 @@ def _counts(signal: SignalSpec) -> bool:
 
 
 def _sent(
-    block: CanBlock, system: System, database: Database, outputs: Sequence[str]
-) -> dict[MessageSpec, list[SentSignal]]:
-    """The signals that are sent, by their message."""
+    block: CanBlock,
+    system: System,
+    database: Database,
+    outputs: Sequence[str],
+    step: Fraction,
+    received: Sequence[ReceivedMessage],
+) -> tuple[dict[MessageSpec, int], dict[MessageSpec, list[SentSignal]]]:
+    """Periods in steps, and the signals that are sent, by their message."""
     messages: dict[MessageSpec, list[SentSignal]] = {}
+    periods: dict[MessageSpec, int] = {}
     for name, wanted in block.send.items():
         where = f"can.send.{name}"
         message, signal = database.signal(name)
         _check_free(where, message, signal, messages.get(message, []))
-        port = require(system, Endpoint.parse(wanted.source, where), "output", "can be sent", where)
+        source = Endpoint.parse(wanted.source, where)
+        port = require(system, source, "output", "can be sent", where)
         if not port.numeric:
             raise WiringError(where, f"{with_article(port.type)} cannot be sent", "send a number")
+        crossed = crossing(where, port.measure, port.meaning(signal.unit))
         if wanted.safe is not None:
             check_bounds(f"{where}.safe", port, wanted.safe)
-        crossed = crossing(where, port.measure, port.meaning(signal.unit))
-        given = SentSignal(signal, wanted.source, outputs.index(wanted.source), crossed, wanted.safe)
+            _check_range(f"{where}.safe", signal, crossed, wanted.safe)
+        periods[message] = _period(message, block.every.get(message.name), step)
+        given = SentSignal(
+            signal,
+            wanted.source,
+            outputs.index(wanted.source),
+            crossed,
+            wanted.safe,
+            needs(where, wanted, source.component, system, received),
+            math.inf if wanted.limit.magnitude is None else wanted.limit.magnitude,
+            math.inf if wanted.limit.rate is None else wanted.limit.rate * float(periods[message] * step),
+        )
         messages.setdefault(message, []).append(given)
     sent = [message.name for message in messages]
     idle = sorted(set(block.every) - set(sent))
     if idle:
         raise WiringError(f"can.every.{idle[0]}", "no signal is sent in it", f"there are {', '.join(sent)}")
-    return messages
+    return periods, messages
+
+
+def _check_range(where: str, signal: SignalSpec, crossed: Crossing, value: float) -> None:
+    """See that a value that is to be sent fits its signal."""
+    sent, (low, high) = crossed.conversion(value), raw_limits(signal)
+    raw, slack = (sent - signal.offset) / signal.scale, 1e-6 if signal.is_float else 0.5
+    if not low - slack <= raw <= high + slack:
+        ends = sorted(float(end * signal.scale + signal.offset) for end in (low, high))
+        number = f"is {sent:g} {signal.unit}".rstrip()
+        problem = f"{number} on the bus, and {signal.name} has [{ends[0]:g}, {ends[1]:g}]"
+        raise WiringError(where, problem, "choose a value inside")
 
 
 def _check_free(where: str, message: MessageSpec, signal: SignalSpec, others: Sequence[SentSignal]) -> None:

@@ -99,7 +99,7 @@ def prepared(job: BridgeJob) -> Iterator[PreparedBridge]:
         crossings = logged([*opened.system.crossings, *crossed, *coupling.crossings])
         case = _case(scenario, job.case)
         with opened.simulation(scenario.timing) as simulation:
-            course, first = _course(job, scenario, simulation)
+            course, first = _course(job, scenario, simulation, coupling)
             values = {**case.values, **job.overrides}
             run = Run(values, first, scenario.recorded(simulation.outputs), record_every=job.every)
             assembled = opened.assembled
@@ -148,7 +148,9 @@ def _check_bus(bus: BusSettings, sent: Sequence[SentMessage], step: Fraction) ->
         )
 
 
-def _course(job: BridgeJob, scenario: Scenario, simulation: Simulation) -> tuple[Course, dict[str, FloatArray]]:
+def _course(
+    job: BridgeJob, scenario: Scenario, simulation: Simulation, coupling: Coupling
+) -> tuple[Course, dict[str, FloatArray]]:
     """How long to go on with which stimuli, and the first value of each input."""
     instants, driven = simulation.instants(), scenario.driven
     varying = [name for name in driven if scenario.stimuli[name].varies]
@@ -159,4 +161,7 @@ def _course(job: BridgeJob, scenario: Scenario, simulation: Simulation) -> tuple
     else:
         steps = None if job.stand_in else len(instants) - 1
     stimuli = np.column_stack(columns) if columns else np.zeros((1, 0))
-    return Course(steps, job.stand_in, stimuli, [driven.index(name) for name in varying]), first
+    places = [driven.index(name) for name in varying]
+    received = [signal.place for message in coupling.reception.messages for signal in message.signals]
+    taken = [place for place in received if place < len(driven)]
+    return Course(steps, job.stand_in, stimuli, places, taken, coupling.rules.give_up), first

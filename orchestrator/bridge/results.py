@@ -54,8 +54,8 @@ def _bus(bridged: BridgeResult, section: Section) -> None:
     section.table(["direction", "message", "frames", "frames/s"], account.traffic())
     watchdog = account.watchdog
     if watchdog.events:
-        rows = [(event.time, event.message, event.kind) for event in watchdog.events[:EVENTS]]
-        section.table(["time [s]", "message", "event"], rows, caption=f"{watchdog.event_count} events in all.")
+        rows = [(event.time, event.name, event.kind) for event in watchdog.events[:EVENTS]]
+        section.table(["time [s]", "of", "event"], rows, caption=f"{watchdog.event_count} events in all.")
     document = account.document()
     named = ("mode", "interface", "channel", "bitrate", "fd", "started", "seconds")
     section.provenance({name: _cell(document[name]) for name in named} | document["database"])

@@ -7,9 +7,11 @@ import time
 from dataclasses import dataclass
 from fractions import Fraction
 
-from fmus.errors import BusError, ServotwinError
-from orchestrator.bridge.traffic import BusTraffic
+from fmus.errors import BusError, FmuError, ServotwinError
+from orchestrator.bridge.keeper import Keeper
+from orchestrator.bridge.traffic import TrafficReport
 from orchestrator.engine import LiveRun, Result
+from orchestrator.interrupts import endings, handling
 from orchestrator.progress import Progress
 from orchestrator.realtime.deadlines import Deadlines
 from orchestrator.realtime.pacing import Pace
@@ -17,7 +19,6 @@ from orchestrator.realtime.stopping import Stop
 from orchestrator.trace import FloatArray
 
 _LEAD = 0.02  # from the end of all preparations to the first step [s]
-_LINGERING = 0.05  # before the bus may be closed: adapters forget what they have not sent by then [s]
 _REPORTS = 0.1  # between two reports of progress [s]
 
 
@@ -28,6 +29,8 @@ class Course:
     Attributes:
         steps: None: until told to end.
         endures: whether it goes on without a bus, as a machine would.
+        received: numbers of the inputs that are received.
+        give_up: how late a step may be [s].
         stimuli: (K, m) values from each step on, the last one for good; `columns` says of which inputs.
     """
 
@@ -35,15 +38,18 @@ class Course:
     endures: bool
     stimuli: FloatArray
     columns: list[int]
+    received: list[int]
+    give_up: float
 
 
 @dataclass(frozen=True)
 class Ending:
-    """How a session ended: by itself, told to, or by a failure; and after how long [s]."""
+    """How a session ended: by itself, told to, or by a failure; after how long [s]; what had passed over the bus."""
 
     stopped: bool
     failure: ServotwinError | None
     elapsed: float
+    report: TrafficReport
 
 
 class Session:
@@ -53,8 +59,8 @@ class Session:
         deadlines: how they were kept.
     """
 
-    def __init__(self, live: LiveRun[Result], traffic: BusTraffic, step: Fraction, course: Course, place: str) -> None:
-        self._live, self._traffic, self._step, self._course, self._place = live, traffic, step, course, place
+    def __init__(self, live: LiveRun[Result], keeper: Keeper, step: Fraction, course: Course, place: str) -> None:
+        self._live, self._keeper, self._step, self._course, self._place = live, keeper, step, course, place
         self.deadlines = Deadlines(float(step))
 
     def run(self, stop: Stop, progress: Progress) -> Ending:
@@ -63,42 +69,59 @@ class Session:
         stopped = False
         start = time.monotonic() + _LEAD
         try:
+            self._keeper.begin(start)
             stopped = self._go(start, stop, progress)
         except ServotwinError as error:
             failure = error
         except KeyboardInterrupt:
             stopped = stop.interrupted = True
-        finally:
+        with handling(lambda *_: None, endings()):  # too late for another wish
             elapsed = max(time.monotonic() - start, 0.0)
-            self._traffic.send_safe_values()
-            time.sleep(_LINGERING)
-        if failure is None and self._traffic.trouble and not self._course.endures:
-            failure = BusError(
-                self._place,
-                f"failed at t = {elapsed:.3f} s ({self._traffic.trouble})",
-                "see to the adapter and the wiring",
-            )
-        return Ending(stopped, failure, elapsed)
+            report = self._keeper.end()
+        stopped = stopped or (report.stopped and failure is None)
+        return Ending(stopped, failure or self._failure(report, elapsed), elapsed, report)
+
+    def _failure(self, report: TrafficReport, elapsed: float) -> ServotwinError | None:
+        """What was wrong that did not end it by itself."""
+        if report.unconfirmed:
+            names = ", ".join(report.unconfirmed)
+            return BusError(self._place, f"the safe values of {names} may not have got out", "stop the machine by hand")
+        if report.trouble and not self._course.endures:
+            problem = f"failed at t = {elapsed:.3f} s ({report.trouble})"
+            return BusError(self._place, problem, "see to the adapter and the wiring")
+        if report.over and not report.stopped:
+            return BusError(self._place, f"{report.over} (t = {elapsed:.3f} s)", "see to who sends it")
+        if report.odd:
+            name, count = next(iter(report.odd.items()))
+            return FmuError(name, f"was not finite in {count:,} steps", "see to its inputs and parameters")
+        return None
 
     def _go(self, start: float, stop: Stop, progress: Progress) -> bool:
-        """Step until the course or the bus ends; True where it was told to end before."""
+        """Step until the course or the bus ends; True where it was told to end before.
+
+        Raises:
+            BusError: steps are too late for too long.
+        """
         pace = Pace(start, self._step)
-        live, traffic, deadlines, course = self._live, self._traffic, self.deadlines, self._course
+        live, keeper, deadlines, course = self._live, self._keeper, self.deadlines, self._course
         reports = max(1, round(_REPORTS / float(self._step)))
         last = len(course.stimuli) - 1
         for number in itertools.count():
             deadline = pace.deadline(number)
             now = pace.wait(deadline, stop)
-            if number == course.steps or (traffic.trouble and not course.endures):
+            if number == course.steps or keeper.ends(course.endures):
                 break
             if stop.requested:
                 return True
             deadlines.begun(now - deadline)
+            if now - deadline > course.give_up and not course.endures:
+                problem = f"steps are {now - deadline:.3g} s late at t = {deadline - start:.3f} s"
+                raise BusError(self._place, problem, "give it a faster machine, or a longer step")
             if course.columns:
                 live.given[course.columns] = course.stimuli[min(number, last)]
-            traffic.receive(now - start, live.given)
+            live.given[course.received] = keeper.inputs(now - start)[course.received]
             live.step()
-            traffic.send(number, live.outputs)
+            keeper.send(number, live.outputs, now - start, deadline - start)
             deadlines.work.add(time.monotonic() - now)
             if number % reports == 0:
                 progress(number / course.steps if course.steps else 0.0, f"{now - start:.0f} s")

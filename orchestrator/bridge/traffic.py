@@ -1,81 +1,292 @@
-"""What a coupling does with an open bus in every step: frames in to inputs, outputs out to frames."""
+"""All that happens on an open bus: frames in to inputs, outputs out to frames, and who rests when.
+
+Nothing here waits for the steps, or is needed by them: whoever has the bus also has what puts outputs to rest.
+"""
 
 from __future__ import annotations
 
 import errno
-from collections.abc import Sequence
+import math
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 
 import can
+import numpy as np
 
+from orchestrator.bridge.dependence import STOP
 from orchestrator.bridge.mapping import Coupling
-from orchestrator.bridge.watchdog import Watchdog
-from orchestrator.can.live.bus import is_bus_off
+from orchestrator.bridge.outputs import SentMessage, SentSignal
+from orchestrator.bridge.safety import State, Status
+from orchestrator.bridge.watchdog import Watchdog, WatchdogReport
+from orchestrator.can.live.bus import BusSettings, is_bus_off, opened
 from orchestrator.can.live.receiver import Receiver
+from orchestrator.can.statistics import FrameStatistics
 from orchestrator.trace import FloatArray
 
 _FULL = (errno.ENOBUFS, errno.EAGAIN)
 _FULL_WORDS = ("full", "overflow", "no buffer space", "timed out", "timeout")  # of drivers that give no number
 _LAST_PATIENCE = 0.2  # with an adapter that has no room for a safe value [s]
+_LINGERING = 0.05  # before the bus may be closed: adapters forget what they have not sent by then [s]
+_REMEMBERED = 64  # own frames of a message that may come back as an echo
+_ECHOING = ("udp_multicast",)  # interfaces that give back what is sent to them
+QUEUE = 4096  # frames that wait to be taken at most; more are dropped and counted
 BUS_OFF = "the adapter has left the bus (bus off)"
+
+
+@dataclass(frozen=True)
+class TrafficReport:
+    """What passed over a bus, as far as its adapter tells.
+
+    Attributes:
+        dropped: received frames that came faster than they could be taken.
+        frames: that the adapter took; no_room: those that it did not.
+        malformed, refused: lines from the adapter that were no frames, and commands that it refused.
+        trouble: what was wrong with the bus, "" where nothing was.
+        over: why the bus ended the coupling, "" where it did not; stopped: whether by the stop signal.
+        unconfirmed: messages whose safe values may not have got out.
+        odd: outputs that were not finite -> how often; foreign: messages of ours from somebody else -> how many.
+    """
+
+    received: FrameStatistics
+    dropped: int
+    sent: FrameStatistics
+    frames: int
+    no_room: int
+    malformed: int
+    refused: int
+    trouble: str
+    over: str
+    stopped: bool
+    unconfirmed: tuple[str, ...]
+    odd: dict[str, int]
+    foreign: dict[str, int]
+    watchdog: WatchdogReport
 
 
 class BusTraffic:
     """Takes from a bus and gives to it.
 
+    Args:
+        step: from one step to the next [s].
+        inputs: memory for the values that are received.
+        echoes: whether the bus gives back what is sent to it.
+
     Attributes:
+        inputs: (coupling.width,) received and safe values; those that nobody receives stay as they are.
         trouble: what is wrong with the bus, "" while nothing is; an adapter may come back from `BUS_OFF`.
         gone: whether the adapter is gone for good.
-        sent: frames that the adapter took; refused: those for which it had no room.
+        over: why the coupling is to end, "" while it goes on.
     """
 
-    def __init__(self, bus: can.BusABC, receiver: Receiver, coupling: Coupling, watchdog: Watchdog) -> None:
+    def __init__(
+        self,
+        bus: can.BusABC,
+        receiver: Receiver,
+        coupling: Coupling,
+        watchdog: Watchdog,
+        step: float,
+        inputs: FloatArray | None = None,
+        echoes: bool = False,
+    ) -> None:
         self._bus, self._receiver, self._coupling, self._watchdog = bus, receiver, coupling, watchdog
-        self.trouble, self.gone = "", False
-        self.sent = self.refused = 0
+        self.inputs = np.zeros(coupling.width) if inputs is None else inputs
+        self.trouble, self.gone, self.over, self._stopped = "", False, "", False
+        self._sent = self._refused = 0
+        self._odd, self._foreign, self._unconfirmed = Counter[str](), Counter[str](), list[str]()
+        self._step, self._rules = step, coupling.rules
+        self._status = {signal: Status() for message in coupling.sent for signal in message.guarded}
+        self._own = {(message.spec.id, message.spec.extended): message for message in coupling.sent}
+        self._echoes = {key: deque[bytes](maxlen=_REMEMBERED if echoes else 0) for key in self._own}
+        self._gone_out = dict.fromkeys(coupling.sent, -math.inf)
+        self._not_finite: set[SentSignal] = set()
+        self._number, self._beat, self._late = -1, 0.0, ""
+        for message in coupling.reception.messages:
+            for signal in message.signals:
+                self.inputs[signal.place] = signal.safe
 
-    def receive(self, now: float, inputs: FloatArray) -> None:
-        """Give the inputs what has come, and safe values where nothing came; it is `now` since the beginning [s]."""
+    def receive(self, now: float) -> None:
+        """Take what has come, and safe values where nothing came; it is `now` since the beginning [s]."""
         for frame in self._receiver.take():
-            if is_bus_off(frame):
-                self.trouble = BUS_OFF
-                self._watchdog.lost(now, BUS_OFF, inputs)
-            message = self._coupling.reception.take(frame, inputs)
-            if message is not None:
-                self._watchdog.heard(message, now)
+            self._take(frame, now)
         if self._receiver.failure is not None and not self.gone:
             self._lose(self._receiver.failure)
         if self.gone:
-            self._watchdog.lost(now, self.trouble, inputs)
-        self._watchdog.check(now, inputs)
+            self._watchdog.lost(now, self.trouble, self.inputs)
+        if self._watchdog.check(now, self.inputs) and self._rules.ends:
+            self.over = self.over or "a received message fell silent, and `on_silence` is `end`"
+        self._look(now)
 
-    def send(self, step: int, outputs: Sequence[float]) -> None:
-        """Send the messages that are due in this step."""
+    def send(self, number: int, outputs: Sequence[float], now: float, lateness: float) -> None:
+        """Send the messages that are due up to this step, which began so late [s]; it is the latest one."""
+        self._beat = now
+        self._late = f"steps are {lateness:.3g} s late" if lateness > self._rules.most_late else ""
+        self._inspect(outputs, now)
+        self._look(now)
+        resting = self._resting()
         for message in self._coupling.sent:
-            if step % message.every == 0:
-                self._send(message.frame(outputs), 0.0)
+            if number // message.every > self._number // message.every and not self._too_soon(message, now):
+                frame = message.frame(outputs, resting)
+                if frame is not None:
+                    self._send(message, frame, now)
+        self._number = number
 
-    def send_safe_values(self) -> None:
+    def watch(self, now: float) -> bool:
+        """Send safe values at their periods where no step has ended for too long; whether that is so."""
+        waited = now - self._beat
+        if waited <= self._step + self._rules.most_late:
+            return False
+        self._late = f"no step has ended for {self._step + self._rules.most_late:.3g} s"
+        self._look(now)
+        for message in self._coupling.sent:
+            if now - self._gone_out[message] >= self._period(message) and self._number >= 0:
+                self._send_safe_values(message, now, 0.0)
+        return True
+
+    def end(self, now: float) -> None:
         """Send the safe values, so that nobody acts on the last ones for ever."""
+        self._status = {signal: status.ended() for signal, status in self._status.items()}
         for message in self._coupling.sent:
-            frame = message.safe_frame()
-            if frame is not None:
-                self._send(frame, _LAST_PATIENCE)
+            self._send_safe_values(message, now, _LAST_PATIENCE)
+        time.sleep(_LINGERING)
 
-    def _send(self, frame: can.Message, patience: float) -> None:
+    def report(self, now: float) -> TrafficReport:
+        """What has passed until now [s]."""
+        return TrafficReport(
+            self._coupling.reception.statistics,
+            self._receiver.dropped,
+            self._coupling.sent_statistics,
+            self._sent,
+            self._refused,
+            getattr(self._bus, "malformed", 0),
+            getattr(self._bus, "refused", 0),
+            self.trouble,
+            self.over,
+            self._stopped,
+            tuple(self._unconfirmed),
+            dict(self._odd),
+            dict(self._foreign),
+            self._watchdog.report(now),
+        )
+
+    def _take(self, frame: can.Message, now: float) -> None:
+        if is_bus_off(frame):
+            self.trouble = BUS_OFF
+            self._watchdog.lost(now, BUS_OFF, self.inputs)
+        key = (frame.arbitration_id, frame.is_extended_id)
+        if key in self._own and not frame.is_error_frame:
+            self._recognise(key, frame, now)
+        taken = self._coupling.reception.take(frame, self.inputs)
+        if taken is None:
+            return
+        self._watchdog.took(taken, now)
+        if any(signal.input == STOP and self.inputs[signal.place] for signal in taken.good):
+            self._stopped = True
+            self.over = self.over or "the stop signal was received"
+
+    def _recognise(self, key: tuple[int, bool], frame: can.Message, now: float) -> None:
+        """See whether a message of ours is an echo; somebody else who sends it must be known at once."""
+        known, data = self._echoes[key], bytes(frame.data)
+        if data in known:
+            known.remove(data)
+            return
+        name = self._own[key].spec.name
+        self._foreign[name] += 1
+        if self._foreign[name] == 1:
+            self._watchdog.note(now, name, "alarm", f"{name} is also sent by somebody else")
+
+    def _inspect(self, outputs: Sequence[float], now: float) -> None:
+        """Find the outputs that are not finite; the first time that is said at once."""
+        self._not_finite.clear()
+        for message in self._coupling.sent:
+            for signal in message.signals:
+                value = outputs[signal.place]
+                if math.isfinite(value):
+                    continue
+                self._not_finite.add(signal)
+                self._odd[signal.output] += 1
+                if self._odd[signal.output] == 1:
+                    ends = f"{message.spec.name} is not sent" if signal.safe is None else f"{signal.safe:g} is sent"
+                    self._watchdog.note(now, signal.output, "alarm", f"{signal.output} is {value}; {ends}")
+
+    def _look(self, now: float) -> None:
+        """See which outputs rest and which go on; what changes is said."""
+        changed: dict[str, list[str]] = {}
+        for signal, status in self._status.items():
+            why = self._why(signal)
+            self._status[signal] = after = status.seen(now, not why, self._rules)
+            if after.state is not status.state:
+                again = State.INIT if status.state is State.INIT else "is sent again"
+                changed.setdefault(f"rests: {why}" if after.rests else again, []).append(signal.spec.name)
+        for what, names in changed.items():
+            said = "" if what == State.INIT else f"{', '.join(names)} {what}"
+            self._watchdog.note(now, ", ".join(names), "rests" if what.startswith("rests") else "runs", said)
+
+    def _why(self, signal: SentSignal) -> str:
+        """Why the signal is to rest; "" where all is good."""
+        missing = signal.needs & self._watchdog.resting
+        if missing:
+            return f"without {', '.join(sorted(missing))}"
+        return f"{signal.output} is not finite" if signal in self._not_finite else self._late
+
+    def _resting(self) -> set[SentSignal]:
+        return {signal for signal, status in self._status.items() if status.rests}
+
+    def _period(self, message: SentMessage) -> float:
+        return message.every * self._step
+
+    def _too_soon(self, message: SentMessage, now: float) -> bool:
+        """Whether steps are being made up for, and its latest frame is not half a period old."""
+        return bool(self._late) and now - self._gone_out[message] < 0.5 * self._period(message)
+
+    def _send_safe_values(self, message: SentMessage, now: float, patience: float) -> None:
+        frame = message.safe_frame()
+        if frame is not None:
+            self._send(message, frame, now, patience)
+
+    def _send(self, message: SentMessage, frame: can.Message, now: float, patience: float = 0.0) -> None:
         if self.gone:
             return
+        self._gone_out[message] = now
+        self._echoes[message.spec.id, message.spec.extended].append(bytes(frame.data))
         try:
             self._bus.send(frame, timeout=patience)
         except Exception as error:  # drivers raise anything
             if _no_room(error):
-                self.refused += 1
+                self._refused += 1
             else:
                 self._lose(error)
         else:
-            self.sent += 1
+            self._sent += 1
 
     def _lose(self, error: Exception) -> None:
         self.gone, self.trouble = True, " ".join(str(error).split()) or type(error).__name__
+
+
+@contextmanager
+def on_bus(
+    settings: BusSettings,
+    coupling: Coupling,
+    step: float,
+    say: Callable[[str], None],
+    inputs: FloatArray | None = None,
+    arrived: Callable[[], None] = lambda: None,
+) -> Iterator[BusTraffic]:
+    """The traffic of a bus that is open for the block.
+
+    Args:
+        say: takes lines for people.
+        arrived: called when there is something to receive, by another thread.
+
+    Raises:
+        BusError: the adapter does not open.
+    """
+    watchdog = Watchdog(coupling.reception.messages, say)
+    echoes = settings.interface in _ECHOING or "receive_own_messages" in settings.options
+    with opened(settings) as bus, Receiver(bus, QUEUE, arrived) as receiver:
+        yield BusTraffic(bus, receiver, coupling, watchdog, step, inputs, echoes)
 
 
 def _no_room(error: Exception) -> bool:

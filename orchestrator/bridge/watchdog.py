@@ -1,11 +1,11 @@
-"""Looks after the peers: a message that stays away puts its inputs to their safe values, and that is said."""
+"""Looks after the peers: a signal that stays away puts its input to its safe value, and that is said."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from orchestrator.bridge.inputs import ReceivedMessage
+from orchestrator.bridge.inputs import ReceivedMessage, ReceivedSignal, Taken
 from orchestrator.trace import FloatArray
 
 MOST = 1000  # events that are kept; beyond it they are only counted
@@ -18,11 +18,12 @@ class Event:
 
     Attributes:
         time: since the coupling began [s].
-        kind: "first", "silent" or "back".
+        name: message, or signal where others of its message go on.
+        kind: "first", "silent" or "back" of what is received, "rests" or "runs" of what is sent, "alarm".
     """
 
     time: float
-    message: str
+    name: str
     kind: str
 
 
@@ -32,9 +33,9 @@ class PeerPresence:
 
     Attributes:
         frames: that gave inputs values.
-        first: when the first of them came, None where none did.
-        silence: how long no frame may come; silences: how often none came for longer.
-        at_safe_values: how long its inputs had their safe values.
+        first: when all its inputs had one, None where not all ever did.
+        silence: how long no good value may come; silences: how often one of its inputs had none for longer.
+        at_safe_values: how long one of its inputs had its safe value.
         safe: component.input -> its safe value [unit of the input].
     """
 
@@ -48,7 +49,7 @@ class PeerPresence:
     def remark(self, name: str) -> str:
         """What somebody should know about the silence of the message of this name."""
         if self.first is None:
-            return f"{name} never came; its inputs had their safe values"
+            return f"{name} never came{' whole' if self.frames else ''}; its inputs had their safe values"
         times = "once" if self.silences == 1 else f"{self.silences:,} times"
         return f"{name} was silent {times}; its inputs had their safe values for {self.at_safe_values:.3g} s in all"
 
@@ -62,102 +63,148 @@ class WatchdogReport:
     events: list[Event]
 
 
-@dataclass
+@dataclass(eq=False)
 class _Watch:
-    """What is known of a message.
+    """What is known of a signal.
 
     Attributes:
-        heard: when its last frame came, or the coupling began [s].
-        since: since when its inputs have their safe values, None while they have received ones [s].
+        heard: when its last good value came, or the coupling began [s].
+        since: since when its input has its safe value, None while it has received ones [s].
         silent: whether its silence was said.
+        fault: what is wrong with the frames that come, "" while they are good or none come.
     """
 
     message: ReceivedMessage
+    signal: ReceivedSignal
     heard: float = 0.0
     since: float | None = 0.0
     silent: bool = False
     first: float | None = None
-    frames: int = 0
     silences: int = 0
     at_safe: float = 0.0
+    fault: str = ""
 
     @property
-    def name(self) -> str:
-        return self.message.spec.name
+    def overdue(self) -> str:
+        """What is said of it when it is silent."""
+        limit = f"{self.message.silence:g} s"
+        return f"no good value for {limit} ({self.fault})" if self.fault else f"no frame for {limit}"
 
-    def presence(self, now: float) -> PeerPresence:
-        """What there is to be told of it now [s]."""
-        at_safe = round(self.at_safe + (0.0 if self.since is None else now - self.since), 6)
-        safe = {signal.input: signal.safe for signal in self.message.signals}
-        return PeerPresence(self.frames, self.first, self.message.silence, self.silences, at_safe, safe)
+    def at_safe_values(self, now: float) -> float:
+        """For how long until now [s]."""
+        return self.at_safe + (0.0 if self.since is None else now - self.since)
 
 
 class Watchdog:
-    """Watches the messages that are received.
+    """Watches the signals that are received.
 
     Args:
         say: takes lines for people.
 
     Attributes:
+        resting: inputs that have their safe values.
         events: the first `MOST`; `event_count` counts all.
     """
 
     def __init__(self, messages: Sequence[ReceivedMessage], say: Callable[[str], None]) -> None:
-        self._watches = {message.key: _Watch(message) for message in messages}
+        self._watches = {signal: _Watch(message, signal) for message in messages for signal in message.signals}
+        self._messages, self._frames = tuple(messages), dict.fromkeys((message.spec.name for message in messages), 0)
         self._say = say
+        self.resting = {signal.input for signal in self._watches}
         self.events: list[Event] = []
         self.event_count = 0
 
-    def heard(self, message: ReceivedMessage, now: float) -> None:
-        """Note a frame that gave its inputs values."""
-        watch = self._watches[message.key]
-        watch.heard = now
-        watch.frames += 1
-        if watch.since is not None:
-            self._recovered(watch, now)
+    def took(self, taken: Taken, now: float) -> None:
+        """Note what came of a frame."""
+        for signal, fault in taken.faults.items():
+            self._watches[signal].fault = fault
+        self._frames[taken.message.spec.name] += bool(taken.good)
+        recovered = []
+        for watch in map(self._watches.__getitem__, taken.good):
+            watch.heard, watch.fault = now, ""
+            if watch.since is not None:
+                recovered.append(watch)
+        if recovered:
+            self._recovered(recovered, now)
 
-    def check(self, now: float, inputs: FloatArray) -> None:
-        """Put the inputs of every message that has become silent to their safe values."""
-        for watch in self._watches.values():
-            if not watch.silent and now - watch.heard > watch.message.silence:
-                self._silent(watch, now, f"no frame for {watch.message.silence:g} s")
-                watch.message.give_safe_values(inputs)
+    def check(self, now: float, inputs: FloatArray) -> bool:
+        """Put every input whose signal has become silent to its safe value; whether one had been there before."""
+        overdue = [
+            watch for watch in self._watches.values() if not watch.silent and now - watch.heard > watch.message.silence
+        ]
+        for why, group in _alike(overdue, lambda watch: watch.overdue):
+            self._silent(group, now, why, inputs)
+        return any(watch.first is not None for watch in overdue)
 
     def lost(self, now: float, why: str, inputs: FloatArray) -> None:
-        """Put the inputs of all messages to their safe values at once."""
+        """Put all inputs to their safe values at once."""
         for watch in self._watches.values():
-            watch.message.give_safe_values(inputs)
-            if not watch.silent:
-                self._silent(watch, now, why)
+            inputs[watch.signal.place] = watch.signal.safe
+        for _, group in _alike([watch for watch in self._watches.values() if not watch.silent], lambda watch: why):
+            self._silent(group, now, why, inputs)
 
     def report(self, now: float) -> WatchdogReport:
         """What was seen up to now [s since the coupling began]."""
-        messages = {watch.name: watch.presence(now) for watch in self._watches.values()}
+        messages = {message.spec.name: self._presence(message, now) for message in self._messages}
         return WatchdogReport(messages, self.event_count, list(self.events))
 
-    def _recovered(self, watch: _Watch, now: float) -> None:
-        assert watch.since is not None
-        watch.at_safe += now - watch.since
-        watch.since = None
-        if watch.first is None:
-            watch.first = now
-            self._note(watch, now, "first", f"{watch.name} is there" if watch.silent else "")
-        else:
-            self._note(watch, now, "back", f"{watch.name} is back")
-        watch.silent = False
-
-    def _silent(self, watch: _Watch, now: float, why: str) -> None:
-        watch.silent = True
-        watch.silences += 1
-        watch.since = now if watch.since is None else watch.since
-        safe = ", ".join(f"{signal.input} = {signal.safe:g}" for signal in watch.message.signals)
-        self._note(watch, now, "silent", f"{watch.name}: {why}; safe values: {safe}")
-
-    def _note(self, watch: _Watch, now: float, kind: str, line: str) -> None:
+    def note(self, now: float, name: str, kind: str, line: str) -> None:
+        """Keep an event, and say it where there is a line."""
         self.event_count += 1
         if len(self.events) < MOST:
-            self.events.append(Event(round(now, 6), watch.name, kind))
+            self.events.append(Event(round(now, 6), name, kind))
         if line and self.event_count <= SAID:
             self._say(f"t = {now:.3f} s: {line}")
             if self.event_count == SAID:
                 self._say("the watchdog says no more; all is counted in the manifest")
+
+    def _presence(self, message: ReceivedMessage, now: float) -> PeerPresence:
+        watches = [self._watches[signal] for signal in message.signals]
+        firsts = [watch.first for watch in watches if watch.first is not None]
+        return PeerPresence(
+            self._frames[message.spec.name],
+            max(firsts) if len(firsts) == len(watches) else None,
+            message.silence,
+            max(watch.silences for watch in watches),
+            round(max(watch.at_safe_values(now) for watch in watches), 6),
+            {signal.input: signal.safe for signal in message.signals},
+        )
+
+    def _recovered(self, watches: list[_Watch], now: float) -> None:
+        back = [watch for watch in watches if watch.first is not None]
+        first = [watch for watch in watches if watch.first is None]
+        said = [watch for watch in first if watch.silent]
+        for watch in watches:
+            watch.at_safe, watch.since = watch.at_safe_values(now), None
+            watch.first = now if watch.first is None else watch.first
+            watch.silent = False
+            self.resting.discard(watch.signal.input)
+        if first:
+            self.note(now, _name(first), "first", f"{_name(first)} is there" if said else "")
+        if back:
+            self.note(now, _name(back), "back", f"{_name(back)} is back")
+
+    def _silent(self, watches: list[_Watch], now: float, why: str, inputs: FloatArray) -> None:
+        for watch in watches:
+            watch.silent = True
+            watch.silences += 1
+            watch.since = now if watch.since is None else watch.since
+            inputs[watch.signal.place] = watch.signal.safe
+            self.resting.add(watch.signal.input)
+        safe = ", ".join(f"{watch.signal.input} = {watch.signal.safe:g}" for watch in watches)
+        self.note(now, _name(watches), "silent", f"{_name(watches)}: {why}; safe values: {safe}")
+
+
+def _alike(watches: Iterable[_Watch], of: Callable[[_Watch], str]) -> Iterator[tuple[str, list[_Watch]]]:
+    """Watches of one message with the same text."""
+    groups: dict[tuple[str, str], list[_Watch]] = {}
+    for watch in watches:
+        groups.setdefault((watch.message.spec.name, of(watch)), []).append(watch)
+    return ((text, group) for (_, text), group in groups.items())
+
+
+def _name(watches: Sequence[_Watch]) -> str:
+    """The message of these, or the signals where they are not all of it."""
+    message = watches[0].message
+    whole = len(watches) == len(message.signals)
+    return message.spec.name if whole else ", ".join(watch.signal.name for watch in watches)

@@ -47,7 +47,7 @@ class FrameStatistics:
         counters: message -> steps of its counter that are not one; checksums: wrong checksums.
         not_finite: signal -> received values that are NaN or infinite (the last finite one is held).
         out_of_range: signal -> received values outside its range.
-        saturated: signal -> sent values that did not fit and were limited.
+        saturated: signal -> sent values that did not fit and were limited; limited: that were limited as asked.
         disordered: frames with a stamp before that of a frame before them (sorted).
         late: rows with a stamp before what had been passed on (dropped).
         covered: samples with the very stamp of a later one of their message (dropped).
@@ -74,6 +74,7 @@ class FrameStatistics:
     not_finite: Counter[str] = field(default_factory=Counter)
     out_of_range: Counter[str] = field(default_factory=Counter)
     saturated: Counter[str] = field(default_factory=Counter)
+    limited: Counter[str] = field(default_factory=Counter)
     disordered: int = 0
     late: int = 0
     covered: int = 0
@@ -131,6 +132,7 @@ class FrameStatistics:
             "values not finite": self.not_finite,
             "values outside their range": self.out_of_range,
             "values limited to fit": self.saturated,
+            "values limited by `limit`": self.limited,
         }
 
     def _in_all(self) -> dict[str, int]:

@@ -7,7 +7,7 @@ a bus is the bridge's.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -19,13 +19,27 @@ class ReceivedBlock(Block):
 
     Attributes:
         signal: of the database, as `Message.signal`, or its own name where that is unique.
-        safe: value of the input before the first frame and while none comes [unit of the input].
-        silence: how long no frame may come until the safe value is taken, the block's by default [s].
+        safe: value of the input before the first good value and while none comes [unit of the input].
+        silence: how long none may come until the safe value is taken, the block's by default [s].
+        range: whether values outside the range of the signal or of the input are limited to it, or are no good values.
     """
 
     signal: str
     safe: float
     silence: float | None = Field(None, gt=0)
+    range: Literal["limit", "reject"] = "limit"
+
+
+class LimitBlock(Block):
+    """How far and how fast a sent value may go.
+
+    Attributes:
+        rate: largest change [unit of the output per s]; from a safe value on, too, but not to it.
+        magnitude: largest amount [unit of the output].
+    """
+
+    rate: float | None = Field(None, gt=0)
+    magnitude: float | None = Field(None, ge=0)
 
 
 class SentBlock(Block):
@@ -33,11 +47,20 @@ class SentBlock(Block):
 
     Attributes:
         source: component.output.
-        safe: value that is sent when the coupling ends, however it does [unit of the output].
+        safe: value that is sent while the output rests, and at the end, however it comes [unit of the output].
+        while_: messages, signals or inputs without which it rests; by default all received ones that it may depend on.
     """
 
     source: str
     safe: float | None = None
+    while_: list[str] | None = Field(None, alias="while")
+    limit: LimitBlock = LimitBlock()
+
+    @model_validator(mode="after")
+    def _guarded(self) -> SentBlock:
+        if self.while_ is not None and self.safe is None:
+            raise ValueError("`while` says when the output rests: give `safe`, too")
+        return self
 
 
 def _source(value: Any) -> Any:
@@ -56,7 +79,12 @@ class CanBlock(Block):
         receive: component.input -> where its value comes from.
         send: signal -> where its value comes from.
         every: message -> its period over that of the database [s].
-        silence: how long no frame of a received message may come until its inputs take their safe values [s].
+        silence: how long no good value of a received signal may come until its input takes its safe value [s].
+        resume: whether an output that has come to rest goes on by itself, `after` so much time of good values [s].
+        on_silence: whether outputs rest, or the coupling ends, when a received signal falls silent.
+        most_late: by how much a step may be late until all outputs rest, by default 3 steps and 0.05 s at least [s].
+        give_up: by how much until the coupling ends [s].
+        stop: signal of the bus that ends the coupling when it is not zero; outputs rest while it is silent.
     """
 
     database: Path | list[Path]
@@ -65,6 +93,12 @@ class CanBlock(Block):
     send: dict[str, Sent] = {}
     every: dict[str, Seconds] = {}
     silence: float = Field(0.1, gt=0)
+    resume: Literal["auto", "latch"] = "auto"
+    after: float = Field(0.1, ge=0)
+    on_silence: Literal["rest", "end"] = "rest"
+    most_late: float | None = Field(None, gt=0)
+    give_up: float = Field(2.0, gt=0)
+    stop: str | None = None
 
     @model_validator(mode="after")
     def _something(self) -> CanBlock:

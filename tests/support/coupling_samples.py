@@ -129,8 +129,8 @@ class ScriptedBus:
         """Be the bus that is opened, and what receives from it; `punctual` steps begin at their deadlines at once."""
         if punctual:
             monkeypatch.setattr("orchestrator.realtime.pacing.Pace.wait", lambda pace, deadline, stop: deadline)
-        monkeypatch.setattr("orchestrator.bridge.bridge.opened", self._opened)
-        monkeypatch.setattr("orchestrator.bridge.bridge.Receiver", self._receiver)
+        monkeypatch.setattr("orchestrator.bridge.traffic.opened", self._opened)
+        monkeypatch.setattr("orchestrator.bridge.traffic.Receiver", self._receiver)
         return self
 
     @contextmanager
@@ -138,5 +138,5 @@ class ScriptedBus:
         yield self
 
     @contextmanager
-    def _receiver(self, bus: ScriptedBus, limit: int) -> Iterator[ScriptedBus]:
+    def _receiver(self, bus: ScriptedBus, *_: object) -> Iterator[ScriptedBus]:
         yield self

@@ -21,10 +21,13 @@ class SingleDecoder:
 
     Attributes:
         statistics: what was found so far; of the stamps only that they are as far apart as the cycle time says.
+        fault: why the latest frame is not to be trusted, "" where it is.
+        not_finite: public names of its signals that are not finite.
     """
 
     def __init__(self, database: Database, signals: Sequence[str] | None = None) -> None:
         self.statistics = FrameStatistics()
+        self.fault, self.not_finite = "", list[str]()
         names = None if signals is None else {database.public_name(*database.signal(signal)) for signal in signals}
         self._readers = {
             (message.id, message.extended): _Reader(
@@ -38,6 +41,7 @@ class SingleDecoder:
     def decode(self, message: can.Message) -> dict[str, float] | None:
         """Public name -> value of the finite signals in the frame; None for a frame that cannot be decoded."""
         self.statistics.frames += 1
+        self.fault, self.not_finite = "", []
         if message.is_error_frame or message.is_remote_frame:
             self.statistics.errors += message.is_error_frame
             self.statistics.remotes += not message.is_error_frame
@@ -46,28 +50,38 @@ class SingleDecoder:
         if reader is None:
             self.statistics.add_unknown(message.arbitration_id, message.is_extended_id)
             return None
-        return reader.read(message)
+        values = reader.read(message)
+        self.fault, self.not_finite = reader.fault, reader.not_finite
+        return values
 
 
 class _Reader:
-    """One message's frames."""
+    """One message's frames.
+
+    Attributes:
+        fault: what the latest one cannot be trusted for; not_finite: its signals that are not.
+    """
 
     def __init__(self, spec: MessageSpec, wanted: Sequence[SignalColumn], statistics: FrameStatistics) -> None:
         self._spec, self._wanted, self._statistics, self._longest = spec, wanted, statistics, longest(spec)
+        self.fault, self.not_finite = "", list[str]()
         self._last_time: float | None = None
         self._last_count: int | None = None
 
     def read(self, message: can.Message) -> dict[str, float] | None:
         name, statistics, size = self._spec.name, self._statistics, len(message.data)
         statistics.messages[name] += 1
+        self.fault, self.not_finite = "", []
         if size < self._spec.length:
             statistics.short[name] += 1
+            self.fault = "too short"
             return None
         add(statistics.long, name, int(size > self._longest))
         try:
             decoded = self._spec.raw.decode_simple(bytes(message.data), decode_choices=False)
         except cantools.database.DecodeError:
             statistics.multiplexers[name] += 1
+            self.fault = "unknown multiplexer value"
             return None
         self._check(message, decoded)
         return self._inspected(decoded)
@@ -80,6 +94,7 @@ class _Reader:
                 continue
             if not math.isfinite(value):
                 self._statistics.not_finite[column.name] += 1
+                self.not_finite.append(column.name)
                 continue
             outside = (column.low is not None and value < column.low) or (
                 column.high is not None and value > column.high
@@ -99,7 +114,9 @@ class _Reader:
         if protection and protection.checksum:
             byte = checksum_byte(self._spec.signal(protection.checksum))
             right = checks.checksum(message.data[: self._spec.length], protection.algorithm, byte, protection.data_id)
-            add(self._statistics.checksums, name, int(decoded[protection.checksum] != right))
+            wrong = decoded[protection.checksum] != right
+            add(self._statistics.checksums, name, int(wrong))
+            self.fault = "wrong checksum" if wrong else self.fault
 
     def _check_counter(self, count: int, modulus: int) -> None:
         if self._last_count is not None:
@@ -107,4 +124,6 @@ class _Reader:
             wrong = step != 1 or count >= modulus
             add(self._statistics.missing, self._spec.name, max(step - 1, 0) if wrong else 0)
             add(self._statistics.counters, self._spec.name, int(wrong))
+            self.fault = "" if step else "the counter stands still"
+        self.fault = f"its counter is {count}" if count >= modulus else self.fault
         self._last_count = count

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from queue import Empty, SimpleQueue
 
 import can
@@ -15,14 +16,17 @@ _DRAINING = 1.0  # the longest time for what has arrived before the end [s]
 class Receiver:
     """Receives from a bus from the start of the block to its end, in a thread.
 
+    Args:
+        arrived: called by that thread when there is something to take, or it has failed.
+
     Attributes:
         received: frames taken off the bus.
         dropped: of these, frames that came while the queue was full.
         failure: what ended the reception, None while the bus works.
     """
 
-    def __init__(self, bus: can.BusABC, limit: int) -> None:
-        self._bus, self._limit = bus, limit
+    def __init__(self, bus: can.BusABC, limit: int, arrived: Callable[[], None] = lambda: None) -> None:
+        self._bus, self._limit, self._arrived = bus, limit, arrived
         self._queue: SimpleQueue[can.Message] = SimpleQueue()
         self._ending = False
         self._thread = threading.Thread(target=self._run, name="CAN receiver", daemon=True)
@@ -60,6 +64,7 @@ class Receiver:
                 pass
         except Exception as error:  # drivers raise anything
             self.failure = error
+            self._arrived()
 
     def _receive(self, timeout: float) -> bool:
         """Put the next frame into the queue; whether there was one."""
@@ -69,6 +74,7 @@ class Receiver:
         self.received += 1
         if self._queue.qsize() < self._limit:
             self._queue.put(message)
+            self._arrived()
         else:
             self.dropped += 1
         return True

@@ -51,6 +51,8 @@ SCENARIO: dict[str, Any] = {
         "database": "rig.dbc",
         "receive": {"motor.voltage": {"signal": "Command.voltage", "safe": 0.25}},
         "send": {"angle": "hand.angle", "speed": {"source": "hand.speed", "safe": 0}},
+        "most_late": 1e4,  # a busy computer is no fault
+        "give_up": 1e5,
     },
 }
 LAW: dict[str, Any] = {
@@ -172,7 +174,8 @@ def test_silence_puts_inputs_to_their_safe_value_until_frames_come_back(
     voltage = trace_of(coupled)["motor.voltage"]
     assert voltage[1:60] == pytest.approx(0.1) and voltage[151:] == pytest.approx(0.1)
     assert voltage[130:150] == pytest.approx(0.25)
-    assert [event.kind for event in coupled.account.watchdog.events] == ["first", "silent", "back"]
+    kinds = [event.kind for event in coupled.account.watchdog.events]
+    assert kinds == ["first", "runs", "silent", "rests", "back"]
     assert coupled.account.watchdog.messages["Command"].silences == 1
 
 
@@ -203,7 +206,7 @@ def test_the_wish_to_end_leaves_whole_steps_and_sends_the_safe_values(
 
     def soon(message: can.Message) -> list[can.Message]:
         stops[0].requested = len(bus.sent) > 99
-        return []
+        return proportional(message)
 
     bus = ScriptedBus(soon).plug_in(monkeypatch)
     coupled = go(folder, tmp_path, ready=stops.append, run={"stop": 100, "step": 0.001})
@@ -529,3 +532,86 @@ def test_a_bench_and_a_bridge_close_a_loop_over_serial_adapters(folder: Path, tm
     taken = np.unique(np.round(acted[acted != 0.0111], 3))
     assert taken.any() and np.isin(taken, np.round([*np.clip(asked, -24, 24), 0.0], 3)).all()
     assert not (tmp_path / "bus" / "0").exists()
+
+
+def speeds(bus: ScriptedBus) -> list[int]:
+    """What was sent as the speed, which has the safe value 0."""
+    return [struct.unpack_from("<h", message.data, 4)[0] for message in bus.identified(STATE)]
+
+
+def test_an_output_rests_before_the_first_frame_and_in_silence_and_goes_on_after_good_ones(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def moody(message: can.Message) -> list[can.Message]:
+        there = 20 <= len(bus.sent) <= 50 or len(bus.sent) > 100
+        return [frame(COMMAND, struct.pack("<hH", 100, 0))] if there else []
+
+    bus = ScriptedBus(moody).plug_in(monkeypatch)
+    silence = {"motor.voltage": {"signal": "Command.voltage", "safe": 0.25, "silence": 0.02}}
+    go(folder, tmp_path, run={"stop": 0.2, "step": 0.001}, can={"receive": silence, "after": 0.05})
+    sent = speeds(bus)
+    assert not any(sent[:20]) and all(sent[21:70]) and not any(sent[72:150]) and all(sent[152:200])
+    assert sent[-1] == 0
+
+
+def test_an_output_that_is_not_finite_rests_at_once_and_fails_the_coupling(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def spoil(self: LiveRun[Result]) -> None:
+        original(self)
+        if 50 <= self.steps < 60:
+            self.outputs[self.names.index("hand.speed")] = np.nan
+
+    original = LiveRun.step
+    monkeypatch.setattr(LiveRun, "step", spoil)
+    bus = ScriptedBus(proportional).plug_in(monkeypatch)
+    coupled = go(folder, tmp_path, can={"after": 0.02})
+    sent = speeds(bus)
+    assert all(sent[40:49]) and not any(sent[49:79]) and any(sent[82:200])
+    assert str(coupled.ending.failure) == "hand.speed: was not finite in 10 steps; see to its inputs and parameters"
+    assert [event.name for event in coupled.account.watchdog.events if event.kind == "alarm"] == ["hand.speed"]
+
+
+def test_somebody_else_who_sends_our_message_is_told_at_once(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bus = ScriptedBus(lambda message: [message] if len(bus.sent) in (10, 20) else []).plug_in(monkeypatch)
+    coupled = go(folder, tmp_path)
+    assert coupled.account.foreign == {"State": 2}
+    (alarm,) = (event for event in coupled.account.watchdog.events if event.kind == "alarm")
+    assert alarm.time < 0.02
+    assert "State was also sent by somebody else: 2 frames" in coupled.account.remarks()
+
+
+def test_a_stop_signal_ends_the_coupling_and_outputs_rest_without_it(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def panel(message: can.Message) -> list[can.Message]:
+        count = len(bus.sent)
+        return proportional(message) + ([frame(262, bytes([count >= 100]))] if count > 30 else [])
+
+    bus = ScriptedBus(panel).plug_in(monkeypatch)
+    coupled = go(folder, tmp_path, can={"stop": "Other.enable"})
+    sent = speeds(bus)
+    assert not any(sent[:30]) and all(sent[32:100]) and sent[-1] == 0 and len(sent) < 105
+    assert coupled.ending.stopped and coupled.ending.failure is None
+
+
+def test_a_coupling_ends_in_silence_where_that_is_asked_for(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bus = ScriptedBus(lambda message: proportional(message) if len(bus.sent) < 50 else []).plug_in(monkeypatch)
+    coupled = go(folder, tmp_path, can={"on_silence": "end", "silence": 0.02})
+    assert "a received message fell silent, and `on_silence` is `end`" in str(coupled.ending.failure)
+    assert len(bus.sent) < 75
+
+
+def test_steps_that_are_too_late_end_a_bridge_with_what_there_is(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bus = ScriptedBus(proportional).plug_in(monkeypatch)
+    offsets = iter([0.0] * 50 + [3.0] * 99)
+    monkeypatch.setattr("orchestrator.realtime.pacing.Pace.wait", lambda pace, deadline, stop: deadline + next(offsets))
+    coupled = go(folder, tmp_path, can={"give_up": 2.0})
+    assert "steps are 3 s late at t = 0.050 s" in str(coupled.ending.failure)
+    assert isinstance(coupled.ending.failure, BusError) and speeds(bus)[-1] == 0 and len(trace_of(coupled)) == 51

@@ -33,6 +33,7 @@ from tests.support.random_databases import databases, written
 STEP = Fraction(1, 1000)
 AS_IT_IS = crossing("rig.any", NamedUnit(), NamedUnit())
 INPUTS = ["rig.enable", "rig.gear", "rig.label", "rig.page", "rig.target", "rig.voltage"]  # in the order of the values
+FINITE = st.floats(allow_nan=False, allow_infinity=False)
 SAFE = {"signal": "Command.voltage", "safe": 1.5}
 
 
@@ -43,6 +44,13 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Database:
 
 def couple(rig: Database, **block: Any) -> Coupling:
     return coupled(CanBlock(database=rig.path, **block), sample_system(), rig, STEP)
+
+
+def sent(message: SentMessage, outputs: list[float], resting: bool = False) -> bytes:
+    """The data of the next frame."""
+    found = message.frame(outputs, message.signals if resting else ())
+    assert found is not None
+    return bytes(found.data)
 
 
 def received(coupling: Coupling, *frames: tuple[int, bytes]) -> FloatArray:
@@ -85,7 +93,7 @@ def test_a_value_that_is_not_finite_leaves_the_last_one_and_is_counted(rig: Data
 
 def test_frames_that_are_too_short_or_wrong_by_their_checksum_change_nothing(rig: Database) -> None:
     sender = couple(rig, send={"torque": "rig.torque"})
-    good = bytes(sender.sent[0].frame([0.25]).data)
+    good = sent(sender.sent[0], [0.25])
     receiver = couple(rig, receive={"rig.page": {"signal": "torque", "safe": 0}})
     spoilt = bytes([good[0] ^ 1]) + good[1:]
     assert received(receiver, (259, good), (259, spoilt), (259, good[:2]))[INPUTS.index("rig.page")] == 0.25
@@ -108,17 +116,17 @@ def test_frames_of_others_change_nothing_and_are_counted(rig: Database) -> None:
 
 def test_the_sender_of_a_message_fills_in_what_protects_it(rig: Database) -> None:
     (message,) = couple(rig, send={"torque": "rig.torque"}).sent
-    frames = [message.frame([0.001 * k]) for k in range(18)]
-    assert [sent.data[2] & 15 for sent in frames] == [(k + 1) % 16 for k in range(18)]
+    frames = [sent(message, [0.001 * k]) for k in range(18)]
+    assert [data[2] & 15 for data in frames] == [(k + 1) % 16 for k in range(18)]
     receiver = couple(rig, receive={"rig.page": {"signal": "torque", "safe": 0}})
-    received(receiver, *((259, bytes(sent.data)) for sent in frames))
+    received(receiver, *((259, data) for data in frames))
     assert receiver.reception.statistics.clean
 
 
 @given(angle=st.floats(-100, 100), speed=st.floats(-300, 300))
 def test_what_is_sent_comes_back_to_half_a_step_of_its_resolution(rig: Database, angle: float, speed: float) -> None:
     coupling = couple(rig, send={"angle": "rig.angle", "State.speed": "rig.speed"})
-    values = rig.message("State").raw.decode(bytes(coupling.sent[0].frame([angle, speed]).data))
+    values = rig.message("State").raw.decode(sent(coupling.sent[0], [angle, speed]))
     assert values["angle"] == pytest.approx(angle, abs=0.5e-4 * (1 + 1e-9))
     assert values["speed"] == pytest.approx(speed * 30 / math.pi, abs=0.05 * (1 + 1e-9))
     assert coupling.sent_statistics.clean
@@ -133,38 +141,39 @@ def test_any_value_goes_into_any_message_as_the_nearest_that_it_holds(made: Any,
         if any(signal.is_multiplexer for signal in message.signals):
             continue
         statistics = FrameStatistics()
-        sent = [SentSignal(signal, "rig.any", place, AS_IT_IS, None) for place, signal in enumerate(message.signals)]
-        values = data.draw(st.lists(st.floats(), min_size=len(sent), max_size=len(sent)))
-        found = message.raw.decode(bytes(SentMessage(message, sent, 1, statistics).frame(values).data))
-        assert sum(statistics.not_finite.values()) == sum(map(math.isnan, values))
+        given = [SentSignal(signal, "rig.any", place, AS_IT_IS, None) for place, signal in enumerate(message.signals)]
+        values = data.draw(st.lists(FINITE, min_size=len(given), max_size=len(given)))
+        found = message.raw.decode(sent(SentMessage(message, given, 1, statistics), values))
         for signal, value in zip(message.signals, values, strict=True):
             low, high = raw_limits(signal)
             raw = min(max((value - signal.offset) / signal.scale, low), high)
             slack = 1e-6 * abs(raw) + 1e-37 if signal.is_float else 0.5 + 1e-12 * abs(raw)
-            if not math.isnan(value):
-                nearest, slack = raw * signal.scale + signal.offset, slack * abs(signal.scale)
-                assert found[signal.name] == pytest.approx(nearest, abs=slack + 1e-9 * abs(signal.offset), rel=1e-12)
+            nearest, slack = raw * signal.scale + signal.offset, slack * abs(signal.scale)
+            assert found[signal.name] == pytest.approx(nearest, abs=slack + 1e-9 * abs(signal.offset), rel=1e-12)
 
 
-@given(angle=st.floats(allow_nan=False), before=st.floats(-100, 100))
+@given(angle=FINITE, before=st.floats(-100, 100))
 def test_a_value_beyond_the_range_is_limited_and_counted(rig: Database, angle: float, before: float) -> None:
     coupling = couple(rig, send={"angle": "rig.angle"})
     coupling.sent[0].frame([before])
-    sent = rig.message("State").raw.decode(bytes(coupling.sent[0].frame([angle]).data))["angle"]
-    assert sent == pytest.approx(min(max(angle, -100.0), 100.0), abs=0.5001e-4)
+    found = rig.message("State").raw.decode(sent(coupling.sent[0], [angle]))["angle"]
+    assert found == pytest.approx(min(max(angle, -100.0), 100.0), abs=0.5001e-4)
     assert coupling.sent_statistics.saturated["angle"] == (abs(angle) > 100.00005)
 
 
-def test_a_value_that_is_nan_is_sent_as_the_last_good_one(rig: Database) -> None:
-    coupling = couple(rig, send={"angle": "rig.angle", "speed": "rig.speed"})
-    first, second = (bytes(coupling.sent[0].frame([value, 0.0]).data) for value in (1.0, math.nan))
-    assert first == second
-    assert coupling.sent_statistics.not_finite == {"angle": 1}
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_a_value_that_is_not_finite_is_not_sent_and_its_safe_one_where_there_is_one(rig: Database, bad: float) -> None:
+    coupling = couple(rig, send={"angle": "rig.angle", "torque": {"source": "rig.torque", "safe": 0.5}})
+    angle, torque = coupling.sent
+    assert angle.frame([bad, 0.0]) is None
+    assert sent(torque, [0.0, bad])[:2] == struct.pack("<h", 500)
+    assert coupling.sent_statistics.not_finite == {"angle": 1, "torque": 1}
+    assert coupling.sent_statistics.messages == {"Guarded": 1}
 
 
 def test_signals_that_nobody_sends_rest_and_that_is_said(rig: Database) -> None:
     coupling = couple(rig, send={"angle": "rig.angle"})
-    values = rig.message("State").raw.decode(bytes(coupling.sent[0].frame([1.0]).data))
+    values = rig.message("State").raw.decode(sent(coupling.sent[0], [1.0]))
     assert (values["speed"], values["spare"]) == (0.0, 0.0)
     assert coupling.notes() == ["State: speed, spare rest at the initial value, or zero, since nothing is sent there"]
 
@@ -183,6 +192,7 @@ def test_a_can_fd_frame_is_filled_up_to_a_length_that_there_is(rig: Database) ->
     block = CanBlock.model_validate({"database": rig.path, "send": {"wide": "rig.angle"}, "every": {"Wide": 0.01}})
     (message,) = coupled(block, sample_system(), rig, STEP, switched=True).sent
     frame_ = message.frame([0.5])
+    assert frame_ is not None
     assert (frame_.is_fd, frame_.bitrate_switch, len(frame_.data)) == (True, True, 12)
     assert rig.message("Wide").raw.decode(bytes(frame_.data))["wide"] == 0.5
 
@@ -190,6 +200,49 @@ def test_a_can_fd_frame_is_filled_up_to_a_length_that_there_is(rig: Database) ->
 def test_periods_come_from_the_block_or_else_from_the_database(rig: Database) -> None:
     coupling = couple(rig, send={"angle": "rig.angle", "torque": "rig.torque"}, every={"Guarded": "0.004"})
     assert [message.every for message in coupling.sent] == [1, 4]
+
+
+def test_values_outside_their_range_are_limited_or_refused_as_declared(rig: Database) -> None:
+    limited = couple(rig, receive={"rig.voltage": SAFE})
+    assert received(limited, (257, struct.pack("<hH", 29000, 0)))[INPUTS.index("rig.voltage")] == 24.0
+    assert limited.reception.statistics.out_of_range["voltage"] == 1
+    rejected = couple(rig, receive={"rig.voltage": SAFE | {"range": "reject"}})
+    frames = [(257, struct.pack("<hH", value, 0)) for value in (9000, 29000)]
+    assert received(rejected, *frames)[INPUTS.index("rig.voltage")] == 9.0
+
+
+def test_a_counter_that_stands_still_makes_no_good_frame(rig: Database) -> None:
+    receiver = couple(rig, receive={"rig.page": {"signal": "torque", "safe": 0}}).reception
+    data = sent(couple(rig, send={"torque": "rig.torque"}).sent[0], [0.25])
+    taken = [receiver.take(frame(259, data), np.zeros(7)) for _ in range(2)]
+    assert [list(each.faults.values()) for each in taken if each] == [[], ["the counter stands still"]]
+
+
+def test_magnitude_and_rate_of_what_is_sent_are_limited_and_counted(rig: Database) -> None:
+    limit = {"rate": 100, "magnitude": 2}
+    coupling = couple(rig, send={"torque": {"source": "rig.torque", "safe": 0, "limit": limit}})
+    (message,) = coupling.sent
+    asked = [(9.0, True), (9.0, False), (9.0, False), (9.0, False), (1.5, False), (-9.0, True), (-0.5, False)]
+    found = [struct.unpack_from("<h", sent(message, [value], resting))[0] for value, resting in asked]
+    assert found == [0, 1000, 2000, 2000, 1500, 0, -500]
+    assert coupling.sent_statistics.limited == {"torque": 3}
+
+
+def test_an_output_needs_what_leads_to_it_through_any_component_or_what_it_is_told(rig: Database) -> None:
+    receive = {
+        "rig.voltage": SAFE,
+        "rig.gear": {"signal": "gear", "safe": 0},
+        "rig.page": {"signal": "first", "safe": 0},
+    }
+    send = {"angle": {"source": "rig.angle", "safe": 0}}
+    (given,) = couple(rig, receive=receive, send=send).sent[0].signals
+    assert given.needs == set(receive)
+    send["angle"] |= {"while": ["Command", "rig.page"]}
+    (given,) = couple(rig, receive=receive, send=send).sent[0].signals
+    assert given.needs == set(receive)
+    send["angle"] |= {"while": ["gear"]}
+    (given,) = couple(rig, receive=receive, send=send, stop="Other.enable").sent[0].signals
+    assert given.needs == {"rig.gear", "can.stop"}
 
 
 VOLTAGE = {"rig.voltage": SAFE}
@@ -264,6 +317,18 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     (
         {"send": {"angle": "rig.angle"}, "every": {"Exact": 0.01}},
         "can.every.Exact: no signal is sent in it; there are State",
+    ),
+    (
+        {"send": {"angle": {"source": "rig.angle", "safe": 500}}},
+        "can.send.angle.safe: is 500 rad on the bus, and angle has [-100, 100]; choose a value inside",
+    ),
+    (
+        {"send": {"angle": {"source": "rig.angle", "safe": 0, "while": ["Sensors"]}}, "receive": VOLTAGE},
+        "can.send.angle.while: 'Sensors' is not received; there is Command",
+    ),
+    (
+        {"receive": {"rig.voltage": SAFE | {"silence": 0.01}}},
+        "can: silence: is 0.01 s, and Command comes every 0.01 s; allow some periods",
     ),
     (
         {"send": {"gear": "rig.torque"}, "receive": VOLTAGE},

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from orchestrator.bridge.inputs import ReceivedMessage
+from orchestrator.bridge.inputs import ReceivedMessage, Taken
 from orchestrator.bridge.mapping import coupled
 from orchestrator.bridge.watchdog import MOST, SAID, PeerPresence, Watchdog
 from orchestrator.scenario.can_block import CanBlock
@@ -42,6 +42,11 @@ def driven() -> FloatArray:
     return np.full(6, 9.0)
 
 
+def heard(watchdog: Watchdog, message: ReceivedMessage, now: float) -> None:
+    """A good frame."""
+    watchdog.took(Taken(message, message.signals, {}), now)
+
+
 def command(watchdog: Watchdog, now: float) -> PeerPresence:
     return watchdog.report(now).messages["Command"]
 
@@ -49,7 +54,7 @@ def command(watchdog: Watchdog, now: float) -> PeerPresence:
 def test_a_message_that_stays_away_puts_its_inputs_to_their_safe_values(messages: tuple[ReceivedMessage, ...]) -> None:
     said: list[str] = []
     watchdog, values = Watchdog(messages, said.append), driven()
-    watchdog.heard(messages[0], 0.5)
+    heard(watchdog, messages[0], 0.5)
     watchdog.check(0.5 + SILENCE, values)
     assert values[VOLTAGE] == 9.0 and said == []
     watchdog.check(0.6001, values)
@@ -69,9 +74,9 @@ def test_a_message_that_never_comes_is_silent_from_the_start(messages: tuple[Rec
 def test_frames_that_come_back_end_the_silence_and_that_is_said(messages: tuple[ReceivedMessage, ...]) -> None:
     said: list[str] = []
     watchdog, values = Watchdog(messages, said.append), driven()
-    watchdog.heard(messages[0], 0.02)
+    heard(watchdog, messages[0], 0.02)
     watchdog.check(0.2, values)
-    watchdog.heard(messages[0], 0.5)
+    heard(watchdog, messages[0], 0.5)
     watchdog.check(0.55, values)
     assert said[1:] == ["t = 0.500 s: Command is back"]
     assert [(event.time, event.kind) for event in watchdog.events] == [(0.02, "first"), (0.2, "silent"), (0.5, "back")]
@@ -82,8 +87,8 @@ def test_frames_that_come_back_end_the_silence_and_that_is_said(messages: tuple[
 def test_a_lost_bus_takes_all_inputs_at_once_and_says_why(messages: tuple[ReceivedMessage, ...]) -> None:
     said: list[str] = []
     watchdog, values = Watchdog(messages, said.append), driven()
-    watchdog.heard(messages[0], 0.3)
-    watchdog.heard(messages[1], 0.3)
+    heard(watchdog, messages[0], 0.3)
+    heard(watchdog, messages[1], 0.3)
     watchdog.lost(0.31, "unplugged", values)
     watchdog.lost(0.32, "unplugged", values)
     assert (values[VOLTAGE], values[TARGET]) == (1.5, -2.0)
@@ -99,7 +104,7 @@ def test_a_peer_that_comes_and_goes_fills_neither_memory_nor_log(
     said: list[str] = []
     watchdog, values = Watchdog(messages[:1], said.append), driven()
     for k in range(2 * MOST):
-        watchdog.heard(messages[0], k)
+        heard(watchdog, messages[0], k)
         watchdog.check(k + 0.5, values)
     assert watchdog.event_count == 4 * MOST
     assert len(watchdog.events) == MOST and len(said) <= SAID + 1
@@ -112,7 +117,7 @@ def test_inputs_have_safe_values_exactly_while_the_silence_is_longer_than_allowe
     messages: tuple[ReceivedMessage, ...], gaps: list[float]
 ) -> None:
     watchdog, values, now, silences = Watchdog(messages[:1], lambda line: None), driven(), 0.0, 0
-    watchdog.heard(messages[0], 0.0)
+    heard(watchdog, messages[0], 0.0)
     for gap in gaps:
         values[VOLTAGE] = 9.0
         watchdog.check(now + gap, values)
@@ -120,5 +125,5 @@ def test_inputs_have_safe_values_exactly_while_the_silence_is_longer_than_allowe
         silences += silent
         assert values[VOLTAGE] == (1.5 if silent else 9.0)
         now += gap
-        watchdog.heard(messages[0], now)
+        heard(watchdog, messages[0], now)
     assert command(watchdog, now).silences == silences

@@ -1,0 +1,80 @@
+"""Who has the bus: takes output values and heartbeats from the steps, and gives them input values.
+
+Here on a thread beside them, for buses that exist in one process only: it guards against steps that hang, but ends with
+its process. `keeper_process` is what guards against all.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Protocol
+
+from orchestrator.bridge.mapping import Coupling
+from orchestrator.bridge.traffic import BusTraffic, TrafficReport, on_bus
+from orchestrator.can.live.bus import BusSettings
+from orchestrator.trace import FloatArray
+
+
+class Keeper(Protocol):
+    """Has the bus; times are since the beginning [s]."""
+
+    def begin(self, start: float) -> None:
+        """The first step is to begin at that instant of `time.monotonic`."""
+
+    def inputs(self, now: float) -> FloatArray:
+        """(coupling.width,) received and safe values."""
+
+    def send(self, number: int, outputs: Sequence[float], now: float, deadline: float) -> None:
+        """A step has ended that was to begin at `deadline`; these are its outputs."""
+
+    def ends(self, endures: bool) -> bool:
+        """Whether the bus ends the coupling, by its failure only of one that does not endure it."""
+
+    def end(self) -> TrafficReport:
+        """Send the safe values, and say what has passed."""
+
+
+class _ThreadKeeper:
+    def __init__(self, traffic: BusTraffic, step: float) -> None:
+        self._traffic, self._step, self._start = traffic, step, 0.0
+        self._lock, self._over = threading.Lock(), threading.Event()
+        self._thread = threading.Thread(target=self._watch, name="guard of the bus", daemon=True)
+
+    def begin(self, start: float) -> None:
+        self._start = start
+        self._thread.start()
+
+    def inputs(self, now: float) -> FloatArray:
+        with self._lock:
+            self._traffic.receive(now)
+            return self._traffic.inputs
+
+    def send(self, number: int, outputs: Sequence[float], now: float, deadline: float) -> None:
+        with self._lock:
+            self._traffic.send(number, outputs, now, time.monotonic() - self._start - deadline)
+
+    def ends(self, endures: bool) -> bool:
+        return bool(self._traffic.over or (self._traffic.trouble and not endures))
+
+    def end(self) -> TrafficReport:
+        self._over.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        now = max(time.monotonic() - self._start, 0.0)
+        self._traffic.end(now)
+        return self._traffic.report(now)
+
+    def _watch(self) -> None:
+        while not self._over.wait(max(self._step, 0.002)):
+            with self._lock:
+                self._traffic.watch(time.monotonic() - self._start)
+
+
+@contextmanager
+def beside(settings: BusSettings, coupling: Coupling, step: float, say: Callable[[str], None]) -> Iterator[Keeper]:
+    """Have the bus in this process."""
+    with on_bus(settings, coupling, step, say) as traffic:
+        yield _ThreadKeeper(traffic, step)

@@ -1,0 +1,70 @@
+"""When an output with a safe value rests at it: a state machine of times and findings, without any bus.
+
+             all that it depends on is good                       anything is not
+    init ------------------------------------> running ---------------------------------> safe
+      |                                           |  <-----------------------------------  |
+      |                                           |    all good for `after` s,             |
+      v                                           v    unless it is latched                v
+    ended <---------------------------------------+----------------------------------------+
+
+It rests in every state but `running`. Nothing leaves `ended`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class State(StrEnum):
+    """What an output does: only while it is running is it sent as it is."""
+
+    INIT = "init"
+    RUNNING = "running"
+    SAFE = "safe"
+    ENDED = "ended"
+
+
+@dataclass(frozen=True)
+class Rules:
+    """When outputs rest and go on again.
+
+    Attributes:
+        latched: whether an output that has come to rest stays there; else `after` how long all must be good [s].
+        ends: whether a received message that falls silent ends the coupling.
+        most_late: by how much a step may be late [s]; give_up: by how much until the coupling ends [s].
+    """
+
+    latched: bool = False
+    after: float = 0.0
+    ends: bool = False
+    most_late: float = 0.05
+    give_up: float = 2.0
+
+
+@dataclass(frozen=True)
+class Status:
+    """The state of an output, and since when all has been good [s], None while something is not."""
+
+    state: State = State.INIT
+    good_since: float | None = None
+
+    @property
+    def rests(self) -> bool:
+        """Whether the safe value is sent."""
+        return self.state is not State.RUNNING
+
+    def seen(self, now: float, good: bool, rules: Rules) -> Status:
+        """The status after a look at all that the output depends on."""
+        if self.state is State.ENDED:
+            return self
+        if not good:
+            return Status(State.SAFE if self.state is State.RUNNING else self.state)
+        since = now if self.good_since is None else self.good_since
+        resumes = not rules.latched and now - since >= rules.after
+        runs = resumes or self.state is not State.SAFE
+        return Status(State.RUNNING if runs else State.SAFE, since)
+
+    def ended(self) -> Status:
+        """The status from the end on."""
+        return Status(State.ENDED, self.good_since)

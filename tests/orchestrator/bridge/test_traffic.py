@@ -1,0 +1,124 @@
+"""What passes over a bus when steps are late or stay away, without any steps."""
+
+from __future__ import annotations
+
+import struct
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, cast
+
+import can
+import pytest
+
+from orchestrator.bridge.mapping import coupled
+from orchestrator.bridge.traffic import BusTraffic
+from orchestrator.bridge.watchdog import Watchdog
+from orchestrator.can.database.database import Database
+from orchestrator.can.live.receiver import Receiver
+from orchestrator.scenario.can_block import CanBlock
+from tests.support.coupling_samples import ScriptedBus, frame, sample_database, sample_system
+
+STEP, GUARDED, COMMAND = 0.001, 259, 257
+BLOCK: dict[str, Any] = {
+    "receive": {"rig.voltage": {"signal": "Command.voltage", "safe": 0}},
+    "send": {"torque": {"source": "rig.torque", "safe": 0.125}},
+    "most_late": 0.05,
+    "silence": 0.2,
+}
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Database:
+    return sample_database(tmp_path)
+
+
+def on(bus: ScriptedBus, rig: Database, said: list[str], **changes: Any) -> BusTraffic:
+    block = CanBlock.model_validate({"database": rig.path} | BLOCK | changes)
+    coupling = coupled(block, sample_system(), rig, Fraction(1, 1000))
+    watchdog = Watchdog(coupling.reception.messages, said.append)
+    return BusTraffic(cast(can.BusABC, bus), cast(Receiver, bus), coupling, watchdog, STEP)
+
+
+def torques(bus: ScriptedBus) -> list[float]:
+    return [struct.unpack_from("<h", message.data)[0] * 1e-3 for message in bus.identified(GUARDED)]
+
+
+def run(traffic: BusTraffic, bus: ScriptedBus, first: int, last: int, lateness: float = 0.0, real: float = 0.0) -> None:
+    """These steps; each takes `real` instead of a period where it is given [s]."""
+    for number in range(first, last):
+        now = number * STEP if not real else first * STEP + lateness + (number - first) * real
+        bus.waiting.append(frame(COMMAND, struct.pack("<hH", number, 0)))
+        traffic.receive(now)
+        traffic.send(number, [0.25], now, lateness)
+
+
+def test_safe_values_go_out_at_their_period_while_no_step_ends(rig: Database) -> None:
+    bus, said = ScriptedBus(), list[str]()
+    traffic = on(bus, rig, said)
+    run(traffic, bus, 0, 100)
+    for tick in range(100, 200):
+        traffic.watch(tick * STEP)
+    sent = torques(bus)
+    assert sent == pytest.approx([0.25] * 10 + [0.125] * 5, abs=5e-4)
+    counters = [message.data[2] & 15 for message in bus.identified(GUARDED)]
+    assert counters == [(k + 1) % 16 for k in range(15)]
+    assert said == ["t = 0.151 s: torque rests: no step has ended for 0.051 s"]
+
+
+def test_late_steps_are_no_burst_of_old_commands_and_go_on_after_good_ones(rig: Database) -> None:
+    bus, said = ScriptedBus(), list[str]()
+    traffic = on(bus, rig, said, after=0.02)
+    run(traffic, bus, 0, 100)
+    run(traffic, bus, 100, 1000, lateness=0.9, real=1e-5)
+    assert len(torques(bus)) <= 12 and torques(bus)[10:] == pytest.approx([0.125] * len(torques(bus)[10:]), abs=5e-4)
+    run(traffic, bus, 1000, 1100)
+    assert torques(bus)[-1] == pytest.approx(0.25)
+    assert said[-1] == "t = 1.020 s: torque is sent again"
+
+
+def test_a_latched_output_stays_at_rest(rig: Database) -> None:
+    bus = ScriptedBus()
+    traffic = on(bus, rig, [], resume="latch", after=0)
+    run(traffic, bus, 0, 100)
+    run(traffic, bus, 100, 101, lateness=0.2)
+    run(traffic, bus, 101, 400)
+    assert set(torques(bus)[10:]) == {0.125}
+
+
+def test_one_page_or_one_value_that_stays_away_puts_what_needs_it_to_rest(rig: Database) -> None:
+    bus, said = ScriptedBus(), list[str]()
+    receive = {
+        "rig.page": {"signal": "first", "safe": 0},
+        "rig.voltage": {"signal": "second", "safe": 0},
+        "rig.target": {"signal": "target", "safe": 0},
+    }
+    send = {
+        "torque": {"source": "rig.torque", "safe": 0, "while": ["first"]},
+        "angle": {"source": "rig.angle", "safe": 0, "while": ["target"]},
+    }
+    traffic = on(bus, rig, said, receive=receive, send=send, silence=0.1)
+    for number in range(400):
+        pages = (0, 1) if number < 100 else (1,)
+        bus.waiting += [frame(260, struct.pack("<BHxxxxx", page, 7)) for page in pages]
+        bus.waiting.append(frame(258, struct.pack("<d", 1.0 if number < 200 else float("nan"))))
+        traffic.receive(number * STEP)
+        traffic.send(number, [0.25, 0.25], number * STEP, 0.0)
+    assert said == [
+        "t = 0.200 s: first: no frame for 0.1 s; safe values: rig.page = 0",
+        "t = 0.200 s: torque rests: without rig.page",
+        "t = 0.300 s: Exact: no good value for 0.1 s (not finite); safe values: rig.target = 0",
+        "t = 0.300 s: angle rests: without rig.target",
+    ]
+
+
+def test_what_an_interface_gives_back_is_no_second_sender(rig: Database) -> None:
+    bus = ScriptedBus(lambda sent: [sent])
+    block = CanBlock.model_validate({"database": rig.path} | BLOCK)
+    coupling = coupled(block, sample_system(), rig, Fraction(1, 1000))
+    watchdog = Watchdog(coupling.reception.messages, lambda line: None)
+    traffic = BusTraffic(cast(can.BusABC, bus), cast(Receiver, bus), coupling, watchdog, STEP, echoes=True)
+    run(traffic, bus, 0, 300)
+    assert traffic.report(0.3).foreign == {}
+    bus.waiting.append(frame(GUARDED, b"\1\2\3\4"))
+    traffic.receive(0.301)
+    assert traffic.report(0.3).foreign == {"Guarded": 1}
