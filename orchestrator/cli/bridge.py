@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fmus.errors import InputError
-from orchestrator.cli.can import Adapter, BusInterface, Channel
+from orchestrator.cli.can import Adapter, BusInterface, Channel, for_each
 from orchestrator.cli.scenarios import Overrides, overrides
 from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 from orchestrator.interrupts import whole
@@ -87,8 +87,9 @@ def bench(
         elif interface is not None or channel is not None:
             raise InputError("--serve", "makes a bus of its own", "leave out --interface and --channel")
         else:
-            rate, data_rate = adapter.bitrate or 500_000, adapter.data_bitrate or 2_000_000
-            own = replace(adapter, bitrate=rate, data_bitrate=data_rate if adapter.fd else None)
+            rate = for_each("--bitrate", adapter.bitrate or [500_000], 1)[0]
+            data_rate = adapter.data_bitrate or 2_000_000
+            own = replace(adapter, bitrate=[rate], data_bitrate=data_rate if adapter.fd else None)
             bus = own.bus("slcan", str(serve / "0"))
             stack.enter_context(hub_process(serve, ports, rate, data_rate))
         job = coupling.job(scenario, bus, endless=True)

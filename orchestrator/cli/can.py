@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
@@ -15,6 +16,8 @@ from orchestrator.cli.terminal import Answer, Listing, Terminal, command
 if TYPE_CHECKING:
     from orchestrator.can.live.bus import BusSettings
 
+T = TypeVar("T")
+
 app = typer.Typer(no_args_is_help=True, help="Record a CAN bus, play back onto it, couple systems to it.")
 
 BusInterface = Annotated[
@@ -22,7 +25,11 @@ BusInterface = Annotated[
 ]
 Channel = Annotated[str, typer.Option("--channel", help="What the interface calls the bus: can0, a serial port, ...")]
 Dbc = Annotated[
-    list[Path] | None, typer.Option("--dbc", metavar="FILE", help="Database of the bus: .dbc, .arxml, ...; repeatable.")
+    list[str] | None,
+    typer.Option("--dbc", metavar="[CHANNEL=]FILE", help="Database of the bus: .dbc, .arxml, ...; repeatable."),
+]
+Condition = Annotated[
+    str | None, typer.Option(metavar="'SIGNAL > X'", help="Of a signal of --dbc, in its unit; or <, <=, >=, ==, !=.")
 ]
 Encoding = Annotated[str | None, typer.Option("--encoding", help="Of the databases' text: utf-8, gbk, cp1252, ...")]
 
@@ -32,7 +39,7 @@ class Adapter:
     """How the adapter of a bus is set."""
 
     bitrate: Annotated[
-        int | None, typer.Option("--bitrate", min=1, metavar="BIT/S", help="As the adapter is set by default.")
+        list[int] | None, typer.Option("--bitrate", min=1, metavar="BIT/S", help="As the adapter is set by default.")
     ] = None
     fd: Annotated[bool, typer.Option("--fd", help="The bus has CAN FD frames.")] = False
     data_bitrate: Annotated[
@@ -44,17 +51,42 @@ class Adapter:
 
     def bus(self, interface: str, channel: str) -> BusSettings:
         """The bus behind it."""
+        return self.buses([interface], [channel])[0]
+
+    def buses(self, interfaces: Sequence[str], channels: Sequence[str]) -> tuple[BusSettings, ...]:
+        """The bus behind each channel.
+
+        Raises:
+            InputError: interfaces or bit rates are neither one nor as many as channels, or not possible.
+        """
         from orchestrator.can.live.bus import BusSettings, parse_option
 
-        options = dict(map(parse_option, self.option or []))
-        return BusSettings(interface, channel, self.bitrate, self.fd, self.data_bitrate, options)
+        options, count = dict(map(parse_option, self.option or [])), len(channels)
+        rates: Sequence[int | None] = self.bitrate or [None]
+        interfaces, rates = for_each("--interface", interfaces, count), for_each("--bitrate", rates, count)
+        return tuple(
+            BusSettings(interface, channel, rate, self.fd, self.data_bitrate, options)
+            for interface, channel, rate in zip(interfaces, channels, rates, strict=True)
+        )
+
+
+def for_each(option: str, values: Sequence[T], count: int) -> Sequence[T]:
+    """A value for each channel."""
+    if len(values) not in (1, count):
+        raise InputError(option, f"is given {len(values)} times for {count} of --channel", "give it once, or for each")
+    return values if len(values) == count else [*values] * count
 
 
 @command(app)
 def record(
     terminal: Terminal,
-    interface: BusInterface,
-    channel: Channel,
+    interface: Annotated[
+        list[str],
+        typer.Option("--interface", help="python-can's name: socketcan, slcan, ...; one, or for each channel."),
+    ],
+    channel: Annotated[
+        list[str], typer.Option("--channel", help="What the interface calls the bus: can0, ...; repeatable.")
+    ],
     adapter: Adapter,
     dbc: Dbc = None,
     encoding: Encoding = None,
@@ -63,19 +95,34 @@ def record(
     rotate_size: Annotated[float | None, typer.Option(min=0.0, metavar="MB", help="New files at this size.")] = None,
     rotate_after: Annotated[float | None, typer.Option(min=0.0, metavar="SECONDS", help="... at this age.")] = None,
     format_: Annotated[str, typer.Option("--format", help="blf, asc or log.")] = "blf",
+    start_when: Condition = None,
+    stop_when: Condition = None,
+    pre: Annotated[float, typer.Option(metavar="SECONDS", help="What came so long before --start-when, too.")] = 0.0,
 ) -> Answer:
-    """Write all frames of a bus to log files, with a manifest; Ctrl-C or SIGTERM ends it."""
+    """Write all frames of buses to log files, with a manifest; Ctrl-C, SIGTERM or a condition ends it."""
+    from orchestrator.can.database.sources import parsed
     from orchestrator.can.live.manifest import BusRecording
     from orchestrator.can.live.recorder import record as record_bus
+    from orchestrator.can.live.trigger import Limits
 
     folder = out or Path("out") / f"recording_{datetime.now():%Y-%m-%d_%H%M%S}"
-    bus = adapter.bus(interface, channel)
+    bus, *others = adapter.buses(interface, channel)
     size = None if rotate_size is None else rotate_size * 1e6
     recording = BusRecording(
-        bus, folder, dbc or None, duration, size, rotate_after, f".{format_.lower()}", encoding=encoding
+        bus,
+        folder,
+        parsed(dbc) if dbc else None,
+        duration,
+        size,
+        rotate_after,
+        f".{format_.lower()}",
+        encoding=encoding,
+        others=tuple(others),
+        limits=Limits(start_when, stop_when, pre),
     )
+    said = f"waiting for {start_when} on" if start_when else "recording"
     with terminal.bar(bus.place) as move:
-        manifest = record_bus(recording, move, lambda: terminal.say(f"recording {bus.place}"))
+        manifest = record_bus(recording, move, lambda: terminal.say(f"{said} {recording.places}"))
     document = manifest.document()
     return Answer(document, [_counts(document), *manifest.remarks(), f"recorded into {folder}"])
 

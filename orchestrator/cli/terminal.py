@@ -229,7 +229,7 @@ def show(shown: Listing | str) -> None:
     from rich import box, table
     from rich.console import Console
 
-    console = Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else WIDE)
+    console = Console(highlight=False, markup=False, emoji=False, width=None if sys.stdout.isatty() else WIDE)
     if isinstance(shown, str):
         console.print(plain(shown), soft_wrap=True)
         return
@@ -249,7 +249,7 @@ def show(shown: Listing | str) -> None:
 def _err() -> Console:
     from rich.console import Console
 
-    return Console(stderr=True, highlight=False, markup=False)
+    return Console(stderr=True, highlight=False, markup=False, emoji=False)
 
 
 def facts(document: Mapping[str, object]) -> Listing:

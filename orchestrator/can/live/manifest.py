@@ -8,8 +8,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from fmus.errors import InputError
 from orchestrator.can.database.sources import DatabaseFiles, paths
 from orchestrator.can.live.bus import BusSettings
+from orchestrator.can.live.channels import Channel
+from orchestrator.can.live.trigger import EVERYTHING, Limits, Trigger
 from orchestrator.can.logs.rotation import LogFile, writer_of
 from orchestrator.can.statistics import FrameStatistics
 from orchestrator.results import versions
@@ -22,15 +25,17 @@ class BusRecording:
     """What is recorded, where to, and for how long.
 
     Attributes:
+        others: buses that are recorded into the same log; channels are numbered in this order, `bus` is 0.
         out: folder of the log files and of the manifest.
         database: of the bus, for counts by message; its text in this `encoding`, or in what it seems to be.
-        duration: None: until it is told to end [s].
+        duration: from the beginning, or from what starts it; None: until it is told to end [s].
         rotate_size, rotate_seconds: when a new file begins [bytes], [s].
         suffix: names the format.
-        queue: frames that may wait to be written; more are dropped and counted.
+        queue: frames of each bus that may wait to be written; more are dropped and counted.
+        limits: conditions between which frames are recorded.
 
     Raises:
-        InputError: the format cannot be written while frames come.
+        InputError: the format cannot be written while frames come, or a bus is named twice.
     """
 
     bus: BusSettings
@@ -42,6 +47,18 @@ class BusRecording:
     suffix: str = ".blf"
     queue: int = QUEUE
     encoding: str | None = None
+    others: tuple[BusSettings, ...] = ()
+    limits: Limits = EVERYTHING
+
+    @property
+    def buses(self) -> tuple[BusSettings, ...]:
+        """All buses, by the number of their channel."""
+        return self.bus, *self.others
+
+    @property
+    def places(self) -> str:
+        """All buses, in words."""
+        return " and ".join(bus.place for bus in self.buses)
 
     @property
     def database_names(self) -> str | None:
@@ -50,6 +67,9 @@ class BusRecording:
 
     def __post_init__(self) -> None:
         writer_of(self.suffix)
+        places = [bus.place for bus in self.buses]
+        if twice := next((place for place in places if places.count(place) > 1), None):
+            raise InputError(twice, "is to be recorded twice", "give each --channel once")
 
 
 @dataclass(frozen=True)
@@ -58,11 +78,11 @@ class RecordingManifest:
 
     Attributes:
         stopped: None while it is not finished.
-        ended: "unfinished", "duration", "stopped" or "failed".
-        failure: of the adapter, None without one.
-        dropped: frames that came faster than they could be written.
-        bus_off: stamps at which the adapter left the bus [s].
-        malformed, refused: lines from the adapter that were no frames, and commands that it refused.
+        ended: "unfinished", "duration", "condition", "stopped" or "failed".
+        frames: that were recorded.
+        bus_off: which channel's adapter left its bus, and the stamp of that [s].
+        channels: the buses, by their number.
+        trigger: what held when.
         statistics: of all frames; without a database their identifiers are all unknown.
         notes: what is not as in the database, a line each.
     """
@@ -71,42 +91,45 @@ class RecordingManifest:
     started: datetime
     stopped: datetime | None
     ended: str
-    failure: str | None
     frames: int
-    dropped: int
-    bus_off: tuple[float, ...]
-    malformed: int
-    refused: int
+    bus_off: tuple[tuple[int, float], ...]
+    channels: tuple[Channel, ...]
+    trigger: Trigger
     files: tuple[LogFile, ...]
     statistics: FrameStatistics
     notes: tuple[str, ...] = ()
     versions: Mapping[str, str] = field(default_factory=versions)
 
+    @property
+    def dropped(self) -> int:
+        """Frames that came faster than they could be written."""
+        return sum(channel.receiver.dropped for channel in self.channels)
+
+    @property
+    def failure(self) -> str | None:
+        """What became of adapters that failed, None where none did."""
+        failed = [channel for channel in self.channels if channel.receiver.failure is not None]
+        return "; ".join(f"{channel.settings.place}: {channel.receiver.failure}" for channel in failed) or None
+
     def document(self) -> dict[str, Any]:
         """As the file has it."""
-        recording, bus = self.recording, self.recording.bus
+        recording, channels = self.recording, self.channels
         found = self.statistics.document()
         if recording.database is None:
             found["identifiers"] = found.pop("unknown", {})
         return {
             "kind": "CAN recording",
-            "interface": bus.interface,
-            "channel": bus.channel,
-            "bitrate": bus.bitrate,
-            "fd": bus.fd,
-            "data_bitrate": bus.data_bitrate,
-            "options": dict(bus.options),
+            "channels": [channel.document() for channel in channels],
             "database": recording.database_names,
             "started": self.started.isoformat(),
             "stopped": None if self.stopped is None else self.stopped.isoformat(),
             "ended": self.ended,
             "failure": self.failure,
+            "trigger": self.trigger.document(),
             "frames": self.frames,
             "dropped": self.dropped,
             "error_frames": self.statistics.errors,
-            "bus_off": [moment(stamp) for stamp in self.bus_off],
-            "malformed_lines": self.malformed,
-            "refused_lines": self.refused,
+            "bus_off": [moment(stamp) for _, stamp in self.bus_off],
             "files": [file.document() for file in self.files],
             "found": found,
             "versions": dict(self.versions),
@@ -116,17 +139,17 @@ class RecordingManifest:
     def remarks(self) -> list[str]:
         """What somebody should know about it, a line each."""
         database, errors = self.recording.database_names, self.statistics.errors
-        first = moment(self.bus_off[0]) if self.bus_off else ""
+        places = " and ".join(self.recording.buses[number].place for number in {number for number, _ in self.bus_off})
+        first = moment(self.bus_off[0][1]) if self.bus_off else ""
+        came = self.frames - errors or self.trigger.watched
         told = {
             f"{self.dropped:,} frames were dropped: they came faster than they could be written": self.dropped,
-            f"the adapter has left the bus (bus off), first at {first}": self.bus_off,
-            f"{self.malformed:,} lines from the adapter were no frames: noise, or another baud rate of the port": (
-                self.malformed
-            ),
-            f"the adapter refused {self.refused:,} commands": self.refused,
-            "no frame came: see that the bit rate is that of the bus, and that somebody sends": self.frames == errors,
+            f"{places}: the adapter has left the bus (bus off), first at {first}": self.bus_off,
+            "no frame came: see that the bit rate is that of the bus, and that somebody sends": not came,
         }
         lines = [line for line, holds in told.items() if holds]
+        lines += self.trigger.remarks() if came else []
+        lines += [line for channel in self.channels for line in channel.remarks(bool(came) and len(self.channels) > 1)]
         if database is not None:
             return [*lines, *self.notes] + [f"decoded with {database}: {line}" for line in self.statistics.lines()]
         return lines + ([f"{errors:,} error frames"] if errors else [])

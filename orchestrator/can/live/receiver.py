@@ -9,12 +9,17 @@ from queue import Empty, SimpleQueue
 
 import can
 
+from orchestrator.can.frames import CALENDAR
+
 _PATIENCE = 0.1  # with a bus on which nothing happens, before the thread looks whether to end [s]
 _DRAINING = 1.0  # the longest time for what has arrived before the end [s]
 
 
 class Receiver:
     """Receives from a bus from the start of the block to its end, in a thread.
+
+    Frames keep the stamps of their interface. Those of a clock that does not know the date are moved to it, all by as
+    much as the first; a frame without a stamp gets that of its reception.
 
     Args:
         arrived: called by that thread when there is something to take, or it has failed.
@@ -23,6 +28,7 @@ class Receiver:
         received: frames taken off the bus.
         dropped: of these, frames that came while the queue was full.
         failure: what ended the reception, None while the bus works.
+        clock_offset: by how much stamps were moved to be dates [s]; None where they are.
     """
 
     def __init__(self, bus: can.BusABC, limit: int, arrived: Callable[[], None] = lambda: None) -> None:
@@ -32,6 +38,7 @@ class Receiver:
         self._thread = threading.Thread(target=self._run, name="CAN receiver", daemon=True)
         self.received = self.dropped = 0
         self.failure: Exception | None = None
+        self.clock_offset: float | None = None
 
     def __enter__(self) -> Receiver:
         self._thread.start()
@@ -72,9 +79,18 @@ class Receiver:
         if message is None:
             return False
         self.received += 1
+        if message.timestamp < CALENDAR:
+            message.timestamp = self._dated(message.timestamp)
         if self._queue.qsize() < self._limit:
             self._queue.put(message)
             self._arrived()
         else:
             self.dropped += 1
         return True
+
+    def _dated(self, stamp: float) -> float:
+        if not stamp:
+            return time.time()
+        if self.clock_offset is None:
+            self.clock_offset = time.time() - stamp
+        return stamp + self.clock_offset

@@ -1,4 +1,4 @@
-"""Recording a bus: log files and a manifest in a folder, with everything that was received, however it ends.
+"""Recording buses: log files and a manifest in a folder, with everything that was received, however it ends.
 
 A thread receives; frames are written every few hundredths of a second, and are on disk within a second.
 """
@@ -19,9 +19,10 @@ from fmus.errors import BusError, InputError
 from orchestrator.can import frame_time, frames
 from orchestrator.can.codec.decoding import Decoder
 from orchestrator.can.database.bus import LogDatabase, load_all
-from orchestrator.can.live.bus import is_bus_off, opened
+from orchestrator.can.live.bus import BusSettings, is_bus_off
+from orchestrator.can.live.channels import Channels, listening
 from orchestrator.can.live.manifest import BusRecording, RecordingManifest, moment
-from orchestrator.can.live.receiver import Receiver
+from orchestrator.can.live.trigger import Trigger
 from orchestrator.can.logs.rotation import LogFiles
 from orchestrator.can.statistics import FrameStatistics
 from orchestrator.progress import Progress, silent
@@ -41,36 +42,37 @@ class _Counts:
 
     statistics: FrameStatistics
     decoder: Decoder | None
-    bitrates: tuple[int | None, int | None]
+    buses: Sequence[BusSettings]
     frames: int = 0
-    busy: float = 0.0
-    bus_off: list[float] = field(default_factory=list)  # stamps [s]
+    busy: float = 0.0  # over all buses [s]
+    bus_off: list[tuple[int, float]] = field(default_factory=list)  # channel, stamp [s]
 
     def add(self, messages: Sequence[can.Message]) -> None:
         """Count frames."""
         if not messages:
             return
         self.frames += len(messages)
-        batch = frames.from_messages(messages)
         if self.decoder is not None:
-            self.decoder.feed(batch)
+            self.decoder.feed(frames.from_messages(messages))
         else:
             self._count_identifiers(messages)
-        nominal, data = self.bitrates
-        if nominal is not None:
-            self.busy += sum(
-                frame_time.seconds(
-                    message.dlc,
-                    message.is_extended_id,
-                    message.is_remote_frame,
-                    message.is_fd,
-                    nominal,
-                    data if message.bitrate_switch else None,
-                )
-                for message in messages
-                if not message.is_error_frame
-            )
-        self.bus_off += [message.timestamp for message in messages if is_bus_off(message)][: _MOST - len(self.bus_off)]
+        self.busy += sum(map(self._seconds, messages))
+        off = [(_number(message), message.timestamp) for message in messages if is_bus_off(message)]
+        self.bus_off += off[: _MOST - len(self.bus_off)]
+
+    def _seconds(self, message: can.Message) -> float:
+        """For how long the frame takes its bus [s]; 0 where that is not known."""
+        bus = self.buses[_number(message)]
+        if bus.bitrate is None or message.is_error_frame:
+            return 0.0
+        return frame_time.seconds(
+            message.dlc,
+            message.is_extended_id,
+            message.is_remote_frame,
+            message.is_fd,
+            bus.bitrate,
+            bus.data_bitrate if message.bitrate_switch else None,
+        )
 
     def _count_identifiers(self, messages: Sequence[can.Message]) -> None:
         self.statistics.frames += len(messages)
@@ -86,32 +88,33 @@ def record(
     progress: Progress = silent,
     ready: Callable[[], None] = lambda: None,
 ) -> RecordingManifest:
-    """Record until the duration is over, Ctrl-C or SIGTERM comes, or the bus fails; how it went.
+    """Record until the duration is over, a condition holds, Ctrl-C or SIGTERM comes, or all buses fail; how it went.
 
     Args:
         progress: told the share of the duration (0 where there is none), and how it is going.
         ready: called when every frame from now on will be recorded.
 
     Raises:
-        InputError: the folder holds something, or cannot be written; the database cannot be read.
-        BusError: the adapter does not open, or failed; what had been received is on disk.
+        InputError: the folder holds something, or cannot be written; the database cannot be read; a condition is not
+            understood.
+        BusError: an adapter does not open, or failed; what had been received is on disk.
     """
     database = None if recording.database is None else load_all(recording.database, recording.encoding)
+    trigger = Trigger(recording.limits, database, [bus.channel for bus in recording.buses])
     _check_free(recording.out)
     with (
         quiet(),  # takes a while, in which frames would wait for their stamps, so it comes first
         stop_requests() as stop,
-        opened(recording.bus) as bus,
-        Receiver(bus, recording.queue) as receiver,
+        listening(recording.buses, recording.queue) as channels,
     ):
         _make(recording.out)
-        session = _BusRecorder(recording, bus, receiver, database)
+        session = _BusRecorder(recording, channels, trigger, database)
         ready()
         manifest = session.run(stop, progress)
-    if session.failure is not None:
+    if channels.failed:
         raise BusError(
-            recording.bus.place,
-            f"failed after {manifest.frames:,} frames ({session.failure})",
+            " and ".join(channel.settings.place for channel in channels.failed),
+            f"failed after {manifest.frames:,} frames ({channels.failed[0].receiver.failure})",
             f"they are kept in {recording.out}",
         )
     return manifest
@@ -121,69 +124,86 @@ class _BusRecorder:
     """One recording while it is made."""
 
     def __init__(
-        self, recording: BusRecording, bus: can.BusABC, receiver: Receiver, database: LogDatabase | None
+        self, recording: BusRecording, channels: Channels, trigger: Trigger, database: LogDatabase | None
     ) -> None:
-        settings = recording.bus
-        decoder = None if database is None else Decoder(database)
+        names = dict(enumerate(bus.channel for bus in recording.buses))
+        decoder = None if database is None else Decoder(database, channels=names)
         self._notes = () if database is None else tuple(database.notes)
-        self._recording, self._bus, self._receiver = recording, bus, receiver
-        self._counts = _Counts(
-            decoder.statistics if decoder else FrameStatistics(), decoder, (settings.bitrate, settings.data_bitrate)
-        )
+        self._recording, self._channels, self._trigger = recording, channels, trigger
+        self._lost: list[str] = []
+        self._counts = _Counts(decoder.statistics if decoder else FrameStatistics(), decoder, recording.buses)
         self._log = LogFiles(
             recording.out,
             recording.out.resolve().name,
             recording.suffix,
             recording.rotate_size,
             recording.rotate_seconds,
+            list(names.values()),
         )
         self._started = datetime.now(UTC)
         self._begin = self._synced = time.monotonic()
         self._recent: deque[tuple[float, int, float]] = deque(maxlen=25)  # when, frames, busy: the latest second or so
-        self.failure: Exception | None = None
 
     def run(self, stop: Stop, progress: Progress) -> RecordingManifest:
         """Record; the manifest, which is on disk."""
         ended = "unfinished"
         try:
             self._write_manifest(ended)
-            while not stop.requested and not self._over() and self._receiver.failure is None:
+            while not stop.requested and not self._over() and len(self._lost) < len(self._channels.all):
                 stop.sleep_until(time.monotonic() + _PERIOD)
                 self._work()
                 self._tell(progress)
-            self._receiver.finish()
-            self._work()
+            self._channels.finish()
+            self._work(last=True)
             ended = self._ending()
         finally:
             try:
                 self._log.close()
             finally:
                 manifest = self._write_manifest(ended)
-        self.failure = self._receiver.failure
         return manifest
 
     def _over(self) -> bool:
+        return self._trigger.stopped is not None or self._is_long_enough()
+
+    def _is_long_enough(self) -> bool:
         duration = self._recording.duration
-        return duration is not None and time.monotonic() - self._begin >= duration
+        return duration is not None and not self._trigger.waiting and time.monotonic() - self._begin >= duration
 
     def _ending(self) -> str:
-        if self._receiver.failure is not None:
+        if self._channels.failed:
             return "failed"
+        if self._trigger.stopped is not None:
+            return "condition"
         return "duration" if self._over() else "stopped"
 
-    def _work(self) -> None:
+    def _work(self, last: bool = False) -> None:
         """Write and count what has come."""
-        messages = self._receiver.take()
+        waited = self._trigger.waiting
+        messages = self._trigger.passed(self._channels.take(last))
+        if waited and not self._trigger.waiting:
+            self._begin = time.monotonic()
+            LOG.warning("%s holds: recording since %s", self._recording.limits.start, moment(messages[0].timestamp))
         self._log.write(messages)
         off = self._counts.bus_off
         known = len(off)
         self._counts.add(messages)
-        for stamp in off[known:]:
-            LOG.warning("%s: the adapter has left the bus (bus off) at %s", self._recording.bus.place, moment(stamp))
+        for number, stamp in off[known:]:
+            place = self._recording.buses[number].place
+            LOG.warning("%s: the adapter has left the bus (bus off) at %s", place, moment(stamp))
+        self._tell_of_lost()
         now = time.monotonic()
         if now - self._synced >= _SYNC:
             self._log.sync()
             self._synced = now
+
+    def _tell_of_lost(self) -> None:
+        """Say of which bus nothing comes any more, while others go on."""
+        for channel in self._channels.failed:
+            if channel.settings.place not in self._lost:
+                self._lost.append(channel.settings.place)
+                if len(self._lost) < len(self._channels.all):
+                    LOG.warning("%s: lost (%s); the others go on", channel.settings.place, channel.receiver.failure)
 
     def _tell(self, progress: Progress) -> None:
         """Tell how it is going: over all, and over the latest second or so."""
@@ -192,25 +212,25 @@ class _BusRecorder:
         then, frames_then, busy_then = self._recent[0]
         past = max(now - then, _PERIOD)
         parts = [f"{counts.frames:,} frames", f"{(counts.frames - frames_then) / past:,.0f}/s"]
-        if counts.bitrates[0] is not None:
-            parts.append(f"load {100 * (counts.busy - busy_then) / past:.0f} %")
-        for count, what in ((self._receiver.dropped, "dropped"), (counts.statistics.errors, "error frames")):
+        if all(bus.bitrate for bus in counts.buses):
+            parts.append(f"load {100 * (counts.busy - busy_then) / past / len(counts.buses):.0f} %")
+        if self._trigger.waiting:
+            parts.append(f"waiting for {self._recording.limits.start} ({self._trigger.watched:,} frames seen)")
+        for count, what in ((self._channels.dropped, "dropped"), (counts.statistics.errors, "error frames")):
             parts += [f"{count:,} {what}"] if count else []
         progress(min((now - self._begin) / duration, 1.0) if duration else 0.0, ", ".join(parts))
 
     def _write_manifest(self, ended: str) -> RecordingManifest:
-        recording, counts, failure = self._recording, self._counts, self._receiver.failure
+        recording, counts = self._recording, self._counts
         manifest = RecordingManifest(
             recording=recording,
             started=self._started,
             stopped=None if ended == "unfinished" else datetime.now(UTC),
             ended=ended,
-            failure=None if failure is None else str(failure),
             frames=counts.frames,
-            dropped=self._receiver.dropped,
             bus_off=tuple(counts.bus_off),
-            malformed=getattr(self._bus, "malformed", 0),
-            refused=getattr(self._bus, "refused", 0),
+            channels=self._channels.all,
+            trigger=self._trigger,
             files=tuple(self._log.files),
             statistics=counts.statistics,
             notes=self._notes,
@@ -219,6 +239,12 @@ class _BusRecorder:
         write_json(fresh, manifest.document())
         fresh.replace(recording.out / "manifest.json")
         return manifest
+
+
+def _number(message: can.Message) -> int:
+    """Of the channel that a received frame came over."""
+    assert isinstance(message.channel, int)
+    return message.channel
 
 
 def _check_free(out: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -50,6 +51,7 @@ class _BlfWriter(can.BLFWriter):
         self.file.flush()
 
 
+_NAMING, _WORD = (".log",), re.compile(r"[A-Za-z_]\w*")  # formats with words for channels, and what a word is
 WRITERS: dict[str, Any] = {".blf": _BlfWriter, ".asc": AscWriter, ".log": can.CanutilsLogWriter}
 
 
@@ -79,15 +81,25 @@ class LogFiles:
         suffix: names the format.
         size: of a file at most, up to the frames of one call [bytes]; None: any.
         seconds: for which a file is written at most; None: any.
+        channels: names of the channels by their number; formats that name channels have these.
 
     Raises (any method):
         InputError: the format cannot be written while frames come, or the file cannot be written.
     """
 
-    def __init__(self, folder: Path, name: str, suffix: str, size: float | None, seconds: float | None) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        name: str,
+        suffix: str,
+        size: float | None,
+        seconds: float | None,
+        channels: Sequence[str] = (),
+    ) -> None:
         self._make_writer = writer_of(suffix)
         self._folder, self._name, self._suffix = folder, name, suffix
         self._size, self._seconds = size, seconds
+        self._names = dict(enumerate(channels)) if suffix in _NAMING and all(map(_WORD.fullmatch, channels)) else {}
         self.files: list[LogFile] = []
         self._writer: Any = None
         self._open()
@@ -129,7 +141,10 @@ class LogFiles:
         if file.first is not None and message.timestamp < file.first:
             self._next()
             file = self.files[-1]
+        number = message.channel
+        message.channel = self._names.get(number, number)  # type: ignore[call-overload]
         self._writer.on_message_received(message)
+        message.channel = number
         file.frames += 1
         file.first = message.timestamp if file.first is None else file.first
         file.last = message.timestamp

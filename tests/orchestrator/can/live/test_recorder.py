@@ -23,7 +23,7 @@ from orchestrator.can.live.bus import BusSettings, opened, send
 from orchestrator.can.live.manifest import BusRecording
 from orchestrator.can.live.recorder import record
 from orchestrator.can.slcan.hub import Hub, hub_process
-from tests.support.wiring import BITRATE, HANG, command, frame, joined, number, settings, wait_for
+from tests.support.wiring import BITRATE, HANG, command, frame, joined, number, settings, until_said, wait_for
 
 pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
 
@@ -263,6 +263,109 @@ def test_without_a_database_frames_are_counted_by_identifier(tmp_path: Path) -> 
     found = virtual("identifiers", tmp_path / "run", frames(5))
     assert found["found"]["identifiers"] == {"100": 5}
     assert found["remarks"] == []
+
+
+def two(name: str) -> tuple[BusSettings, BusSettings]:
+    """A virtual bus that keeps the stamps of frames, and another."""
+    options = {"preserve_timestamps": "true"}
+    one, other = (BusSettings("virtual", f"{name}_{end}", BITRATE, options=options) for end in ("left", "right"))
+    return one, other
+
+
+def both(folder: Path, name: str, sent: list[tuple[int, can.Message]], **options: Any) -> dict[str, Any]:
+    """What is recorded of two virtual buses, on which these frames are sent: channel, frame."""
+    buses = two(name)
+    with opened(buses[0]) as one, opened(buses[1]) as other:
+
+        def send_all() -> None:
+            for channel, message in sent:
+                (one, other)[channel].send(message)
+
+        def end(share: float, doing: str) -> None:
+            if f"{len(sent):,} frames" in doing:
+                signal.raise_signal(signal.SIGINT)
+
+        recording = BusRecording(buses[0], folder, **{"duration": HANG, "others": buses[1:]} | options)
+        return record(recording, end, send_all).document()
+
+
+def stamped(number: int, stamp: float, identifier: int = 0x100) -> can.Message:
+    message = frame(number, identifier)
+    message.timestamp = 1.7e9 + stamp
+    return message
+
+
+@pytest.mark.parametrize("suffix", [".blf", ".asc", ".log"])
+def test_several_channels_are_one_log_in_the_order_of_its_clock(tmp_path: Path, suffix: str) -> None:
+    sent = [(k // 50 % 2, stamped(k, 0.001 * k)) for k in range(300)]  # fifty here, fifty there
+    found = both(tmp_path / "run", f"log{suffix[1:]}", sent, suffix=suffix)
+    assert len(found["files"]) == 1
+    assert numbers(tmp_path / "run") == list(range(300))
+    assert [message.channel for message in recorded(tmp_path / "run")] == [channel for channel, _ in sent]
+    assert [channel["frames"] for channel in found["channels"]] == [150, 150]
+    names = [channel["channel"] for channel in found["channels"]]
+    assert names == [bus.channel for bus in two(f"log{suffix[1:]}")]
+    if suffix == ".log":
+        words = (tmp_path / "run" / "run_0001.log").read_text().split("\n")[0].split()
+        assert words[1] == names[0]
+
+
+def test_each_channel_is_decoded_with_its_own_database(tmp_path: Path) -> None:
+    (tmp_path / "a.dbc").write_text(DATABASE)
+    (tmp_path / "b.dbc").write_text(DATABASE.replace("State", "Other"))
+    sent = [(0, frame(0)), (1, frame(0)), (1, frame(0))]
+    database = {"0": tmp_path / "a.dbc", "own_right": tmp_path / "b.dbc"}
+    assert both(tmp_path / "run", "own", sent, database=database)["found"]["messages"] == {"State": 1, "Other": 2}
+
+
+def test_a_channel_without_frames_is_named_and_one_twice_is_refused(tmp_path: Path) -> None:
+    found = both(tmp_path / "run", "idle", [(1, frame(k)) for k in range(3)])
+    assert found["remarks"] == ["virtual:idle_left: no frame came"]
+    one, _ = two("idle")
+    with pytest.raises(InputError, match="recorded twice"):
+        BusRecording(one, tmp_path / "twice", others=(one,))
+
+
+def test_what_one_adapter_goes_on_to_hear_is_kept_when_another_is_lost(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    with hub_process(tmp_path / "ports", 3) as hub:
+        ports = [word for port in hub.paths[1:] for word in ("--channel", port)]
+        options = ("--interface", "slcan", *ports, "--bitrate", BITRATE, "--out", folder)
+        with command("can", "record", *options) as process, joined(hub.paths[0]) as sender:
+            wait_for(lambda: (folder / "manifest.json").exists() or process.poll() is not None)
+            for k in range(100):
+                send(sender, frame(k))
+            wait_for(lambda: on_disk(folder) == 200)
+            hub.unplug(1)
+            until_said(process, "the others go on")
+            for k in range(100, 200):
+                send(sender, frame(k))
+            wait_for(lambda: on_disk(folder) == 300)
+            process.send_signal(signal.SIGTERM)
+            process.communicate(timeout=HANG)
+    assert process.returncode == 3
+    assert [channel["frames"] for channel in manifest(folder)["channels"]] == [100, 200]
+    heard = [(message.channel, number(message)) for message in recorded(folder)]
+    assert [k for channel, k in heard if channel == 1] == list(range(200))
+
+
+def test_stamps_of_a_clock_without_a_date_keep_their_distances(tmp_path: Path) -> None:
+    bus, _ = two("boot")
+    messages = [frame(k) for k in range(3)]
+    for message, stamp in zip(messages, (7.25, 7.5, 9.0), strict=True):
+        message.timestamp = stamp
+    with opened(bus) as sender:
+
+        def send_all() -> None:
+            for message in messages:
+                sender.send(message)
+
+        began = time.time()
+        found = record(BusRecording(bus, tmp_path / "run", duration=0.1), ready=send_all).document()
+    stamps = [message.timestamp for message in recorded(tmp_path / "run")]
+    assert began - 1e-3 <= stamps[0] <= time.time()
+    assert [stamp - stamps[0] for stamp in stamps] == pytest.approx([0.0, 0.25, 1.75], abs=1e-5)
+    assert any("adapter's clock" in line for line in found["remarks"])
 
 
 def test_a_recording_is_never_overwritten(tmp_path: Path) -> None:
