@@ -325,7 +325,12 @@ def test_square_brackets_are_shown_as_they_are(tmp_path: Path) -> None:
     assert "[/i] in [rad]" in answer.stdout and f"results in {folder / 'out'}" in answer.stdout
     answer = servotwin("run", folder / "none[red].yaml")
     assert answer.exit_code == 2 and "none[red].yaml: no such file" in answer.stderr
-    assert "virtual:a:" in servotwin("can", "replay", folder / "no.log", "--interface", "virtual", "--channel", "a", "--data-bitrate", 1).stderr
+    assert (
+        "virtual:a:"
+        in servotwin(
+            "can", "replay", folder / "no.log", "--interface", "virtual", "--channel", "a", "--data-bitrate", 1
+        ).stderr
+    )
 
 
 def test_a_terminal_obeys_no_name_from_a_file(tmp_path: Path) -> None:
