@@ -142,7 +142,8 @@ class LogFiles:
             self._next()
             file = self.files[-1]
         number = message.channel
-        message.channel = self._names.get(number, number)  # type: ignore[call-overload]
+        if isinstance(number, int):
+            message.channel = self._names.get(number, number)
         self._writer.on_message_received(message)
         message.channel = number
         file.frames += 1
