@@ -16,12 +16,14 @@ from identification.recordings.campaign import StudyTrace
 from orchestrator.crossing import CrossingDocument
 from orchestrator.display.table import Cell
 from orchestrator.fmi.interface import Value
+from orchestrator.marks import Mark
 from orchestrator.report import Section
 from orchestrator.report.content import CalloutKind
 from orchestrator.results import versions
 
 STUDY = "study.yaml"
 SUMMARY = "summary.json"
+MOST = 1000  # marks of a recording that are told
 
 
 class ParameterSummary(TypedDict):
@@ -57,8 +59,21 @@ class FitsSummary(TypedDict, total=False):
     compared: dict[str, FitSummary]
 
 
+class MarkSummary(TypedDict):
+    """A stretch of a recording that is left out: why, from when to when [s], for which signals (all without any)."""
+
+    kind: str
+    start: float
+    stop: float
+    signals: list[str]
+
+
 class TraceSummary(TypedDict):
-    """A recording: where it comes from, its hash, what was found in it, and whether it was fitted or held out."""
+    """A recording: where it comes from, its hash, what was found in it, and whether it was fitted or held out.
+
+    Attributes:
+        left_out: how much of it [s], where some is; and the first `MOST` marks for which it is.
+    """
 
     trace: str
     file: str
@@ -66,6 +81,8 @@ class TraceSummary(TypedDict):
     stamps: str
     role: str
     notes: NotRequired[list[str]]
+    left_out: NotRequired[float]
+    marks: NotRequired[list[MarkSummary]]
 
 
 class VerdictSummary(TypedDict):
@@ -201,10 +218,17 @@ def data_summary(recorded: Iterable[StudyTrace], held_out: Iterable[str] = ()) -
             "stamps": recording.stamps,
             "role": "held out" if recording.trace.name in kept else "fit",
         }
-        if recording.notes:
-            entry["notes"] = list(recording.notes)
+        if recording.remarks:
+            entry["notes"] = list(recording.remarks)
+        if recording.marks:
+            entry["left_out"] = recording.left_out
+            entry["marks"] = [_mark(mark) for mark in recording.marks[:MOST]]
         entries.append(entry)
     return entries
+
+
+def _mark(mark: Mark) -> MarkSummary:
+    return {"kind": mark.kind, "start": mark.start, "stop": mark.stop, "signals": list(mark.signals)}
 
 
 def parameter_rows(parameters: Mapping[str, ParameterSummary]) -> tuple[list[str], list[list[Cell]]]:

@@ -181,12 +181,12 @@ class Trace:
     def between(self, start: float, stop: float) -> Trace:
         """Samples with start <= t <= stop [s]; stamps keep their values."""
         first, last = np.searchsorted(self.time, [start, np.nextafter(stop, np.inf)])
-        return self._rows(slice(int(first), int(last)))
+        return self.rows(slice(int(first), int(last)))
 
     def complete(self) -> Trace:
         """Samples from where every signal has had a finite value."""
         finite = [np.flatnonzero(np.isfinite(values)) for values in self.signals.values()]
-        return self._rows(slice(max((int(rows[0]) if len(rows) else len(self) for rows in finite), default=0), None))
+        return self.rows(slice(max((int(rows[0]) if len(rows) else len(self) for rows in finite), default=0), None))
 
     def covers(self, start: float, stop: float) -> bool:
         """Whether it lasts from `start` to `stop` [s], but for rounding."""
@@ -250,7 +250,8 @@ class Trace:
             legend=False,
         )
 
-    def _rows(self, rows: slice) -> Trace:
+    def rows(self, rows: slice | BoolArray) -> Trace:
+        """Some of the samples."""
         signals = {name: values[rows] for name, values in self.signals.items()}
         return Trace(self.time[rows], signals, self.units, self.name)
 

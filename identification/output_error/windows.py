@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -24,8 +24,10 @@ from identification.output_error.delays import (
 from identification.output_error.problem import Window
 from identification.output_error.study import FreeRunSpec, StartSpec, TraceSignal, WindowSpec
 from identification.recordings.campaign import StudyTrace
+from identification.recordings.marks import listed, sound
 from orchestrator.crossing import Crossing
 from orchestrator.fmi.interface import Port, Value
+from orchestrator.marks import Mark, union
 from orchestrator.rational import multiples
 from orchestrator.trace import FloatArray, Trace, usable
 
@@ -97,31 +99,67 @@ class FreeRunWindow(Window):
 def cut_windows(
     run: FreeRunSpec, traces: Iterable[StudyTrace], windows: WindowSpec, ports: Mapping[str, Port] | None = None
 ) -> list[FreeRunWindow]:
-    """The windows of these traces, all outputs of weight 1.
+    """The windows of these traces, all outputs of weight 1; none lies where a trace is marked.
 
     Args:
         ports: component.variable -> what a signal goes to or is compared with, in whose unit it is then.
 
     Raises:
-        TraceError: a signal is missing, constant or not finite, or a trace is too short for one window.
+        TraceError: a signal is missing, constant or not finite, a trace is too short for a window, or marks leave none.
         WiringError: the units of a signal and its variable are of different quantities.
         ScenarioError: delays leave nothing of a window to compare.
     """
     _check_rows(run, windows)
-    cut = []
+    cut, marked = list[FreeRunWindow](), list[StudyTrace]()
     for recorded in traces:
-        named = replace(recorded.trace, name=recorded.place)
-        trace = replace(usable(named.select(run.signals), run.signals), name=recorded.trace.name)
+        named = replace(recorded.trace, name=recorded.place).select(run.signals)
+        marks = [mark for mark in recorded.marks if mark.concerns(run.signals)]
+        usable(named.rows(sound(named, marks)) if marks else named, run.signals)
+        trace = replace(named, name=recorded.trace.name)
         own = run.by_means() if recorded.held else run
         try:
             own, crossed = own.in_units_of(ports or {}, trace)
         except WiringError as error:
             raise WiringError(f"{error.place} of {recorded.place}", error.problem, error.fix) from error
+        starts = _starts(own, trace, windows, _barred(own, marks, windows.length))
+        marked += [] if starts else [recorded]
         cut += [
-            replace(_window(own, trace, start, windows.length, recorded.values), crossings=crossed)
-            for start in _starts(own, trace, windows)
+            replace(_window(own, trace, start, windows.length, recorded.values), crossings=crossed) for start in starts
         ]
+    if marked and not cut:
+        _refuse(marked[0], windows)
     return cut
+
+
+def _refuse(recorded: StudyTrace, windows: WindowSpec) -> None:
+    raise TraceError(
+        recorded.place,
+        f"no window of {float(windows.length):g} s is left beside {listed(recorded.marks)}",
+        "shorten the windows, record again, or take these stretches all the same (`traces.keep: [KIND]`)",
+    )
+
+
+def _barred(run: FreeRunSpec, marks: Sequence[Mark], length: Fraction) -> FloatArray:
+    """(n, 2) between which instants no window may begin, so that it meets no mark: ascending, apart [s]."""
+    stretches = [
+        (mark.start + first - float(length) + ROUNDING, mark.stop + last - ROUNDING)
+        for mark in marks
+        for signal, first, last in _reach(run)
+        if mark.concerns([signal])
+    ]
+    return union(np.array(stretches, np.float64).reshape(-1, 2))
+
+
+def _reach(run: FreeRunSpec) -> Iterator[tuple[str, float, float]]:
+    """Each signal, and by how much a mark of it lies later in a free run, at its beginning and at its end [s]."""
+    for spec in run.inputs.values():
+        delay = spec.delay or Known(0.0)
+        yield spec.signal, delay.lowest, delay.highest
+    for spec in run.outputs.values():
+        yield spec.signal, -known(spec.delay), -known(spec.delay)
+    for start in run.initial.values():
+        delay = _delay_of(run, start)
+        yield start.signal, -delay.highest, start.half_width - delay.lowest
 
 
 def _rows(run: FreeRunSpec, length: Fraction) -> tuple[int, slice]:
@@ -140,23 +178,38 @@ def _check_rows(run: FreeRunSpec, windows: WindowSpec) -> None:
         )
 
 
-def _starts(run: FreeRunSpec, trace: Trace, windows: WindowSpec) -> list[Fraction]:
-    """Starts of the windows, on the raster of the communication step, counted from the trace's first stamp."""
+def _starts(run: FreeRunSpec, trace: Trace, windows: WindowSpec, barred: FloatArray) -> list[Fraction]:
+    """Starts of the windows, on the raster of the communication step, counted from the trace's first stamp.
+
+    After what is `barred` (n, 2) the next begins as soon as it can.
+
+    Raises:
+        TraceError: the trace is too short for one, whatever is barred.
+    """
     delays = [known(output.delay) for output in run.outputs.values()]
     begin, end = trace.time[0] - min(delays) - ROUNDING, trace.time[-1] - max(delays) + ROUNDING
-    first = Fraction(np.ceil(begin / float(run.step))) * run.step + windows.skip
+    first = _on_raster(begin, run.step) + windows.skip
     every, last = windows.every or windows.length, end - float(windows.length)
-    starts: list[Fraction] = []
-    while float(first) <= last and (windows.most is None or len(starts) < windows.most):
-        starts.append(first)
-        first += every
-    if not starts:
+    if float(first) > last:
         raise TraceError(
             trace.name,
             f"lasts {trace.duration:g} s, too short for {float(windows.length):g} s after {float(windows.skip):g} s",
             "shorten the windows",
         )
+    starts: list[Fraction] = []
+    while float(first) <= last and (windows.most is None or len(starts) < windows.most):
+        within = int(np.searchsorted(barred[:, 0], float(first))) - 1
+        if within >= 0 and float(first) < barred[within, 1]:
+            first = _on_raster(barred[within, 1], run.step)
+        else:
+            starts.append(first)
+            first += every
     return starts
+
+
+def _on_raster(instant: float, step: Fraction) -> Fraction:
+    """The next multiple of the communication step."""
+    return Fraction(np.ceil(instant / float(step))) * step
 
 
 def _window(
@@ -210,10 +263,15 @@ def _command(spec: TraceSignal, delay: Delay, trace: Trace, raster: FloatArray, 
 
 
 def _reading(run: FreeRunSpec, trace: Trace, start: float, spec: StartSpec) -> StartReading:
-    """A start value, by the delay of the output that is read off the same signal."""
-    delays = (output.delay for output in run.outputs.values() if output.signal == spec.signal)
-    delay = next(delays, None) or Known(0.0)
+    """A start value, with its delay."""
+    delay = _delay_of(run, spec)
     return StartReading(delay, start_curve(trace, start + delay.start, spec), start)
+
+
+def _delay_of(run: FreeRunSpec, start: StartSpec) -> Delay:
+    """The delay of the output that is read off the same signal."""
+    delays = (output.delay for output in run.outputs.values() if output.signal == start.signal)
+    return next(delays, None) or Known(0.0)
 
 
 def start_curve(trace: Trace, start: float, spec: StartSpec) -> Polynomial:

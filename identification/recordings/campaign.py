@@ -12,12 +12,14 @@ from typing import Literal
 
 from fmus.errors import ScenarioError, TraceError
 from fmus.files import sha256
+from identification.recordings.marks import MUCH, Exclusion, covered, excluded, known_marks, listed
 from orchestrator import formats
 from orchestrator.can.log_suffixes import is_log
 from orchestrator.crossing import Crossing, noted
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.formats import Layout
+from orchestrator.marks import Kind, Mark
 from orchestrator.progress import Progress, silent
 from orchestrator.scenario.run import run_scenario
 from orchestrator.trace import Trace
@@ -69,6 +71,9 @@ class TraceSource:
         layout: which column of a recording is which signal.
         values: component.variable -> field of the file's name (or of the case), known of every trace.
         hold_out: names of traces that are kept out of the fit and judged afterwards.
+        exclude: stretches that are left out.
+        keep: kinds of marks whose stretches are not left out.
+        used: signals that the study uses; marks of others do not matter.
     """
 
     folder: Path
@@ -78,6 +83,9 @@ class TraceSource:
     file_name: FileName | None = None
     values: Mapping[str, str] = field(default_factory=dict)
     hold_out: tuple[str, ...] = ()
+    exclude: tuple[Exclusion, ...] = ()
+    keep: frozenset[Kind] = frozenset()
+    used: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -93,6 +101,7 @@ class StudyTrace:
         held: whether commands keep their value from stamp to stamp, as those of frames do.
         values: component.variable -> value that holds for this trace [unit of the variable].
         crossings: how its signals got to the units that they are in.
+        marks: stretches that are left out.
     """
 
     trace: Trace
@@ -105,11 +114,24 @@ class StudyTrace:
     held: bool = False
     values: Mapping[str, Value] = field(default_factory=dict)
     crossings: tuple[Crossing, ...] = ()
+    marks: tuple[Mark, ...] = ()
 
     @property
     def place(self) -> str:
         """What messages call it: its file, or the case of a scenario."""
         return str(self.source) if self.source.stem == self.trace.name else self.trace.name
+
+    @property
+    def left_out(self) -> float:
+        """How much of it is left out [s]."""
+        return covered(self.marks, self.trace)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """The notes, and how much is left out, a line each."""
+        if not self.marks:
+            return self.notes
+        return (*self.notes, f"{self.left_out:.3g} of {self.trace.duration:.3g} s are left out: {listed(self.marks)}")
 
 
 def load_campaign(
@@ -130,7 +152,14 @@ def load_campaign(
         traces = _simulated(source.scenario, progress, isolation)
     else:
         traces = [_read(file, source) for file in _files(source, data or source.folder)]
-    known = [replace(trace, values=trace_values(source.values, trace.trace.name, trace.fields)) for trace in traces]
+    known = [
+        replace(
+            trace,
+            values=trace_values(source.values, trace.trace.name, trace.fields),
+            marks=(*trace.marks, *marks),
+        )
+        for trace, marks in zip(traces, excluded(source.exclude, [trace.trace for trace in traces]), strict=True)
+    ]
     return sorted(known, key=lambda trace: trace.trace.name)
 
 
@@ -159,12 +188,26 @@ def recording_warnings(traces: Sequence[StudyTrace]) -> list[str]:
             f"time stamps of {len(uneven)} recordings repeat or run backwards (details under data); "
             f"the first: {uneven[0].trace.name}, {uneven[0].stamps}"
         )
-    if remarked := [trace for trace in traces if trace.notes]:
+    if much := [trace for trace in traces if trace.left_out > MUCH * trace.trace.duration]:
+        warnings.append(_much(traces, much))
+    if remarked := [trace for trace in traces if trace.remarks]:
         warnings.append(
             f"what was seen in {len(remarked)} of {len(traces)} recordings is to be known (details under data); "
-            f"the first: {remarked[0].trace.name}, {'; '.join(remarked[0].notes)}"
+            f"the first: {remarked[0].trace.name}, {'; '.join(remarked[0].remarks)}"
         )
     return warnings
+
+
+def _much(traces: Sequence[StudyTrace], much: Sequence[StudyTrace]) -> str:
+    """How much of the recordings is left out, and why."""
+    lost, whole = (
+        sum(each) for each in zip(*((trace.left_out, trace.trace.duration) for trace in traces), strict=True)
+    )
+    first = max(much, key=lambda trace: trace.left_out)
+    return (
+        f"{lost:.3g} of {whole:.3g} s of the recordings are left out ({lost / whole:.0%}; details under data), most of "
+        f"{first.trace.name}: {listed(first.marks)}"
+    )
 
 
 def trace_values(values: Mapping[str, str], trace: str, fields: Mapping[str, float]) -> dict[str, Value]:
@@ -212,7 +255,8 @@ def _read(file: Path, source: TraceSource) -> StudyTrace:
     recording = formats.read(file, source.layout)
     trace, stamps, held = replace(recording.trace, name=file.stem), recording.stamps, is_log(file)
     begun = trace.complete() if held else trace  # what a message says first comes a little later than others
-    return StudyTrace(begun, fields, file, recording.sha256, str(stamps), stamps.clean, recording.notes, held=held)
+    marks, notes = known_marks(recording, begun, source.used, source.keep)
+    return StudyTrace(begun, fields, file, recording.sha256, str(stamps), stamps.clean, notes, held=held, marks=marks)
 
 
 def _fields(file: Path, name: FileName) -> dict[str, float]:

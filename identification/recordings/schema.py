@@ -5,13 +5,16 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated, Any
 
-from pydantic import model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from identification.recordings.campaign import DecimalPoint, FileField, FileName, TraceSource
+from identification.recordings.marks import Exclusion
 from orchestrator.can.database.sources import paths
 from orchestrator.formats import Layout
 from orchestrator.formats.schema import LayoutBlock
+from orchestrator.marks import Kind
 from orchestrator.yaml_file import Block
 
 
@@ -52,12 +55,58 @@ class FileNameBlock(Block):
         return self
 
 
+class StretchBlock(Block):
+    """A stretch that is left out, of every trace or of one; with a `signal`, where it is beyond a limit.
+
+    Attributes:
+        from_, to: in the time of the recording, both included; open ones reach to its ends [s].
+        above, below: of the signal [its unit].
+    """
+
+    trace: str | None = None
+    from_: float | None = Field(None, alias="from")
+    to: float | None = None
+    signal: str | None = None
+    above: float | None = None
+    below: float | None = None
+
+    @model_validator(mode="after")
+    def _something(self) -> StretchBlock:
+        limits, times = {self.above, self.below} != {None}, {self.from_, self.to} != {None}
+        if (self.signal is not None) != limits:
+            raise ValueError("`signal` goes with `above` or `below`")
+        if not (limits or times):
+            raise ValueError("give `from`, `to`, or a `signal` with `above` or `below`")
+        if self.exclusion().start > self.exclusion().stop:
+            raise ValueError("`from` is after `to`")
+        return self
+
+    def exclusion(self) -> Exclusion:
+        """As a plain value."""
+        given = {"start": self.from_, "stop": self.to, "above": self.above, "below": self.below}
+        return Exclusion(self.trace, self.signal, **{key: end for key, end in given.items() if end is not None})
+
+
+Stretch = tuple[float, float] | StretchBlock
+
+
+def _stretch(value: Any) -> Any:
+    """[5, 7.2] as the keys that it is short for."""
+    if not isinstance(value, list):
+        return value
+    if len(value) != 2:
+        raise ValueError("a stretch has two ends: [from, to]")
+    return {"from": value[0], "to": value[1]}
+
+
 class TracesBlock(Block):
     """Where traces come from: files (a pattern under the data folder), or the cases of a scenario that is run.
 
     Attributes:
         values: component.variable -> field of the file's name, given to every window of that trace.
         hold_out: names of traces that are kept out of the fit and judged afterwards.
+        exclude: stretches that are left out: [from, to] of every trace [s], or by keys.
+        keep: kinds of marks (gap, late, checksum, counter, range, nan, safe) whose stretches are not left out.
     """
 
     files: str | None = None
@@ -66,20 +115,26 @@ class TracesBlock(Block):
     file_name: FileNameBlock | None = None
     values: dict[str, str] = {}
     hold_out: list[str] = []
+    exclude: list[Annotated[StretchBlock, BeforeValidator(_stretch, json_schema_input_type=Stretch)]] = []
+    keep: list[Kind] = []
 
     def source(self, base: Path, signals: UsedSignals) -> TraceSource:
         """Where the traces come from; `base` is the folder of the study file, and `signals` is what it uses of them."""
-        name = self.file_name
+        name, exclude = self.file_name, tuple(block.exclusion() for block in self.exclude)
+        conditions = frozenset(exclusion.signal for exclusion in exclude if exclusion.signal is not None)
         return TraceSource(
             base,
             self.files,
             base / self.scenario if self.scenario else None,
-            _layout(self.layout.layout(base), signals),
+            _layout(self.layout.layout(base), signals, conditions),
             FileName(name.pattern, {key: FileField(**dict(block)) for key, block in name.fields.items()})
             if name
             else None,
             self.values,
             tuple(self.hold_out),
+            exclude,
+            frozenset(self.keep),
+            signals.commands | signals.measured,
         )
 
     @model_validator(mode="after")
@@ -93,11 +148,11 @@ class TracesBlock(Block):
         return self
 
 
-def _layout(layout: Layout, signals: UsedSignals) -> Layout:
+def _layout(layout: Layout, signals: UsedSignals, conditions: frozenset[str]) -> Layout:
     """The layout with what the study takes of a database, and how it runs between the frames."""
     if layout.database is None:
         return layout
-    columns = layout.columns or {name: name for name in sorted(signals.commands | signals.measured)}
+    columns = layout.columns or {name: name for name in sorted(signals.commands | signals.measured | conditions)}
     linear = [str(columns[name]) for name in sorted(signals.measured - signals.commands) if name in columns]
     return replace(layout, columns=columns, interpolated=linear)
 

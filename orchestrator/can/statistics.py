@@ -43,8 +43,10 @@ class FrameStatistics:
         multiplexers: message -> frames whose multiplexer has a value that no signal belongs to.
         duplicates: message -> frames that repeat the one before in stamp and data; they are dropped.
         crowded: message -> frames that shared a stamp with another of it; they are spread over the log's smallest step.
-        missing: message -> lost frames, estimated from its counter or else from its cycle time.
-        counters: message -> steps of its counter that are not one; checksums: wrong checksums.
+        missing: message -> lost frames, estimated from its counter; without one, or where it may have gone round, from
+            its cycle time.
+        counters: message -> steps of its counter that are not one.
+        checksums: message -> frames with a wrong checksum; their values are dropped.
         not_finite: signal -> received values that are NaN or infinite (the last finite one is held).
         out_of_range: signal -> received values outside its range.
         saturated: signal -> sent values that did not fit and were limited; limited: that were limited as asked.
@@ -92,6 +94,12 @@ class FrameStatistics:
         name = identifier_text(identifier, extended)
         self.unknown[name if name in self.unknown or len(self.unknown) < MOST else OTHERS] += count
 
+    def add_missing(self, name: str, count: int) -> None:
+        """Count lost frames; a negative count takes back those that turn out to have been late."""
+        self.missing[name] += count
+        if not self.missing[name]:
+            del self.missing[name]
+
     def add_setback(self, frame: int, before: float, after: float) -> None:
         """Count a clock that jumped backwards."""
         self.setback_count += 1
@@ -128,7 +136,7 @@ class FrameStatistics:
             "frames of one message with equal stamps, spread over the log's smallest step": self.crowded,
             "frames missing (estimated)": self.missing,
             "wrong steps of the message counter": self.counters,
-            "wrong checksums": self.checksums,
+            "frames with wrong checksums, dropped": self.checksums,
             "values not finite": self.not_finite,
             "values outside their range": self.out_of_range,
             "values limited to fit": self.saturated,

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from fmus.errors import TraceError
@@ -19,6 +19,7 @@ from orchestrator.can.logs.frame_count import FrameCount
 from orchestrator.can.statistics import FrameStatistics
 from orchestrator.formats.layout import Layout
 from orchestrator.formats.recording import Recording
+from orchestrator.marks import Mark
 from orchestrator.progress import Progress, silent
 from orchestrator.trace import Trace, ordered
 
@@ -54,7 +55,8 @@ def read(path: Path, layout: Layout, progress: Progress = silent) -> Recording:
     begins = LateBegins()
     begins.feed(named)
     told = notes(log, database, decoded.names, decoded.statistics)
-    return Recording(named, stamps, path, sha256(path), (*told, *begins.lines()), decoded.start, found)
+    marks = _laid_out_marks(decoded.marks, decoded.trace, layout, decoded.names)
+    return Recording(named, stamps, path, sha256(path), (*told, *begins.lines()), decoded.start, found, marks=marks)
 
 
 def notes(
@@ -123,6 +125,17 @@ def laid_out(trace: Trace, layout: Layout, names: SignalNames) -> Trace:
     if stray:
         raise TraceError(trace.name, f"units are given for '{min(stray)}', which is not read", "correct the layout")
     return Trace(trace.time, trace.signals, {**trace.units, **layout.units}, trace.name)
+
+
+def _laid_out_marks(marks: Sequence[Mark], trace: Trace, layout: Layout, names: SignalNames) -> tuple[Mark, ...]:
+    """Those of the signals that the layout chooses, by the names that it gives."""
+    given = (layout.columns or {name: name for name in trace.names}).items()
+    sources = {name: _only(trace, str(column), names) for name, column in given}
+    chosen = (
+        replace(mark, signals=tuple(name for name, source in sources.items() if source in mark.signals))
+        for mark in marks
+    )
+    return tuple(mark for mark in chosen if mark.signals)
 
 
 def _only(trace: Trace, column: str, names: SignalNames) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from orchestrator.marks import Mark
 from orchestrator.trace import StampReport, Trace
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ class Recording:
         start: POSIX time of the trace's time 0 [s], where the file knows it.
         found: the notes' figures, as plain values.
         layout: how the file was read, with what was seen in it.
+        marks: stretches that are not to be trusted.
     """
 
     trace: Trace
@@ -36,6 +38,7 @@ class Recording:
     start: float | None = None
     found: Mapping[str, object] = field(default_factory=dict)
     layout: Layout | None = None
+    marks: tuple[Mark, ...] = ()
 
 
 def excerpt(problem: object, most: int = 160) -> str:

@@ -44,6 +44,8 @@ class AbsentError(TraceError):
             return f"{count} frames of {identifier} are too short for its {message.length} bytes"
         if count := statistics.other_sources[name]:
             return f"{count} frames come from another source address"
+        if (count := statistics.checksums[name]) and count == statistics.messages[name]:
+            return f"all of its {count} frames have a wrong checksum; see that the database declares the right one"
         if statistics.messages[name]:
             return "its frames do not hold the signal (another multiplexer value, or no finite one)"
         elsewhere = _elsewhere(message, identifier, identifiers)

@@ -6,7 +6,7 @@ Everything in the stream that is not as it should be is counted in a statistics.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -21,6 +21,7 @@ from orchestrator.can.codec.transport import Packet, Transport, frames_of, is_tr
 from orchestrator.can.database.bus import LogDatabase
 from orchestrator.can.frames import Flag, Frames, since
 from orchestrator.can.statistics import FrameStatistics
+from orchestrator.marks import Mark
 from orchestrator.trace import BoolArray, Bytes, FloatArray, Trace
 
 CHUNK = 1 << 16  # frames decoded at once: their columns stay in the processor's cache
@@ -68,6 +69,12 @@ class Decoder:
     def start(self) -> float | None:
         """Stamp of the first frame [s]; None before there was one."""
         return self._stamps.first
+
+    def marks(self, series: Mapping[Stream, Series], start: float) -> dict[Stream, list[Mark]]:
+        """What of these series, of all frames so far, from `start` on and ascending, is not to be trusted."""
+        end = float(since(start, np.array([self._stamps.latest]))[0])
+        readers = dict(self._readers.values())
+        return {stream: readers[stream].marks(own, end) for stream, own in series.items()}
 
     def names(self) -> SignalNames:
         """What the signals of the streams so far are called."""
@@ -160,6 +167,7 @@ class Decoded:
         series: stream -> its series, over the same time.
         names: of the streams' signals in the trace.
         schedules: of the streams whose stamps were put on one.
+        marks: what is not to be trusted of the signals in the trace.
     """
 
     trace: Trace
@@ -168,6 +176,7 @@ class Decoded:
     series: Mapping[Stream, Series]
     names: SignalNames
     schedules: tuple[Schedule, ...] = ()
+    marks: tuple[Mark, ...] = ()
 
 
 def trace(
@@ -213,7 +222,12 @@ def trace(
     there = {name for own in named.values() for name, values in own.values.items() if np.isfinite(values).any()}
     linear = {own for signal in interpolated for own in names.of(signal)}
     merger = Merger(names.chosen(signals, there, name), 0.0, 0.0, linear, name, decoder.statistics)
-    return Decoded(merger.feed(named), start, decoder.statistics, series, names, tuple(schedules))
+    marks = tuple(
+        replace(mark, signals=tuple(names.name(stream, signal) for signal in mark.signals))
+        for stream, found in decoder.marks(series, start).items()
+        for mark in found
+    )
+    return Decoded(merger.feed(named), start, decoder.statistics, series, names, tuple(schedules), marks)
 
 
 def _from(start: float, series: Series) -> Series:

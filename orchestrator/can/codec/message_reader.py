@@ -16,7 +16,9 @@ from orchestrator.can.codec.time_stamps import spread
 from orchestrator.can.database import protection as checks
 from orchestrator.can.database.database import Database
 from orchestrator.can.database.message import MessageSpec, SignalSpec, checksum_byte
+from orchestrator.can.marking import Absences, Column, Rejections, marks
 from orchestrator.can.statistics import FrameStatistics, add
+from orchestrator.marks import Mark
 from orchestrator.trace import BoolArray, Bytes, FloatArray
 
 
@@ -82,11 +84,13 @@ class MessageReader:
 
     Attributes:
         count: of the frames that were decoded.
+        rejections: frames that a receiver rejects.
     """
 
     def __init__(self, spec: MessageSpec, signal_columns: Sequence[SignalColumn], statistics: FrameStatistics) -> None:
         self.spec, self._columns, self._statistics = spec, signal_columns, statistics
-        self.count = 0
+        self.count, self.rejections = 0, Rejections()
+        self._absences = Absences(spec.cycle, spec.protection.modulus if spec.protection else 0)
         self._longest = longest(spec)
         self._units: Mapping[str, str] = {
             column.name: column.spec.unit for column in signal_columns if column.spec.unit
@@ -119,12 +123,18 @@ class MessageReader:
             rows = self._without_duplicates(rows)
         if not len(rows):
             return Series(np.empty(0), {column.name: np.empty(0) for column in self._columns}, self._units)
-        self.count += len(rows)
         last, self._last = self._last, MessageRows(rows.time[-1:], rows.data[-1:])
         rows = self._spread(rows, last, tick)
-        self._check(rows)
+        right = self._check(rows)
         self._latest = float(rows.time[-1])
+        rows = rows if right.all() else rows[right]
+        self.count += len(rows)
         return Series(rows.time, self._values(rows), self._units)
+
+    def marks(self, series: Series, end: float) -> list[Mark]:
+        """What of the series of all frames so far, ascending, is not to be trusted, in a recording until `end` [s]."""
+        marked = [_marked(column, series.values[column.name]) for column in self._columns]
+        return list(marks(series.time, marked, self.spec.cycle, self.rejections, end))
 
     def _spread(self, rows: MessageRows, last: MessageRows | None, tick: float) -> MessageRows:
         time, crowded = spread(rows.time, None if last is None else float(last.time[0]), self._latest, tick)
@@ -143,25 +153,31 @@ class MessageReader:
         add(self._statistics.duplicates, self.spec.name, int(np.count_nonzero(same)))
         return rows[~same]
 
-    def _check(self, rows: MessageRows) -> None:
-        """Count what the counter, the checksum and the cycle time say is wrong."""
-        protection, name = self.spec.protection, self.spec.name
+    def _check(self, rows: MessageRows) -> BoolArray:
+        """(K,) whether the checksum is right, once what it, the counter and the cycle time say is wrong is counted."""
+        protection, moved, absent = self.spec.protection, np.ones(len(rows), np.bool_), np.zeros(len(rows))
         if protection and protection.counter:
-            self._check_counter(rows, protection)
-        elif self.spec.cycle:
-            add(self._statistics.missing, name, checks.gaps(rows.time, self.spec.cycle, self._latest))
-        if protection and protection.checksum:
-            signal = self.spec.signal(protection.checksum)
-            data = rows.data[:, : self.spec.length]
-            right = checks.checksums(data, protection.algorithm, checksum_byte(signal), protection.data_id)
-            add(self._statistics.checksums, name, int(np.count_nonzero(rows.raw(field_of(signal)) != right)))
+            counter = rows.raw(field_of(self.spec.signal(protection.counter))).astype(np.int64)
+            went, wrong = checks.steps(counter, protection.modulus, self._last_count)
+            self._last_count = int(counter[-1])
+            add(self._statistics.counters, self.spec.name, int(np.count_nonzero(wrong)))
+            moved, absent = went != 0, np.where(wrong, np.maximum(went - 1, 0), 0).astype(float)
+        self._statistics.add_missing(self.spec.name, self._absences.feed(rows.time, absent))
+        right = self._right(rows)
+        self.rejections.note(self.count, right, moved)
+        return right
 
-    def _check_counter(self, rows: MessageRows, protection: checks.Protection) -> None:
-        counter = rows.raw(field_of(self.spec.signal(protection.counter))).astype(np.int64)
-        missing, wrong = checks.lost(counter, protection.modulus, self._last_count)
-        self._last_count = int(counter[-1])
-        add(self._statistics.missing, self.spec.name, missing)
-        add(self._statistics.counters, self.spec.name, wrong)
+    def _right(self, rows: MessageRows) -> BoolArray:
+        """(K,) whether the checksum is right; wrong ones are counted."""
+        protection = self.spec.protection
+        if not (protection and protection.checksum):
+            return np.ones(len(rows), np.bool_)
+        signal = self.spec.signal(protection.checksum)
+        data = rows.data[:, : self.spec.length]
+        due = checks.checksums(data, protection.algorithm, checksum_byte(signal), protection.data_id)
+        right = np.asarray(rows.raw(field_of(signal)) == due, np.bool_)
+        add(self._statistics.checksums, self.spec.name, int(np.count_nonzero(~right)))
+        return right
 
     def _values(self, rows: MessageRows) -> dict[str, FloatArray]:
         if not self._multiplexed:
@@ -190,6 +206,12 @@ class MessageReader:
             outside += int(np.count_nonzero(values > channel.high))
         add(self._statistics.out_of_range, channel.name, outside)
         return values
+
+
+def _marked(column: SignalColumn, values: FloatArray) -> Column:
+    low = -np.inf if column.low is None else column.low
+    high = np.inf if column.high is None else column.high
+    return Column(column.name, values, (values < low) | (values > high), bool(column.spec.multiplexer))
 
 
 def _trimmed(data: Bytes) -> bytes:

@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from orchestrator.trace import Bytes, FloatArray
+from orchestrator.trace import Bytes
 
 
 @dataclass(frozen=True)
@@ -72,19 +72,13 @@ def checksum(data: bytes | bytearray, algorithm: str, skip: int | None = None, d
     return value ^ crc.mask
 
 
-def lost(counter: NDArray[np.int64], modulus: int, last: int | None) -> tuple[int, int]:
-    """Frames missing by the counter, and steps of the counter that were not one; `last` came before the column."""
-    values = counter if last is None else np.concatenate(([last], counter))
-    steps = np.diff(values) % modulus
-    wrong = (steps != 1) | (values[1:] >= modulus)
-    return int(np.sum(np.maximum(steps[wrong] - 1, 0))), int(np.count_nonzero(wrong))
-
-
-def gaps(time: FloatArray, cycle: float, last: float | None) -> int:
-    """Frames missing where two stamps are more than 1.5 cycles apart [s]; `last` came before the column."""
-    steps = np.diff(time if last is None else np.concatenate(([last], time)))
-    wide = steps[steps > 1.5 * cycle]
-    return int(np.sum(np.rint(wide / cycle) - 1))
+def steps(counter: NDArray[np.int64], modulus: int, last: int | None) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """(K,) by how much the counter went on to each frame, and where that was wrong; `last` came before them."""
+    before = np.concatenate(([counter[0] - 1 if last is None else last], counter[:-1]))
+    went = (counter - before) % modulus
+    wrong = (went != 1) | (counter >= modulus)
+    wrong[:1] &= last is not None
+    return went, wrong
 
 
 @cache

@@ -22,6 +22,7 @@ from identification.output_error.windows import FreeRunWindow, cut_windows, star
 from identification.recordings.campaign import StudyTrace
 from orchestrator.crossing import noted
 from orchestrator.fmi.interface import Port
+from orchestrator.marks import Mark, union
 from orchestrator.trace import FloatArray, Trace
 from tests.support.small_study import plain_study
 
@@ -250,3 +251,53 @@ def test_a_factor_of_the_study_stands_over_units_and_other_quantities_are_refuse
     problem = r"outputs\.hand\.angle from angle of data/run\.csv: A does not fit rad"
     with pytest.raises(WiringError, match=problem):
         in_own_units({"angle": "A"}, outputs={"hand.angle": {"signal": "angle"}})
+
+
+STRETCH = st.tuples(st.integers(-50, 1050), st.integers(1, 300)).map(lambda at: (at[0] * 0.01, (at[0] + at[1]) * 0.01))
+
+
+@given(marked=st.lists(STRETCH, max_size=6), length=st.integers(20, 300), skip=st.integers(0, 100))
+def test_no_window_meets_a_mark_and_no_room_for_one_is_lost(
+    marked: list[tuple[float, float]], length: int, skip: int
+) -> None:
+    trace = replace(recorded(EVEN), marks=tuple(Mark("gap", *stretch, ("voltage",)) for stretch in marked))
+    seconds, slack = length * 0.01, 1e-6
+    try:
+        found = [(cut.start, cut.start + seconds) for cut in cuts(trace, length=f"{length}/100", skip=f"{skip}/100")]
+    except TraceError as error:
+        assert "no window" in error.problem
+        found = []
+    for begin, end in found:
+        assert all(end <= start + slack or begin >= stop - slack for start, stop in marked)
+    taken = union(np.array([*marked, *found, (-1.0, skip * 0.01), (10.0, 11.0)]))
+    assert np.all(taken[1:, 0] - taken[:-1, 1] < seconds + 0.01)
+
+
+@pytest.mark.parametrize("signal", ["voltage", "angle"])
+@pytest.mark.parametrize(("delay", "reading"), [(0.0, 0.0), (0.25, 0.035)])
+def test_marks_reach_as_far_as_delays_and_readings_do(signal: str, delay: float, reading: float) -> None:
+    initial = {"hand.angle_start": {"signal": "angle", "half_width": reading}} if reading else {}
+    asked = plain_study(windows={"length": 1}, initial=initial)
+    late = {name: replace(spec, delay=Known(delay)) for name, spec in asked.run.inputs.items()}
+    trace = replace(recorded(EVEN), marks=(Mark("gap", 3.5, 4.2, (signal,)),))
+    begins = [round(cut.start, 6) for cut in cut_windows(replace(asked.run, inputs=late), [trace], asked.windows)]
+    begin, end = {"voltage": (3.5 + delay, 4.2 + delay), "angle": (3.5, 4.2 + reading)}[signal]
+    after = min(start for start in begins if start > 3)
+    assert (
+        [start for start in begins if start < 3] == [0, 1, 2] and 3 not in begins and end - 1e-6 <= after < end + 0.011
+    )
+    assert begin < 4
+
+
+def test_marks_of_other_signals_do_not_matter_and_samples_that_are_left_out_may_hold_anything() -> None:
+    marks = Mark("gap", 2, 3, ("humidity",)), Mark("excluded", 4.9, 5.1)
+    trace = replace(recorded(EVEN, angle=spoilt(np.nan)), marks=marks)
+    assert [round(cut.start, 6) for cut in cuts(trace, length=2)] == [0, 2, 5.1, 7.1]
+
+
+def test_a_trace_without_a_window_left_is_passed_over_unless_it_is_the_only_one() -> None:
+    asked = plain_study(windows={"length": 2})
+    spoilt_trace = replace(recorded(EVEN), marks=(Mark("late", 1, 9),))
+    assert len(cut_windows(asked.run, [spoilt_trace, recorded(EVEN)], asked.windows)) == 5
+    with pytest.raises(TraceError, match=r"no window of 2 s is left beside late stamps from 1 to 9 s; .*traces\.keep"):
+        cut_windows(asked.run, [spoilt_trace], asked.windows)

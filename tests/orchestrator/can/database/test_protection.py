@@ -99,12 +99,12 @@ def test_lost_repeated_and_corrupt_frames_are_counted(base: Database) -> None:
         assert statistics.missing == {"State": 3}
         assert statistics.counters == {"State": 3}  # two gaps and a repetition
         assert statistics.checksums == {"State": 1}
-        assert any("checksums: State 1" in line for line in statistics.lines())
+        assert any("wrong checksums, dropped: State 1" in line for line in statistics.lines())
 
 
 def test_a_counter_beyond_its_last_value_is_wrong() -> None:
-    assert protection.lost(np.array([13, 14, 0, 1]), 15, 12) == (0, 0)
-    assert protection.lost(np.array([13, 15, 0]), 15, 12)[1] == 2
+    assert protection.steps(np.array([13, 14, 0, 1]), 15, 12)[1].tolist() == [False] * 4
+    assert protection.steps(np.array([13, 15, 0]), 15, 12)[1].tolist() == [False, True, True]
 
 
 def test_missing_frames_are_told_from_the_cycle_time_where_there_is_no_counter(base: Database) -> None:

@@ -1,0 +1,110 @@
+"""What of the recordings of a study is left out: what is marked in them, and what the study excludes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fmus.errors import ScenarioError
+from orchestrator.formats import Recording
+from orchestrator.marks import Kind, Mark, cycle_of, gaps, runs, union
+from orchestrator.trace import BoolArray, FloatArray, Trace
+
+UNSURE = 20.0  # cycles without a sample that make a gap where nobody tells the cycle
+MUCH = 0.1  # of a recording left out, from which it is a warning
+
+
+@dataclass(frozen=True)
+class Exclusion:
+    """A stretch that a study leaves out, or all stretches in which a signal is beyond a limit.
+
+    Attributes:
+        trace: name of the one that it is of; None of all.
+        signal: left out are only samples at which it is above one limit or below the other; None leaves out all.
+        start, stop: in the time of the recording, both included [s].
+        above, below: [unit of the signal].
+    """
+
+    trace: str | None = None
+    signal: str | None = None
+    start: float = -math.inf
+    stop: float = math.inf
+    above: float = math.inf
+    below: float = -math.inf
+
+    def met(self, trace: Trace) -> BoolArray | bool:
+        """(K,) at which samples its condition is met; True without one."""
+        if self.signal is None:
+            return True
+        return np.asarray((trace[self.signal] > self.above) | (trace[self.signal] < self.below), np.bool_)
+
+
+def excluded(exclusions: Sequence[Exclusion], traces: Sequence[Trace]) -> list[list[Mark]]:
+    """What they leave out of each of the traces, to the next samples on either side.
+
+    Raises:
+        ScenarioError: one names a trace that is not there, or a time that no trace has.
+        TraceError: a trace lacks the signal of one.
+    """
+    found: list[list[Mark]] = [[] for _ in traces]
+    for number, exclusion in enumerate(exclusions):
+        place, names = f"traces.exclude[{number}]", [trace.name for trace in traces]
+        if exclusion.trace is not None and exclusion.trace not in names:
+            raise ScenarioError(place, f"there is no trace '{exclusion.trace}'", f"there are {', '.join(names[:6])}")
+        met = False
+        for trace, own in zip(traces, found, strict=True):
+            if exclusion.trace in (None, trace.name):
+                inside = (trace.time >= exclusion.start) & (trace.time <= exclusion.stop)
+                met |= bool(inside.any())
+                own.extend(_stretches(inside & exclusion.met(trace), trace.time))
+        if not met:
+            last = max(float(trace.time[-1]) for trace in traces)
+            raise ScenarioError(place, "lies in no trace", f"the longest ends at {last:g} s")
+    return found
+
+
+def _stretches(inside: BoolArray, time: FloatArray) -> list[Mark]:
+    edges = np.concatenate(([np.nextafter(time[0], -np.inf)], time, [np.nextafter(time[-1], np.inf)]))
+    return [Mark("excluded", float(edges[first]), float(edges[after + 1])) for first, after in runs(inside)]
+
+
+def known_marks(
+    recording: Recording, trace: Trace, used: Collection[str], keep: Collection[Kind]
+) -> tuple[tuple[Mark, ...], tuple[str, ...]]:
+    """The marks of a recording that matter and are not kept; and the notes on it, with those that are."""
+    found = [mark for mark in recording.marks or _of_stamps(trace) if not used or mark.concerns(used)]
+    kept = [mark for mark in found if mark.kind in keep]
+    notes = [f"kept, as the study asks for: {listed(kept)}"] if kept else []
+    return tuple(mark for mark in found if mark.kind not in keep), (*recording.notes, *notes)
+
+
+def _of_stamps(trace: Trace) -> Iterator[Mark]:
+    """What the stamps alone tell, of a recording whose cycle is not known but seen."""
+    for kind, first, last in gaps(trace.time, cycle_of(trace.time), UNSURE):
+        yield Mark(kind, float(trace.time[first]), float(trace.time[last]))
+
+
+def sound(trace: Trace, marks: Sequence[Mark]) -> BoolArray:
+    """(K,) the samples that no mark covers."""
+    stretches = union(np.array([(mark.start, mark.stop) for mark in marks]).reshape(-1, 2))
+    begun = np.searchsorted(stretches[:, 0], trace.time, side="left")
+    ended = np.searchsorted(stretches[:, 1], trace.time, side="right")
+    return np.asarray(begun == ended)
+
+
+def covered(marks: Sequence[Mark], trace: Trace) -> float:
+    """How much of the trace the marks cover together [s]."""
+    if not marks or not len(trace):
+        return 0.0
+    stretches = np.clip([(mark.start, mark.stop) for mark in marks], trace.time[0], trace.time[-1])
+    return float(np.sum(np.diff(union(np.asarray(stretches, np.float64)))))
+
+
+def listed(marks: Sequence[Mark], most: int = 3) -> str:
+    """The longest marks, in words."""
+    longest = sorted(marks, key=lambda mark: mark.start - mark.stop)[:most]
+    more = f", and {len(marks) - most} more" if len(marks) > most else ""
+    return ", ".join(map(str, longest)) + more

@@ -1,0 +1,124 @@
+"""Where in the frames of one message what came is not to be trusted: gaps, late stamps, and what a receiver rejects."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from orchestrator.marks import Kind, Mark, cycle_of, expected, gaps, missing, runs
+from orchestrator.trace import BoolArray, FloatArray
+
+Rows = NDArray[np.intp]
+
+
+@dataclass
+class Absences:
+    """Counts the frames that are missing, batch after batch.
+
+    Attributes:
+        cycle: of the message [s], None where it is not known.
+        modulus: values of its counter before it goes round, 0 without one; only beyond half of them stamps have a say.
+    """
+
+    cycle: float | None
+    modulus: int = 0
+    _latest: float | None = None
+    _owed: float = 0.0  # of those counted by the cycle time, what the next frames may show to have been late
+
+    def feed(self, time: FloatArray, by_counter: FloatArray) -> int:
+        """How many are missing before these frames (K,); below 0 where earlier ones turn out to have been late."""
+        steps = np.diff(time, prepend=time[0] if self._latest is None else self._latest)
+        self._latest = float(time[-1])
+        if not self.cycle:
+            return int(by_counter.sum())
+        rounds = np.rint((missing(steps, self.cycle) - by_counter) / max(self.modulus, 1))
+        unsure = steps > 0.5 * self.modulus * self.cycle
+        beyond = np.where(unsure, np.maximum(rounds, 0.0) * max(self.modulus, 1), 0.0)
+        faster = -np.rint(np.min(np.cumsum(steps / self.cycle - 1.0)))
+        repaid = min(self._owed, max(faster, 0.0))
+        found = np.flatnonzero(beyond)
+        self._owed = float(beyond[found[-1]]) if len(found) else self._owed - repaid if repaid else 0.0
+        return int(by_counter.sum() + beyond.sum() - repaid)
+
+
+@dataclass
+class Rejections:
+    """Frames that a receiver rejects, by how many accepted ones came before them.
+
+    Attributes:
+        checksums: dropped for a wrong checksum.
+        stale: whose counter stands still; these are among the accepted.
+    """
+
+    checksums: list[Rows] = field(default_factory=list)
+    stale: list[Rows] = field(default_factory=list)
+
+    def note(self, before: int, right: BoolArray, moved: BoolArray) -> None:
+        """Note these frames (K,), of which those with a right checksum are accepted, after so many `before`."""
+        places = before + np.cumsum(right) - right
+        self.checksums.append(np.unique(places[~right]))
+        self.stale.append(places[right & ~moved])
+
+    def why(self, first: int, last: int) -> Kind | None:
+        """For what frames between two accepted ones were rejected; None where none was."""
+        if _any(self.checksums, first + 1, last + 1):
+            return "checksum"
+        return "counter" if _any(self.stale, first + 1, last) else None
+
+
+def _any(places: Sequence[Rows], first: int, after: int) -> bool:
+    """Whether one of ascending places lies there."""
+    return any(np.searchsorted(rows, first) < np.searchsorted(rows, after) for rows in places)
+
+
+@dataclass(frozen=True)
+class Column:
+    """A signal of the frames.
+
+    Attributes:
+        values: (K,) NaN where the frame does not hold it.
+        outside: (K,) whether the value is beyond its range.
+        multiplexed: whether frames without it are as they should be.
+    """
+
+    name: str
+    values: FloatArray
+    outside: BoolArray
+    multiplexed: bool
+
+
+def marks(
+    time: FloatArray, columns: Sequence[Column], cycle: float | None, rejections: Rejections, end: float
+) -> Iterator[Mark]:
+    """What is not to be trusted of frames with these stamps (K,), ascending, in a recording until `end` [s]."""
+    fresh = np.ones(len(time), np.bool_)
+    for rows in rejections.stale:
+        fresh[rows] = False
+    known = expected(time, cycle)
+    names = tuple(column.name for column in columns)
+    told = set()
+    for kind, first, last, stretch in _gaps(time, fresh, known, end):
+        told.add(stretch)
+        yield Mark(rejections.why(first, last) or kind, *stretch, names)
+    for column in columns:
+        finite = np.isfinite(column.values)
+        if not finite.all():
+            own = cycle_of(time[finite]) if column.multiplexed else known
+            for kind, _, _, stretch in _gaps(time, finite, own, end):
+                if stretch not in told:
+                    yield Mark(kind if column.multiplexed else "nan", *stretch, (column.name,))
+        for first, after in runs(column.outside):
+            yield Mark("range", float(time[max(first - 1, 0)]), float(np.append(time, end)[after]), (column.name,))
+
+
+def _gaps(
+    time: FloatArray, good: BoolArray, cycle: float | None, end: float
+) -> Iterator[tuple[Kind, int, int, tuple[float, float]]]:
+    """Gaps between good frames and up to the end: the frames on either side, and the stretch [s]."""
+    rows = np.append(np.flatnonzero(good), len(time))
+    stamps = np.append(time, end)[rows]
+    for kind, first, last in gaps(stamps, cycle):
+        yield kind, int(rows[first]), int(rows[last]), (float(stamps[first]), float(stamps[last]))
