@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
 
-from orchestrator.interrupts import Wishes, endings, handling
+from orchestrator.interrupts import Wishes, endings, handling, requested
 
 _NAP = 0.05  # the longest sleep that does not look whether to end [s]
 
@@ -33,7 +33,7 @@ class Stop:
 
 @contextmanager
 def stop_requests() -> Iterator[Stop]:
-    """The wish to end; a second Ctrl-C is a KeyboardInterrupt. Former handlers come back at the end.
+    """The wish to end; a second Ctrl-C, or one from before, is a KeyboardInterrupt. Former handlers come back then.
 
     Outside the main thread signals are somebody else's, and only the one who holds it can set the flag.
     """
@@ -47,4 +47,6 @@ def stop_requests() -> Iterator[Stop]:
         stop.requested, stop.interrupted = True, stop.interrupted or number != signal.SIGTERM
 
     with handling(request, endings()):
+        if requested():  # a library has swallowed the interrupt
+            raise KeyboardInterrupt
         yield stop

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import pickle
 import signal
 import sys
@@ -20,6 +21,7 @@ from orchestrator.engine import Interrupted, Simulation, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
 from orchestrator.interrupts import Interrupts, requested, whole
+from orchestrator.realtime.stopping import stop_requests
 from orchestrator.system import Part, wire
 from orchestrator.trace import Trace
 from tests.support.scripted import Clock, simulation
@@ -82,6 +84,14 @@ def test_signals_that_come_together_are_one_wish_whichever_comes_first(number: s
         interrupt(number)
         done.append("cleaned up")
     assert done == ["rest", "cleaned up"] and active.requested
+
+
+def test_what_runs_until_it_is_told_does_not_begin_when_a_library_has_swallowed_the_interrupt() -> None:
+    with Interrupts():
+        with contextlib.suppress(KeyboardInterrupt):
+            interrupt(signal.SIGTERM)
+        with pytest.raises(KeyboardInterrupt), stop_requests():
+            pytest.fail("began")
 
 
 def test_an_interrupt_that_comes_where_nothing_can_be_raised_is_raised_soon_after() -> None:
