@@ -58,12 +58,7 @@ class Coupling:
             for signal in message.signals
             if signal.safe is None and self.reception.messages
         ]
-        return endless + [
-            f"{message.spec.name}: {', '.join(message.others)} rest{'s' if len(message.others) == 1 else ''} at the "
-            "initial value, or zero, since nothing is sent there"
-            for message in self.sent
-            if message.others
-        ]
+        return [*endless, *(note for message in self.sent for note in message.notes())]
 
 
 def coupled(block: CanBlock, system: System, database: Database, step: Fraction, switched: bool = False) -> Coupling:
@@ -233,8 +228,6 @@ def _check_free(where: str, message: MessageSpec, signal: SignalSpec, others: Se
         check_sendable(message)
     except DatabaseError as error:
         raise WiringError(where, f"{error.place} {error.problem}", error.fix) from None
-    if any(other.is_multiplexer for other in message.signals):
-        raise WiringError(where, f"{message.name} is multiplexed, which cannot be sent", "use a message of its own")
     protection = message.protection
     if protection is not None and signal.name in (protection.counter, protection.checksum):
         raise WiringError(where, f"protects {message.name} and is filled in by itself", "remove it")

@@ -7,14 +7,15 @@ there is none, keeps its message from being sent. All are counted. Counter and c
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from itertools import cycle
 
 import can
 
-from orchestrator.can.codec.fields import longest, raw_limits, resting
-from orchestrator.can.database.message import MessageSpec, SignalSpec, checksum_byte
-from orchestrator.can.database.protection import checksum
+from orchestrator.can.codec.multiplexing import pages
+from orchestrator.can.database.message import MessageSpec, SignalSpec
+from orchestrator.can.live.single_encoding import SingleEncoder
 from orchestrator.can.statistics import FrameStatistics, add
 from orchestrator.crossing import Crossing
 
@@ -47,6 +48,7 @@ class SentMessage:
 
     Attributes:
         every: communication steps from one frame to the next.
+        pages: values of multiplexers that are not sent themselves; frames take turns with them.
     """
 
     def __init__(
@@ -58,19 +60,25 @@ class SentMessage:
         switched: bool = False,
     ) -> None:
         self.spec, self.signals, self.every = spec, tuple(signals), every
-        self._statistics, self._switched = statistics, switched
-        self._raw = {signal.name: _raw(signal, raw_limits(signal), resting(signal)) for signal in spec.signals}
-        self._limits = [(signal, raw_limits(signal.spec)) for signal in signals]
+        self._statistics = statistics
+        self._encoder = SingleEncoder(spec, statistics, switched)
         self._last: dict[SentSignal, float] = {}
-        self._seal, self._length = _seal(spec), longest(spec)
+        self._names = [signal.spec.name for signal in signals]
+        self.pages = pages(spec, self._names)
+        self._turns = cycle(self.pages)
 
-    @property
-    def others(self) -> list[str]:
-        """Signals that rest, since nothing is sent in them."""
-        protection = self.spec.protection
-        filled = {signal.spec.name for signal in self.signals}
+    def notes(self) -> list[str]:
+        """What is sent without having been asked for, a line each."""
+        spec, protection = self.spec, self.spec.protection
+        filled = {*self._names, *(name for page in self.pages for name in page)}
         filled |= {protection.counter, protection.checksum} if protection else set()
-        return [signal.name for signal in self.spec.signals if signal.name not in filled]
+        others = [signal.name for signal in spec.signals if signal.name not in filled]
+        turns, rests = " and ".join(self.pages[0]), "rests" if len(others) == 1 else "rest"
+        told = {
+            f"its {len(self.pages)} pages take turns, since nothing is sent in {turns}": len(self.pages) > 1,
+            f"{', '.join(others)} {rests} at the initial value, or zero, since nothing is sent there": others,
+        }
+        return [f"{spec.name}: {line}" for line, holds in told.items() if holds]
 
     @property
     def guarded(self) -> list[SentSignal]:
@@ -84,26 +92,38 @@ class SentMessage:
             resting: signals that have their safe values.
         """
         whole = True
-        for signal, limits in self._limits:
+        for signal in self.signals:
             value = outputs[signal.place]
             finite = math.isfinite(value)
             self._statistics.not_finite.update([] if finite else [signal.spec.name])
             if signal.safe is not None and (signal in resting or not finite):
-                self._fill(signal, limits, signal.safe)
+                self._fill(signal, signal.safe)
             elif finite:
-                self._fill(signal, limits, self._limited(signal, value))
+                self._fill(signal, self._limited(signal, value))
             else:
                 whole = False
-        return self._sealed() if whole else None
-
-    def safe_frame(self) -> can.Message | None:
-        """The frame with the safe values, and what was sent last in signals without one; None without any."""
-        if not self.guarded:
+        if not whole:
             return None
-        for signal, limits in self._limits:
-            if signal.safe is not None:
-                self._fill(signal, limits, signal.safe)
-        return self._sealed()
+        self._encoder.turn_to(next(self._turns))
+        return self._encoder.frame()
+
+    def safe_frames(self) -> list[can.Message]:
+        """The frames with the safe values, and what was sent last in signals without one; none without any.
+
+        Of a multiplexed message they are those that hold one of them, and then that which the multiplexer asks for.
+        """
+        for signal in self.guarded:
+            assert signal.safe is not None
+            self._fill(signal, signal.safe)
+        chosen = {name: self._encoder.raw(name) for name in self._names if self.spec.signal(name).is_multiplexer}
+        turns = pages(self.spec, [signal.spec.name for signal in self.guarded if signal.spec.name not in chosen])
+        if chosen:
+            turns = [*filter(None, turns), chosen]
+        frames = []
+        for page in turns if self.guarded else []:
+            self._encoder.turn_to(page)
+            frames.append(self._encoder.frame())
+        return [frame for frame in frames if frame is not None]
 
     def _limited(self, signal: SentSignal, value: float) -> float:
         """The value within what was asked for of it."""
@@ -114,48 +134,6 @@ class SentMessage:
         add(self._statistics.limited, signal.spec.name, int(limited != value))
         return limited
 
-    def _fill(self, sent: SentSignal, limits: tuple[float, float], value: float) -> None:
-        self._last[sent] = value
-        signal, converted, (low, high) = sent.spec, sent.crossing.conversion(value), limits
-        raw = (converted - signal.offset) / signal.scale
-        self._raw[signal.name] = _raw(signal, limits, converted)
-        slack = 0.0 if signal.is_float else 0.5  # less is lost by rounding anyway
-        if not low - slack <= raw <= high + slack:
-            self._statistics.saturated[signal.name] += 1
-
-    def _sealed(self) -> can.Message:
-        spec, protection = self.spec, self.spec.protection
-        if protection is not None and protection.counter:
-            self._raw[protection.counter] = (int(self._raw[protection.counter]) + 1) % protection.modulus
-        data = spec.raw.encode(self._raw, scaling=False, strict=False)
-        data = data if self._seal is None else self._seal(data)
-        self._statistics.messages[spec.name] += 1
-        return can.Message(
-            arbitration_id=spec.id,
-            is_extended_id=spec.extended,
-            is_fd=spec.fd,
-            bitrate_switch=spec.fd and self._switched,
-            is_rx=False,
-            data=data.ljust(self._length, b"\0"),
-        )
-
-
-def _raw(signal: SignalSpec, limits: tuple[float, float], value: float) -> float:
-    """The raw number nearest to a value that is not NaN."""
-    raw = min(max((value - signal.offset) / signal.scale, limits[0]), limits[1])
-    return raw if signal.is_float else round(raw)
-
-
-def _seal(message: MessageSpec) -> Callable[[bytes], bytes] | None:
-    """What puts the checksum into a frame; None where the message has none."""
-    protection = message.protection
-    if protection is None or not protection.checksum:
-        return None
-    place = checksum_byte(message.signal(protection.checksum))
-    assert place is not None
-
-    def sealed(data: bytes) -> bytes:
-        value = checksum(data, protection.algorithm, place, protection.data_id)
-        return data[:place] + bytes([value]) + data[place + 1 :]
-
-    return sealed
+    def _fill(self, signal: SentSignal, value: float) -> None:
+        self._last[signal] = value
+        self._encoder.set(signal.spec, signal.crossing.conversion(value))

@@ -242,8 +242,7 @@ class BusTraffic:
         return bool(self._late) and now - self._gone_out[message] < 0.5 * self._period(message)
 
     def _send_safe_values(self, message: SentMessage, now: float, patience: float) -> None:
-        frame = message.safe_frame()
-        if frame is not None:
+        for frame in message.safe_frames():
             self._send(message, frame, now, patience)
 
     def _send(self, message: SentMessage, frame: can.Message, now: float, patience: float = 0.0) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from orchestrator.can.codec import bits
 from orchestrator.can.codec.fields import check_sendable, field_of, longest, raw_limits, resting
-from orchestrator.can.codec.multiplexing import Presence, whole
+from orchestrator.can.codec.multiplexing import Presence, pages, whole
 from orchestrator.can.database import protection as checks
 from orchestrator.can.database.message import MessageSpec, SignalSpec, checksum_byte
 from orchestrator.can.frames import CLASSIC, LONGEST, Flag, Frames
@@ -33,7 +33,7 @@ class MessageWriter:
         self.spec, self._sent, self._statistics = spec, dict(sent), statistics
         check_sendable(spec)
         self._width = CLASSIC if longest(spec) <= CLASSIC else LONGEST
-        self._pages = _pages(spec, self._sent)
+        self._pages = pages(spec, self._sent)
         self._count = 0  # frames so far
 
     def write(self, time: FloatArray, columns: Mapping[str, FloatArray]) -> Frames:
@@ -85,18 +85,3 @@ class MessageWriter:
             assert byte is not None
             held = data[:, : self.spec.length]
             data[:, byte] = checks.checksums(held, protection.algorithm, byte, protection.data_id)
-
-
-def _pages(spec: MessageSpec, sent: Mapping[str, str]) -> list[dict[str, float]]:
-    """Values of the multiplexers that are not sent, in turn, so that every sent signal is in a frame."""
-    pages: list[dict[str, float]] = []
-    for signal in (signal for signal in spec.signals if signal.name in sent):
-        page: dict[str, float] = {}
-        above = signal
-        while above.multiplexer:
-            if above.multiplexer not in sent and above.selected_by:
-                page[above.multiplexer] = float(above.selected_by[0])
-            above = spec.signal(above.multiplexer)
-        if page and page not in pages:
-            pages.append(page)
-    return [page for page in pages if not any(page.items() < other.items() for other in pages)] or [{}]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from functools import cached_property
 
 import numpy as np
@@ -73,3 +73,18 @@ def selections(spec: MessageSpec) -> Mapping[str, list[int]]:
         if signal.is_multiplexer and signal.choices:
             known.setdefault(signal.name, set()).update(signal.choices)
     return {name: sorted(values) for name, values in known.items()}
+
+
+def pages(spec: MessageSpec, sent: Collection[str]) -> list[dict[str, int]]:
+    """Values of the multiplexers that are not sent, in turn, so that every sent signal is in a frame."""
+    found: list[dict[str, int]] = []
+    for signal in (signal for signal in spec.signals if signal.name in sent):
+        page: dict[str, int] = {}
+        above = signal
+        while above.multiplexer:
+            if above.multiplexer not in sent and above.selected_by:
+                page[above.multiplexer] = above.selected_by[0]
+            above = spec.signal(above.multiplexer)
+        if page and page not in found:
+            found.append(page)
+    return [page for page in found if not any(page.items() < other.items() for other in found)] or [{}]

@@ -138,13 +138,14 @@ def test_any_value_goes_into_any_message_as_the_nearest_that_it_holds(made: Any,
     with tempfile.TemporaryDirectory() as folder:
         rig = load_database(written(made, Path(folder)))
     for message in rig.messages:
-        if any(signal.is_multiplexer for signal in message.signals):
-            continue
         statistics = FrameStatistics()
-        given = [SentSignal(signal, "rig.any", place, AS_IT_IS, None) for place, signal in enumerate(message.signals)]
+        signals = [signal for signal in message.signals if not signal.is_multiplexer]  # whose pages take turns
+        given = [SentSignal(signal, "rig.any", place, AS_IT_IS, None) for place, signal in enumerate(signals)]
         values = data.draw(st.lists(FINITE, min_size=len(given), max_size=len(given)))
-        found = message.raw.decode(sent(SentMessage(message, given, 1, statistics), values))
-        for signal, value in zip(message.signals, values, strict=True):
+        sender, found = SentMessage(message, given, 1, statistics), {}
+        for _ in sender.pages:
+            found |= message.raw.decode(sent(sender, values), decode_choices=False)
+        for signal, value in zip(signals, values, strict=True):
             low, high = raw_limits(signal)
             raw = min(max((value - signal.offset) / signal.scale, low), high)
             slack = 1e-6 * abs(raw) + 1e-37 if signal.is_float else 0.5 + 1e-12 * abs(raw)
@@ -181,11 +182,40 @@ def test_signals_that_nobody_sends_rest_and_that_is_said(rig: Database) -> None:
 def test_the_last_frame_has_the_safe_values_and_leaves_the_others(rig: Database) -> None:
     coupling = couple(rig, send={"angle": "rig.angle", "speed": {"source": "rig.speed", "safe": 0.0}})
     coupling.sent[0].frame([1.25, 7.0])
-    last = coupling.sent[0].safe_frame()
-    assert last is not None
+    (last,) = coupling.sent[0].safe_frames()
     values = rig.message("State").raw.decode(bytes(last.data))
     assert (values["angle"], values["speed"]) == (pytest.approx(1.25), 0.0)
-    assert couple(rig, send={"angle": "rig.angle"}).sent[0].safe_frame() is None
+    assert couple(rig, send={"angle": "rig.angle"}).sent[0].safe_frames() == []
+
+
+PAGED = {"every": {"Paged": Fraction(1, 100)}}
+
+
+def test_the_frame_holds_the_page_that_the_multiplexer_asks_for(rig: Database) -> None:
+    send = {
+        "page": "rig.speed",
+        "first": {"source": "rig.angle", "safe": 7},
+        "second": {"source": "rig.torque", "safe": 9},
+    }
+    coupling = couple(rig, send=send, **PAGED)
+    (message,) = coupling.sent
+    assert [sent(message, [page, 3.0, 4.0])[:3] for page in (1, 0, 1)] == [
+        struct.pack("<BH", page, value) for page, value in ((1, 4), (0, 3), (1, 4))
+    ]
+    assert message.frame([5, 3.0, 4.0]) is None
+    assert coupling.sent_statistics.multiplexers == {"Paged": 1}
+    message.frame([1, 3.0, 4.0])
+    last = [bytes(frame.data[:3]) for frame in message.safe_frames()]
+    assert last == [struct.pack("<BH", page, value) for page, value in ((0, 7), (1, 9), (1, 9))]
+
+
+def test_pages_take_turns_where_nothing_is_sent_in_the_multiplexer(rig: Database) -> None:
+    coupling = couple(rig, send={"first": "rig.angle", "second": "rig.torque"}, **PAGED)
+    (message,) = coupling.sent
+    assert [sent(message, [3.0, 4.0])[0] for _ in range(4)] == [0, 1, 0, 1]
+    assert coupling.notes() == ["Paged: its 2 pages take turns, since nothing is sent in page"]
+    one = couple(rig, send={"second": {"source": "rig.torque", "safe": 2}}, **PAGED).sent[0]
+    assert [bytes(frame.data[:3]) for frame in one.safe_frames()] == [struct.pack("<BH", 1, 2)]
 
 
 def test_a_can_fd_frame_is_filled_up_to_a_length_that_there_is(rig: Database) -> None:
@@ -301,10 +331,6 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     (
         {"send": {"Guarded.count": "rig.angle"}},
         "can.send.Guarded.count: protects Guarded and is filled in by itself; remove it",
-    ),
-    (
-        {"send": {"first": "rig.angle"}},
-        "can.send.first: Paged is multiplexed, which cannot be sent; use a message of its own",
     ),
     (
         {"send": {"target": "rig.angle"}},
