@@ -27,11 +27,10 @@ _active: list[Interrupts] = []
 
 
 def endings() -> list[signal.Signals]:
-    """The signals that ask to end; SIGHUP is none where `nohup` or the like has taken it away."""
-    numbers = [signal.SIGINT, signal.SIGTERM]
-    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
-        numbers.append(signal.SIGHUP)
-    return numbers
+    """The signals that ask to end; SIGHUP is none where `nohup` or the like has taken it away, nor SIGQUIT."""
+    others = [signal.Signals[name] for name in ("SIGHUP", "SIGQUIT") if hasattr(signal, name)]
+    left = [number for number in others if signal.getsignal(number) is not signal.SIG_IGN]
+    return [signal.SIGINT, signal.SIGTERM, *left]
 
 
 def ignore() -> None:

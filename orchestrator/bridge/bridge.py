@@ -7,8 +7,9 @@ t_(k+1), and messages that are due go out with what is to be seen at t_k.
 from __future__ import annotations
 
 import logging
+import sys
 from collections.abc import Callable, Collection, Sequence
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -17,7 +18,9 @@ from pathlib import Path
 from fmus.errors import ServotwinError
 from orchestrator import formats
 from orchestrator.bridge.account import BusAccount
-from orchestrator.bridge.keeper import beside
+from orchestrator.bridge.keeper import IN_PROCESS, Keeper, beside
+from orchestrator.bridge.keeper_process import apart
+from orchestrator.bridge.mapping import Coupling
 from orchestrator.bridge.preparation import BridgeJob, PreparedBridge, prepared
 from orchestrator.bridge.session import Ending, Session
 from orchestrator.engine import Result
@@ -31,6 +34,7 @@ from orchestrator.scenario.run import CaseResult, CaseState, Keeping, ScenarioRe
 from orchestrator.trace import Trace
 
 LOG = logging.getLogger("servotwin.can")
+UNGUARDED = "the bus is in the process that steps: if that crashes or is killed, nothing sends the safe values"
 READABLE = 5_000_000  # values of a record up to which all of it is read again, to be drawn
 
 
@@ -79,7 +83,7 @@ def couple(
             live = system.simulation.live(
                 system.run, coupling.outputs, lambda piece: background.do(partial(append, piece))
             )
-            keeper = stack.enter_context(beside(job.bus, coupling, float(system.scenario.timing.step), _warn))
+            keeper = stack.enter_context(_keeper(job, coupling, float(system.scenario.timing.step)))
             stack.enter_context(quiet())
             session = Session(live, keeper, system.scenario.timing.step, system.course, job.bus.place)
             ready(stop)
@@ -90,13 +94,24 @@ def couple(
             mode="bench" if job.stand_in else "bridge",
             bus=job.bus,
             database=system.database,
-            notes=[*system.notes, *coupling.notes()],
+            notes=[*system.notes, *coupling.notes(), *([UNGUARDED] if _inside(job) else [])],
             started=started,
             seconds=round(ending.elapsed, 6),
             deadlines=session.deadlines,
         )
         judged = _judged(job, system, result, ending, file)
         return BridgeResult(job, judged, account, ending, ending.stopped and stop.interrupted)
+
+
+def _keeper(job: BridgeJob, coupling: Coupling, step: float) -> AbstractContextManager[Keeper]:
+    """Who has the bus: a process of its own, but where the bus is in this one."""
+    if _inside(job):
+        return beside(job.bus, coupling, step, _warn)
+    return apart(job.bus, coupling, step, _warn, kills=not job.stand_in)
+
+
+def _inside(job: BridgeJob) -> bool:
+    return sys.platform == "win32" or job.bus.interface in IN_PROCESS
 
 
 def _warn(line: str) -> None:

@@ -17,6 +17,8 @@ from orchestrator.bridge.traffic import BusTraffic, TrafficReport, on_bus
 from orchestrator.can.live.bus import BusSettings
 from orchestrator.trace import FloatArray
 
+IN_PROCESS = ("virtual",)  # interfaces whose buses exist in one process only
+
 
 class Keeper(Protocol):
     """Has the bus; times are since the beginning [s]."""

@@ -65,6 +65,13 @@ class TrafficReport:
     foreign: dict[str, int]
     watchdog: WatchdogReport
 
+    @classmethod
+    def of_nobody(cls, coupling: Coupling) -> TrafficReport:
+        """What is known where whoever had the bus is gone."""
+        none, names = FrameStatistics(), tuple(message.spec.name for message in coupling.sent if message.guarded)
+        why = "the process that has the bus is gone"
+        return cls(none, 0, none, 0, 0, 0, 0, why, "", False, names, {}, {}, WatchdogReport({}, 0, []))
+
 
 class BusTraffic:
     """Takes from a bus and gives to it.
@@ -133,17 +140,21 @@ class BusTraffic:
                     self._send(message, frame, now)
         self._number = number
 
-    def watch(self, now: float) -> bool:
-        """Send safe values at their periods where no step has ended for too long; whether that is so."""
-        waited = now - self._beat
+    def watch(self, now: float) -> float:
+        """Send safe values at their periods where no step has ended for too long; for how long none has [s]."""
+        waited = self.waited(now)
         if waited <= self._step + self._rules.most_late:
-            return False
+            return waited
         self._late = f"no step has ended for {self._step + self._rules.most_late:.3g} s"
         self._look(now)
         for message in self._coupling.sent:
             if now - self._gone_out[message] >= self._period(message) and self._number >= 0:
                 self._send_safe_values(message, now, 0.0)
-        return True
+        return waited
+
+    def waited(self, now: float) -> float:
+        """For how long no step has ended [s]."""
+        return now - self._beat
 
     def end(self, now: float) -> None:
         """Send the safe values, so that nobody acts on the last ones for ever."""

@@ -13,7 +13,7 @@ from orchestrator.realtime.priority import short_time_slices
 from orchestrator.realtime.stopping import Stop
 
 SPIN = 1e-4  # before a deadline, in which the processor is left to other threads instead of sleeping [s]
-_SWITCHING = 2e-4  # for which another thread may keep the one that has deadlines waiting [s]
+SWITCHING = 2e-4  # for which another thread may keep the one that has deadlines waiting [s]
 
 
 class Pace:
@@ -42,7 +42,7 @@ class Pace:
 def quiet() -> Iterator[None]:
     """Threads have short time slices within the block, and what there is already is not searched for garbage."""
     former = sys.getswitchinterval()
-    sys.setswitchinterval(_SWITCHING)
+    sys.setswitchinterval(SWITCHING)
     gc.collect()
     gc.freeze()
     try:
