@@ -173,15 +173,18 @@ def _declared(message: MessageSpec) -> Protection | None:
         raise DatabaseError(
             f"message {message.name}", f"the {DATA_ID} '{data_id}' is no whole number", "declare an INT"
         )
-    return Protection(counter, 0, checksum, algorithm, data_id)
+    return Protection(counter or _counter_by_name(message), 0, checksum, algorithm, data_id)
 
 
 def _by_convention(message: MessageSpec) -> Protection | None:
-    """A counter that goes by one of the usual names, such as MessageCounter or alive_cnt."""
-    for signal in message.signals:
-        if _COUNTER_NAME.match(signal.name) and _can_count(signal) and not signal.unit:
-            return Protection(signal.name)
-    return None
+    counter = _counter_by_name(message)
+    return Protection(counter) if counter else None
+
+
+def _counter_by_name(message: MessageSpec) -> str:
+    """A counter that goes by one of the usual names, such as MessageCounter or alive_cnt; "" without one."""
+    usual = (s for s in message.signals if _COUNTER_NAME.match(s.name) and _can_count(s) and not s.unit)
+    return next((signal.name for signal in usual), "")
 
 
 def _can_count(signal: SignalSpec) -> bool:

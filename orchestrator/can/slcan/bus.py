@@ -5,23 +5,33 @@ python-can's own reads byte by byte, stops at the first line that is noise, and 
 
 from __future__ import annotations
 
+import contextlib
+import errno
+import fcntl
+import math
 import os
 import re
 import time
 from binascii import unhexlify
 from collections import deque
 from select import select
+from threading import Lock
 from typing import Any
 
 import can
+import serial
 from can.interfaces.slcan import slcanBus
 
 from orchestrator.can.slcan import protocol
+from orchestrator.can.slcan.flow import Flow
+from orchestrator.can.slcan.opening import VERSION, take_over
 
 # Classes of error frames and their details, as socketcan has them in identifier and data (linux/can/error.h).
 ERROR_CONTROLLER, ERROR_PROTOCOL, ERROR_ACK, ERROR_BUS_OFF, ERROR_COUNTERS = 0x04, 0x08, 0x20, 0x40, 0x200
 
-_ANSWER = re.compile(rb"|[zZ]|V[0-9A-Fa-f]{4}|v[0-9A-Fa-f]{2,4}|N\w{1,8}|F[0-9A-Fa-f]{2}")
+_ASKING = 0.5  # between two questions whether an adapter that has stopped to answer is there [s]
+_TAKEN = (b"", b"z", b"Z")  # the answers to a frame, without and with automatic polling
+_ANSWER = re.compile(rb"v[0-9A-Fa-f]{2,4}|N\w{1,8}|F[0-9A-Fa-f]{2}")
 _STATE = re.compile(rb"s([awpb])(\d{3})(\d{3})")
 _ERRORS = re.compile(rb"e\d([abBcfosO]+)")
 _STATES = {  # letter: state, bits in byte 1 of an error frame
@@ -43,24 +53,51 @@ _DETAILS = {  # letter: class, byte of the data, bits in it
 
 
 class SlcanBus(slcanBus):
-    """An adapter on a serial port; what it reports of errors comes as error frames.
+    """An adapter on a serial port that is ours alone; what it reports of errors comes as error frames.
 
     Received frames carry the time at which they were read, on a clock that never jumps.
 
     Attributes:
+        flow: which frames it took.
         malformed: lines that were no frame and no answer: noise, or an adapter that speaks something else.
         refused: commands and frames that the adapter has not taken (BEL).
     """
 
-    def __init__(self, channel: str, sleep_after_open: float = 0.0, **options: Any) -> None:
+    def __init__(
+        self,
+        channel: str,
+        tty_baudrate: int = 115200,
+        bitrate: int | None = None,
+        timing: can.BitTimingFd | None = None,
+        listen_only: bool = False,
+        sleep_after_open: float = 0.0,
+        rtscts: bool = False,
+        btr: str | None = None,
+        **options: Any,
+    ) -> None:
         self.malformed = self.refused = 0
+        self.flow = Flow()
         self._bus_state = can.BusState.ACTIVE
-        self._open = False
         self._received: deque[can.Message] = deque()
-        self._partial = b""
+        self._reading = Lock()
         self._unsent = b""
+        self._asked = 0.0  # when it was asked last whether it is still there
         self._epoch = time.time() - time.perf_counter()
-        super().__init__(channel, sleep_after_open=sleep_after_open, **options)
+        self._can_protocol = can.CanProtocol.CAN_20
+        name, _, baudrate = channel.partition("@")
+        self.serialPortOrig = _port(name, int(baudrate or tty_baudrate), rtscts)
+        try:
+            time.sleep(sleep_after_open)
+            self.serialPortOrig.reset_output_buffer()
+            rates = (timing.nom_bitrate, timing.data_bitrate) if timing else (bitrate, None)
+            commands = [*_settings(*rates, btr), "L" if listen_only else "O"]
+            self.answers, (*lines, self._partial) = take_over(self.serialPortOrig.fd, commands)
+            for line in lines:
+                self._take(line, self._epoch + time.perf_counter())
+            can.BusABC.__init__(self, channel, **options)
+        except BaseException:
+            _release(self.serialPortOrig)
+            raise
 
     @property
     def state(self) -> can.BusState:
@@ -71,17 +108,6 @@ class SlcanBus(slcanBus):
     def state(self, new_state: can.BusState) -> None:
         raise NotImplementedError("a serial adapter changes its state by itself")
 
-    def open(self) -> None:
-        """Take part in the bus; adapters refuse to be opened twice."""
-        if not self._open:
-            super().open()
-            self._open = True
-
-    def close(self) -> None:
-        """Leave the bus."""
-        super().close()
-        self._open = False
-
     def shutdown(self) -> None:
         """Leave the bus and free the port, also that of an adapter which is gone.
 
@@ -89,12 +115,12 @@ class SlcanBus(slcanBus):
         """
         can.BusABC.shutdown(self)
         try:
-            self.serialPortOrig.write_timeout = 0.2
-            self.close()
-        except (can.CanError, OSError):
+            if self.serialPortOrig.fd is not None:
+                self._written(self.serialPortOrig.fd, self._unsent + b"C\r", 0.2)
+        except OSError:
             pass
         finally:
-            self.serialPortOrig.close()
+            _release(self.serialPortOrig)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         if not self._received:
@@ -113,15 +139,20 @@ class SlcanBus(slcanBus):
         try:
             if not select([port], [], [], timeout)[0]:
                 return
-            data = os.read(port, 65536)
-        except BlockingIOError:
+            with self._reading:
+                self._read_lines(port)
+        except BlockingIOError:  # somebody else has just read it
             return
         except OSError as error:
+            if isinstance(error, can.CanError):
+                raise
             raise can.CanOperationError(f"the adapter is gone ({error.strerror})") from error
-        if not data:
+
+    def _read_lines(self, port: int) -> None:
+        if not (data := os.read(port, 65536)):
             raise can.CanOperationError("the adapter is gone (hung up)")
         stamp = self._epoch + time.perf_counter()
-        lines = (self._partial + data.replace(protocol.BELL, protocol.BELL + protocol.END)).split(protocol.END)
+        lines = (self._partial + protocol.marked(data)).split(protocol.END)
         self._partial = lines.pop()
         if len(self._partial) > protocol.LONGEST:
             self._partial = b""
@@ -134,6 +165,10 @@ class SlcanBus(slcanBus):
         frame = protocol.parse(line)
         if frame is not None:
             self._received.append(_data_frame(frame, stamp))
+        elif line in _TAKEN:
+            self.flow.answered(True, time.monotonic())
+        elif VERSION.fullmatch(line):
+            self.flow.settle()
         elif _ANSWER.fullmatch(line):
             pass
         elif state := _STATE.fullmatch(line):
@@ -142,6 +177,7 @@ class SlcanBus(slcanBus):
             self._received.append(_error_frame(errors[1].decode(), stamp))
         elif line == protocol.BELL:
             self.refused += 1
+            self.flow.answered(False, time.monotonic())
         else:
             self.malformed += 1
 
@@ -157,15 +193,30 @@ class SlcanBus(slcanBus):
         """Send a frame; setting another timeout already asks the port, which may be gone.
 
         Raises:
-            CanTimeoutError: the adapter took nothing of it within the timeout [s].
+            CanTimeoutError: the adapter took nothing of it within the timeout [s]; what it was given before and has
+                not taken is dropped where the port can.
             CanOperationError: the port is gone.
         """
         try:
+            self._await_answers(timeout)
             super().send(msg, timeout)
+            self.flow.given((msg.arbitration_id, msg.is_extended_id), time.monotonic())
         except OSError as error:
             if isinstance(error, can.CanError):
                 raise
             raise can.CanOperationError(f"the adapter is gone ({error})") from error
+
+    def _await_answers(self, patience: float | None) -> None:
+        """See that the adapter takes what it is given: no command is to wait behind old ones, and be late itself."""
+        until = math.inf if patience is None else time.monotonic() + patience
+        while self.flow.stalled(now := time.monotonic()):
+            if now - self._asked > _ASKING:
+                self._asked = now
+                self._written(self.serialPortOrig.fd, self._unsent + b"V\r", 0.0)  # answers are in order
+                self._unsent = b""
+            self._fetch(min(max(until - now, 0.0), 0.01))
+            if time.monotonic() >= until and self.flow.stalled(time.monotonic()):
+                raise can.CanTimeoutError("the adapter has stopped to answer")
 
     def _write(self, string: str) -> None:
         """Write a line whole; what does not fit in time goes before the next line.
@@ -178,19 +229,18 @@ class SlcanBus(slcanBus):
         port, patience = self.serialPortOrig.fd, self.serialPortOrig.write_timeout
         if port is None:
             raise can.CanOperationError("the port is closed")
-        try:
-            left = self._written(port, self._unsent, patience)
-            self._unsent = left
-            if left:
-                raise can.CanTimeoutError("the adapter takes no more frames")
-            left = self._written(port, line, patience)
-        except OSError as error:
-            if isinstance(error, can.CanError):
-                raise
-            raise can.CanOperationError(f"the adapter is gone ({error.strerror})") from error
+        self._unsent = self._written(port, self._unsent, patience)
+        left = line if self._unsent else self._written(port, line, patience)
         if left == line:
+            self._drop()
             raise can.CanTimeoutError("the adapter takes no more frames")
         self._unsent = left
+
+    def _drop(self) -> None:
+        """Drop what waits in the port, where a line may be cut: the end of a line comes next."""
+        self.serialPortOrig.reset_output_buffer()
+        self.flow.settle()
+        self._unsent = protocol.END
 
     @staticmethod
     def _written(port: int, data: bytes, patience: float | None) -> bytes:
@@ -202,6 +252,34 @@ class SlcanBus(slcanBus):
                 if not select([], [port], [], patience)[1]:
                     break
         return data
+
+
+def _port(name: str, baudrate: int, rtscts: bool) -> serial.Serial:
+    """The port, for us alone.
+
+    Raises:
+        CanInitializationError: somebody else has it, or it does not open.
+    """
+    try:
+        return serial.Serial(name, baudrate, rtscts=rtscts, timeout=0.001, exclusive=True)
+    except serial.SerialException as error:
+        why = "another program has the port open" if error.errno == errno.EWOULDBLOCK else str(error)
+        raise can.CanInitializationError(why) from error
+
+
+def _release(port: serial.Serial) -> None:
+    """Let others have the port, also where a child of this process has inherited it."""
+    if port.fd is not None:
+        with contextlib.suppress(OSError):
+            fcntl.flock(port.fd, fcntl.LOCK_UN)
+    port.close()
+
+
+def _settings(bitrate: int | None, data_bitrate: int | None, btr: str | None) -> list[str]:
+    """The commands that set the bit rates."""
+    codes = [*(code for code, rate in protocol.BITRATES.items() if rate == bitrate)]
+    codes += [code for code, rate in protocol.DATA_BITRATES.items() if rate == data_bitrate]
+    return codes + ([f"s{btr}"] if btr else [])
 
 
 def _data_frame(frame: protocol.FrameLine, stamp: float) -> can.Message:

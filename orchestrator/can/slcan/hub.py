@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import fcntl
 import json
 import os
 import select
@@ -22,7 +23,7 @@ from pathlib import Path
 from types import FrameType
 from typing import IO, Any
 
-from fmus.errors import BusError
+from fmus.errors import BusError, InputError
 from orchestrator.can.slcan.adapter import AdapterBus, BitRates, SerialAdapter
 
 _STARTING = 20.0  # patience with a process that has still to start [s]
@@ -79,8 +80,10 @@ class _Port:
         self.master, self._slave = os.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self.master, False)
-        path.unlink(missing_ok=True)
-        path.symlink_to(os.ttyname(self._slave))
+        self._name = os.ttyname(self._slave)
+        if path.is_symlink():  # of a hub that was killed
+            path.unlink()
+        path.symlink_to(self._name)
         self.plugged = True
 
     def read(self, now: float) -> None:
@@ -102,7 +105,9 @@ class _Port:
         """Be gone."""
         if self.plugged:
             self.plugged = self.adapter.open = False
-            self.path.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                if str(self.path.readlink()) == self._name:
+                    self.path.unlink()
             os.close(self.master)
             os.close(self._slave)
 
@@ -116,7 +121,7 @@ class _Hub:
     """
 
     def __init__(self, settings: HubSettings, orders: int | None) -> None:
-        settings.folder.mkdir(parents=True, exist_ok=True)
+        self._lock = _taken(settings.folder)
         rates = BitRates(settings.bitrate, settings.data_bitrate)
         self._ports = [
             _Port(settings.folder / str(number), SerialAdapter(rates, settings.paced))
@@ -155,6 +160,7 @@ class _Hub:
         """Take the ports away."""
         for port in self._ports:
             port.unplug()
+        os.close(self._lock)
 
     def _obey(self) -> None:
         """Do what the process that started this one asks for."""
@@ -177,8 +183,29 @@ class _Hub:
         return HubStatistics(self._bus.frames, self._bus.busy, elapsed, tuple(ports))
 
 
+def _taken(folder: Path) -> int:
+    """Make the folder this hub's own, for as long as what is returned stays open.
+
+    Raises:
+        InputError: another hub has it, or it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise InputError(folder, "has the ports of another hub, which runs", "give another folder, or end it") from None
+    except OSError as error:
+        raise InputError(folder, f"cannot hold ports ({error.strerror})", "give another folder") from error
+    return number
+
+
 def serve(settings: HubSettings, orders: int | None = None) -> None:
-    """Be the adapters until told to end: by SIGTERM, by Ctrl-C, or by the end of `orders`."""
+    """Be the adapters until told to end: by SIGTERM, by Ctrl-C, or by the end of `orders`.
+
+    Raises:
+        InputError: the folder has another hub's ports.
+    """
     hub = _Hub(settings, orders)
 
     def end(number: int, frame: FrameType | None) -> None:
@@ -239,11 +266,14 @@ def _answer(answers: IO[str], patience: float, process: subprocess.Popen[str]) -
 
     Raises:
         BusError: it gave none in time.
+        InputError: it refuses the folder.
     """
     line = answers.readline() if select.select([answers], [], [], patience)[0] else ""
     if not line:
         raise BusError("slcan hub", f"gives no answer (process {process.pid})", "see what it said before")
     document: dict[str, Any] = json.loads(line)
+    if "refused" in document:
+        raise InputError(*document["refused"])
     return document
 
 
@@ -255,6 +285,7 @@ def hub_process(
 
     Raises:
         BusError: it did not start.
+        InputError: the folder has another hub's ports.
     """
     settings = HubSettings(folder, ports, bitrate, data_bitrate, paced)
     command = [
@@ -311,7 +342,12 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("--supervised", action="store_true", help="take orders from stdin, and end when it does")
     given = parser.parse_args(arguments)
     settings = HubSettings(given.folder, given.ports, given.bitrate, given.data_bitrate, not given.unpaced)
-    serve(settings, sys.stdin.fileno() if given.supervised else None)
+    try:
+        serve(settings, sys.stdin.fileno() if given.supervised else None)
+    except InputError as error:
+        if given.supervised:
+            _tell({"refused": [error.place, error.problem, error.fix]})
+        sys.exit(f"servotwin: {error}" if not given.supervised else error.exit_code)
 
 
 if __name__ == "__main__":

@@ -43,6 +43,11 @@ class FrameLine(NamedTuple):
     digits: bytes
 
 
+def marked(data: bytes) -> bytes:
+    """Bytes from an adapter in which each BEL is a line of its own."""
+    return data.replace(BELL, BELL + END)
+
+
 def parse(line: bytes) -> FrameLine | None:
     """The frame of a line without its end, None where it is none: another answer, or noise.
 

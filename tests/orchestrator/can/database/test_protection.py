@@ -107,6 +107,19 @@ def test_a_counter_beyond_its_last_value_is_wrong() -> None:
     assert protection.steps(np.array([13, 15, 0]), 15, 12)[1].tolist() == [False, True, True]
 
 
+def test_a_counter_is_known_by_its_name_beside_a_declared_checksum(tmp_path: Path) -> None:
+    text = (
+        DBC.replace("counter", "AliveCounter")
+        + """BA_DEF_ BO_ "ChecksumSignal" STRING;
+BA_DEF_DEF_ "ChecksumSignal" "";
+BA_ "ChecksumSignal" BO_ 100 "crc";
+"""
+    )
+    (tmp_path / "rig.dbc").write_text(text)
+    found = database.load(tmp_path / "rig.dbc").message("State").protection
+    assert found is not None and (found.counter, found.checksum) == ("AliveCounter", "crc")
+
+
 def test_missing_frames_are_told_from_the_cycle_time_where_there_is_no_counter(base: Database) -> None:
     time = np.delete(0.01 * np.arange(100) + np.random.default_rng(0).uniform(0, 0.002, 100), [20, 50, 51, 52])
     frames = Encoder(base, ["speed"]).encode(Trace(np.array([0.0, 0.95]), {"speed": np.zeros(2)}))

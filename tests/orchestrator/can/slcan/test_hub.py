@@ -15,6 +15,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fmus.errors import InputError
 from orchestrator.can import frame_time
 from orchestrator.can.live.bus import is_bus_off, send
 from orchestrator.can.slcan import protocol
@@ -249,6 +250,22 @@ def test_a_hub_ends_with_its_block_and_takes_its_ports_away(tmp_path: Path) -> N
         assert all(path.exists() for path in hub.paths)
     assert gone(hub.pid)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_second_hub_is_refused_a_folder_and_leaves_the_first_alone(tmp_path: Path) -> None:
+    with hub_process(tmp_path, 2) as hub:
+        ports = [path.readlink() for path in hub.paths]
+        with pytest.raises(InputError, match="another hub, which runs"), hub_process(tmp_path, 3):
+            pass
+        assert [path.readlink() for path in hub.paths] == ports
+
+
+def test_a_hub_takes_the_place_of_one_that_was_killed_and_leaves_links_of_others(tmp_path: Path) -> None:
+    (tmp_path / "0").symlink_to("/dev/pts/none")
+    with hub_process(tmp_path, 2) as hub:
+        hub.paths[1].unlink()
+        hub.paths[1].symlink_to("elsewhere")
+    assert [path.name for path in tmp_path.iterdir()] == ["1"]
 
 
 def test_a_hub_ends_when_the_process_that_started_it_is_killed(tmp_path: Path) -> None:

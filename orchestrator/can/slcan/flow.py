@@ -1,0 +1,62 @@
+"""What an adapter has been given and has answered to: which frames it took, and whether it still takes any."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+
+Key = tuple[int, bool]  # identifier, and whether it is an extended one
+
+STALL = 0.05  # for which an adapter may answer nothing while it owes answers [s]
+
+
+class Flow:
+    """Frames on their way into an adapter that answers to each, in order; times are those of one clock [s].
+
+    Attributes:
+        answers: whether it answers to frames at all; some adapters never do.
+        taken: identifier -> frames that it took.
+        refused: frames that it did not take (BEL).
+        refusing: since when it has refused all frames, None while it takes them.
+    """
+
+    def __init__(self) -> None:
+        self.answers = False
+        self.taken: Counter[Key] = Counter()
+        self.refused = 0
+        self.refusing: float | None = None
+        self._owed: deque[tuple[float, Key]] = deque()
+        self._heard = 0.0
+
+    @property
+    def owed(self) -> int:
+        """Frames that it has not answered to yet."""
+        return len(self._owed)
+
+    def given(self, key: Key, now: float) -> None:
+        """A frame has been written."""
+        self._owed.append((now, key))
+
+    def answered(self, taken: bool, now: float) -> bool:
+        """The answer to the oldest frame; whether there was one."""
+        self._heard = now
+        if not self._owed:
+            return False
+        self.answers = True
+        _, key = self._owed.popleft()
+        if taken:
+            self.taken[key] += 1
+            self.refusing = None
+        else:
+            self.refused += 1
+            self.refusing = now if self.refusing is None else self.refusing
+        return True
+
+    def settle(self) -> None:
+        """What has not been answered to by now never will be."""
+        self._owed.clear()
+
+    def stalled(self, now: float) -> bool:
+        """Whether it has stopped answering: what is written now would wait behind what is old already."""
+        if not self.answers or not self._owed:
+            return False
+        return now - max(self._owed[0][0], self._heard) > STALL

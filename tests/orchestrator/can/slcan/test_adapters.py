@@ -1,0 +1,138 @@
+"""What adapters refuse, do not answer, or say to somebody else: nothing of it passes for a frame that was sent."""
+
+from __future__ import annotations
+
+import os
+import time
+
+import can
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fmus.errors import BusError
+from orchestrator.can.live.bus import open_bus, opened
+from orchestrator.can.slcan.bus import SlcanBus
+from orchestrator.can.slcan.flow import STALL, Flow
+from tests.support.scripted_adapter import ScriptedAdapter, willing
+from tests.support.wiring import HANG, frame, heard, number, settings, wait_for
+
+KEY = (0x100, False)
+
+
+def on(adapter: ScriptedAdapter, **options: object) -> SlcanBus:
+    bus = open_bus(settings(adapter.path, **options))  # type: ignore[arg-type]
+    assert isinstance(bus, SlcanBus)
+    return bus
+
+
+@pytest.mark.parametrize(
+    ("refused", "said"), [(b"S6", r"refuses S6 \(500000 bit/s\)"), (b"O", r"refuses O \(to open\)")]
+)
+def test_an_adapter_that_refuses_to_open_does_not_open(refused: bytes, said: str) -> None:
+    with ScriptedAdapter(lambda line: b"\a" if line == refused else willing(line)) as adapter:
+        with pytest.raises(BusError, match=f"does not open .*{said}") as failed:
+            open_bus(settings(adapter.path))
+        assert failed.value.exit_code == 3
+        adapter.answer = willing
+        on(adapter).shutdown()  # the port is free again
+
+
+def test_an_adapter_that_answers_to_nothing_opens_and_cannot_tell_what_it_took() -> None:
+    with ScriptedAdapter(lambda line: b"") as adapter:
+        bus = on(adapter)
+        for count in range(200):
+            bus.send(frame(count), timeout=0.0)
+        wait_for(lambda: len(adapter.frames) == 200)
+        assert not bus.answers and not bus.flow.answers
+        bus.shutdown()
+
+
+def test_frames_that_are_taken_and_refused_are_told_apart() -> None:
+    def odd(line: bytes) -> bytes:
+        return b"\a" if line[:1] == b"t" and int(line[-1:], 16) % 4 == 3 else willing(line)
+
+    with ScriptedAdapter(odd) as adapter, opened(settings(adapter.path)) as bus:
+        assert isinstance(bus, SlcanBus)
+        for count in range(8):
+            bus.send(frame(count), timeout=HANG)
+        bus.send(can.Message(arbitration_id=0x12345, data=b"\1"), timeout=HANG)
+        wait_for(lambda: (bus.recv(0.0), bus.flow.owed)[1] == 0)
+        assert bus.flow.taken == {KEY: 6, (0x12345, True): 1}
+        assert bus.flow.refused == bus.refused == 2
+        assert bus.flow.refusing is None
+
+
+def test_an_adapter_that_refuses_all_is_known_since_when() -> None:
+    with ScriptedAdapter(lambda line: b"\a" if line[:1] == b"t" else willing(line)) as adapter:
+        bus, begun = on(adapter), time.monotonic()
+        for count in range(3):
+            bus.send(frame(count), timeout=HANG)
+        wait_for(lambda: (bus.recv(0.0), bus.flow.owed)[1] == 0)
+        assert bus.flow.refusing is not None and begun <= bus.flow.refusing <= time.monotonic()
+        bus.shutdown()
+
+
+def test_old_commands_do_not_wait_for_an_adapter_that_has_stopped_to_read() -> None:
+    with ScriptedAdapter() as adapter:
+        bus = on(adapter)
+        bus.send(frame(0), timeout=HANG)
+        wait_for(lambda: (bus.recv(0.0), bus.flow.owed)[1] == 0)
+        adapter.reads.clear()
+        time.sleep(0.1)
+        given, until = [], time.monotonic() + 10 * STALL
+        while time.monotonic() < until:
+            try:
+                bus.send(frame(len(given) + 1), timeout=0.0)
+                given.append(time.monotonic())
+            except can.CanTimeoutError:
+                pass
+            time.sleep(0.002)
+        assert given[-1] - given[0] < 2 * STALL
+        adapter.reads.set()
+        wait_for(lambda: (bus.recv(0.0), bus.flow.owed)[1] == 0)
+        bus.send(frame(0x777), timeout=HANG)
+        wait_for(lambda: adapter.frames[-1].endswith(b"777"))
+        assert len(adapter.frames) == len(given) + 2
+        bus.shutdown()
+
+
+def test_a_port_has_one_program_at_a_time_and_the_first_loses_nothing() -> None:
+    with ScriptedAdapter() as adapter, opened(settings(adapter.path)) as bus:
+        adapter.say(b"t10080000000000000001\r")
+        with pytest.raises(BusError, match="another program has the port open"):
+            open_bus(settings(adapter.path))
+        assert [number(message) for message in heard(bus, 1)] == [1]
+
+
+def test_what_was_said_to_the_one_before_is_dropped() -> None:
+    """Also where it was killed in the middle of a line, and the adapter goes on until it is closed."""
+
+    def chatty(line: bytes) -> bytes:
+        old = b"t10080000000000000001\r" * 50
+        return (old if line in (b"C", b"V", b"S6") else b"") + old * (line == b"O") + willing(line)
+
+    with ScriptedAdapter(chatty) as adapter:
+        port = os.open(adapter.path, os.O_RDWR | os.O_NOCTTY)
+        os.write(port, b"S6\rO\rt1008")
+        os.close(port)
+        wait_for(lambda: b"O" in adapter.lines)
+        with opened(settings(adapter.path)) as bus:
+            adapter.say(b"t10080000000000000002\r")
+            assert [number(message) for message in heard(bus, 1)] == [2]
+            assert b"C" in adapter.lines
+
+
+@given(st.lists(st.sampled_from(["given", "taken", "refused", "settled"]), max_size=60))
+def test_no_more_frames_are_taken_than_were_given(events: list[str]) -> None:
+    flow, given = Flow(), 0
+    for now, event in enumerate(events):
+        if event == "given":
+            flow.given(KEY, now)
+            given += 1
+        elif event == "settled":
+            flow.settle()
+        else:
+            flow.answered(event == "taken", now)
+        assert flow.taken.total() + flow.refused + flow.owed <= given
+        assert not (flow.stalled(now + 1e9) and not flow.owed)
