@@ -89,8 +89,8 @@ class SlcanBus(slcanBus):
         try:
             time.sleep(sleep_after_open)
             self.serialPortOrig.reset_output_buffer()
-            rates = (timing.nom_bitrate, timing.data_bitrate) if timing else (bitrate, None)
-            commands = [*_settings(*rates, btr), "L" if listen_only else "O"]
+            nominal, data = (timing.nom_bitrate, timing.data_bitrate) if timing else (bitrate, None)
+            commands = [*_settings(nominal, data, btr), "L" if listen_only else "O"]
             self.answers, (*lines, self._partial) = take_over(self.serialPortOrig.fd, commands)
             for line in lines:
                 self._take(line, self._epoch + time.perf_counter())
