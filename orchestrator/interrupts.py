@@ -158,7 +158,7 @@ class Interrupts:
 
 def broken_off() -> bool:
     """Whether an interrupt has broken off a call of an FMU."""
-    return any(interrupts.broken_off for interrupts in _active)
+    return bool(_active) and any(interrupts.broken_off for interrupts in _active)  # asked after every run
 
 
 def requested() -> bool:

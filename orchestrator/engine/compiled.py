@@ -60,11 +60,12 @@ class Steppers:
         self._loop, self._engine = loop, engine
         self._obstacle = "it was asked for" if engine is Engine.PYTHON else _obstacle(loop)
         self._compiled = None if self._obstacle else CompiledLoop(loop)
+        self._exact = functools.lru_cache(loop.time.exact)
 
     def chosen(self, ticks: int) -> tuple[Stepper, str]:
         """What steps the loop from where it is for so many ticks; where that is Python's loop, why."""
         reason = self._obstacle
-        if not self._loop.time.exact(ticks):
+        if not self._exact(ticks):
             reason = reason or "the times of its ticks have too many digits"
         if self._compiled is not None and not reason:
             self._compiled.begin()

@@ -219,10 +219,8 @@ class Loop:
         """Let the values in that hold from this tick on: finished steps and stimuli."""
         for slot, value in self.pending.pop(tick, ()):
             self.values[slot] = value
-        if self.stimuli.shape[1]:
-            self.values[self.first_stimulus : self.first_stimulus + self.stimuli.shape[1]] = self.stimuli[
-                tick // self.hold
-            ].tolist()
+        if self.first_stimulus < self.size:
+            self.values[self.first_stimulus :] = self.stimuli[tick // self.hold].tolist()
 
     def _advance(self, node: Node, tick: int) -> None:
         outputs = self._step(node, tick)

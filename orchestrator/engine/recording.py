@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from orchestrator.interrupts import whole
-from orchestrator.memory import require
+from orchestrator.memory import PLENTY, require
 from orchestrator.rational import Clock
 from orchestrator.trace import FloatArray, Trace
 
@@ -101,8 +101,10 @@ def require_room(rows: int, columns: int) -> None:
     Raises:
         InputError: they do not.
     """
-    fix = "lengthen its `step`, keep fewer rows with --stride, or write them while running with --stream"
-    require("run", f"{rows:,} rows of {columns} values to keep", 8 * rows * max(columns, 1), fix)
+    size = 8 * rows * max(columns, 1)
+    if size > PLENTY:
+        fix = "lengthen its `step`, keep fewer rows with --stride, or write them while running with --stream"
+        require("run", f"{rows:,} rows of {columns} values to keep", size, fix)
 
 
 def _spread(count: int, size: int) -> FloatArray:

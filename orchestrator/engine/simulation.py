@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from time import perf_counter
 from types import TracebackType
+from typing import NamedTuple
 
 import numpy as np
 
@@ -100,8 +101,7 @@ class RunFailed(PartialError):  # noqa: N818 - as what interrupts it
     result: Result
 
 
-@dataclass(frozen=True)
-class _Done:
+class _Done(NamedTuple):
     """A run that is over: its record, its loop, why that was Python's, and how long the steps took [s]."""
 
     recorder: Recorder
@@ -165,6 +165,7 @@ class Simulation:
         )
         self.stimuli = tuple(sorted(map(str, system.stimulated)))
         self._every = multiples(timing.step, self.plan.tick, "step")  # ticks of a communication step
+        self._start = float(timing.start)
         self._inputs: dict[str, list[str]] = {name: [] for name in system.parts}  # component -> those that are driven
         for target in [link.target for link in system.connections] + [Endpoint.parse(name) for name in self.stimuli]:
             self._inputs[target.component].append(target.variable)
@@ -256,11 +257,11 @@ class Simulation:
         return done.recorder.kept()
 
     def _executed(self, run: Run, progress: Callable[[float], None] | None = None, sink: Sink | None = None) -> _Done:
-        steps = self._steps(self.timing.stop if run.stop is None else run.stop)
+        stop = self.timing.stop if run.stop is None else run.stop
+        steps, every = self._steps(stop), self._every
         if run.record_every < 1:
             raise WiringError("record_every", f"is {run.record_every}", "give 1 or more")
         own, stimuli = self._checked(run.values), self._driven(run.stimuli, steps + 1)
-        every, stop = self._every, self.timing.stop if run.stop is None else run.stop
         self._reset()
         prepared, count = self._prepare(run.record, (), every), steps // run.record_every + 1
         if sink is None:
@@ -268,7 +269,7 @@ class Simulation:
         loop = prepared.loop
         loop.begin(stimuli)
         engine, reason = prepared.steppers.chosen(steps * every)
-        self._initialise(engine, loop, own, float(stop))
+        self._initialise(engine, loop, own, stop)
         recorder = Recorder(prepared.columns, loop.time, every * run.record_every, count, sink)
         begun, end = perf_counter(), None
         try:
@@ -368,19 +369,21 @@ class Simulation:
         return own
 
     def _driven(self, stimuli: Mapping[str, FloatArray], count: int) -> FloatArray:
-        """(K, s) the stimuli side by side, at least so many rows."""
-        if len(stimuli) != len(self.stimuli) or any(name not in stimuli for name in self.stimuli):
-            raise WiringError("stimuli", f"{sorted(stimuli)} given", f"give {list(self.stimuli)}")
-        columns = [np.asarray(stimuli[name], dtype=float) for name in self.stimuli]
-        for name, samples in zip(self.stimuli, columns, strict=True):
+        """(count, s) the stimuli side by side."""
+        if (given := sorted(stimuli)) != [*self.stimuli]:
+            raise WiringError("stimuli", f"{given} given", f"give {[*self.stimuli]}")
+        columns = []
+        for name in self.stimuli:
+            samples = np.asarray(stimuli[name], dtype=float)
             if samples.ndim != 1 or len(samples) < count:
                 raise WiringError(name, f"has samples of shape {samples.shape}", f"give {count}, one an instant")
-            if not np.isfinite(samples).all():
+            finite = np.isfinite(samples)
+            if not finite[finite.argmin()]:  # the first that is not, found sooner than by `all` in a short run
                 raise WiringError(name, "is driven by a sample that is not finite", "repair the stimulus")
-        length = min(map(len, columns), default=0)
-        side_by_side = np.empty((length, len(columns)))
+            columns.append(samples[:count])
+        side_by_side = np.empty((count, len(columns)))
         for place, samples in enumerate(columns):
-            side_by_side[:, place] = samples[:length]
+            side_by_side[:, place] = samples
         return side_by_side
 
     def _prepare(self, record: Iterable[str] | None, read: Sequence[str], hold: int) -> _Prepared:
@@ -423,14 +426,14 @@ class Simulation:
             component.terminate()
 
     def _initialise(
-        self, engine: Stepper, loop: Loop, own: Mapping[str, Mapping[str, Value]], stop: float | None
+        self, engine: Stepper, loop: Loop, own: Mapping[str, Mapping[str, Value]], stop: Fraction | None
     ) -> None:
         """Initialise the components, with their own values, for a run until `stop` [s]."""
-        start, told = float(self.timing.start), stop if self.timing.tell_stop else None
+        told = None if stop is None or not self.timing.tell_stop else float(stop)
         for name, component in self.components.items():
             component.set(own[name])
         for component in self.components.values():
-            component.begin(start, told, self.timing.tolerance)
+            component.begin(self._start, told, self.timing.tolerance)
         self._propagate(engine, loop)
         for component in self.components.values():
             component.run()
@@ -482,8 +485,8 @@ class Simulation:
         Raises:
             FmuError: a circle whose values do not settle.
         """
-        nodes, before = loop.nodes, list(loop.values)
-        for turn in range(len(nodes) + 1 + self.timing.cycles.limit):
+        nodes, before = loop.nodes, engine.pass_on(writing=True)
+        for turn in range(1, len(nodes) + 1 + self.timing.cycles.limit):
             after = engine.pass_on(writing=True)
             moving = _moving(before, after, self.timing.cycles.tolerance if turn > len(nodes) else 0.0)
             if not moving:

@@ -12,7 +12,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 from fmpy import fmi2
@@ -47,6 +47,14 @@ def _cast(ctype: Any, kind: str) -> Callable[[Any], Any]:
         return number
 
     return whole
+
+
+@lru_cache(maxsize=16)
+def _limits(truth: Any, start: float, stop: float | None, tolerance: float | None) -> tuple[Any, ...]:
+    """What an FMU is told of a run before it, in the types of C."""
+    double = ctypes.c_double
+    told = (truth(tolerance is not None), double(tolerance or 0.0), double(start))
+    return (*told, truth(stop is not None), double(stop or 0.0))
 
 
 def _decoded(text: bytes | None) -> str:
@@ -138,7 +146,8 @@ class TypedValues:
         self.plain = ctype in (ctypes.c_double, ctypes.c_float) and self.in_order
         self.values = (ctype * size)()
         self.references = (ctypes.c_uint * len(references))(*references)
-        self.arguments = (fmi.handle, self.references, len(references), self.values, *fmi.count(size))
+        counts = map(ctypes.c_size_t, (len(references), *fmi.count(size)))
+        self.arguments = (fmi.handle, self.references, next(counts), self.values, *counts)
         self._rest: list[Any] = []
 
     def _begin(self, port: Port) -> None:
@@ -257,13 +266,12 @@ class FmiFunctions(ABC):
         status."""
 
     def accessor(self, verb: str, kind: str) -> Callable[..., int]:
-        function = self.function(f"{verb}{kind}")
-        pointer = ctypes.POINTER(self.ctype(kind))
-        extra = [ctypes.c_size_t] * len(self.count(0))
-        function.argtypes = [ctypes.c_void_p, ctypes.POINTER(ctypes.c_uint), ctypes.c_size_t, pointer, *extra]
-        function.restype = ctypes.c_int
-        accessor: Callable[..., int] = function
-        return accessor
+        """The function that gets or sets values, to be called with arguments in C's types: to convert them takes longer
+        than the call."""
+        name = f"{verb}{kind}"
+        self.function(name)
+        untyped: Callable[..., int] = self.fmu.dll[self.prefix + name]
+        return untyped
 
     def ctype(self, kind: str) -> Any:
         """C type of a value."""
@@ -385,8 +393,7 @@ class Version2(FmiFunctions):
         return ()
 
     def begin(self, start: float, stop: float | None, tolerance: float | None) -> int:
-        limits = (tolerance is not None, tolerance or 0.0, start, stop is not None, stop or 0.0)
-        status = self.call("SetupExperiment", *limits)
+        status = self.call("SetupExperiment", *_limits(ctypes.c_int, start, stop, tolerance))
         return status if status >= FAILED else max(status, self.call("EnterInitializationMode"))
 
     def free(self) -> None:
@@ -495,8 +502,7 @@ class Version3(FmiFunctions):
         return (number,)
 
     def begin(self, start: float, stop: float | None, tolerance: float | None) -> int:
-        limits = (tolerance is not None, tolerance or 0.0, start, stop is not None, stop or 0.0)
-        return self.call("EnterInitializationMode", *limits)
+        return self.call("EnterInitializationMode", *_limits(ctypes.c_bool, start, stop, tolerance))
 
 
 class Fmi3(Version3, CoSimulation):

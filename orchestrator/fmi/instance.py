@@ -54,13 +54,15 @@ class FmuInstance(Generic[A]):
         self._messages: deque[str] = deque(maxlen=20)
         self._complained = False  # has logged an error since its reset
         self._given: dict[str, Value] = {}
+        self._given_group: VariableGroup  # the same, bound
         self._sizes = frozenset(port.name for port in fmu.interface.of("structuralParameter"))
         self._alive = self._under_way = False
         self._sound = True  # the library has given a whole run since it was loaded or an instance of it died
         self._resets, self._was_reset = True, False
         self._doubtful: set[str] = set()  # variables whose start is not what the file declares
-        self._touched: set[str] = set()  # what was set in earlier runs
-        self._watched_beside: frozenset[str] | None = None  # the given ones, beside which others are read after a reset
+        self._touched: set[str] = set()  # what was set in this run or an earlier one
+        self._watched: dict[str, float] | None = None  # what is read after a reset, and what it has to be
+        self._watched_beside: VariableGroup | None = None  # the given ones, if any
         self._bound: tuple[Sequence[str], Sequence[str]] = (), ()
         self._known_as = last_words.OURS if fmu.is_ours else last_words.FMU, f"{name} ({fmu.path})"
         last_words.own().say(*self._known_as)
@@ -70,11 +72,15 @@ class FmuInstance(Generic[A]):
         given = {**self._given, **values}
         if self._sizes:
             given = {name: value for name, value in given.items() if name not in self._sizes}
-        self._given_group = group = self._group(*given)
-        if not group.floats or {type(value) for value in given.values()} != {float}:
+        group = self._group(*given)
+        if group is not self._given_group:
+            self._given_group = group
+            self._touched |= given.keys()
+        if not group.floats or set(map(type, given.values())) != {float}:
             given = {name: self._port(name).typed(f"{self.name}.{name}", value) for name, value in given.items()}
         self._given = given
-        self._inputs.keep([(self._port(name), value) for name, value in given.items()] if self._inputs.partial else ())
+        if self._inputs.partial:
+            self._inputs.keep([(self._port(name), value) for name, value in given.items()])
         if not given:
             return
         try:
@@ -106,7 +112,7 @@ class FmuInstance(Generic[A]):
             self._group(*self._given).write(list(self._given.values()))
             self._enter(start, stop, tolerance)
             self._doubtful |= self._not_reset().keys()
-            self._watched_beside = None
+            self._watched = None
             odd = {name: value for name, value in odd.items() if name not in self._doubtful}
         if odd:
             name, value = next(iter(odd.items()))
@@ -139,7 +145,9 @@ class FmuInstance(Generic[A]):
         self._check(status, "get outputs")
 
     def run(self) -> None:
-        self._check(self._fmi.run(), "initialise")
+        status = self._fmi.run()
+        if status:
+            self._check(status, "initialise")
         self._under_way = True
         if self._given:
             self._require_taken(self._given_group, self._given)
@@ -170,10 +178,7 @@ class FmuInstance(Generic[A]):
 
     def reset(self) -> bool:
         self.terminate()
-        if not self._given.keys() <= self._touched:
-            self._touched |= self._given.keys()
-            self._watched_beside = None
-        self._given.clear()
+        self._given = {}
         self._messages.clear()
         self.warnings, self._was_reset, self._complained = 0, False, False
         if not self._alive and not self._sound:
@@ -233,7 +238,7 @@ class FmuInstance(Generic[A]):
         self._resets, self._terminates = self._resets and self._fmi.has("Reset"), self._fmi.has("Terminate")
         self._log_errors()
         self._groups: dict[tuple[str, ...], VariableGroup] = {}
-        self._watched_beside = None
+        self._watched = None
         self._given_group = self._group()
         self.bind(*self._bound)
         self._configure()
@@ -252,7 +257,9 @@ class FmuInstance(Generic[A]):
         self._configure()
 
     def _enter(self, start: float, stop: float | None, tolerance: float | None) -> None:
-        self._check(self._fmi.begin(start, stop, tolerance), "enter initialisation")
+        status = self._fmi.begin(start, stop, tolerance)
+        if status:
+            self._check(status, "enter initialisation")
 
     @cached_property
     def _exact(self) -> dict[str, float]:
@@ -269,11 +276,12 @@ class FmuInstance(Generic[A]):
 
     def _not_reset(self) -> dict[str, float]:
         """Variables with another value than the one they are declared to start from, and that value."""
-        given = self._given.keys()
-        if given != self._watched_beside:
-            self._watched_beside = frozenset(given)
+        given = self._given_group if self._given else None
+        if self._watched is None or given is not self._watched_beside:
+            beside = self._doubtful | self._given.keys()
             known = {**self._exact, **self._starts(self._touched)}
-            self._watched = {name: v for name, v in known.items() if name not in given and name not in self._doubtful}
+            self._watched = {name: start for name, start in known.items() if name not in beside}
+            self._watched_beside = given
             self._watched_group, self._watched_starts = self._group(*self._watched), [*self._watched.values()]
         if not self._watched:
             return {}
