@@ -16,14 +16,16 @@ from identification.recordings.campaign import StudyTrace
 from orchestrator.crossing import CrossingDocument
 from orchestrator.display.table import Cell
 from orchestrator.fmi.interface import Value
-from orchestrator.marks import Mark
+from orchestrator.marks import WORDS, Kind, Mark
 from orchestrator.report import Section
 from orchestrator.report.content import CalloutKind
 from orchestrator.results import versions
 
 STUDY = "study.yaml"
 SUMMARY = "summary.json"
+POOR = 0.5  # median FIT below which what was seen in recordings may have spoilt it
 MOST = 1000  # marks of a recording that are told
+SHOWN = 100  # of all recordings, that a report shows
 
 
 class ParameterSummary(TypedDict):
@@ -62,7 +64,7 @@ class FitsSummary(TypedDict, total=False):
 class MarkSummary(TypedDict):
     """A stretch of a recording that is left out: why, from when to when [s], for which signals (all without any)."""
 
-    kind: str
+    kind: Kind
     start: float
     stop: float
     signals: list[str]
@@ -149,7 +151,13 @@ class ClaimsSummary(Summary):
 
 
 def verdict(
-    fit: float | None, side: str, at_least: float | None, *, unsettled: str = "", remedy: str = ""
+    fit: float | None,
+    side: str,
+    at_least: float | None,
+    *,
+    unsettled: str = "",
+    remedy: str = "",
+    recorded: Iterable[StudyTrace] = (),
 ) -> VerdictSummary:
     """The verdict on a median FIT.
 
@@ -157,10 +165,16 @@ def verdict(
         side: whose FIT it is, such as "unseen".
         unsettled: why the search has not converged, and what to do; nothing where it has.
         remedy: what to try where the target is missed.
+        recorded: where something was seen in these that may spoil a fit, it has to be `POOR` at least without a target.
     """
     reached = None if fit is None else finite(fit)
-    held = at_least is None or (reached is not None and reached >= at_least)
+    spoilt = at_least is None and any(recording.damaged for recording in recorded)
+    least = POOR if spoilt else at_least
+    held = least is None or (reached is not None and reached >= least)
     said = []
+    if spoilt and not held:
+        found = "none" if reached is None else f"{reached:.4f}"
+        said = [f"DOUBTFUL: median FIT, {side}, {found}, of recordings that are not sound (see the warnings)"]
     if at_least is not None:
         found = "none" if reached is None else f"{reached:.4f}"
         said = [f"{'held' if held else 'MISSED'}: median FIT, {side}, {found}, at least {at_least:g} asked for"]
@@ -249,11 +263,21 @@ def _half(entry: ParameterSummary) -> float | None:
 def provenance(section: Section, data: Iterable[TraceSummary], units: Sequence[CrossingDocument] = ()) -> None:
     """The versions that made a result, and tables of its recordings and of what was converted of them."""
     section.provenance(versions())
-    rows = [
+    data = list(data)
+    rows: list[list[Cell]] = [
         [trace["trace"], trace["role"], "; ".join([trace["stamps"], *trace.get("notes", [])]), trace["sha256"]]
         for trace in data
     ]
     section.table(["trace", "role", "time stamps and notes", "SHA-256"], rows)
+    left_out: list[list[Cell]] = [
+        [trace["trace"], WORDS[mark["kind"]], mark["start"], mark["stop"], ", ".join(mark["signals"]) or "all"]
+        for trace in data
+        for mark in trace.get("marks", [])
+    ]
+    if left_out:
+        caption = f"{len(left_out)} stretches" if len(left_out) > SHOWN else ""
+        headers = ["trace", "left out", "from [s]", "to [s]", "signals"]
+        section.table(headers, left_out[:SHOWN], caption=caption)
     if units:
         section.table(["units"], [[crossed["text"]] for crossed in units])
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from fmus.errors import IdentificationError
 from identification.linear.model import LinearModel
-from identification.linear.records import InputOutputData
+from identification.linear.records import InputOutputData, between_gaps
 from identification.signals.processing import low_pass
 from orchestrator.trace import FloatArray
 
@@ -42,6 +42,7 @@ class PreparedData:
     """Records fit for identification.
 
     Attributes:
+        records: without gaps; the pieces of one that has some are named by where they begin.
         scale: (p,) by which the outputs were multiplied.
     """
 
@@ -59,7 +60,9 @@ def prepared(records: Sequence[InputOutputData], how: Preparation) -> PreparedDa
     Raises:
         IdentificationError: an output is 0 throughout, so that it cannot be scaled, or the filter does not fit.
     """
-    plain = [_filtered(_centred(record, how), how) for record in records]
+    plain = [_filtered(piece, how) for record in records for piece in between_gaps(_centred(record, how))]
+    if not plain:
+        raise IdentificationError(records[0].name, "holds nothing but gaps", "leave less out")
     scale = _scale(plain) if how.scaled else np.ones(plain[0].y.shape[1])
     return PreparedData(tuple(replace(record, y=record.y * scale) for record in plain), scale)
 
@@ -75,7 +78,10 @@ def without_compensation(u: FloatArray, magnitude: float) -> FloatArray:
 
 def _centred(record: InputOutputData, how: Preparation) -> InputOutputData:
     centred = np.isin(record.outputs, how.zero_mean)
-    return replace(record, y=record.y - np.where(centred, record.y.mean(axis=0), record.y[0]))
+    known = record.y[np.isfinite(record.y).all(axis=1)]
+    if not len(known):
+        return record
+    return replace(record, y=record.y - np.where(centred, known.mean(axis=0), known[0]))
 
 
 def _filtered(record: InputOutputData, how: Preparation) -> InputOutputData:

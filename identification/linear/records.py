@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fmus.errors import IdentificationError, TraceError
+from orchestrator.marks import runs
 from orchestrator.trace import FloatArray, Trace, read_only
 
 _JITTER = 0.01  # of a step; stamps further off their place are no longer evenly sampled
@@ -119,7 +120,7 @@ def without_gaps(records: Records, shortest: int) -> Pieces:
         raise IdentificationError("records", "there are none", "give at least one")
     for other in given[1:]:
         _check_alike(given[0], other)
-    pieces = [piece for whole in given for piece in _split(whole)]
+    pieces = [piece for whole in given for piece in between_gaps(whole)]
     kept = tuple(piece for piece in pieces if len(piece) >= shortest)
     if not kept:
         longest = max(map(len, pieces), default=0)
@@ -134,6 +135,15 @@ def without_gaps(records: Records, shortest: int) -> Pieces:
             raise IdentificationError(piece.name, f"holds a value of {largest:g}", "repair it, or change the unit")
     lost = sum(map(len, pieces)) - sum(map(len, kept))
     return Pieces(kept, len(pieces) - len(kept), lost)
+
+
+def between_gaps(whole: InputOutputData) -> list[InputOutputData]:
+    """The longest runs of finite samples, named by where they begin unless that is all."""
+    finite = np.asarray(np.isfinite(np.hstack([whole.u, whole.y])).all(axis=1))
+    if finite.all():
+        return [whole]
+    named = ((f"{whole.name} from {first * whole.step:.6g} s", first, after) for first, after in runs(finite))
+    return [replace(whole.rows(first, after), name=name) for name, first, after in named]
 
 
 def checked_weights(weights: Sequence[float], outputs: Sequence[str]) -> FloatArray:
@@ -163,10 +173,3 @@ def _check_alike(first: InputOutputData, other: InputOutputData) -> None:
             f"has columns {other.inputs} and {other.outputs}, not {first.inputs} and {first.outputs}",
             "give all records the same columns",
         )
-
-
-def _split(whole: InputOutputData) -> list[InputOutputData]:
-    """The longest runs of finite samples."""
-    finite = np.isfinite(whole.u).all(axis=1) & np.isfinite(whole.y).all(axis=1)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], finite.astype(int), [0]])))
-    return [whole.rows(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]

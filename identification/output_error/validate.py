@@ -83,7 +83,7 @@ class Validation:
     def verdict(self) -> VerdictSummary:
         """Whether the study's target is met, by the unseen recordings where there are some."""
         side = next(iter(self.judged))
-        return verdict(self.judged[side].median, side, self.study.at_least)
+        return verdict(self.judged[side].median, side, self.study.at_least, recorded=self.recorded)
 
 
 def validate(
@@ -105,7 +105,7 @@ def validate(
     study, earlier = isolated(study, isolation), read_summary(folder)
     used = {trace["sha256"] for trace in earlier["data"] if trace["role"] == "fit"}
     delays = _found_delays(study, earlier, folder)
-    recorded = load_campaign(study.traces, data, isolation=study.options.isolation)
+    recorded = load_campaign(study.traces, data, isolation=study.options.isolation, foreign=True)
     groups = {
         "unseen": [trace for trace in recorded if trace.sha256 not in used],
         "fitted": [trace for trace in recorded if trace.sha256 in used],

@@ -22,7 +22,14 @@ def calibration_verdict(calibration: Calibration) -> VerdictSummary:
         target = calibration.study.at_least
         return {"at_least": target, "reached": None, "held": False, "converged": found.converged, "said": said}
     unsettled = "" if found.converged else f"{found.message}; try {', '.join(_remedies(calibration))}"
-    return verdict(judged.median, side, calibration.study.at_least, unsettled=unsettled, remedy=_remedy(calibration))
+    return verdict(
+        judged.median,
+        side,
+        calibration.study.at_least,
+        unsettled=unsettled,
+        remedy=_remedy(calibration),
+        recorded=calibration.recorded,
+    )
 
 
 def _remedies(calibration: Calibration) -> Iterator[str]:

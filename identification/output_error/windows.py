@@ -24,7 +24,7 @@ from identification.output_error.delays import (
 from identification.output_error.problem import Window
 from identification.output_error.study import FreeRunSpec, StartSpec, TraceSignal, WindowSpec
 from identification.recordings.campaign import StudyTrace
-from identification.recordings.marks import listed, sound
+from identification.recordings.marks import nothing_left, sound
 from orchestrator.crossing import Crossing
 from orchestrator.fmi.interface import Port, Value
 from orchestrator.marks import Mark, union
@@ -127,16 +127,8 @@ def cut_windows(
             replace(_window(own, trace, start, windows.length, recorded.values), crossings=crossed) for start in starts
         ]
     if marked and not cut:
-        _refuse(marked[0], windows)
+        raise nothing_left(marked[0].place, f"no window of {float(windows.length):g} s is", marked[0].marks)
     return cut
-
-
-def _refuse(recorded: StudyTrace, windows: WindowSpec) -> None:
-    raise TraceError(
-        recorded.place,
-        f"no window of {float(windows.length):g} s is left beside {listed(recorded.marks)}",
-        "shorten the windows, record again, or take these stretches all the same (`traces.keep: [KIND]`)",
-    )
 
 
 def _barred(run: FreeRunSpec, marks: Sequence[Mark], length: Fraction) -> FloatArray:

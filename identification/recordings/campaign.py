@@ -12,7 +12,7 @@ from typing import Literal
 
 from fmus.errors import ScenarioError, TraceError
 from fmus.files import sha256
-from identification.recordings.marks import MUCH, Exclusion, covered, excluded, known_marks, listed
+from identification.recordings.marks import MUCH, Exclusion, covered, excluded, listed, of_stamps
 from orchestrator import formats
 from orchestrator.can.log_suffixes import is_log
 from orchestrator.crossing import Crossing, noted
@@ -24,6 +24,8 @@ from orchestrator.progress import Progress, silent
 from orchestrator.scenario.run import run_scenario
 from orchestrator.trace import Trace
 
+DAMAGE = {"missing", "checksums", "counters", "not_finite", "out_of_range", "setbacks", "strays", "damaged"}
+"""What may be found in a file that may spoil a fit."""
 DecimalPoint = Literal["point", "underscore", "after first digit"]
 
 
@@ -101,7 +103,8 @@ class StudyTrace:
         held: whether commands keep their value from stamp to stamp, as those of frames do.
         values: component.variable -> value that holds for this trace [unit of the variable].
         crossings: how its signals got to the units that they are in.
-        marks: stretches that are left out.
+        marks: stretches that are left out; kept: that are taken all the same.
+        damaged: whether something was seen in the file that may spoil a fit.
     """
 
     trace: Trace
@@ -115,6 +118,8 @@ class StudyTrace:
     values: Mapping[str, Value] = field(default_factory=dict)
     crossings: tuple[Crossing, ...] = ()
     marks: tuple[Mark, ...] = ()
+    kept: tuple[Mark, ...] = ()
+    damaged: bool = False
 
     @property
     def place(self) -> str:
@@ -129,36 +134,42 @@ class StudyTrace:
     @property
     def remarks(self) -> tuple[str, ...]:
         """The notes, and how much is left out, a line each."""
-        if not self.marks:
-            return self.notes
-        return (*self.notes, f"{self.left_out:.3g} of {self.trace.duration:.3g} s are left out: {listed(self.marks)}")
+        left = f"{self.left_out:.3g} of {self.trace.duration:.3g} s are left out: {listed(self.marks)}"
+        kept = f"taken all the same, as the study says: {listed(self.kept)}"
+        return (*self.notes, *([left] if self.marks else []), *([kept] if self.kept else []))
 
 
 def load_campaign(
-    source: TraceSource, data: Path | None = None, progress: Progress = silent, isolation: Isolation | None = None
+    source: TraceSource,
+    data: Path | None = None,
+    progress: Progress = silent,
+    isolation: Isolation | None = None,
+    foreign: bool = False,
 ) -> list[StudyTrace]:
     """All traces of a study, by name.
 
     Args:
         data: folder (or one file) of recordings, over the source's folder.
         isolation: how FMUs of a scenario are isolated, None where they are not.
+        foreign: whether the recordings may be others than those that the study was written for.
 
     Raises:
         TraceError: there are none, one cannot be read, or its name does not tell what it has to.
         DatabaseError: the database of CAN logs cannot be read, or lacks a signal.
-        ScenarioError: a field that the study takes a value from is not known of a trace.
+        ScenarioError: a field that the study takes a value from is not known of a trace, or an exclusion is of none.
     """
     if source.scenario is not None:
         traces = _simulated(source.scenario, progress, isolation)
     else:
         traces = [_read(file, source) for file in _files(source, data or source.folder)]
+    left_out = excluded(source.exclude, [trace.trace for trace in traces], foreign)
     known = [
         replace(
             trace,
             values=trace_values(source.values, trace.trace.name, trace.fields),
             marks=(*trace.marks, *marks),
         )
-        for trace, marks in zip(traces, excluded(source.exclude, [trace.trace for trace in traces]), strict=True)
+        for trace, marks in zip(traces, left_out, strict=True)
     ]
     return sorted(known, key=lambda trace: trace.trace.name)
 
@@ -255,8 +266,23 @@ def _read(file: Path, source: TraceSource) -> StudyTrace:
     recording = formats.read(file, source.layout)
     trace, stamps, held = replace(recording.trace, name=file.stem), recording.stamps, is_log(file)
     begun = trace.complete() if held else trace  # what a message says first comes a little later than others
-    marks, notes = known_marks(recording, begun, source.used, source.keep)
-    return StudyTrace(begun, fields, file, recording.sha256, str(stamps), stamps.clean, notes, held=held, marks=marks)
+    told = recording.marks if held else (*recording.marks, *of_stamps(begun))
+    matter = [mark for mark in told if not source.used or mark.concerns(source.used)]
+    marks, kept = (tuple(mark for mark in matter if (mark.kind in source.keep) == side) for side in (False, True))
+    damaged = bool(DAMAGE & recording.found.keys() or matter)
+    return StudyTrace(
+        begun,
+        fields,
+        file,
+        recording.sha256,
+        str(stamps),
+        stamps.clean,
+        recording.notes,
+        held=held,
+        marks=marks,
+        kept=kept,
+        damaged=damaged,
+    )
 
 
 def _fields(file: Path, name: FileName) -> dict[str, float]:

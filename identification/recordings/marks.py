@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from fmus.errors import ScenarioError
-from orchestrator.formats import Recording
-from orchestrator.marks import Kind, Mark, cycle_of, gaps, runs, union
+from fmus.errors import ScenarioError, TraceError
+from orchestrator.marks import Mark, cycle_of, gaps, runs, union
 from orchestrator.trace import BoolArray, FloatArray, Trace
 
 UNSURE = 20.0  # cycles without a sample that make a gap where nobody tells the cycle
@@ -42,8 +41,11 @@ class Exclusion:
         return np.asarray((trace[self.signal] > self.above) | (trace[self.signal] < self.below), np.bool_)
 
 
-def excluded(exclusions: Sequence[Exclusion], traces: Sequence[Trace]) -> list[list[Mark]]:
+def excluded(exclusions: Sequence[Exclusion], traces: Sequence[Trace], foreign: bool = False) -> list[list[Mark]]:
     """What they leave out of each of the traces, to the next samples on either side.
+
+    Args:
+        foreign: whether the traces may be others than those that the exclusions were written for.
 
     Raises:
         ScenarioError: one names a trace that is not there, or a time that no trace has.
@@ -52,7 +54,7 @@ def excluded(exclusions: Sequence[Exclusion], traces: Sequence[Trace]) -> list[l
     found: list[list[Mark]] = [[] for _ in traces]
     for number, exclusion in enumerate(exclusions):
         place, names = f"traces.exclude[{number}]", [trace.name for trace in traces]
-        if exclusion.trace is not None and exclusion.trace not in names:
+        if exclusion.trace is not None and exclusion.trace not in names and not foreign:
             raise ScenarioError(place, f"there is no trace '{exclusion.trace}'", f"there are {', '.join(names[:6])}")
         met = False
         for trace, own in zip(traces, found, strict=True):
@@ -60,7 +62,7 @@ def excluded(exclusions: Sequence[Exclusion], traces: Sequence[Trace]) -> list[l
                 inside = (trace.time >= exclusion.start) & (trace.time <= exclusion.stop)
                 met |= bool(inside.any())
                 own.extend(_stretches(inside & exclusion.met(trace), trace.time))
-        if not met:
+        if not (met or foreign):
             last = max(float(trace.time[-1]) for trace in traces)
             raise ScenarioError(place, "lies in no trace", f"the longest ends at {last:g} s")
     return found
@@ -71,17 +73,17 @@ def _stretches(inside: BoolArray, time: FloatArray) -> list[Mark]:
     return [Mark("excluded", float(edges[first]), float(edges[after + 1])) for first, after in runs(inside)]
 
 
-def known_marks(
-    recording: Recording, trace: Trace, used: Collection[str], keep: Collection[Kind]
-) -> tuple[tuple[Mark, ...], tuple[str, ...]]:
-    """The marks of a recording that matter and are not kept; and the notes on it, with those that are."""
-    found = [mark for mark in recording.marks or _of_stamps(trace) if not used or mark.concerns(used)]
-    kept = [mark for mark in found if mark.kind in keep]
-    notes = [f"kept, as the study asks for: {listed(kept)}"] if kept else []
-    return tuple(mark for mark in found if mark.kind not in keep), (*recording.notes, *notes)
+def pieces(trace: Trace, marks: Sequence[Mark]) -> list[Trace]:
+    """The parts of the trace between the marks; all of it without any."""
+    if not marks:
+        return [trace]
+    stretches = union(np.array([(mark.start, mark.stop) for mark in marks]))
+    begins, ends = np.append(trace.time[0], stretches[:, 1]), np.append(stretches[:, 0], trace.time[-1])
+    found = (trace.between(begin, end) for begin, end in zip(begins, ends, strict=True) if begin <= end)
+    return [piece for piece in found if len(piece) > 1]
 
 
-def _of_stamps(trace: Trace) -> Iterator[Mark]:
+def of_stamps(trace: Trace) -> Iterator[Mark]:
     """What the stamps alone tell, of a recording whose cycle is not known but seen."""
     for kind, first, last in gaps(trace.time, cycle_of(trace.time), UNSURE):
         yield Mark(kind, float(trace.time[first]), float(trace.time[last]))
@@ -101,6 +103,15 @@ def covered(marks: Sequence[Mark], trace: Trace) -> float:
         return 0.0
     stretches = np.clip([(mark.start, mark.stop) for mark in marks], trace.time[0], trace.time[-1])
     return float(np.sum(np.diff(union(np.asarray(stretches, np.float64)))))
+
+
+def nothing_left(place: str, what: str, marks: Sequence[Mark]) -> TraceError:
+    """The complaint that what is needed is not left beside the marks."""
+    return TraceError(
+        place,
+        f"{what} left beside {listed(marks)}",
+        "take shorter parts, record again, or take these stretches all the same (`traces.keep: [KIND]`)",
+    )
 
 
 def listed(marks: Sequence[Mark], most: int = 3) -> str:

@@ -9,6 +9,7 @@ from typing import Literal
 
 from fmus.errors import ScenarioError
 from identification.recordings.campaign import StudyTrace, TraceSource
+from identification.recordings.marks import nothing_left, pieces
 from identification.resonance.added_mass import Bounds
 from identification.resonance.steps import Experiment, Processing
 from orchestrator.assembly.assembly import SystemSpec
@@ -37,14 +38,18 @@ class SineCampaign:
     frequency_in: Literal["rad/s", "Hz"] = "rad/s"
 
     def experiment(self, recorded: StudyTrace) -> Experiment:
-        """A trace with what its name tells about it.
+        """A trace, the longest part of it between its marks, with what its name tells about it.
 
         Raises:
             ScenarioError: its name does not tell a field.
+            TraceError: marks leave nothing of it.
         """
+        between = pieces(recorded.trace, recorded.marks)
+        if not between:
+            raise nothing_left(recorded.place, "nothing is", recorded.marks)
         turn = 2 * math.pi if self.frequency_in == "Hz" else 1.0
         return Experiment(
-            recorded.trace,
+            max(between, key=lambda piece: piece.duration),
             _value(self.added_mass, recorded),
             _value(self.added_length, recorded),
             _value(self.amplitude, recorded),

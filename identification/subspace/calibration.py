@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from identification.linear.preparation import Preparation, PreparedData, prepare
 from identification.linear.records import InputOutputData
 from identification.linear.updating import reduced, updated
 from identification.recordings.campaign import StudyTrace, load_campaign, split
+from identification.recordings.marks import nothing_left, sound
 from identification.recordings.units import in_common_units
 from identification.subspace.prediction_error import Refined, refine, uncertainty
 from identification.subspace.realisation import SubspaceResult, simulated
@@ -33,8 +34,8 @@ class Candidate:
     Attributes:
         model: in the signals' own units.
         why: how its order came about.
-        train, unseen: (R, p) FIT of each trace and output.
-        runs: trace -> (K, p) free run.
+        train, unseen: (R, p) FIT of each record and output.
+        runs: record -> (K, p) free run.
         spreads: uncertainty of its modes, which only a refined model has.
     """
 
@@ -52,7 +53,9 @@ class SubspaceCalibration:
     """What a study gave.
 
     Attributes:
-        records: trace -> the record that models are judged on: bias and compensation taken off, nothing filtered.
+        records: name -> the record that models are judged on: bias and compensation taken off, nothing filtered.
+        pieces: name of each of these -> trace that it is cut from, between its marks.
+        dropped: samples in pieces that were too short.
         subspaces: weighting -> its estimate.
         refined: what the refinement gave, where it was asked for.
     """
@@ -63,6 +66,8 @@ class SubspaceCalibration:
     candidates: dict[str, Candidate]
     subspaces: dict[str, SubspaceResult]
     refined: Refined | None
+    pieces: dict[str, str]
+    dropped: int
 
     @property
     def taken(self) -> Candidate:
@@ -87,12 +92,19 @@ def calibrate(
     recorded = load_campaign(source, data, lambda fraction, doing: progress(0.5 * fraction, doing), isolation)
     recorded = in_common_units(recorded, [*study.inputs, *study.outputs])
     fitted, aside = split(recorded, study.traces.hold_out)
-    given = {recording.trace.name: _record(study, recording) for recording in recorded}
+    given = {known.trace.name: _record(study, known) for known in recorded}
+    if any(np.isnan(record.u).any() for record in given.values()):
+        study = study.model_copy(update={"initial_states": True})  # nothing rests where a piece begins
     how = study.preparation.preparation(scaled=study.preparation.scaled)
-    ready = prepared([given[recording.trace.name] for recording in fitted], how)
     plain = Preparation(how.zero_mean, scaled=False)
-    judged = {name: prepared([record], plain).records[0] for name, record in given.items()}
-    sides = tuple([judged[recording.trace.name] for recording in side] for side in (fitted, aside))
+    there = {trace: record for trace, record in given.items() if np.isfinite(record.u).any()}
+    cut = [(trace, piece) for trace, record in there.items() for piece in prepared([record], plain).records]
+    judged = {piece.name: piece for trace, piece in cut if len(piece) >= study.shortest or piece.name == trace}
+    origin = {piece.name: trace for trace, piece in cut if piece.name in judged}
+    names = tuple(_of(side, origin, study) for side in (fitted, aside))
+    ready = prepared([given[known.trace.name] for known in fitted], how)
+    ready = replace(ready, records=tuple(record for record in ready.records if record.name in judged))
+    sides = tuple([judged[name] for name in side] for side in names)
     found: dict[str, SubspaceResult] = {}
     candidates: dict[str, Candidate] = {}
     for number, weighting in enumerate(study.weightings):
@@ -111,16 +123,34 @@ def calibrate(
         best = _reduced(best, study.reduce, ready.records)
         why = f"{best.order} states by {study.reduce.by.upper()}"
         candidates["reduced"] = _judged(study, "reduced", why, best, ready, sides)
-    return SubspaceCalibration(study, tuple(recorded), judged, candidates, found, refined)
+    dropped = sum(len(piece) for _, piece in cut if piece.name not in judged)
+    return SubspaceCalibration(study, tuple(recorded), judged, candidates, found, refined, origin, dropped)
+
+
+def _of(side: Sequence[StudyTrace], origin: Mapping[str, str], study: SubspaceBlock) -> list[str]:
+    """The records that are cut from these traces.
+
+    Raises:
+        TraceError: marks leave none.
+    """
+    traces = {known.trace.name for known in side}
+    names = [name for name, trace in origin.items() if trace in traces]
+    if side and not names:
+        raise nothing_left(side[0].place, f"{study.shortest} samples in a row are not", side[0].marks)
+    return names
 
 
 def _record(study: SubspaceBlock, recorded: StudyTrace) -> InputOutputData:
+    """The trace at the study's samples, with gaps where it is marked."""
     trace = recorded.trace.select([*study.inputs, *study.outputs])
+    marks = [mark for mark in recorded.marks if mark.concerns(trace.names)]
     if study.sample is not None:
         count = int(trace.duration / study.sample * (1 + 1e-12)) + 1
         trace = trace.resampled(trace.time[0] + study.sample * np.arange(count), hold=study.inputs)
     given = InputOutputData.of(trace, study.inputs, study.outputs)
-    return replace(given, u=without_compensation(given.u, study.preparation.compensation))
+    u = without_compensation(given.u, study.preparation.compensation)
+    used = sound(trace, marks)[:, None]
+    return replace(given, u=np.where(used, u, np.nan), y=np.where(used, given.y, np.nan))
 
 
 def _reduced(model: LinearModel, how: ReductionBlock, records: Sequence[InputOutputData]) -> LinearModel:

@@ -51,7 +51,7 @@ def fit_table(result: SubspaceCalibration) -> tuple[list[str], list[list[Cell]]]
 
 
 def _free_runs(section: Section, result: SubspaceCalibration) -> None:
-    kept = [name for name in result.records if name in result.study.traces.hold_out]
+    kept = [name for name, trace in result.pieces.items() if trace in result.study.traces.hold_out]
     shown = (kept or list(result.records))[:SHOWN]
     section.paragraph("Traces kept out of the fit." if kept else "Traces of the fit; none was kept out of it.")
     for name in shown:

@@ -132,6 +132,11 @@ class SubspaceBlock(RecordedStudyBlock):
         return UsedSignals(frozenset(self.inputs), frozenset(self.outputs))
 
     @property
+    def shortest(self) -> int:
+        """Samples that a piece of a trace between marks has at least; enough to fit it, and to judge it."""
+        return self.block * (2 + max(2, len(self.outputs)))
+
+    @property
     def models(self) -> list[str]:
         """Names of the models that the study makes, the most worked on last."""
         return [*self.weightings, *(["refined"] if self.refine else []), *(["reduced"] if self.reduce else [])]

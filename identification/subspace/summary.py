@@ -69,7 +69,8 @@ def subspace_verdict(result: SubspaceCalibration) -> VerdictSummary:
     if refined is not None and not refined.converged:
         unsettled = f"the refinement {refined.why}; try another `order`, or another first of `weightings` to start from"
     remedy = "try another `order` or a larger `block`"
-    return verdict(judged["median"], side, result.study.at_least, unsettled=unsettled, remedy=remedy)
+    target, recorded = result.study.at_least, result.recorded
+    return verdict(judged["median"], side, target, unsettled=unsettled, remedy=remedy, recorded=recorded)
 
 
 def calibrated(result: SubspaceCalibration, folder: Path) -> Calibrated:
@@ -91,8 +92,9 @@ def _fits(result: SubspaceCalibration, candidate: Candidate) -> FitsSummary:
 
 def _fit(result: SubspaceCalibration, fit: FloatArray, *, aside: bool) -> FitSummary:
     held_out = result.study.traces.hold_out
-    names = [entry.trace.name for entry in result.recorded if (entry.trace.name in held_out) == aside]
-    by_trace = {name: finite(float(np.nanmedian(row))) for name, row in zip(names, fit, strict=True)}
+    names = [trace for trace in result.pieces.values() if (trace in held_out) == aside]
+    rows = {name: fit[[other == name for other in names]] for name in names}
+    by_trace = {name: finite(float(np.nanmedian(own))) for name, own in rows.items()}
     by_output = dict(zip(result.study.outputs, medians(fit), strict=True))
     return {"median": finite(float(np.nanmedian(fit))), "windows": len(fit), "traces": by_trace, "outputs": by_output}
 
@@ -131,4 +133,6 @@ def warnings_of(result: SubspaceCalibration) -> list[str]:
     pieces = found.space.pieces
     if pieces.dropped:
         warnings.append(f"{pieces.dropped} pieces between gaps were too short, {pieces.lost} samples are left out")
+    if result.dropped:
+        warnings.append(f"pieces between marks are too short: {result.dropped} samples are left out for that")
     return [*warnings, *recording_warnings(result.recorded)]

@@ -140,3 +140,25 @@ def test_validating_a_subspace_result_is_refused(study: Path) -> None:
     calibrated(study)
     with pytest.raises(IdentificationError, match="no output-error study"):
         validate_result(study.parent / "out", study.parent, study.parent / "judged", silent)
+
+
+def test_what_is_excluded_is_a_gap_whose_sides_still_give_the_plant(study: Path) -> None:
+    """Two hundred samples of the first record are someone else's; the states after them are not those of a rest."""
+    first = formats.read(study.parent / "first.csv").trace
+    spoilt = {name: np.where(np.abs(first.time - 500 * STEP) < 100 * STEP, 3.0, first[name]) for name in ("y", "z")}
+    formats.write(Trace(first.time, {**first.signals, **spoilt}, first.units), study.parent / "first.csv")
+    wrong = calibrated(study)
+    left_out = f"exclude: [{{trace: first, from: {400 * STEP}, to: {600 * STEP}}}]"
+    study.write_text(STUDY.replace("[third]", f"[third], {left_out}"))
+    found = calibrate_study(study, study.parent, study.parent / "out", silent)
+    assert wrong["fit"]["validation"]["median"] < 0.99  # type: ignore[index]
+    assert found["fit"]["validation"]["median"] > 0.9999  # type: ignore[index]
+    assert set(found["fit"]["train"]["traces"]) == {"first", "second"} and found["fit"]["train"]["windows"] == 3
+    (marked,) = [trace for trace in found["data"] if "marks" in trace]
+    assert marked["trace"] == "first" and marked["left_out"] == pytest.approx(202 * STEP)
+
+
+def test_a_record_of_which_nothing_is_left_is_refused(study: Path) -> None:
+    study.write_text(STUDY.replace("[third]", "[third], exclude: [{trace: third, from: 0}]"))
+    with pytest.raises(TraceError, match=r"third\.csv: 60 samples in a row are not left beside excluded from"):
+        calibrate_study(study, study.parent, study.parent / "out", silent)
