@@ -36,7 +36,9 @@ _ENCODED = ("shift_jis_backslash", "cp1251", "gbk", "gb2312_unit", "shift_jis", 
 _TERMINAL = {"absolute": 3, "date": 3, "default": 3, "extra": 3, "rawdlc": 2}
 
 CASES = {
-    "can/arxml_long_signal": _info("arxml_long_signal", "run.log --dbc diag.arxml"),
+    "can/arxml_long_signal": _info(
+        "arxml_long_signal", "run.log --dbc diag.arxml", ["no frame of the database"], ["bits or bytes"], 2
+    ),
     **{
         f"can/asc_date_then_dec {name}": _info("asc_date_then_dec", f"{name}.asc --dbc rig.dbc", ["speed"], ["heat"])
         for name in ("english", "french", "iso")
@@ -73,6 +75,6 @@ CASES = {
     "can/mf4_extended_in_bit31 nolength": _info("mf4_extended_in_bit31", "nolength.mf4 --dbc ext.dbc"),
     "can/mf4_measurement": _info("mf4_measurement", "measurement.mf4", (), [r"frames\W+0\b"]),
     "can/mf4_unfinalized": _info("mf4_unfinalized", "unfinalized.mf4"),
-    "can/two_channels": _info("two_channels", "run.log --dbc rig.dbc", ["channel"]),
+    "can/two_channels": _info("two_channels", "run.log --dbc rig.dbc", [r"can0\.speed", r"can1\.speed"]),
     "can/two_channels databases": _info("two_channels", "run.log --dbc 0=rig.dbc --dbc 1=rig.dbc", ["channel|can[01]"]),
 }

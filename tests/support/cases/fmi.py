@@ -84,9 +84,9 @@ CASES = {
         "fmi/clock_input",
         [
             _BUILD,
-            Step("servotwin run run.yaml --out out", (0, 2), (), ["connect it"]),
+            Step("servotwin run run.yaml --out out", (0, 3), ["tick"], ["connect it"]),
             Step("servotwin run wired.yaml --out out", 2, ["[Cc]lock"]),
-            Step("servotwin run binary.yaml --out out", (0, 2), (), ["connect it"]),
+            Step("servotwin run binary.yaml --out out", (0, 3), ["frames"], ["connect it"]),
         ],
     ),
     "fmi/ended_by_the_fmu": Case(
