@@ -20,8 +20,8 @@ _HOSTILE: dict[str, tuple[tuple[int, ...], str]] = {
     "ABORT": ((3,), "--isolate"),
     "SPAM": ((0,), ""),
     "SPAMERR": ((0,), ""),
-    "LOGSPAM": ((0,), ""),
-    "LOGFMT": ((0,), ""),
+    "LOGSPAM": ((0, 3), ""),
+    "LOGFMT": ((0, 3), ""),
     "STACK": ((0, 3), ""),
     "NANOUT": ((3,), r"wheel\.speed.*0\.5"),
     "HUGESTATUS": ((3,), "wheel"),
@@ -99,7 +99,7 @@ CASES = {
         ],
     ),
     "first_use/z_huge": Case(
-        "first_use/hostile", [Step("cp ../z_huge.yaml .; servotwin run z_huge.yaml --out out", 2, ["steps"])]
+        "first_use/hostile", [Step("cp ../z_huge.yaml .; servotwin run z_huge.yaml --out out", 2, ["rows"])]
     ),
     "first_use/ctl": Case("first_use", [Step("servotwin trace info ctl.csv", None, (), ["[\\x07\\x1b]"])]),
     "first_use/api_calibrate": Case(
@@ -137,7 +137,7 @@ CASES = {
     "first_use/models_wrong iff": _wrong("iff", r"\b10\b", "ops.where"),
     "first_use/models_wrong missder": _wrong("missder", "motor_angle|load_angle"),
     "first_use/models_wrong syntax": _wrong("syntax", r"\b18\b"),
-    "first_use/models_wrong timeout_div": _wrong("timeout_div", "solver_step"),
+    "first_use/models_wrong timeout_div": _wrong("timeout_div", ":36"),
     "first_use/models_wrong typo": _wrong("typo", r"\b8\b", "motor_angel"),
     "first_use/models_wrong unit": _wrong("unit", "unit"),
     **{f"first_use/hostile {kind}": _hostile(kind) for kind in _HOSTILE},
