@@ -12,7 +12,7 @@ from orchestrator.bridge.dependence import STOP, needs
 from orchestrator.bridge.inputs import ReceivedMessage, ReceivedSignal, Reception
 from orchestrator.bridge.outputs import SentMessage, SentSignal
 from orchestrator.bridge.safety import Rules
-from orchestrator.can.codec.fields import check_sendable, raw_limits
+from orchestrator.can.codec.fields import check_sendable, outside
 from orchestrator.can.database.database import Database
 from orchestrator.can.database.message import MessageSpec, SignalSpec
 from orchestrator.can.statistics import FrameStatistics
@@ -211,13 +211,10 @@ def _sent(
 
 def _check_range(where: str, signal: SignalSpec, crossed: Crossing, value: float) -> None:
     """See that a value that is to be sent fits its signal."""
-    sent, (low, high) = crossed.conversion(value), raw_limits(signal)
-    raw, slack = (sent - signal.offset) / signal.scale, 1e-6 if signal.is_float else 0.5
-    if not low - slack <= raw <= high + slack:
-        ends = sorted(float(end * signal.scale + signal.offset) for end in (low, high))
+    sent = crossed.conversion(value)
+    if limits := outside(signal, sent):
         number = f"is {sent:g} {signal.unit}".rstrip()
-        problem = f"{number} on the bus, and {signal.name} has [{ends[0]:g}, {ends[1]:g}]"
-        raise WiringError(where, problem, "choose a value inside")
+        raise WiringError(where, f"{number} on the bus, and {limits}", "choose a value inside")
 
 
 def _check_free(where: str, message: MessageSpec, signal: SignalSpec, others: Sequence[SentSignal]) -> None:

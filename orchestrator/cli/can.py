@@ -24,6 +24,15 @@ BusInterface = Annotated[
     str, typer.Option("--interface", help="python-can's name: socketcan, pcan, kvaser, slcan, ...")
 ]
 Channel = Annotated[str, typer.Option("--channel", help="What the interface calls the bus: can0, a serial port, ...")]
+Interfaces = Annotated[
+    list[str], typer.Option("--interface", help="python-can's name: socketcan, slcan, ...; one, or for each channel.")
+]
+Channels = Annotated[
+    list[str], typer.Option("--channel", help="What the interface calls the bus: can0, ...; repeatable.")
+]
+Names = Annotated[
+    list[str] | None, typer.Option(metavar="NAME", help="Message of --dbc, or identifier as 123, 0x123; repeatable.")
+]
 Dbc = Annotated[
     list[str] | None,
     typer.Option("--dbc", metavar="[CHANNEL=]FILE", help="Database of the bus: .dbc, .arxml, ...; repeatable."),
@@ -80,13 +89,8 @@ def for_each(option: str, values: Sequence[T], count: int) -> Sequence[T]:
 @command(app)
 def record(
     terminal: Terminal,
-    interface: Annotated[
-        list[str],
-        typer.Option("--interface", help="python-can's name: socketcan, slcan, ...; one, or for each channel."),
-    ],
-    channel: Annotated[
-        list[str], typer.Option("--channel", help="What the interface calls the bus: can0, ...; repeatable.")
-    ],
+    interface: Interfaces,
+    channel: Channels,
     adapter: Adapter,
     dbc: Dbc = None,
     encoding: Encoding = None,
@@ -131,20 +135,52 @@ def record(
 def replay(
     terminal: Terminal,
     log: Annotated[Path, typer.Argument(help="A log file of frames.")],
-    interface: BusInterface,
-    channel: Channel,
+    interface: Interfaces,
+    channel: Channels,
     adapter: Adapter,
     speed: Annotated[float, typer.Option(metavar="FACTOR", help="How many times faster than recorded.")] = 1.0,
+    loop: Annotated[str, typer.Option(metavar="N", help="How often; 'endless' until Ctrl-C.")] = "1",
+    only: Names = None,
+    without: Names = None,
+    safe: Annotated[
+        list[str] | None, typer.Option(metavar="SIGNAL=X", help="Sent last, however it ends; repeatable.")
+    ] = None,
+    end_with: Annotated[
+        list[str] | None, typer.Option(metavar="ID#DATA", help="A frame that is sent last, as 123#00FF; repeatable.")
+    ] = None,
+    dbc: Dbc = None,
+    encoding: Encoding = None,
 ) -> Answer:
-    """Send the frames of a log with their original timing."""
+    """Send the frames of a log with their original timing; several channels of it onto as many buses."""
+    from orchestrator.can.database.sources import parsed
+    from orchestrator.can.live.replay import Replay
     from orchestrator.can.live.replay import replay as replay_log
+    from orchestrator.can.live.safe_end import Last
+    from orchestrator.can.live.selection import Chosen
 
-    bus = adapter.bus(interface, channel)
+    plan = Replay(
+        log,
+        adapter.buses(interface, channel),
+        speed,
+        _passes(loop),
+        parsed(dbc) if dbc else None,
+        encoding,
+        Chosen(only or (), without or ()),
+        Last(safe or (), end_with or ()),
+    )
     with terminal.bar(log.name) as move:
-        done = replay_log(bus, log, speed, move)
+        done = replay_log(plan, move)
     document = {"log": str(log), "speed": speed} | done.document()
     stopped = f"interrupted after {done.sent:,} frames" if done.stopped else ""
     return Answer(document, done.lines(), interrupted=stopped)
+
+
+def _passes(loop: str) -> int | None:
+    if loop == "endless":
+        return None
+    if not loop.isdecimal():
+        raise InputError(f"--loop {loop}", "is no number", "give how often, or endless")
+    return int(loop)
 
 
 @command(app)

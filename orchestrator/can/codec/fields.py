@@ -63,6 +63,14 @@ def raw_limits(signal: SignalSpec) -> tuple[float, float]:
     return (low, high) if low <= high else (least, most)
 
 
+def outside(signal: SignalSpec, value: float) -> str:
+    """Where a value can be that is sent in the signal, in words; "" where this one is there."""
+    low, high = raw_limits(signal)
+    raw, slack = (value - signal.offset) / signal.scale, 1e-6 if signal.is_float else 0.5
+    ends = sorted(float(end * signal.scale + signal.offset) for end in (low, high))
+    return "" if low - slack <= raw <= high + slack else f"{signal.name} has [{ends[0]:g}, {ends[1]:g}]"
+
+
 def resting(signal: SignalSpec) -> float:
     """The value of a signal that nobody sets: its initial one, else the nearest to zero that it may have."""
     if signal.initial is not None:

@@ -5,29 +5,33 @@ Deadlines are counted from the first frame, so lateness of one frame does not de
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from queue import Full, Queue
 from typing import Any
 
 import can
 
 from fmus.errors import BusError, InputError
 from orchestrator.can import logs
+from orchestrator.can.database.bus import load_all
+from orchestrator.can.database.sources import DatabaseFiles
 from orchestrator.can.frames import Frames
-from orchestrator.can.live.bus import BusSettings, is_bus_off, opened, send
-from orchestrator.can.live.receiver import Receiver
+from orchestrator.can.live.bus import BusSettings, is_bus_off, send
+from orchestrator.can.live.channels import Channel, Channels, listening
+from orchestrator.can.live.passes import ahead, passes
+from orchestrator.can.live.safe_end import Last, SafeEnd
+from orchestrator.can.live.selection import Chosen, Selection
+from orchestrator.can.statistics import identifier_text
+from orchestrator.interrupts import endings, handling
 from orchestrator.progress import Progress, silent
 from orchestrator.realtime.lateness import Lateness
 from orchestrator.realtime.pacing import quiet
 from orchestrator.realtime.stopping import Stop, stop_requests
 
+EVERYTHING, NOTHING = Chosen(), Last()
 _LEAD = 0.05  # from the start to the first frame [s]
-_AHEAD = 2  # batches that are read before they are needed
 _PERIOD = 0.25  # between two reports of progress, and two looks at what the adapter says [s]
 _HEARD = 65536  # frames of others that are kept between two looks at most
 _ECHO = 0.3  # after the last frame, until the adapter has sent what it keeps and has said what there is to say [s]
@@ -40,6 +44,10 @@ class Replayed:
     Attributes:
         sent: frames.
         skipped: error frames, which a bus makes and nobody sends.
+        left_out: frames that are not chosen; missing: names of what is chosen and was not in the log.
+        homeless: frames of channels for which there is no bus; channels: those that the frames are of; mixed:
+            whether they went onto one bus.
+        last: frames that were sent last, as `123#00`.
         setbacks: stamps before the one of the frame before; such a frame follows at once, later ones keep their
             distance to it.
         lateness: of the frames.
@@ -57,12 +65,23 @@ class Replayed:
     duration: float = 0.0
     stopped: bool = False
     damage: list[str] = field(default_factory=list)
+    left_out: int = 0
+    missing: list[str] = field(default_factory=list)
+    homeless: int = 0
+    mixed: bool = False
+    channels: set[int] = field(default_factory=set)
+    last: list[str] = field(default_factory=list)
 
     def document(self) -> dict[str, Any]:
         """For --json."""
         return {
             "sent": self.sent,
             "skipped": self.skipped,
+            "left_out": self.left_out,
+            "missing": self.missing,
+            "homeless": self.homeless,
+            "channels": sorted(self.channels),
+            "last": self.last,
             "setbacks": self.setbacks,
             "error_frames": self.errors,
             "duration": self.duration,
@@ -75,118 +94,202 @@ class Replayed:
         """For people."""
         late = self.lateness.document()
         told = {
+            f"sent last: {', '.join(self.last)}": self.last,
             f"{self.skipped:,} error frames of the log were not sent": self.skipped,
+            f"{self.left_out:,} frames of the log were not chosen": self.left_out,
+            f"the log holds no frame of {', '.join(self.missing)}": self.missing,
+            f"{self.homeless:,} frames were of channels without a bus, and not sent": self.homeless,
             f"{self.errors:,} error frames came from the bus meanwhile": self.errors,
             f"the log's clock jumped backwards {self.setbacks:,} times; later frames follow on": self.setbacks,
         }
+        together = ", ".join(map(str, sorted(self.channels)))
+        told[f"frames of channels {together} went onto one bus"] = self.mixed
         return [
             f"{self.sent:,} frames in {self.duration:.3f} s; late by {1e3 * late['median']:.2f} ms (median), "
             f"{1e3 * late['p99']:.2f} ms (99 %), {1e3 * late['worst']:.2f} ms (most)",
-            *(line for line, count in told.items() if count),
+            *(line for line, holds in told.items() if holds),
             *self.damage,
         ]
 
 
-def replay(
-    settings: BusSettings,
-    log: Path,
-    speed: float = 1.0,
-    progress: Progress = silent,
-) -> Replayed:
+@dataclass(frozen=True)
+class Replay:
+    """What goes onto which buses, and how.
+
+    Attributes:
+        buses: that of each channel of the log, by its number; a single one takes all channels.
+        speed: how many times faster than recorded.
+        loop: how often, None for ever.
+        database: of the log, for messages and signals by name; its text in this `encoding`, or what it seems to be.
+        last: what is sent last, however it ends.
+
+    Raises:
+        InputError: the speed or the number of passes is not possible.
+    """
+
+    log: Path
+    buses: tuple[BusSettings, ...]
+    speed: float = 1.0
+    loop: int | None = 1
+    database: DatabaseFiles | None = None
+    encoding: str | None = None
+    chosen: Chosen = EVERYTHING
+    last: Last = NOTHING
+
+    def __post_init__(self) -> None:
+        if not 0 < self.speed < float("inf"):
+            raise InputError("--speed", f"is {self.speed:g}", "give a number over 0")
+        if self.loop is not None and self.loop < 1:
+            raise InputError("--loop", f"is {self.loop}", "give how often, or endless")
+
+
+def replay(plan: Replay, progress: Progress = silent) -> Replayed:
     """Send the frames of a log with their original timing; Ctrl-C or SIGTERM ends it.
 
     Args:
-        speed: how many times faster than recorded.
         progress: told the share of the log that has been read, and how many frames have been sent.
 
     Raises:
-        InputError: the speed is not possible, the log cannot be read, or holds CAN FD frames for a classic bus.
+        InputError: the log or a database cannot be read, it holds CAN FD frames for a classic bus, none that is chosen,
+            or a name or value is not possible.
         BusError: the adapter does not open, fails, leaves the bus, or takes no frame for a second.
     """
-    if not 0 < speed < float("inf"):
-        raise InputError("--speed", f"is {speed:g}", "give a number over 0")
     share = 0.0
 
     def read(fraction: float, doing: str) -> None:
         nonlocal share
         share = fraction
 
-    reader = logs.read(log, read)
+    log = None if plan.database is None else load_all(plan.database, plan.encoding)
+    reader = logs.read(plan.log, read)
+    selection, end = Selection(plan.chosen, log, reader.channels), SafeEnd(plan.last, log)
     done = Replayed()
-    with opened(settings) as bus, stop_requests() as stop, quiet(), _ahead(reader) as batches:
-        told = 0.0
-        with Receiver(bus, _HEARD) as receiver:
-            for sent in _sent(bus, settings, batches, speed, stop, done):
-                if sent - told >= _PERIOD:
-                    progress(share, f"{done.sent:,} frames")
-                    _check(receiver, settings, done)
-                    told = sent
-            time.sleep(_ECHO)
-        _check(receiver, settings, done)
+
+    def check_any(number: int = 1) -> None:
+        if number and not selection.taken and plan.chosen != EVERYTHING:
+            problem = f"has none of the frames that are chosen, among {selection.left_out:,}"
+            raise InputError(plan.log, problem, "choose others")
+
+    batches = passes(reader, plan.loop, check_any)
+    with listening(plan.buses, _HEARD) as channels, stop_requests() as stop, quiet():
+        sender = _Sender(plan, channels, end, done)
+        try:
+            with ahead(map(selection.of, batches)) as chosen:
+                told = 0.0
+                for sent in sender.send_all(chosen, stop):
+                    if sent - told >= _PERIOD:
+                        progress(share, f"{done.sent:,} frames")
+                        sender.check()
+                        told = sent
+        finally:
+            with handling(lambda number, frame: None, endings()):
+                sender.send_last()
+        time.sleep(_ECHO)
+        channels.finish()
+        sender.check()
+    done.mixed = len(plan.buses) == 1 < len(done.channels)
     done.stopped = stop.requested
     done.damage = [str(damage) for damage in reader.damage]
+    done.left_out, done.missing = selection.left_out, selection.missing
+    check_any(not done.stopped)
     return done
 
 
-def _sent(
-    bus: can.BusABC, settings: BusSettings, batches: Iterable[Frames], speed: float, stop: Stop, done: Replayed
-) -> Iterator[float]:
-    """Send frame by frame; when each was sent."""
-    schedule: _Schedule | None = None
-    for message in (message for batch in batches for message in batch.messages()):
-        if message.is_error_frame:
-            done.skipped += 1
-            continue
-        if message.is_fd and not settings.fd:
-            raise InputError(
-                settings.place, "is opened for classic frames, and the log holds CAN FD frames", "give --fd"
+class _Sender:
+    """Sends frames on the bus of their channel."""
+
+    def __init__(self, plan: Replay, channels: Channels, end: SafeEnd, done: Replayed) -> None:
+        self._plan, self._channels, self._end, self._done = plan, channels.all, end, done
+
+    def send_all(self, batches: Iterable[Frames], stop: Stop) -> Iterator[float]:
+        """Send frame by frame; when each was sent."""
+        schedule: _Schedule | None = None
+        done = self._done
+        for message in (message for batch in batches for message in batch.messages()):
+            number = self._number(message)
+            if message.is_error_frame or number is None:
+                done.skipped += message.is_error_frame
+                done.homeless += not message.is_error_frame
+                continue
+            if schedule is None:
+                schedule = _Schedule(message.timestamp, time.monotonic() + _LEAD, self._plan.speed)
+            deadline = schedule.deadline(message.timestamp)
+            stop.sleep_until(deadline)
+            if stop.requested:
+                return
+            self._send(number, message)
+            now = time.monotonic()
+            done.sent += 1
+            done.setbacks = schedule.setbacks
+            done.lateness.add(now - deadline)
+            done.duration = now - schedule.begin
+            yield now
+
+    def send_last(self) -> None:
+        """Send what is to go out last.
+
+        Raises:
+            BusError: an adapter has not taken it.
+        """
+        problems = []
+        for number, message in self._end.frames(len(self._channels)):
+            channel = self._channels[number]
+            name = f"{identifier_text(message.arbitration_id, message.is_extended_id)}#{message.data.hex().upper()}"
+            try:
+                send(channel.bus, message)
+            except Exception as error:  # drivers raise anything
+                problems.append(f"{name} on {channel.settings.place} ({error})")
+            else:
+                self._done.last.append(name)
+        if problems:
+            raise BusError(
+                self._plan.log, f"ended, and was NOT followed by {' and '.join(problems)}", "stop the machine otherwise"
             )
-        if schedule is None:
-            schedule = _Schedule(message.timestamp, time.monotonic() + _LEAD, speed)
-        deadline = schedule.deadline(message.timestamp)
-        stop.sleep_until(deadline)
-        if stop.requested:
-            return
-        _send(bus, settings, message, done.sent)
-        now = time.monotonic()
-        done.sent += 1
-        done.setbacks = schedule.setbacks
-        done.lateness.add(now - deadline)
-        done.duration = now - schedule.begin
-        yield now
 
+    def check(self) -> None:
+        """See how the buses take it; what else is received is of no interest.
 
-def _send(bus: can.BusABC, settings: BusSettings, message: can.Message, sent: int) -> None:
-    try:
-        send(bus, message)
-    except can.CanError as error:
-        raise _failed(settings, sent, error) from error
+        Raises:
+            BusError: an adapter has left its bus, or is gone.
+        """
+        for channel in self._channels:
+            messages = channel.receiver.take()
+            self._done.errors += sum(message.is_error_frame for message in messages)
+            if any(map(is_bus_off, messages)):
+                raise BusError(
+                    channel.settings.place,
+                    f"has left the bus (bus off) by {self._done.sent:,} frames",
+                    "see that the bit rate is that of the bus, and to the wiring",
+                )
+            if channel.receiver.failure is not None:
+                raise self._failed(channel, channel.receiver.failure)
 
+    def _number(self, message: can.Message) -> int | None:
+        """Of the bus that a frame goes to; None where there is none for it."""
+        number = message.channel
+        assert isinstance(number, int)
+        self._done.channels.add(number)
+        if len(self._channels) == 1:
+            return 0
+        return number if number < len(self._channels) else None
 
-def _check(receiver: Receiver, settings: BusSettings, done: Replayed) -> None:
-    """See how the bus takes it; what else is received is of no interest.
+    def _send(self, number: int, message: can.Message) -> None:
+        channel = self._channels[number]
+        if message.is_fd and not channel.settings.fd:
+            place = channel.settings.place
+            raise InputError(place, "is opened for classic frames, and the log holds CAN FD frames", "give --fd")
+        try:
+            send(channel.bus, message)
+        except can.CanError as error:
+            raise self._failed(channel, error) from error
+        self._end.note(message, number)
 
-    Raises:
-        BusError: the adapter has left the bus, or is gone.
-    """
-    messages = receiver.take()
-    done.errors += sum(message.is_error_frame for message in messages)
-    if any(map(is_bus_off, messages)):
-        raise BusError(
-            settings.place,
-            f"has left the bus (bus off) by {done.sent:,} frames",
-            "see that the bit rate is that of the bus, and to the wiring",
+    def _failed(self, channel: Channel, error: Exception) -> BusError:
+        return BusError(
+            channel.settings.place,
+            f"failed after {self._done.sent:,} frames ({error})",
+            "see that the adapter is plugged in, and that somebody listens",
         )
-    if receiver.failure is not None:
-        raise _failed(settings, done.sent, receiver.failure)
-
-
-def _failed(settings: BusSettings, sent: int, error: Exception) -> BusError:
-    return BusError(
-        settings.place,
-        f"failed after {sent:,} frames ({error})",
-        "see that the adapter is plugged in, and that somebody listens",
-    )
 
 
 class _Schedule:
@@ -203,44 +306,3 @@ class _Schedule:
             self._first -= self._latest - stamp
         self._latest = stamp
         return self.begin + (stamp - self._first) / self._speed
-
-
-@contextmanager
-def _ahead(batches: Iterable[Frames]) -> Iterator[Iterator[Frames]]:
-    """The same batches, read in a thread before they are needed.
-
-    Raises (in the iteration):
-        Exception: what the reading raised, in its place.
-    """
-    queue: Queue[Frames | Exception | None] = Queue(_AHEAD)
-    over = threading.Event()
-
-    def put(item: Frames | Exception | None) -> None:
-        while not over.is_set():
-            with suppress(Full):
-                queue.put(item, timeout=0.1)
-                return
-
-    def read() -> None:
-        try:
-            for batch in batches:
-                put(batch)
-                if over.is_set():
-                    return
-            put(None)
-        except Exception as error:
-            put(error)
-
-    def taken() -> Iterator[Frames]:
-        while (item := queue.get()) is not None:
-            if isinstance(item, Exception):
-                raise item
-            yield item
-
-    thread = threading.Thread(target=read, name="log reader", daemon=True)
-    thread.start()
-    try:
-        yield taken()
-    finally:
-        over.set()
-        thread.join()

@@ -8,16 +8,25 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import can
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fmus.errors import BusError, InputError, TraceError
+from fmus.errors import BusError, DatabaseError, InputError, TraceError
+from orchestrator.can.codec.single_decoding import SingleDecoder
+from orchestrator.can.database.database import load
+from orchestrator.can.live import replay as replaying
 from orchestrator.can.live.bus import BusSettings, opened
-from orchestrator.can.live.replay import replay
+from orchestrator.can.live.replay import Replay, Replayed
+from orchestrator.can.live.safe_end import Last
+from orchestrator.can.live.selection import Chosen
+from orchestrator.can.live.single_encoding import SingleEncoder
 from orchestrator.can.slcan.hub import hub_process
+from orchestrator.can.statistics import FrameStatistics
+from orchestrator.progress import Progress, silent
 from orchestrator.realtime.lateness import Lateness
 from tests.support.wiring import HANG, command, frame, heard, joined, number
 
@@ -48,6 +57,10 @@ def listener() -> Iterator[can.BusABC]:
 
 
 BUS = BusSettings("virtual", "replay")
+
+
+def replay(bus: BusSettings, log: Path, speed: float = 1.0, progress: Progress = silent, **options: Any) -> Replayed:
+    return replaying.replay(Replay(log, (bus,), speed, **options), progress)
 
 
 @pytest.fixture
@@ -166,6 +179,172 @@ def test_ctrl_c_ends_the_command_with_the_count_and_130(tmp_path: Path) -> None:
     assert process.returncode == 130
     assert json.loads(answer)["stopped"]
     assert "interrupted after" in said
+
+
+DATABASE = """VERSION ""
+BS_:
+BU_:
+BO_ 256 Command: 8 Vector__XXX
+ SG_ torque : 0|16@1- (0.01,0) [-100|100] "N.m" Vector__XXX
+ SG_ mode : 16|8@1+ (1,0) [0|0] "" Vector__XXX
+ SG_ AliveCounter : 24|4@1+ (1,0) [0|15] "" Vector__XXX
+ SG_ check : 32|8@1+ (1,0) [0|255] "" Vector__XXX
+BO_ 257 Sensors: 8 Vector__XXX
+ SG_ angle : 0|16@1- (0.001,0) [0|0] "rad" Vector__XXX
+BA_DEF_ BO_ "ChecksumSignal" STRING;
+BA_DEF_ BO_ "CounterSignal" STRING;
+BA_DEF_DEF_ "ChecksumSignal" "";
+BA_DEF_DEF_ "CounterSignal" "";
+BA_ "CounterSignal" BO_ 256 "AliveCounter";
+BA_ "ChecksumSignal" BO_ 256 "check";
+"""
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Path:
+    (tmp_path / "rig.dbc").write_text(DATABASE)
+    return tmp_path / "rig.dbc"
+
+
+def mixed(path: Path, count: int = 30) -> Path:
+    """Frames of three messages in turn, the last unknown; one in ten milliseconds."""
+    messages = [frame(k, (0x100, 0x101, 0x7AB)[k % 3]) for k in range(count)]
+    for k, message in enumerate(messages):
+        message.timestamp = START + 0.01 * k
+    return written(path, messages)
+
+
+@pytest.mark.parametrize(
+    ("chosen", "first"),
+    [
+        (Chosen(only=["Command"]), [0, 3, 6]),
+        (Chosen(only=["Sensors", "0x7AB"]), [1, 2, 4, 5]),
+        (Chosen(without=["7AB", "Sensors"]), [0, 3]),
+        (Chosen(only=["100", "101"], without=["Sensors"]), [0, 3]),
+    ],
+)
+def test_messages_are_chosen_by_name_or_identifier(
+    tmp_path: Path, rig: Path, listener: can.BusABC, deadlines: list[float], chosen: Chosen, first: list[int]
+) -> None:
+    done = replay(BUS, mixed(tmp_path / "log.blf"), database=rig, chosen=chosen)
+    assert [number(message) for message in heard(listener, len(first))][: len(first)] == first
+    assert done.sent + done.left_out == 30
+
+
+def test_what_is_chosen_and_not_there_is_told_or_refused(tmp_path: Path, rig: Path, listener: can.BusABC) -> None:
+    log = mixed(tmp_path / "log.blf")
+    done = replay(BUS, log, chosen=Chosen(only=["0x100", "0x123"]))
+    assert "the log holds no frame of 0x123" in done.lines()
+    for loop in (1, None):
+        with pytest.raises(InputError, match="none of the frames that are chosen, among 30"):
+            replay(BUS, log, chosen=Chosen(only=["0x123"]), loop=loop)
+    with pytest.raises(InputError, match="give --dbc"):
+        replay(BUS, log, chosen=Chosen(only=["Command"]))
+    with pytest.raises(DatabaseError, match="did you mean 'Command'"):
+        replay(BUS, log, chosen=Chosen(without=["Comand"]), database=rig)
+
+
+def test_passes_follow_each_other_at_the_mean_distance(
+    tmp_path: Path, listener: can.BusABC, deadlines: list[float]
+) -> None:
+    done = replay(BUS, written(tmp_path / "log.blf", stamped(10, lambda k: 0.01 * k)), loop=3)
+    assert [number(message) for message in heard(listener, 30)] == 3 * list(range(10))
+    assert [due - deadlines[0] for due in deadlines] == pytest.approx([0.01 * k for k in range(30)], abs=1e-5)
+    assert (done.sent, done.setbacks) == (30, 0)
+
+
+def test_a_log_of_one_instant_is_not_repeated(tmp_path: Path, listener: can.BusABC) -> None:
+    with pytest.raises(InputError, match="takes no time"):
+        replay(BUS, written(tmp_path / "log.blf", stamped(3, lambda k: 0.0)), loop=None)
+
+
+def test_safe_values_go_last_and_follow_what_was_sent(tmp_path: Path, rig: Path, listener: can.BusABC) -> None:
+    base = load(rig).message("Command")
+    encoder = SingleEncoder(base, FrameStatistics())
+    messages = []
+    for k in range(20):
+        encoder.set(base.signal("torque"), 5.0 + k)
+        encoder.set(base.signal("mode"), 3)
+        message = encoder.frame()
+        assert message is not None
+        message.timestamp = START
+        messages.append(message)
+    last = Last(["Command.torque=-1.5"], ["7FF#DEAD", "18FF0003#"])
+    done = replay(BUS, written(tmp_path / "log.blf", messages), database=rig, last=last)
+    *_, safe, one, other = heard(listener, 23)
+    values = base.raw.decode(bytes(safe.data))
+    assert (values["torque"], values["mode"], values["AliveCounter"]) == (-1.5, 3, 21 % 16)
+    decoder = SingleDecoder(load(rig))
+    decoder.decode(safe)
+    assert decoder.statistics.clean
+    assert (one.arbitration_id, one.data.hex()) == (0x7FF, "dead")
+    assert (other.arbitration_id, other.is_extended_id, other.dlc) == (0x18FF0003, True, 0)
+    assert len(done.last) == 3 and done.sent == 20
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_safe_values_go_last_after_any_signals(tmp_path: Path, rig: Path, count: int) -> None:
+    log = mixed(tmp_path / "log.blf")
+    with hub_process(tmp_path / "ports", 2) as hub, joined(hub.paths[1]) as other:
+        bus = ["--interface", "slcan", "--channel", hub.paths[0], "--bitrate", "500000"]
+        options = ["--dbc", rig, "--safe", "torque=0", "--loop", "endless"]
+        with command("can", "replay", log, *bus, *options, "--json") as process:
+            assert other.recv(HANG) is not None
+            for _ in range(count):
+                process.send_signal(signal.SIGINT)
+            answer, _ = process.communicate(timeout=HANG)
+        assert process.returncode == 130
+        document = json.loads(answer)
+        assert len(document["last"]) == 1
+        latest = heard(other, document["sent"])[-1]
+        assert (latest.arbitration_id, latest.data[:2]) == (0x100, bytes(2))
+
+
+def test_a_safe_end_that_is_not_taken_is_an_error(tmp_path: Path, rig: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log = mixed(tmp_path / "log.blf", 3)
+    sent: list[can.Message] = []
+
+    def send(bus: can.BusABC, message: can.Message) -> None:
+        sent.append(message)
+        if len(sent) > 3:
+            raise can.CanTimeoutError("the adapter takes no more frames")
+
+    monkeypatch.setattr("orchestrator.can.live.replay.send", send)
+    with pytest.raises(BusError, match=r"NOT followed by 100#\w+ on virtual:replay"):
+        replay(BUS, log, database=rig, last=Last(["torque=0"]))
+
+
+@pytest.mark.parametrize(
+    ("last", "problem"),
+    [
+        (Last(["torque"]), "write SIGNAL=NUMBER"),
+        (Last(["torque=fast"]), "write SIGNAL=NUMBER"),
+        (Last(["torque=500"]), r"torque has \[-100, 100\]"),
+        (Last(["torqe=0"]), "did you mean 'torque'"),
+        (Last([], ["800#00"]), "is no frame"),
+        (Last([], ["12#00"]), "is no frame"),
+        (Last([], ["123#0"]), "is no frame"),
+    ],
+)
+def test_a_safe_end_that_cannot_be_is_refused(tmp_path: Path, rig: Path, last: Last, problem: str) -> None:
+    with pytest.raises((InputError, DatabaseError), match=problem):
+        replay(BusSettings("slcan", "/dev/ttyNONE"), mixed(tmp_path / "log.blf", 3), database=rig, last=last)
+
+
+def test_each_channel_goes_to_its_bus_or_all_to_one(tmp_path: Path) -> None:
+    messages = stamped(9, lambda k: 0.001 * k)
+    for k, message in enumerate(messages):
+        message.channel = k % 3
+    log = written(tmp_path / "log.blf", messages)
+    buses = BusSettings("virtual", "left"), BusSettings("virtual", "right")
+    with opened(buses[0]) as left, opened(buses[1]) as right:
+        done = replaying.replay(Replay(log, buses))
+        assert [number(message) for message in heard(left, 3)] == [0, 3, 6]
+        assert [number(message) for message in heard(right, 3)] == [1, 4, 7]
+        assert (done.sent, done.homeless) == (6, 3)
+        done = replaying.replay(Replay(log, buses[:1]))
+        assert done.sent == 9
+        assert "frames of channels 0, 1, 2 went onto one bus" in done.lines()
 
 
 @given(st.lists(st.floats(1e-6, 100.0), min_size=1, max_size=300), st.sampled_from([0.5, 0.99, 1.0]))
