@@ -22,6 +22,7 @@ ServotwinError            anything we refuse; the command line prints its one li
 
 from __future__ import annotations
 
+import errno
 from typing import Any, Self
 
 
@@ -117,3 +118,14 @@ class InternalError(ServotwinError):
         """What is told of an exception."""
         what = " ".join(f"{type(error).__name__}: {error}".split())
         return cls("a fault of servotwin", what, "run with -vv and report what that says")
+
+
+def ours(error: Exception) -> ServotwinError:
+    """The exception as an error of ours: what cannot be a matter of the input is a fault."""
+    if isinstance(error, ServotwinError):
+        return error
+    if isinstance(error, OSError) and error.errno != errno.EBADF:
+        return InputError(error.filename or "file", error.strerror or str(error), "check the path")
+    if isinstance(error, MemoryError):
+        return InputError("memory", f"is too small ({error or 'nothing more to be had'})", "give it less at once")
+    return InternalError.of(error)

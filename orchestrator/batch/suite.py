@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from time import perf_counter
 
-from fmus.errors import FmuError, ScenarioError, ServotwinError
+from fmus.errors import FmuError, InternalError, ScenarioError, ours
 from orchestrator.batch.procedure import run_procedure
 from orchestrator.fmi.isolation import Isolation
+from orchestrator.interrupts import requested
 from orchestrator.processes import Died, Processes, calling
 from orchestrator.results import FileDocument, Permission, aside, check_target, permission, permitted
 from orchestrator.scenario.results import LOG_FILE, document_of, write_run
@@ -24,12 +26,17 @@ FileJudge = Callable[[Path, Path], FileDocument]
 
 @dataclass(frozen=True)
 class Verdict:
-    """How one file went: what came out, with `passed` and `cases`, or the `error` that ended it."""
+    """How one file went: what came out, with `passed` and `cases`, or the `error` that ended it.
+
+    Attributes:
+        fault: where the error is a fault of this project, its traceback.
+    """
 
     file: Path
     seconds: float
     document: FileDocument | None
     error: str = ""
+    fault: str = ""
 
     @property
     def passed(self) -> bool:
@@ -81,7 +88,7 @@ def run_suite(
 ) -> list[Verdict]:
     """Run each file in a process of its own, at most `processes` at a time; verdicts in the order of the files.
 
-    An FMU that crashes its process fails that file alone. An interrupt ends those that run, too.
+    An FMU that crashes its process, or a fault of ours, fails that file alone. An interrupt ends those that run, too.
 
     Args:
         files: file -> who judges it.
@@ -110,13 +117,16 @@ def _crashed(file: Path, died: Died) -> Verdict:
 
 def _judged(judge: FileJudge, file: Path, out: Path, allowed: Permission) -> Verdict:
     begun = perf_counter()
-    document, problem = None, ""
+    document, problem, fault = None, "", ""
     try:
         with permitted(allowed):
             document = judge(file, out)
-    except ServotwinError as error:
-        problem = str(error)
-    return Verdict(file, perf_counter() - begun, document, problem)
+    except Exception as error:
+        if requested():  # whoever met the interrupt has made another error of it
+            raise
+        met = ours(error)
+        problem, fault = str(met), traceback.format_exc() if isinstance(met, InternalError) else ""
+    return Verdict(file, perf_counter() - begun, document, problem, fault)
 
 
 def _run_scenario(file: Path, out: Path, isolation: Isolation | None) -> FileDocument:

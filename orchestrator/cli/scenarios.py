@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fmus.errors import InputError
+from fmus.errors import InputError, InternalError
 from orchestrator.cli.tables import JUDGES
 from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 from orchestrator.cli.traces import described
 from orchestrator.interrupts import whole
 
 if TYPE_CHECKING:
+    from orchestrator.batch.suite import Verdict
     from orchestrator.fmi.interface import Value
     from orchestrator.fmi.isolation import Isolation
 
@@ -167,11 +169,12 @@ def test(
 ) -> Answer:
     """Run all scenarios, and all studies that state claims, under the paths: the regression suite.
 
-    Exit code 1 when an expectation fails, or a claim does not come out as its study states.
+    Exit code 1 when an expectation fails, or a claim does not come out as its study states; 4 when a file met a fault
+    of servotwin, which ends that file alone.
     """
     from orchestrator.batch.junit import write_junit
     from orchestrator.batch.procedure import outputs_of
-    from orchestrator.batch.suite import Verdict, find_scenarios, run_suite
+    from orchestrator.batch.suite import find_scenarios, run_suite
 
     files = find_scenarios(paths or [Path("scenarios")], JUDGES, isolate.isolation())
     finished: list[Path] = []
@@ -189,6 +192,9 @@ def test(
         for verdict in verdicts
     ]
     said = [text for verdict in verdicts if (text := outputs_of(verdict.document))] if terminal.verbose else []
+    for verdict in verdicts if terminal.verbose >= 2 else ():
+        if verdict.fault:
+            terminal.say(verdict.fault)
     held = all(verdict.passed for verdict in verdicts)
     scenarios = [
         {
@@ -201,7 +207,15 @@ def test(
         for verdict in verdicts
     ]
     table = Listing(("scenario", "verdict", "time [s]", "why"), rows)
-    return Answer({"passed": held, "scenarios": scenarios}, [*said, table], held)
+    return Answer({"passed": held, "scenarios": scenarios}, [*said, table], held, failure=_fault(verdicts))
+
+
+def _fault(verdicts: Sequence[Verdict]) -> InternalError | None:
+    """What ends a suite in which files met faults of ours; the others went on."""
+    files = [str(verdict.file) for verdict in verdicts if verdict.fault]
+    if not files:
+        return None
+    return InternalError(", ".join(files), "met a fault of servotwin", "run with -vv and report what that says")
 
 
 @command(app)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import json
 import logging
 import sys
@@ -17,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TypeVar, get_type_hi
 
 import typer
 
-from fmus.errors import InputError, InternalError, ServotwinError
+from fmus.errors import ServotwinError, ours
 from orchestrator.cli.stdout import stdout_kept
 from orchestrator.display.plain import plain
 from orchestrator.interrupts import Interrupts, requested
@@ -26,6 +25,7 @@ from orchestrator.results import Permission, permitted
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.traceback import Traceback
 
 WIDE = 120  # columns of output that goes to no terminal
 Out = Annotated[Path | None, typer.Option("--out", help="Folder for the results.")]
@@ -156,7 +156,7 @@ def _answered(work: Callable[[], Answer], terminal: Terminal) -> NoReturn:
     except Exception as error:
         if interrupts.requested or requested():  # whoever met the interrupt has made another error of it
             _interrupted()
-        _fail(_ours(error), terminal)
+        _fail(ours(error), terminal, error)
     with suppress(BrokenPipeError):  # who reads has read enough
         _tell(answer, terminal)
     if answer.interrupted or interrupts.requested:
@@ -173,17 +173,6 @@ def _tell(answer: Answer, terminal: Terminal) -> None:
         for shown in answer.shown:
             show(shown)
     sys.stdout.flush()
-
-
-def _ours(error: Exception) -> ServotwinError:
-    """The error as one of ours: what cannot be a matter of the input is a fault."""
-    if isinstance(error, ServotwinError):
-        return error
-    if isinstance(error, OSError) and error.errno != errno.EBADF:
-        return InputError(error.filename or "file", error.strerror or str(error), "check the path")
-    if isinstance(error, MemoryError):
-        return InputError("memory", f"is too small ({error or 'nothing more to be had'})", "give it less at once")
-    return InternalError.of(error)
 
 
 def _log(terminal: Terminal) -> None:
@@ -217,11 +206,18 @@ def _interrupted(line: str = "interrupted") -> NoReturn:
     raise typer.Exit(130) from None
 
 
-def _fail(error: ServotwinError, terminal: Terminal) -> NoReturn:
+def _fail(error: ServotwinError, terminal: Terminal, met: Exception | None = None) -> NoReturn:
+    """Leave with an error; `met` is the exception behind it, by default itself."""
     if terminal.verbose >= 2:
-        _err().print_exception()
+        _err().print(_traceback(met or error))
     _err().print(plain(" ".join(f"servotwin: {error}".split("\n"))), style="red", soft_wrap=True, markup=False)
     raise typer.Exit(error.exit_code) from None
+
+
+def _traceback(error: Exception) -> Traceback:
+    from rich.traceback import Traceback
+
+    return Traceback.from_exception(type(error), error, error.__traceback__)
 
 
 def show(shown: Listing | str) -> None:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import os
 import time
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import pytest
+from typer.testing import CliRunner
 
 from fmus.errors import InputError, ScenarioError
 from orchestrator.batch.junit import write_junit
 from orchestrator.batch.procedure import run_procedure
 from orchestrator.batch.suite import Verdict, find_scenarios, run_suite
+from orchestrator.cli.scenarios import app
 from orchestrator.results import FileDocument
 
 RUN = """
@@ -23,11 +26,13 @@ run: {stop: 0.1, step: 0.01}
 
 
 def judge(file: Path, out: Path) -> FileDocument:
-    """Takes 50 ms; refuses, crashes, or passes where the file says so."""
+    """Takes 50 ms; refuses, crashes, breaks, or passes where the file says so."""
     time.sleep(0.05)
     text = file.read_text()
     if "refuse" in text:
         raise InputError(file, "is refused")
+    if "break" in text:
+        raise KeyError("no such thing")
     if "crash" in text:
         os._exit(3)
     check = {"text": "it passes", "held": "pass" in text, "found": f"in process {os.getpid()}"}
@@ -71,22 +76,38 @@ def test_what_is_nothing_for_the_suite_is_refused_where_it_is_named(tmp_path: Pa
 
 @pytest.mark.slow
 def test_every_file_has_a_verdict_of_its_own_and_the_time_it_took(tmp_path: Path) -> None:
-    texts = ("pass", "miss", "refuse", "crash")
+    texts = ("break", "pass", "miss", "refuse", "crash")
     files = written(tmp_path, **{text: f"claims: {text}" for text in texts})
     told: list[Path] = []
     judged = {files[text]: judge for text in texts}
     verdicts = run_suite(judged, tmp_path / "out", 2, lambda verdict: told.append(verdict.file))
     assert [verdict.file for verdict in verdicts] == list(judged) and sorted(told) == sorted(judged)
-    assert [verdict.passed for verdict in verdicts] == [True, False, False, False]
+    assert [verdict.passed for verdict in verdicts] == [False, True, False, False, False]
     assert [verdict.error.partition(": ")[2].partition(";")[0] for verdict in verdicts] == [
+        "KeyError: 'no such thing'",
         "",
         "",
         "is refused",
         "an FMU crashed the process that ran it, which died (exit code 3)",
     ]
+    assert ["KeyError" in verdict.fault for verdict in verdicts] == [True, *[False] * 4]
     assert all(verdict.seconds >= 0.05 for verdict in verdicts)
     processes = {verdict.document["cases"][0]["checks"][0]["found"] for verdict in verdicts if verdict.document}
     assert len(processes) == 2 and f"in process {os.getpid()}" not in processes
+
+
+@pytest.mark.slow
+def test_a_fault_of_ours_fails_its_file_and_is_the_exit_code_when_all_are_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("orchestrator.cli.scenarios.JUDGES", {"claims": judge})
+    files = written(tmp_path, a="claims: break", b="claims: pass")
+    arguments = ["test", str(tmp_path), "--out", str(tmp_path / "out"), "--json", "-vv"]
+    answer = CliRunner().invoke(app, arguments)
+    document = json.loads(answer.stdout)
+    assert answer.exit_code == 4 and [one["passed"] for one in document["scenarios"]] == [False, True]
+    assert document["scenarios"][0]["error"].startswith("a fault of servotwin: KeyError: 'no such thing'; ")
+    assert "in judge" in answer.stderr and f"{files['a']}: met a fault of servotwin" in answer.stderr
 
 
 def test_junit_has_a_suite_a_file_and_tells_failures_from_errors(tmp_path: Path) -> None:
