@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import io
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -103,14 +102,6 @@ def keys(path: Path) -> list[str]:
         ScenarioError: no such file, or no YAML.
     """
     return [str(key) for key in _parse(path)]
-
-
-def text(document: object) -> str:
-    """Plain values as YAML."""
-    yaml, out = YAML(typ="safe", pure=True), io.StringIO()
-    yaml.default_flow_style, yaml.sort_base_mapping_type_on_output = False, False  # type: ignore[assignment]
-    yaml.dump(document, out)
-    return out.getvalue()
 
 
 @contextmanager

@@ -12,6 +12,7 @@ import typer
 from fmus.errors import InputError
 from orchestrator.cli.tables import LAYOUTS
 from orchestrator.cli.terminal import Answer, Listing, Terminal, command, facts
+from orchestrator.display.block import block
 
 if TYPE_CHECKING:
     from orchestrator.formats import Layout
@@ -162,9 +163,7 @@ def described(document: InfoDocument) -> Iterator[Listing | str]:
         yield _table("signals", document["signals"], ("name", "unit", "min", "max", "missing", "infinite"))
         yield _table("first rows", document["rows"])
     if "layout" in document:
-        from orchestrator.yaml_file import text
-
-        yield text({"layout": document["layout"]})
+        yield block({"layout": document["layout"]})
 
 
 def _table(title: str, entries: object, headers: Sequence[str] = ()) -> Listing:
