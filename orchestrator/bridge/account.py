@@ -10,6 +10,7 @@ from typing import Any
 from fmus.files import sha256
 from orchestrator.bridge.traffic import TrafficReport
 from orchestrator.can.live.bus import BusSettings
+from orchestrator.can.live.manifest import moment
 from orchestrator.realtime.deadlines import Deadlines
 
 
@@ -47,7 +48,15 @@ class BusAccount(TrafficReport):
                 "sha256": ", ".join(map(sha256, self.database)),
             },
             "received": self.received.document() | {"dropped": self.dropped},
-            "sent": self.sent.document() | {"frames": self.frames, "no_room": self.no_room},
+            "sent": self.sent.document()
+            | {
+                "frames": self.frames,
+                "acknowledged": self.acknowledged,
+                "no_room": self.no_room,
+                "no_bus": self.unsent,
+            },
+            "losses": [asdict(loss) | {"at": moment(loss.stamp)} for loss in self.losses],
+            "loss_count": self.loss_count,
             "malformed_lines": self.malformed,
             "refused_lines": self.refused,
             "trouble": self.trouble,
@@ -69,7 +78,9 @@ class BusAccount(TrafficReport):
             f"{self.no_room:,} frames were not sent: the adapter had no room": self.no_room,
             f"{self.malformed:,} lines from the adapter were no frames": self.malformed,
             f"the adapter refused {self.refused:,} commands": self.refused,
-            f"the bus was lost: {self.trouble}": self.trouble,
+            f"{self.unsent:,} frames were not sent: the bus was lost": self.unsent,
+            self._lost(): self.loss_count,
+            "the interface does not say which frames got out: those count that it took": not self.acknowledged,
         }
         return [
             self.deadlines.sentence(),
@@ -80,6 +91,14 @@ class BusAccount(TrafficReport):
             *(f"{name} was also sent by somebody else: {count:,} frames" for name, count in self.foreign.items()),
             *(text for text, holds in said.items() if holds),
         ]
+
+    def _lost(self) -> str:
+        """How often and for how long there was no bus."""
+        whys = ", ".join(dict.fromkeys(loss.why for loss in self.losses))
+        seconds = sum(loss.seconds or 0.0 for loss in self.losses)
+        times = "once" if self.loss_count == 1 else f"{self.loss_count:,} times"
+        ends = "and did not come back" if self.trouble else f"and was away for {seconds:.1f} s"
+        return f"the bus was lost {times} ({whys}) {ends}"
 
     def traffic(self) -> list[tuple[str, str, int, float]]:
         """(direction, message, frames, frames a second) of every message on the bus."""

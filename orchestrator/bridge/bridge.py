@@ -105,9 +105,10 @@ def couple(
 
 def _keeper(job: BridgeJob, coupling: Coupling, step: float) -> AbstractContextManager[Keeper]:
     """Who has the bus: a process of its own, but where the bus is in this one."""
+    bus = replace(job.bus, reopens=job.stand_in or coupling.rules.reconnects)
     if _inside(job):
-        return beside(job.bus, coupling, step, _warn)
-    return apart(job.bus, coupling, step, _warn, kills=not job.stand_in)
+        return beside(bus, coupling, step, _warn)
+    return apart(bus, coupling, step, _warn, kills=not job.stand_in)
 
 
 def _inside(job: BridgeJob) -> bool:

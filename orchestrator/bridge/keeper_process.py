@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
-from threading import Thread
+from threading import Lock, Thread
 from typing import NoReturn
 
 import numpy as np
@@ -194,7 +194,7 @@ class _Guard:
         self._settings, self._coupling, self._step, self._board = settings, coupling, step, board
         self._steps, self._news, self._parent = steps, news, parent
         self._form = struct.Struct(f"qd{len(coupling.outputs)}d")
-        self._partial = b""
+        self._partial, self._telling = b"", Lock()
         self._start, self._orphan, self._alone = 0.0, False, False
 
     def live(self) -> NoReturn:
@@ -295,7 +295,8 @@ class _Guard:
             if isinstance(news, str) and (self._alone or self._orphan):
                 os.write(2, f"servotwin: {news}\n".encode())
             else:
-                self._news.send(news)
+                with self._telling:
+                    self._news.send(news)
 
 
 class _Forward(logging.Handler):

@@ -89,6 +89,7 @@ def coupled(block: CanBlock, system: System, database: Database, step: Fraction,
         block.on_silence == "end",
         block.most_late or max(0.05, 3 * float(step)),
         block.give_up,
+        block.reconnect,
     )
     return Coupling(Reception(database, received), sent, outputs, len(system.stimulated) + 1, rules, statistics)
 

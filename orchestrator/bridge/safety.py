@@ -32,6 +32,7 @@ class Rules:
     Attributes:
         latched: whether an output that has come to rest stays there; else `after` how long all must be good [s].
         ends: whether a received message that falls silent ends the coupling.
+        reconnects: whether a lost bus is opened again.
         most_late: by how much a step may be late [s]; give_up: by how much until the coupling ends [s].
     """
 
@@ -40,6 +41,7 @@ class Rules:
     ends: bool = False
     most_late: float = 0.05
     give_up: float = 2.0
+    reconnects: bool = False
 
 
 @dataclass(frozen=True)

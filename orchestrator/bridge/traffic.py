@@ -5,10 +5,9 @@ Nothing here waits for the steps, or is needed by them: whoever has the bus also
 
 from __future__ import annotations
 
-import errno
 import math
 import time
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -21,19 +20,16 @@ from orchestrator.bridge.mapping import Coupling
 from orchestrator.bridge.outputs import SentMessage, SentSignal
 from orchestrator.bridge.safety import State, Status
 from orchestrator.bridge.watchdog import Watchdog, WatchdogReport
-from orchestrator.can.live.bus import BusSettings, is_bus_off, opened
+from orchestrator.can.live.bus import BusSettings
+from orchestrator.can.live.link import Link, Loss, linked
 from orchestrator.can.live.receiver import Receiver
 from orchestrator.can.statistics import FrameStatistics
 from orchestrator.trace import FloatArray
 
-_FULL = (errno.ENOBUFS, errno.EAGAIN)
-_FULL_WORDS = ("full", "overflow", "no buffer space", "timed out", "timeout")  # of drivers that give no number
 _LAST_PATIENCE = 0.2  # with an adapter that has no room for a safe value [s]
 _LINGERING = 0.05  # before the bus may be closed: adapters forget what they have not sent by then [s]
-_REMEMBERED = 64  # own frames of a message that may come back as an echo
-_ECHOING = ("udp_multicast",)  # interfaces that give back what is sent to them
+_SILENCE = 0.1  # for which an adapter may refuse all frames where nothing is received [s]
 QUEUE = 4096  # frames that wait to be taken at most; more are dropped and counted
-BUS_OFF = "the adapter has left the bus (bus off)"
 
 
 @dataclass(frozen=True)
@@ -42,9 +38,11 @@ class TrafficReport:
 
     Attributes:
         dropped: received frames that came faster than they could be taken.
-        frames: that the adapter took; no_room: those that it did not.
+        frames: that got out; acknowledged: whether the adapter has said so of each, or only took them.
+        no_room: frames that the adapter did not take; unsent: those for which there was no bus.
+        losses: the first times that the bus was lost; loss_count counts all.
         malformed, refused: lines from the adapter that were no frames, and commands that it refused.
-        trouble: what was wrong with the bus, "" where nothing was.
+        trouble: why the bus was lost at the end, "" where it was not.
         over: why the bus ended the coupling, "" where it did not; stopped: whether by the stop signal.
         unconfirmed: messages whose safe values may not have got out.
         odd: outputs that were not finite -> how often; foreign: messages of ours from somebody else -> how many.
@@ -54,7 +52,11 @@ class TrafficReport:
     dropped: int
     sent: FrameStatistics
     frames: int
+    acknowledged: bool
     no_room: int
+    unsent: int
+    losses: tuple[Loss, ...]
+    loss_count: int
     malformed: int
     refused: int
     trouble: str
@@ -70,7 +72,7 @@ class TrafficReport:
         """What is known where whoever had the bus is gone."""
         none, names = FrameStatistics(), tuple(message.spec.name for message in coupling.sent if message.guarded)
         why = "the process that has the bus is gone"
-        return cls(none, 0, none, 0, 0, 0, 0, why, "", False, names, {}, {}, WatchdogReport({}, 0, []))
+        return cls(none, 0, none, 0, False, 0, 0, (), 0, 0, 0, why, "", False, names, {}, {}, WatchdogReport({}, 0, []))
 
 
 class BusTraffic:
@@ -79,34 +81,28 @@ class BusTraffic:
     Args:
         step: from one step to the next [s].
         inputs: memory for the values that are received.
-        echoes: whether the bus gives back what is sent to it.
 
     Attributes:
         inputs: (coupling.width,) received and safe values; those that nobody receives stay as they are.
-        trouble: what is wrong with the bus, "" while nothing is; an adapter may come back from `BUS_OFF`.
-        gone: whether the adapter is gone for good.
         over: why the coupling is to end, "" while it goes on.
     """
 
     def __init__(
         self,
-        bus: can.BusABC,
+        link: Link,
         receiver: Receiver,
         coupling: Coupling,
         watchdog: Watchdog,
         step: float,
         inputs: FloatArray | None = None,
-        echoes: bool = False,
     ) -> None:
-        self._bus, self._receiver, self._coupling, self._watchdog = bus, receiver, coupling, watchdog
+        self._link, self._receiver, self._coupling, self._watchdog = link, receiver, coupling, watchdog
         self.inputs = np.zeros(coupling.width) if inputs is None else inputs
-        self.trouble, self.gone, self.over, self._stopped = "", False, "", False
-        self._sent = self._refused = 0
+        self.over, self._stopped = "", False
         self._odd, self._foreign, self._unconfirmed = Counter[str](), Counter[str](), list[str]()
         self._step, self._rules = step, coupling.rules
         self._status = {signal: Status() for message in coupling.sent for signal in message.guarded}
         self._own = {(message.spec.id, message.spec.extended): message for message in coupling.sent}
-        self._echoes = {key: deque[bytes](maxlen=_REMEMBERED if echoes else 0) for key in self._own}
         self._gone_out = dict.fromkeys(coupling.sent, -math.inf)
         self._not_finite: set[SentSignal] = set()
         self._number, self._beat, self._late = -1, 0.0, ""
@@ -114,14 +110,17 @@ class BusTraffic:
             for signal in message.signals:
                 self.inputs[signal.place] = signal.safe
 
+    @property
+    def trouble(self) -> str:
+        """Why the bus is lost for good, "" while it is not."""
+        return "" if self._link.reopens else self._link.trouble
+
     def receive(self, now: float) -> None:
         """Take what has come, and safe values where nothing came; it is `now` since the beginning [s]."""
         for frame in self._receiver.take():
             self._take(frame, now)
-        if self._receiver.failure is not None and not self.gone:
-            self._lose(self._receiver.failure)
-        if self.gone:
-            self._watchdog.lost(now, self.trouble, self.inputs)
+        if trouble := self._link.trouble:
+            self._watchdog.lost(now, trouble, self.inputs)
         if self._watchdog.check(now, self.inputs) and self._rules.ends:
             self.over = self.over or "a received message fell silent, and `on_silence` is `end`"
         self._look(now)
@@ -165,15 +164,22 @@ class BusTraffic:
 
     def report(self, now: float) -> TrafficReport:
         """What has passed until now [s]."""
+        link, sent = self._link, self._coupling.sent_statistics
+        out = link.out
+        sent.messages = Counter({message.spec.name: out[key] for key, message in self._own.items()})
         return TrafficReport(
             self._coupling.reception.statistics,
             self._receiver.dropped,
-            self._coupling.sent_statistics,
-            self._sent,
-            self._refused,
-            getattr(self._bus, "malformed", 0),
-            getattr(self._bus, "refused", 0),
-            self.trouble,
+            sent,
+            out.total(),
+            link.acknowledges,
+            link.no_room,
+            link.unsent,
+            tuple(link.losses),
+            link.loss_count,
+            link.malformed,
+            link.refused,
+            link.trouble,
             self.over,
             self._stopped,
             tuple(self._unconfirmed),
@@ -183,26 +189,20 @@ class BusTraffic:
         )
 
     def _take(self, frame: can.Message, now: float) -> None:
-        if is_bus_off(frame):
-            self.trouble = BUS_OFF
-            self._watchdog.lost(now, BUS_OFF, self.inputs)
         key = (frame.arbitration_id, frame.is_extended_id)
         if key in self._own and not frame.is_error_frame:
-            self._recognise(key, frame, now)
+            self._recognise(key, now)
         taken = self._coupling.reception.take(frame, self.inputs)
         if taken is None:
             return
-        self._watchdog.took(taken, now)
+        if not self._link.trouble:
+            self._watchdog.took(taken, now)
         if any(signal.input == STOP and self.inputs[signal.place] for signal in taken.good):
             self._stopped = True
             self.over = self.over or "the stop signal was received"
 
-    def _recognise(self, key: tuple[int, bool], frame: can.Message, now: float) -> None:
-        """See whether a message of ours is an echo; somebody else who sends it must be known at once."""
-        known, data = self._echoes[key], bytes(frame.data)
-        if data in known:
-            known.remove(data)
-            return
+    def _recognise(self, key: tuple[int, bool], now: float) -> None:
+        """Somebody else who sends a message of ours must be known at once."""
         name = self._own[key].spec.name
         self._foreign[name] += 1
         if self._foreign[name] == 1:
@@ -257,22 +257,8 @@ class BusTraffic:
             self._send(message, frame, now, patience)
 
     def _send(self, message: SentMessage, frame: can.Message, now: float, patience: float = 0.0) -> None:
-        if self.gone:
-            return
         self._gone_out[message] = now
-        self._echoes[message.spec.id, message.spec.extended].append(bytes(frame.data))
-        try:
-            self._bus.send(frame, timeout=patience)
-        except Exception as error:  # drivers raise anything
-            if _no_room(error):
-                self._refused += 1
-            else:
-                self._lose(error)
-        else:
-            self._sent += 1
-
-    def _lose(self, error: Exception) -> None:
-        self.gone, self.trouble = True, " ".join(str(error).split()) or type(error).__name__
+        self._link.send(frame, patience)
 
 
 @contextmanager
@@ -294,13 +280,6 @@ def on_bus(
         BusError: the adapter does not open.
     """
     watchdog = Watchdog(coupling.reception.messages, say)
-    echoes = settings.interface in _ECHOING or "receive_own_messages" in settings.options
-    with opened(settings) as bus, Receiver(bus, QUEUE, arrived) as receiver:
-        yield BusTraffic(bus, receiver, coupling, watchdog, step, inputs, echoes)
-
-
-def _no_room(error: Exception) -> bool:
-    """Whether the adapter only has more to send than it can."""
-    if isinstance(error, can.CanTimeoutError) or getattr(error, "error_code", None) in _FULL:
-        return True
-    return any(word in str(error).lower() for word in _FULL_WORDS)
+    patience = min((message.silence for message in coupling.reception.messages), default=_SILENCE)
+    with linked(settings, patience, say) as link, Receiver(link, QUEUE, arrived) as receiver:
+        yield BusTraffic(link, receiver, coupling, watchdog, step, inputs)

@@ -84,6 +84,7 @@ class CanBlock(Block):
         on_silence: whether outputs rest, or the coupling ends, when a received signal falls silent.
         most_late: by how much a step may be late until all outputs rest, by default 3 steps and 0.05 s at least [s].
         give_up: by how much until the coupling ends [s].
+        reconnect: whether a bridge opens a lost bus again, every second, instead of ending.
         stop: signal of the bus that ends the coupling when it is not zero; outputs rest while it is silent.
     """
 
@@ -98,6 +99,7 @@ class CanBlock(Block):
     on_silence: Literal["rest", "end"] = "rest"
     most_late: float | None = Field(None, gt=0)
     give_up: float = Field(2.0, gt=0)
+    reconnect: bool = False
     stop: str | None = None
 
     @model_validator(mode="after")

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import can
 
+from fmus.errors import BusError
 from orchestrator.can.database import database
 from orchestrator.can.database.database import Database
 from orchestrator.can.live.bus import BusSettings
+from orchestrator.can.live.link import Link
 from orchestrator.fmi.interface import Interface, Port
 from orchestrator.system import Part, System, wire
 
@@ -101,6 +103,7 @@ class ScriptedBus:
         waiting: frames that are received next.
         failure: raised by the receiver as soon as it is set.
         refusing: raised by `send`.
+        missing: how often it does not open.
     """
 
     def __init__(self, answer: Callable[[can.Message], Sequence[can.Message]] = lambda frame: ()) -> None:
@@ -109,7 +112,7 @@ class ScriptedBus:
         self.waiting: list[can.Message] = []
         self.failure: Exception | None = None
         self.refusing: Exception | None = None
-        self.dropped = 0
+        self.dropped = self.missing = 0
 
     def send(self, frame: can.Message, timeout: float | None = None) -> None:
         if self.refusing is not None:
@@ -117,26 +120,51 @@ class ScriptedBus:
         self.sent.append(frame)
         self.waiting += self._answer(frame)
 
-    def take(self) -> list[can.Message]:
-        taken, self.waiting = self.waiting, []
-        return taken
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        if not self.waiting and self.failure is not None:
+            raise self.failure
+        return self.waiting.pop(0) if self.waiting else None
+
+    def shutdown(self) -> None:
+        pass
 
     def identified(self, identifier: int) -> list[can.Message]:
         """The frames that were sent with this identifier."""
         return [frame for frame in self.sent if frame.arbitration_id == identifier]
 
+    def linked(self, say: Callable[[str], None]) -> tuple[Link, _AtOnce]:
+        """The bus as it is kept, and what receives from it."""
+        link = Link(cast(can.BusABC, self), BUS, 0.1, say)
+        return link, _AtOnce(link, self.dropped)
+
     def plug_in(self, monkeypatch: Any, punctual: bool = True) -> ScriptedBus:
         """Be the bus that is opened, and what receives from it; `punctual` steps begin at their deadlines at once."""
         if punctual:
             monkeypatch.setattr("orchestrator.realtime.pacing.Pace.wait", lambda pace, deadline, stop: deadline)
-        monkeypatch.setattr("orchestrator.bridge.traffic.opened", self._opened)
+        monkeypatch.setattr("orchestrator.can.live.link.open_bus", self._opened)
         monkeypatch.setattr("orchestrator.bridge.traffic.Receiver", self._receiver)
         return self
 
-    @contextmanager
-    def _opened(self, settings: BusSettings) -> Iterator[ScriptedBus]:
-        yield self
+    def _opened(self, settings: BusSettings) -> ScriptedBus:
+        if self.missing:
+            self.missing -= 1
+            raise BusError(settings.place, "does not open")
+        return self
 
     @contextmanager
-    def _receiver(self, bus: ScriptedBus, *_: object) -> Iterator[ScriptedBus]:
-        yield self
+    def _receiver(self, link: Link, *_: object) -> Iterator[_AtOnce]:
+        yield _AtOnce(link, self.dropped)
+
+
+class _AtOnce:
+    """Receives when it is asked, without a thread."""
+
+    def __init__(self, link: Link, dropped: int) -> None:
+        self._link, self.dropped = link, dropped
+
+    def take(self) -> list[can.Message]:
+        taken = []
+        with suppress(can.CanError):
+            while (message := self._link.recv(0.0)) is not None:
+                taken.append(message)
+        return taken

@@ -38,6 +38,7 @@ class BusSettings:
         bitrate: None: as the adapter is set [bit/s].
         data_bitrate: of CAN FD frames that switch [bit/s].
         options: of that interface only.
+        reopens: whether it is opened again when it is lost.
 
     Raises:
         InputError: the interface is not known, or a bit rate is not possible.
@@ -49,6 +50,7 @@ class BusSettings:
     fd: bool = False
     data_bitrate: int | None = None
     options: Mapping[str, str] = field(default_factory=dict)
+    reopens: bool = False
 
     def __post_init__(self) -> None:
         if self.interface not in can.VALID_INTERFACES:

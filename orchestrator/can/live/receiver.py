@@ -10,6 +10,7 @@ from queue import Empty, SimpleQueue
 import can
 
 from orchestrator.can.frames import CALENDAR
+from orchestrator.can.live.link import Link
 
 _PATIENCE = 0.1  # with a bus on which nothing happens, before the thread looks whether to end [s]
 _DRAINING = 1.0  # the longest time for what has arrived before the end [s]
@@ -31,7 +32,7 @@ class Receiver:
         clock_offset: by how much stamps were moved to be dates [s]; None where they are.
     """
 
-    def __init__(self, bus: can.BusABC, limit: int, arrived: Callable[[], None] = lambda: None) -> None:
+    def __init__(self, bus: can.BusABC | Link, limit: int, arrived: Callable[[], None] = lambda: None) -> None:
         self._bus, self._limit, self._arrived = bus, limit, arrived
         self._queue: SimpleQueue[can.Message] = SimpleQueue()
         self._ending = False

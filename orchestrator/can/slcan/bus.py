@@ -199,8 +199,8 @@ class SlcanBus(slcanBus):
         """
         try:
             self._await_answers(timeout)
-            super().send(msg, timeout)
-            self.flow.given((msg.arbitration_id, msg.is_extended_id), time.monotonic())
+            with self.flow.giving((msg.arbitration_id, msg.is_extended_id), time.monotonic()):
+                super().send(msg, timeout)
         except OSError as error:
             if isinstance(error, can.CanError):
                 raise

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter, deque
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 
 Key = tuple[int, bool]  # identifier, and whether it is an extended one
 
@@ -32,9 +34,17 @@ class Flow:
         """Frames that it has not answered to yet."""
         return len(self._owed)
 
-    def given(self, key: Key, now: float) -> None:
-        """A frame has been written."""
-        self._owed.append((now, key))
+    @contextmanager
+    def giving(self, key: Key, now: float) -> Iterator[None]:
+        """A frame is written in the block, which fails where it is not; another thread may see its answer by then."""
+        owed = now, key
+        self._owed.append(owed)
+        try:
+            yield
+        except Exception:
+            with suppress(ValueError):  # all may have been dropped meanwhile
+                self._owed.remove(owed)
+            raise
 
     def answered(self, taken: bool, now: float) -> bool:
         """The answer to the oldest frame; whether there was one."""

@@ -26,6 +26,7 @@ from orchestrator import formats
 from orchestrator.bridge import results
 from orchestrator.bridge.bridge import BridgeResult, couple
 from orchestrator.bridge.preparation import BridgeJob
+from orchestrator.can.live import link
 from orchestrator.can.live.bus import BusSettings
 from orchestrator.can.slcan.hub import hub_process
 from orchestrator.engine import LiveRun, Result
@@ -271,6 +272,7 @@ def test_a_bridge_ends_when_its_bus_is_lost_and_a_stand_in_goes_on(
     def unplug(message: can.Message) -> list[can.Message]:
         if len(bus.sent) == 50:
             bus.failure = can.CanOperationError("the adapter is gone (Input/output error)")
+            bus.missing = 10**9
         return [frame(COMMAND, struct.pack("<hH", 100, 0))]
 
     bus = ScriptedBus(unplug).plug_in(monkeypatch)
@@ -296,18 +298,21 @@ def test_an_adapter_that_leaves_the_bus_is_lost_to_a_bridge_and_may_come_back_to
     off = can.Message(arbitration_id=0x40, is_error_frame=True, is_extended_id=False, dlc=8, data=bytes(8))
 
     def go_off(message: can.Message) -> list[can.Message]:
-        if len(bus.sent) == 50:
-            return [off]
-        return [] if 50 < len(bus.sent) < 100 else [frame(COMMAND, struct.pack("<hH", 100, 0))]
+        bus.missing = 49 * (len(bus.sent) == 50)
+        return [off if bus.missing else frame(COMMAND, struct.pack("<hH", 100, 0))]
 
     bus = ScriptedBus(go_off).plug_in(monkeypatch)
     assert "(the adapter has left the bus (bus off))" in str(go(folder, tmp_path).ending.failure)
+    monkeypatch.setattr(link, "_RETRY", 0.0)  # it is tried in every step
     bus = ScriptedBus(go_off).plug_in(monkeypatch)
     coupled = go(folder, tmp_path, stand_in=True, duration=Fraction(1, 5))
     voltage = trace_of(coupled)["motor.voltage"]
     assert (voltage[50:99] == 0.25).all()
     assert voltage[101:200] == pytest.approx(0.1)
     assert coupled.account.received.errors == 1
+    (loss,) = coupled.account.losses
+    assert loss.seconds is not None and coupled.account.trouble == ""
+    assert coupled.account.unsent + coupled.account.frames == 201
 
 
 @pytest.mark.parametrize(("trouble", "said"), [("unplug", "the adapter is gone"), ("bus_off", "(bus off)")])
@@ -354,7 +359,13 @@ def test_the_folder_has_record_manifest_and_report(
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
     assert manifest["passed"] and manifest["ended"] == "done"
     assert manifest["can"]["received"]["messages"] == {"Command": 199}
-    assert manifest["can"]["sent"] == {"frames": 201, "no_room": 0, "messages": {"State": 201}}
+    assert manifest["can"]["sent"] == {
+        "frames": 201,
+        "acknowledged": False,
+        "no_room": 0,
+        "no_bus": 0,
+        "messages": {"State": 201},
+    }
     assert manifest["can"]["deadlines"]["steps"] == 200
     assert len(formats.read(tmp_path / "out" / "run.parquet").trace) == 201
     page = (tmp_path / "out" / "report.html").read_text()
@@ -575,7 +586,9 @@ def test_an_output_that_is_not_finite_rests_at_once_and_fails_the_coupling(
 def test_somebody_else_who_sends_our_message_is_told_at_once(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    bus = ScriptedBus(lambda message: [message] if len(bus.sent) in (10, 20) else []).plug_in(monkeypatch)
+    bus = ScriptedBus(lambda message: [frame(STATE, bytes(message.data))] if len(bus.sent) in (10, 20) else []).plug_in(
+        monkeypatch
+    )
     coupled = go(folder, tmp_path)
     assert coupled.account.foreign == {"State": 2}
     (alarm,) = (event for event in coupled.account.watchdog.events if event.kind == "alarm")

@@ -7,7 +7,6 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any, cast
 
-import can
 import pytest
 
 from orchestrator.bridge.mapping import coupled
@@ -36,7 +35,8 @@ def on(bus: ScriptedBus, rig: Database, said: list[str], **changes: Any) -> BusT
     block = CanBlock.model_validate({"database": rig.path} | BLOCK | changes)
     coupling = coupled(block, sample_system(), rig, Fraction(1, 1000))
     watchdog = Watchdog(coupling.reception.messages, said.append)
-    return BusTraffic(cast(can.BusABC, bus), cast(Receiver, bus), coupling, watchdog, STEP)
+    link, receiver = bus.linked(said.append)
+    return BusTraffic(link, cast(Receiver, receiver), coupling, watchdog, STEP)
 
 
 def torques(bus: ScriptedBus) -> list[float]:
@@ -111,14 +111,12 @@ def test_one_page_or_one_value_that_stays_away_puts_what_needs_it_to_rest(rig: D
     ]
 
 
-def test_what_an_interface_gives_back_is_no_second_sender(rig: Database) -> None:
+def test_what_an_interface_gives_back_is_no_second_sender_and_not_received(rig: Database) -> None:
     bus = ScriptedBus(lambda sent: [sent])
-    block = CanBlock.model_validate({"database": rig.path} | BLOCK)
-    coupling = coupled(block, sample_system(), rig, Fraction(1, 1000))
-    watchdog = Watchdog(coupling.reception.messages, lambda line: None)
-    traffic = BusTraffic(cast(can.BusABC, bus), cast(Receiver, bus), coupling, watchdog, STEP, echoes=True)
+    traffic = on(bus, rig, [])
     run(traffic, bus, 0, 300)
     assert traffic.report(0.3).foreign == {}
+    assert traffic.report(0.3).received.messages == {"Command": 300}
     bus.waiting.append(frame(GUARDED, b"\1\2\3\4"))
     traffic.receive(0.301)
     assert traffic.report(0.3).foreign == {"Guarded": 1}

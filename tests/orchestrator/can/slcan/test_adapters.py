@@ -128,8 +128,8 @@ def test_no_more_frames_are_taken_than_were_given(events: list[str]) -> None:
     flow, given = Flow(), 0
     for now, event in enumerate(events):
         if event == "given":
-            flow.given(KEY, now)
-            given += 1
+            with flow.giving(KEY, now):
+                given += 1
         elif event == "settled":
             flow.settle()
         else:
