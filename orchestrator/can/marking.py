@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from orchestrator.marks import Kind, Mark, cycle_of, expected, gaps, missing, runs
+from orchestrator.marks import LONG, Kind, Mark, cycle_of, expected, gaps, missing, runs
 from orchestrator.trace import BoolArray, FloatArray
 
 Rows = NDArray[np.intp]
@@ -26,7 +26,7 @@ class Absences:
     cycle: float | None
     modulus: int = 0
     _latest: float | None = None
-    _owed: float = 0.0  # of those counted by the cycle time, what the next frames may show to have been late
+    _last: _LastGap | None = None
 
     def feed(self, time: FloatArray, by_counter: FloatArray) -> int:
         """How many are missing before these frames (K,); below 0 where earlier ones turn out to have been late."""
@@ -34,14 +34,48 @@ class Absences:
         self._latest = float(time[-1])
         if not self.cycle:
             return int(by_counter.sum())
-        rounds = np.rint((missing(steps, self.cycle) - by_counter) / max(self.modulus, 1))
-        unsure = steps > 0.5 * self.modulus * self.cycle
-        beyond = np.where(unsure, np.maximum(rounds, 0.0) * max(self.modulus, 1), 0.0)
-        faster = -np.rint(np.min(np.cumsum(steps / self.cycle - 1.0)))
-        repaid = min(self._owed, max(faster, 0.0))
-        found = np.flatnonzero(beyond)
-        self._owed = float(beyond[found[-1]]) if len(found) else self._owed - repaid if repaid else 0.0
-        return int(by_counter.sum() + beyond.sum() - repaid)
+        ahead = np.cumsum(steps / self.cycle - 1.0)
+        absent = missing(steps, self.cycle)
+        unsure = (steps > max(0.5 * self.modulus, 1.5) * self.cycle) & (absent > by_counter)
+        beyond = np.where(unsure, self._rounds(absent - by_counter), 0.0)
+        found = np.flatnonzero(unsure)
+        late = self._turned_out_late(ahead[: found[0]] if len(found) else ahead)
+        if len(found):
+            row = found[-1]
+            most = steps[row] / self.cycle + LONG - (len(steps) - row)
+            lowest = ahead[row] - steps[row] / self.cycle + 1.0 + absent[row] - ahead[-1]
+            self._last = _LastGap(float(absent[row] - by_counter[row]), float(lowest), int(most))
+        return int(by_counter.sum() + beyond.sum() - late)
+
+    def _turned_out_late(self, ahead: FloatArray) -> float:
+        """How many of those counted for the last gap were late, by how far ahead of even ones these stamps are."""
+        gap = self._last
+        if gap is None or not len(ahead):
+            return 0.0
+        reached = min(gap.lowest, float(np.min(ahead[: max(gap.most, 0)], initial=np.inf)))
+        left, most = gap.absent + reached - gap.lowest, gap.most - len(ahead)
+        self._last = _LastGap(left, reached - float(ahead[-1]), most) if most > 0 else None
+        return float(self._rounds(gap.absent) - self._rounds(left))
+
+    def _rounds(self, absent: FloatArray | float) -> FloatArray:
+        """So many as whole rounds of the counter."""
+        unit = max(self.modulus, 1)
+        return np.asarray(unit * np.rint(np.maximum(absent, 0.0) / unit))
+
+
+@dataclass(frozen=True)
+class _LastGap:
+    """What was found of the last gap, in whose wake frames may come late.
+
+    Attributes:
+        absent: frames that are missing by the cycle time, beyond what the counter tells.
+        lowest: cycles by which the stamps since were least ahead, from where they are now.
+        most: frames that may still come late.
+    """
+
+    absent: float
+    lowest: float
+    most: int
 
 
 @dataclass
