@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
 from orchestrator.trace import BoolArray, FloatArray
 
-Kind = Literal["gap", "late", "checksum", "counter", "range", "nan", "safe", "excluded"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
+Seen = Literal["gap", "late", "checksum", "counter", "range", "nan", "safe"]
+Kind = Seen | Literal["excluded"]
+"""What is seen in a recording, and what a study excludes of it."""
+
 WORDS: dict[Kind, str] = {
     "gap": "gap",
     "late": "late stamps",

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
+from types import UnionType
 from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, StringConstraints, ValidationError
@@ -184,7 +185,10 @@ def _complaint(path: Path, document: Any, schema: type[Block], error: Validation
     keys = _keys_in_file(document, first["loc"], first["type"])
     place = f"{path}:{_line(document, keys)}: {'.'.join(map(_one_line, keys))}"
     if first["type"] == "extra_forbidden":
-        known = _known_keys(schema, keys[:-1])
+        fields = _fields(schema, keys[:-1])
+        known = list(fields)
+        if below := [name for name, kind in fields.items() if _has(kind, keys[-1])]:
+            return ScenarioError(place, "unknown key", f"it belongs under `{below[0]}`")
         near = difflib.get_close_matches(str(keys[-1]), known, n=1)
         return ScenarioError(
             place,
@@ -221,13 +225,23 @@ def _line(document: Any, keys: list[Any]) -> int:
     return line
 
 
-def _known_keys(schema: type[Block], keys: list[Any]) -> list[str]:
-    """Keys of the block that a path of keys leads to; none where the path leaves plain blocks."""
+def _fields(schema: type[Block], keys: list[Any]) -> dict[str, Any]:
+    """Keys and types of the block that a path of keys leads to; none where the path leaves plain blocks."""
     block: Any = schema
     for key in keys:
-        if isinstance(key, str) and isinstance(block, type) and issubclass(block, Block) and key in block.model_fields:
+        if isinstance(key, str) and _is_block(block) and key in block.model_fields:
             block = block.model_fields[key].annotation
         for inner in getattr(block, "__args__", ()):
-            if isinstance(inner, type) and issubclass(inner, Block):
+            if _is_block(inner):
                 block = inner
-    return list(block.model_fields) if isinstance(block, type) and issubclass(block, Block) else []
+    return {name: field.annotation for name, field in block.model_fields.items()} if _is_block(block) else {}
+
+
+def _has(kind: Any, key: Any) -> bool:
+    """Whether a value of this type, or one that may be left out, is a block with that key."""
+    blocks = kind.__args__ if isinstance(kind, UnionType) else (kind,)
+    return any(_is_block(block) and key in block.model_fields for block in blocks)
+
+
+def _is_block(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, Block)

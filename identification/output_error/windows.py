@@ -114,7 +114,11 @@ def cut_windows(
     for recorded in traces:
         named = replace(recorded.trace, name=recorded.place).select(run.signals)
         marks = [mark for mark in recorded.marks if mark.concerns(run.signals)]
-        usable(named.rows(sound(named, marks)) if marks else named, run.signals)
+        left = named.rows(sound(named, marks)) if marks else named
+        if marks and len(left) < 2:
+            marked.append(recorded)
+            continue
+        usable(left, run.signals)
         trace = replace(named, name=recorded.trace.name)
         own = run.by_means() if recorded.held else run
         try:

@@ -12,6 +12,7 @@ from typing import Literal
 
 from fmus.errors import ScenarioError, TraceError
 from fmus.files import sha256
+from identification.recordings.bridged import safe_stretches
 from identification.recordings.marks import MUCH, Exclusion, covered, excluded, listed, of_stamps
 from orchestrator import formats
 from orchestrator.can.log_suffixes import is_log
@@ -136,7 +137,7 @@ class StudyTrace:
         """The notes, and how much is left out, a line each."""
         left = f"{self.left_out:.3g} of {self.trace.duration:.3g} s are left out: {listed(self.marks)}"
         kept = f"taken all the same, as the study says: {listed(self.kept)}"
-        return (*self.notes, *([left] if self.marks else []), *([kept] if self.kept else []))
+        return (*self.notes, *([kept] if self.kept else []), *([left] if self.marks else []))
 
 
 def load_campaign(
@@ -201,10 +202,11 @@ def recording_warnings(traces: Sequence[StudyTrace]) -> list[str]:
         )
     if much := [trace for trace in traces if trace.left_out > MUCH * trace.trace.duration]:
         warnings.append(_much(traces, much))
-    if remarked := [trace for trace in traces if trace.remarks]:
+    told = [(trace.trace.name, trace.remarks[: -1 if trace in much else None]) for trace in traces]
+    if remarked := [(name, remarks) for name, remarks in told if remarks]:
         warnings.append(
             f"what was seen in {len(remarked)} of {len(traces)} recordings is to be known (details under data); "
-            f"the first: {remarked[0].trace.name}, {'; '.join(remarked[0].remarks)}"
+            f"the first: {remarked[0][0]}, {'; '.join(remarked[0][1])}"
         )
     return warnings
 
@@ -266,7 +268,7 @@ def _read(file: Path, source: TraceSource) -> StudyTrace:
     recording = formats.read(file, source.layout)
     trace, stamps, held = replace(recording.trace, name=file.stem), recording.stamps, is_log(file)
     begun = trace.complete() if held else trace  # what a message says first comes a little later than others
-    told = recording.marks if held else (*recording.marks, *of_stamps(begun))
+    told = recording.marks if held else (*of_stamps(begun), *safe_stretches(file, float(trace.time[-1])))
     matter = [mark for mark in told if not source.used or mark.concerns(source.used)]
     marks, kept = (tuple(mark for mark in matter if (mark.kind in source.keep) == side) for side in (False, True))
     damaged = bool(DAMAGE & recording.found.keys() or matter)

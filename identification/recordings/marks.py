@@ -110,7 +110,7 @@ def nothing_left(place: str, what: str, marks: Sequence[Mark]) -> TraceError:
     return TraceError(
         place,
         f"{what} left beside {listed(marks)}",
-        "take shorter parts, record again, or take these stretches all the same (`traces.keep: [KIND]`)",
+        "take shorter parts, exclude less, or take such stretches all the same (`traces.keep: [KIND]`)",
     )
 
 

@@ -14,7 +14,7 @@ from identification.recordings.marks import Exclusion
 from orchestrator.can.database.sources import paths
 from orchestrator.formats import Layout
 from orchestrator.formats.schema import LayoutBlock
-from orchestrator.marks import Kind
+from orchestrator.marks import Seen
 from orchestrator.yaml_file import Block
 
 
@@ -116,7 +116,7 @@ class TracesBlock(Block):
     values: dict[str, str] = {}
     hold_out: list[str] = []
     exclude: list[Annotated[StretchBlock, BeforeValidator(_stretch, json_schema_input_type=Stretch)]] = []
-    keep: list[Kind] = []
+    keep: list[Seen] = []
 
     def source(self, base: Path, signals: UsedSignals) -> TraceSource:
         """Where the traces come from; `base` is the folder of the study file, and `signals` is what it uses of them."""

@@ -64,6 +64,7 @@ def test_a_file_that_fits_is_its_contents(tmp_path: Path) -> None:
 
 
 BAD = [
+    ("title: a\nradius: 1\n", ":2: radius: unknown key; it belongs under `spare`"),
     ("titel: a\n", ":1: titel: unknown key; did you mean 'title'?"),
     ("title: a\nwheels:\n  left:\n    radios: 1\n", ":4: wheels.left.radios: unknown key; did you mean 'radius'?"),
     ("title: a\nwheels:\n  Left:\n    radios: 1\n", ":4: wheels.Left.radios: unknown key; did you mean 'radius'?"),

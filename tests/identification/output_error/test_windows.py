@@ -301,3 +301,5 @@ def test_a_trace_without_a_window_left_is_passed_over_unless_it_is_the_only_one(
     assert len(cut_windows(asked.run, [spoilt_trace, recorded(EVEN)], asked.windows)) == 5
     with pytest.raises(TraceError, match=r"no window of 2 s is left beside late stamps from 1 to 9 s; .*traces\.keep"):
         cut_windows(asked.run, [spoilt_trace], asked.windows)
+    with pytest.raises(TraceError, match=r"no window of 2 s is left beside excluded from -1 to 11 s"):
+        cut_windows(asked.run, [replace(recorded(EVEN), marks=(Mark("excluded", -1, 11),))], asked.windows)
