@@ -5,10 +5,13 @@ Everything over pseudo-terminals on this machine, sender, bus and receiver in th
 
 from __future__ import annotations
 
+import json
 import os
+import signal
 import tempfile
 import threading
 import time
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from statistics import median
@@ -18,10 +21,12 @@ import can
 from orchestrator.can.live.bus import BusSettings, open_bus, opened, send
 from orchestrator.can.live.recorder import BusRecording, record
 from orchestrator.can.slcan.hub import Hub, hub_process
+from tests.support.wiring import command, wait_for
 
 from .figure import Figure
 
-BITRATE = 500_000
+BITRATE, FAST = 500_000, 1_000_000
+LONG = 300.0  # [s]
 FRAME = can.Message(arbitration_id=0x123, is_extended_id=False, data=bytes(8))
 LINES = b"t12381122334455667788\r"
 
@@ -33,6 +38,7 @@ def figures() -> list[Figure]:
             found = [_throughput(hub), _latency(hub)]
         with hub_process(Path(folder) / "paced", 2, BITRATE) as hub:
             found.append(_recording(hub, Path(folder) / "recording"))
+        found.append(_two_channels(Path(folder), 5.0))
     ours, theirs = _reading(ours=True), _reading(ours=False)
     return [
         *found,
@@ -43,6 +49,12 @@ def figures() -> list[Figure]:
             ours >= 4000,
         ),
     ]
+
+
+def endurance() -> list[Figure]:
+    """Two full buses recorded for five minutes."""
+    with tempfile.TemporaryDirectory() as folder:
+        return [_two_channels(Path(folder), LONG)]
 
 
 def _settings(hub: Hub, port: int) -> BusSettings:
@@ -110,6 +122,43 @@ def _recording(hub: Hub, folder: Path, seconds: float = 5.0) -> Figure:
         f"{lost} of {manifest.frames:,} ({rate:,.0f}/s)",
         lost == 0 and rate > 3000,
     )
+
+
+def _two_channels(folder: Path, seconds: float) -> Figure:
+    """As many frames as two wires of 1 Mbit/s carry, recorded into one log by a process of its own."""
+    with ExitStack() as stack:
+        hubs = [stack.enter_context(hub_process(folder / f"bus{number}", 2, FAST)) for number in range(2)]
+        ports = [word for hub in hubs for word in ("--channel", hub.paths[1])]
+        out = folder / "both"
+        options = ("--interface", "slcan", *ports, "--bitrate", FAST, "--out", out)
+        recorder = stack.enter_context(command("can", "record", *options))
+        wait_for((out / "manifest.json").exists)
+        until = time.monotonic() + seconds
+        senders = [threading.Thread(target=_fill, args=(hub, until)) for hub in hubs]
+        for sender in senders:
+            sender.start()
+        for sender in senders:
+            sender.join()
+        time.sleep(1.0)
+        heard = [hub.statistics().ports[1] for hub in hubs]
+        recorder.send_signal(signal.SIGTERM)
+        recorder.communicate()
+        manifest = json.loads((out / "manifest.json").read_text())
+    carried = sum(port.heard + port.lost for port in heard)
+    lost = carried - manifest["frames"]
+    return Figure(
+        f"two full buses of 1 Mbit/s recorded into one BLF for {seconds:.0f} s: frames lost",
+        "0",
+        f"{lost} of {carried:,} ({carried / seconds:,.0f}/s)",
+        lost == 0,
+    )
+
+
+def _fill(hub: Hub, until: float) -> None:
+    with opened(BusSettings("slcan", str(hub.paths[0]), FAST)) as bus:
+        while time.monotonic() < until:
+            send(bus, FRAME)
+        time.sleep(0.5)  # adapters forget what they have not sent when they are closed
 
 
 def _reading(ours: bool, seconds: float = 2.0) -> float:
