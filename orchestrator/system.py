@@ -135,7 +135,7 @@ def wire(parts: Mapping[str, Part], connections: Iterable[tuple[str, str]], stim
     links = [_link(bare, *pair) for source, target in ends for pair in _pairs(bare, source, target)]
     driven = [Endpoint.parse(name) for name in stimulated]
     for endpoint in driven:
-        require(bare, endpoint, "input", "can be stimulated")
+        drivable(bare, endpoint, "can be stimulated")
     _one_source_each(links, driven)
     system = System(dict(parts), tuple(links), frozenset(driven))
     _every_input_set(system)
@@ -267,6 +267,21 @@ def require(system: System, endpoint: Endpoint, causality: str, role: str, place
             f"{causality}s there: {there}",
         )
     return port
+
+
+def drivable(system: System, endpoint: Endpoint, role: str, place: str = "") -> Port:
+    """The variable at an endpoint, which can be given values during a run: an input, or a tunable parameter.
+
+    Raises:
+        WiringError: it is neither, or there is no such variable; `place` is named, `role` says what it is for.
+    """
+    port = system.port(endpoint, place)
+    if port.causality == "parameter" and port.numeric:
+        if port.variability != "tunable":
+            problem = f"'{endpoint}' is a {port.variability} parameter; only an input or a tunable one {role}"
+            raise WiringError(place or str(endpoint), problem, "set it before the run")
+        return port
+    return require(system, endpoint, "input", role, place)
 
 
 def recordable(system: System, name: str, place: str) -> Port:

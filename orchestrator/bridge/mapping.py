@@ -20,7 +20,7 @@ from orchestrator.crossing import Crossing, NamedUnit, crossing
 from orchestrator.fmi.interface import Port
 from orchestrator.rational import multiples, seconds
 from orchestrator.scenario.can_block import CanBlock, ReceivedBlock
-from orchestrator.system import Endpoint, System, check_bounds, require, with_article
+from orchestrator.system import Endpoint, System, check_bounds, drivable, require, with_article
 
 _WHOLE = ("Boolean", "Enumeration")
 
@@ -134,7 +134,7 @@ def _received_signal(
     system: System, name: str, block: ReceivedBlock, signal: SignalSpec, public: str, place: int
 ) -> ReceivedSignal:
     where = f"can.receive.{name}"
-    port = require(system, Endpoint.parse(name), "input", "can be received", where)
+    port = drivable(system, Endpoint.parse(name), "can be received", where)
     if not port.numeric:
         raise WiringError(where, f"{with_article(port.type)} cannot be received", "set it as a start value")
     check_bounds(f"{where}.safe", port, block.safe)

@@ -132,6 +132,15 @@ def test_an_unconnected_input_without_start_value_is_refused() -> None:
     assert str(refused.value) == "b.u: is not connected and has no start value; connect it"
 
 
+def test_a_tunable_parameter_can_be_stimulated_and_a_fixed_one_not() -> None:
+    tunable, fixed = (
+        Port("gain", 0, "Real", "parameter", start="1", variability=kind) for kind in ("tunable", "fixed")
+    )
+    assert wire({"b": part(tunable)}, [], ["b.gain"]).stimulated == {Endpoint("b", "gain")}
+    with pytest.raises(WiringError, match="is a fixed parameter; only an input or a tunable one can be stimulated"):
+        wire({"b": part(fixed)}, [], ["b.gain"])
+
+
 def test_an_input_without_start_value_may_be_connected_or_stimulated() -> None:
     assert pair(out("y"), in_("u", start=None)).connections
     assert wire({"b": part(in_("u", start=None))}, [], ["b.u"]).stimulated

@@ -24,7 +24,9 @@ from orchestrator.can.database.database import Database
 from orchestrator.can.database.database import load as load_database
 from orchestrator.can.statistics import FrameStatistics
 from orchestrator.crossing import NamedUnit, crossing
+from orchestrator.fmi.interface import Interface, Port
 from orchestrator.scenario.can_block import CanBlock
+from orchestrator.system import Part, wire
 from orchestrator.trace import FloatArray
 from orchestrator.yaml_file import load
 from tests.support.coupling_samples import frame, sample_database, sample_system
@@ -66,6 +68,15 @@ def test_received_values_come_in_the_unit_of_the_input(rig: Database) -> None:
     values = received(coupling, (257, struct.pack("<hH", -12345, 0)), (258, struct.pack("<d", 90.0)))
     assert values[INPUTS.index("rig.voltage")] == pytest.approx(-12.345, abs=1e-12)
     assert values[INPUTS.index("rig.target")] == pytest.approx(math.pi / 2, abs=1e-12)
+
+
+def test_a_tunable_parameter_can_be_received(rig: Database) -> None:
+    gain = Port("gain", 0, "Real", "parameter", "V", "0", -30.0, 30.0, variability="tunable")
+    system = wire({"rig": Part(Interface("rig", "2.0", {"gain": gain}, {}))}, [], ["rig.gain"])
+    coupling = coupled(CanBlock(database=rig.path, receive={"rig.gain": SAFE}), system, rig, STEP)
+    values = np.zeros(2)
+    coupling.reception.take(frame(257, struct.pack("<hH", -12345, 0)), values)
+    assert values[0] == pytest.approx(-12.345, abs=1e-12)
 
 
 def test_the_latest_of_several_frames_counts(rig: Database) -> None:

@@ -190,6 +190,17 @@ def test_a_stimulus_acts_from_its_instant_until_the_next(samples: list[float]) -
     assert trace["plant.y0"] == pytest.approx(np.append(0.0, np.cumsum(-0.1 * values[:-1])), rel=1e-9, abs=1e-9)
 
 
+def test_a_tunable_parameter_acts_from_the_step_on_that_begins_at_its_instant() -> None:
+    clock = Clock("clock")
+    clock.interface = replace(
+        clock.interface, ports={n: replace(port, variability="tunable") for n, port in clock.interface.ports.items()}
+    )
+    factor = np.array([1.0] * 4 + [3.0] * 7)
+    made = simulation([clock], stimulated=["clock.factor"])
+    trace = made.run(stimuli={"clock.factor": factor}, record=["clock.y"]).trace
+    np.testing.assert_allclose(np.diff(trace["clock.y"]), np.diff(trace.time) * factor[:-1], atol=1e-12)
+
+
 def test_stimuli_are_sampled_at_the_communication_instants() -> None:
     assert driven().instants().tolist() == [k / 10 for k in range(11)]
 
