@@ -198,7 +198,7 @@ def test_a_tunable_parameter_acts_from_the_step_on_that_begins_at_its_instant() 
     factor = np.array([1.0] * 4 + [3.0] * 7)
     made = simulation([clock], stimulated=["clock.factor"])
     trace = made.run(stimuli={"clock.factor": factor}, record=["clock.y"]).trace
-    np.testing.assert_allclose(np.diff(trace["clock.y"]), np.diff(trace.time) * factor[:-1], atol=1e-12)
+    np.testing.assert_allclose(trace["clock.y"][1:], trace.time[1:] * factor[:-1], atol=1e-12)
 
 
 def test_stimuli_are_sampled_at_the_communication_instants() -> None:
