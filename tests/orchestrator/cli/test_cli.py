@@ -19,6 +19,7 @@ from fmpy.validation import validate_fmu
 from typer.main import get_command
 from typer.testing import CliRunner, Result
 
+from fmus.packaging import targets
 from identification.cli import app
 from identification.output_error import calibration
 from orchestrator import formats
@@ -433,7 +434,8 @@ MODEL = Model("chatty", "Chatty", (output("y", "1", "Output"), parameter("rate",
 @pytest.mark.skipif(sys.platform == "win32", reason="calls the C library by its POSIX name")
 def test_what_fmus_print_does_not_mix_with_the_document(tmp_path: Path) -> None:
     (tmp_path / "chatty.py").write_text(CHATTY)
-    scenario = write_scenario(tmp_path, components={"c": {"model": "chatty.py"}}, expect=[])
+    targets.build(tmp_path / "chatty.py", tmp_path / "chatty.fmu", target="python")
+    scenario = write_scenario(tmp_path, components={"c": {"fmu": "chatty.fmu"}}, expect=[])
     stdout, stderr = process("run", scenario, "--out", tmp_path / "out", "--json").communicate(timeout=60)
     assert json.loads(stdout)["passed"] is True
     assert "here I am" in stderr and "and here, too" in stderr

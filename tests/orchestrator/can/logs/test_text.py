@@ -356,7 +356,8 @@ def test_what_is_wrong_with_a_line_is_said(tmp_path: Path, line: str, why: str) 
 
 
 @pytest.mark.parametrize(
-    "suffix", [".asc", ".blf", ".csv", ".log", ".trc", pytest.param(".mf4", marks=pytest.mark.needs("mf4"))]
+    "suffix",
+    [".asc", ".blf", ".csv", ".log", ".trc", pytest.param(".mf4", marks=[pytest.mark.needs("mf4"), pytest.mark.slow])],
 )
 def test_differences_of_stamps_come_out_as_they_were_written(tmp_path: Path, suffix: str) -> None:
     """A date in a double is good to a quarter of a microsecond."""
