@@ -6,10 +6,9 @@ The compensation has a constant height and the sign of the effort (as published)
 its bands there is none (Eq. 4-8), so that it does not make the arm hunt where it should rest; bands of 0 hold nothing.
 """
 
-from . import Model, State, input_, ops, output, parameter
+from . import Model, State, control, input_, ops, output, parameter
 
 SIGNS = ("none", "effort", "speed", "error")
-GAINS = ("V/V", "A/V")
 
 
 def error(u):
@@ -17,23 +16,18 @@ def error(u):
 
 
 def effort(u, p):
-    """What the gains ask for [V]; where they give amperes, by the drive's constant."""
-    asked = p.kp * error(u) - p.kd * u.speed
-    return ops.where(p.gains > 1.5, asked / p.amperes_per_volt, asked)
+    return control.in_volts(p.kp * error(u) - p.kd * u.speed, p)
 
 
 def sign(u, p):
-    """Of what the compensation goes by; an effort of 0 counts as positive, as in Eq. 4-8."""
-    by_effort = ops.where(effort(u, p) < 0, -1.0, 1.0)
+    """Of what the compensation goes by."""
     by_motion = ops.where(p.compensated_by > 3.5, ops.sign(error(u)), ops.sign(u.speed))
-    return ops.where(p.compensated_by > 2.5, by_motion, ops.where(p.compensated_by > 1.5, by_effort, 0.0))
+    by_effort = ops.where(p.compensated_by > 1.5, control.side(effort(u, p)), 0.0)
+    return ops.where(p.compensated_by > 2.5, by_motion, by_effort)
 
 
 def compensation(u, p):
-    """Zero while both error and speed lie within their bands."""
-    full = p.compensation_voltage * sign(u, p)
-    slow = ops.where(ops.absolute(u.speed) < p.speed_band, 0.0, full)
-    return ops.where(ops.absolute(error(u)) < p.error_band, slow, full)
+    return control.compensation(sign(u, p), error(u), u.speed, p)
 
 
 def update(t, x, u, p):
@@ -54,8 +48,7 @@ MODEL = Model(
         # Gains of the thesis' closed-loop experiments (Table A-3); whether they are V/V or A/V it does not say.
         parameter("kp", "1", 1.0, "Gain of the position's error"),
         parameter("kd", "1", 2.8, "Gain of the speed"),
-        parameter("gains", "1", 1, "What the gains give per volt", minimum=1, maximum=len(GAINS), choices=GAINS),
-        parameter("amperes_per_volt", "A/V", 0.5, "The drive's constant, for gains in A/V", minimum=1e-9),
+        *control.UNIT_OF_GAINS,
         parameter(
             "compensated_by", "1", 1, "Whose sign the compensation has", minimum=1, maximum=len(SIGNS), choices=SIGNS
         ),

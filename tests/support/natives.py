@@ -53,6 +53,10 @@ RICH: dict[str, dict[str, float]] = {
     },
     "servo_drive": {"direction": 2, "voltage_limit": 0.6, "gear_ratio": 3.0},
     "pd": {"compensated_by": 2, "sample_time": 0.02, "error_band": 0.05, "gains": 2},
+    "pi": {"ki": 3.0, "voltage_limit": 0.8, "anti_windup": 2, "sample_time": 0.02},
+    "pdp": {"gains": 2, "transfer_time": 0.05, "sample_time": 0.02},
+    "pdpc": {"speed_band": 0.3, "error_band": 0.5, "voltage_limit": 1.5, "sample_time": 0.02},
+    "notch": {"frequency": 2.0, "voltage_limit": 0.6, "sample_time": 0.02},
     "relay_bound": {"bound": 0.6, "sample_time": 0.02},
     "state_space": {
         "A[1,1]": 0.9,

@@ -36,3 +36,16 @@ def stepped(
 def grid(stop: float, step: float) -> FloatArray:
     """Instants 0, step, ... up to stop, each computed from its number [s]."""
     return np.arange(round(stop / step) + 1, dtype=np.float64) * step
+
+
+def sampled(
+    model: Model,
+    values: Mapping[str, float],
+    outputs: Sequence[str],
+    inputs: Mapping[str, Sequence[float] | FloatArray],
+    period: float = 1 / 300,
+) -> FloatArray:
+    """(K, len(outputs)) outputs right after each of K samples, at which the inputs have these values."""
+    [count] = {len(series) for series in inputs.values()}
+    signals = {name: lambda t, series=series: float(series[round(t / period)]) for name, series in inputs.items()}
+    return stepped(model, values, outputs, np.arange(count + 1) * period, signals)[1:]

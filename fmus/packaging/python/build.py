@@ -21,6 +21,7 @@ from fmus.packaging.python import runtime
 _ROOT = Path(__file__).parents[2]
 _TRAVELS = (
     "models/__init__.py",
+    "modelling/control.py",
     "modelling/instance.py",
     "modelling/model.py",
     "modelling/ops.py",

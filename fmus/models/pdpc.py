@@ -1,0 +1,53 @@
+"""A PDP controller with compensation of dry friction, which rests where the arm has arrived.
+
+    effort = kp (reference - position) - kd speed - ks strain   (Eq. 4-7)
+    voltage = effort + compensation   (Eq. 4-6), within the limit
+
+The compensation has a constant height and the effort's sign; within its bands of error and speed there is none
+(Eq. 4-8). Bands of 0 make it unconditional, which hunts at the set-point.
+"""
+
+from . import Model, State, control, input_, output, parameter
+
+
+def update(t, x, u, p):
+    error = u.reference - u.position
+    effort = control.in_volts(p.kp * error - p.kd * u.speed - p.ks * u.strain, p)
+    compensation = control.compensation(control.side(effort), error, u.speed, p)
+    offset = control.offset(effort + compensation, u.manual, x, u, p)
+    given = {"effort": effort, "compensation": compensation, "offset": offset}
+    return control.command(effort + compensation + offset, u.manual, x, u, p) | given
+
+
+MODEL = Model(
+    name="pdpc",
+    description="Sampled PDP controller with conditional compensation of dry friction (PDPC)",
+    variables=(
+        input_("reference", "V", "Wanted position, in volts of its sensor"),
+        input_("position", "V", "Measured position"),
+        input_("speed", "V", "Measured speed, in volts of its sensor"),
+        input_("strain", "V", "Measured strain in the middle of the arm, in volts of its gauge"),
+        control.ENABLED,
+        control.MANUAL,
+        *control.VOLTAGE,
+        output("effort", "V", "What the gains ask for"),
+        output("compensation", "V", "What is added against dry friction"),
+        # The optimum over 0, 200 and 400 g (Table 4-2).
+        parameter("kp", "1", 0.5935, "Gain of the position's error"),
+        parameter("kd", "1", 4.2664, "Gain of the speed"),
+        parameter("ks", "1", 0.2538, "Gain of the strain"),
+        *control.UNIT_OF_GAINS,
+        *control.FRICTION,
+        control.TRANSFER_TIME,
+        *control.LIMITS,
+    ),
+    states=(
+        *control.STATES,
+        State("effort", 0.0, "V", sampled=True),
+        State("compensation", 0.0, "V", sampled=True),
+        control.OFFSET,
+    ),
+    update=update,
+    sample_time="sample_time",
+    references=("The flexible-manipulator thesis, Section 4.3, Eqs. 4-6 to 4-8",),
+)

@@ -1,0 +1,53 @@
+"""The PDPC controller against Eqs. 4-6 to 4-8."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fmus import library
+from tests.support.stepping import sampled
+
+PDPC = library.find("pdpc")
+ALWAYS = {"error_band": 0.0, "speed_band": 0.0}
+volts = st.floats(-3, 3) | st.floats(-0.1, 0.1)
+
+
+def once(error: float, speed: float, strain: float, **values: float) -> dict[str, float]:
+    """The outputs after one sample."""
+    names = ("voltage", "effort", "compensation")
+    inputs = {"reference": [error], "position": [0.0], "speed": [speed], "strain": [strain]}
+    return dict(zip(names, sampled(PDPC, values, names, inputs)[0].tolist(), strict=True))
+
+
+@given(volts, volts, volts)
+def test_it_is_equations_4_6_to_4_8(error: float, speed: float, strain: float) -> None:
+    effort = 0.5935 * error - 4.2664 * speed - 0.2538 * strain
+    away = abs(error) >= 0.05 or abs(speed) >= 0.05
+    found = once(error, speed, strain)
+    assert found["effort"] == pytest.approx(effort, abs=1e-12)
+    assert found["compensation"] == ((0.7 if found["effort"] >= 0 else -0.7) if away else 0.0)
+    assert found["voltage"] == pytest.approx(np.clip(found["effort"] + found["compensation"], -10, 10), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("error", "speed", "height"),
+    [(0.049, 0.049, 0.0), (0.05, 0.0, 0.7), (0.0, 0.05, -0.7), (-0.05, 0.0, -0.7), (0.0, 0.0, 0.0)],
+)
+def test_a_threshold_reached_by_either_brings_the_compensation(error: float, speed: float, height: float) -> None:
+    assert once(error, speed, 0.0)["compensation"] == height
+
+
+@given(volts, volts, st.floats(0, 2))
+def test_bands_of_zero_compensate_everywhere(error: float, speed: float, height: float) -> None:
+    found = once(error, speed, 0.0, compensation_voltage=height, **ALWAYS)
+    assert found["compensation"] == (height if found["effort"] >= 0 else -height)
+
+
+@given(volts, volts, volts)
+def test_without_height_it_is_the_pdp(error: float, speed: float, strain: float) -> None:
+    inputs = {"reference": [error], "position": [0.0], "speed": [speed], "strain": [strain]}
+    [[expected]] = sampled(library.find("pdp"), {}, ["voltage"], inputs)
+    assert once(error, speed, strain, compensation_voltage=0.0)["voltage"] == expected
