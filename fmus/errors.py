@@ -16,6 +16,7 @@ ServotwinError            anything we refuse; the command line prints its one li
 │   │   ├── ScenarioFailed    of a scenario: the cases before it, and all up to there
 │   │   └── EstimationFailed  of an estimation
 │   └── FmuEnded          it asked to stop: the run ends well where whoever steps it knows what to do with one that ends
+├── RecordError           what is recorded from something real cannot be kept (exit code 3)
 ├── BusError              a CAN bus or its adapter failed while it was used (exit code 3)
 └── InternalError         what should not be possible: the fault is in this project (exit code 4)
 """
@@ -100,6 +101,12 @@ class FmuEnded(FmuError):  # noqa: N818 - nothing is wrong
 
 class BusError(ServotwinError, RuntimeError):
     """A CAN bus could not be opened, or failed while it was used."""
+
+    exit_code = 3
+
+
+class RecordError(ServotwinError, RuntimeError):
+    """A disk does not take what is recorded while it goes on."""
 
     exit_code = 3
 

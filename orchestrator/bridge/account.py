@@ -9,8 +9,8 @@ from typing import Any
 
 from fmus.files import sha256
 from orchestrator.bridge.traffic import TrafficReport
+from orchestrator.can.frames import moment
 from orchestrator.can.live.bus import BusSettings
-from orchestrator.can.live.manifest import moment
 from orchestrator.realtime.deadlines import Deadlines
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from enum import IntFlag
 
 import can
@@ -174,3 +175,8 @@ def _flags(message: can.Message) -> int:
 
 def _channel(message: can.Message) -> int:
     return message.channel if isinstance(message.channel, int) and 0 <= message.channel < 256 else 0
+
+
+def moment(stamp: float) -> str:
+    """A stamp as date and time."""
+    return datetime.fromtimestamp(stamp, UTC).isoformat()

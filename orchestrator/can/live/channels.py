@@ -13,6 +13,7 @@ from typing import Any
 
 import can
 
+from orchestrator.can.frames import moment
 from orchestrator.can.live.bus import BusSettings, opened
 from orchestrator.can.live.receiver import Receiver
 
@@ -55,6 +56,8 @@ class Channel:
             "dropped": self.receiver.dropped,
             "malformed_lines": self.malformed,
             "refused_lines": self.refused,
+            "pauses": [{"until": moment(pause.stamp), "seconds": pause.seconds} for pause in self.receiver.pauses],
+            "pause_count": self.receiver.pause_count,
             "clock_offset": self.receiver.clock_offset,
             "failure": None if failure is None else str(failure),
         }
@@ -63,11 +66,14 @@ class Channel:
         """What somebody should know about it, a line each; `among_others` that have frames, also that it has none."""
         place, receiver = self.settings.place, self.receiver
         offset = receiver.clock_offset or 0.0
+        pauses = sum(pause.seconds for pause in receiver.pauses)
         told = {
             f"{place}: no frame came": among_others and not self.frames,
             f"{place}: {self.malformed:,} lines from the adapter were no frames: noise, or another baud rate": (
                 self.malformed
             ),
+            f"{place}: could not be read {receiver.pause_count:,} times, for {pauses:.1f} s in all; frames of then have"
+            " later stamps, or are lost": receiver.pause_count,
             f"{place}: the adapter refused {self.refused:,} commands": self.refused,
             f"{place}: stamps are those of the adapter's clock, moved by {offset:.6f} s to be dates": offset,
         }

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from fmus.errors import InputError
 from orchestrator.can.database.sources import DatabaseFiles, paths
+from orchestrator.can.frames import moment
 from orchestrator.can.live.bus import BusSettings
 from orchestrator.can.live.channels import Channel
 from orchestrator.can.live.trigger import EVERYTHING, Limits, Trigger
@@ -17,6 +19,7 @@ from orchestrator.can.logs.rotation import LogFile, writer_of
 from orchestrator.can.statistics import FrameStatistics
 from orchestrator.results import versions
 
+_ROOM = (65536, 4096)  # for the last manifest, the first that there is [bytes]
 QUEUE = 65536  # frames that wait to be written at most
 
 
@@ -80,6 +83,7 @@ class RecordingManifest:
         stopped: None while it is not finished.
         ended: "unfinished", "duration", "condition", "stopped" or "failed".
         frames: that were recorded.
+        unwritten: why the log could not be written any more, None where it could.
         bus_off: which channel's adapter left its bus, and the stamp of that [s].
         channels: the buses, by their number.
         trigger: what held when.
@@ -92,6 +96,7 @@ class RecordingManifest:
     stopped: datetime | None
     ended: str
     frames: int
+    unwritten: str | None
     bus_off: tuple[tuple[int, float], ...]
     channels: tuple[Channel, ...]
     trigger: Trigger
@@ -107,9 +112,10 @@ class RecordingManifest:
 
     @property
     def failure(self) -> str | None:
-        """What became of adapters that failed, None where none did."""
+        """What became of the log and of adapters that failed, None where none did."""
         failed = [channel for channel in self.channels if channel.receiver.failure is not None]
-        return "; ".join(f"{channel.settings.place}: {channel.receiver.failure}" for channel in failed) or None
+        lines = [f"{channel.settings.place}: {channel.receiver.failure}" for channel in failed]
+        return "; ".join([*filter(None, [self.unwritten]), *lines]) or None
 
     def document(self) -> dict[str, Any]:
         """As the file has it."""
@@ -155,6 +161,27 @@ class RecordingManifest:
         return lines + ([f"{errors:,} error frames"] if errors else [])
 
 
-def moment(stamp: float) -> str:
-    """A stamp as date and time."""
-    return datetime.fromtimestamp(stamp, UTC).isoformat()
+class ManifestFile:
+    """The manifest on disk, with room kept for its last writing: the disk may be full by then."""
+
+    def __init__(self, folder: Path) -> None:
+        self._path, self._fresh = folder / "manifest.json", folder / ".manifest.json"
+
+    def write(self, manifest: RecordingManifest) -> None:
+        """Put it in the place of the one before."""
+        text = json.dumps(manifest.document(), indent=2, allow_nan=False) + "\n"
+        with self._fresh.open("r+b" if self._fresh.exists() else "wb") as file:
+            file.write(text.encode())
+            file.truncate()
+        self._fresh.replace(self._path)
+        if manifest.ended == "unfinished":
+            self._reserve()
+
+    def _reserve(self) -> None:
+        for size in _ROOM:
+            try:
+                self._fresh.write_bytes(bytes(size))
+            except OSError:  # less may fit
+                self._fresh.unlink(missing_ok=True)
+            else:
+                return

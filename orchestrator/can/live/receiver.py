@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 
 import can
@@ -12,8 +13,24 @@ import can
 from orchestrator.can.frames import CALENDAR
 from orchestrator.can.live.link import Link
 
-_PATIENCE = 0.1  # with a bus on which nothing happens, before the thread looks whether to end [s]
+_CLOCK = getattr(time, "CLOCK_BOOTTIME", None)
+_PAUSE = 0.1  # for which it may be kept from receiving without that being a pause [s]
+_PAUSES = 1000  # that are kept; beyond it they are only counted
+_PATIENCE = 0.05  # with a bus on which nothing happens, before the thread looks whether to end [s]
 _DRAINING = 1.0  # the longest time for what has arrived before the end [s]
+
+
+@dataclass(frozen=True)
+class Pause:
+    """A time in which nothing could be received: the process was stopped, or had no processor.
+
+    Attributes:
+        stamp: time of day at its end [s].
+        seconds: at least.
+    """
+
+    stamp: float
+    seconds: float
 
 
 class Receiver:
@@ -28,6 +45,7 @@ class Receiver:
     Attributes:
         received: frames taken off the bus.
         dropped: of these, frames that came while the queue was full.
+        pauses: the first of them; pause_count counts all.
         failure: what ended the reception, None while the bus works.
         clock_offset: by how much stamps were moved to be dates [s]; None where they are.
     """
@@ -37,7 +55,8 @@ class Receiver:
         self._queue: SimpleQueue[can.Message] = SimpleQueue()
         self._ending = False
         self._thread = threading.Thread(target=self._run, name="CAN receiver", daemon=True)
-        self.received = self.dropped = 0
+        self.received = self.dropped = self.pause_count = 0
+        self.pauses: list[Pause] = []
         self.failure: Exception | None = None
         self.clock_offset: float | None = None
 
@@ -65,8 +84,12 @@ class Receiver:
 
     def _run(self) -> None:
         try:
+            looked = _now()
             while not self._ending:
                 self._receive(_PATIENCE)
+                looked, before = _now(), looked
+                if looked - before > _PATIENCE + _PAUSE:
+                    self._note_pause(looked - before - _PATIENCE)
             until = time.monotonic() + _DRAINING
             while self._receive(0.0) and time.monotonic() < until:
                 pass
@@ -89,9 +112,19 @@ class Receiver:
             self.dropped += 1
         return True
 
+    def _note_pause(self, seconds: float) -> None:
+        self.pause_count += 1
+        if len(self.pauses) < _PAUSES:
+            self.pauses.append(Pause(time.time(), round(seconds, 3)))
+
     def _dated(self, stamp: float) -> float:
         if not stamp:
             return time.time()
         if self.clock_offset is None:
             self.clock_offset = time.time() - stamp
         return stamp + self.clock_offset
+
+
+def _now() -> float:
+    """A clock that goes on while the computer sleeps, where there is one [s]."""
+    return time.clock_gettime(_CLOCK) if _CLOCK is not None else time.monotonic()

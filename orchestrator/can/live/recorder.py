@@ -15,20 +15,20 @@ from pathlib import Path
 
 import can
 
-from fmus.errors import BusError, InputError
+from fmus.errors import BusError, InputError, RecordError
 from orchestrator.can import frame_time, frames
 from orchestrator.can.codec.decoding import Decoder
 from orchestrator.can.database.bus import LogDatabase, load_all
+from orchestrator.can.frames import moment
 from orchestrator.can.live.bus import BusSettings, is_bus_off
 from orchestrator.can.live.channels import Channels, listening
-from orchestrator.can.live.manifest import BusRecording, RecordingManifest, moment
+from orchestrator.can.live.manifest import BusRecording, ManifestFile, RecordingManifest
 from orchestrator.can.live.trigger import Trigger
 from orchestrator.can.logs.rotation import LogFiles
 from orchestrator.can.statistics import FrameStatistics
 from orchestrator.progress import Progress, silent
 from orchestrator.realtime.pacing import quiet
 from orchestrator.realtime.stopping import Stop, stop_requests
-from orchestrator.results import write_json
 
 LOG = logging.getLogger("servotwin.can")
 _MOST = 100  # times at which the adapter left the bus that are kept
@@ -98,6 +98,7 @@ def record(
         InputError: the folder holds something, or cannot be written; the database cannot be read; a condition is not
             understood.
         BusError: an adapter does not open, or failed; what had been received is on disk.
+        RecordError: the disk is full; what had been written is kept.
     """
     database = None if recording.database is None else load_all(recording.database, recording.encoding)
     trigger = Trigger(recording.limits, database, [bus.channel for bus in recording.buses])
@@ -111,6 +112,8 @@ def record(
         session = _BusRecorder(recording, channels, trigger, database)
         ready()
         manifest = session.run(stop, progress)
+    if session.unwritten is not None:
+        raise session.unwritten
     if channels.failed:
         raise BusError(
             " and ".join(channel.settings.place for channel in channels.failed),
@@ -140,6 +143,8 @@ class _BusRecorder:
             recording.rotate_seconds,
             list(names.values()),
         )
+        self._file = ManifestFile(recording.out)
+        self.unwritten: RecordError | None = None
         self._started = datetime.now(UTC)
         self._begin = self._synced = time.monotonic()
         self._recent: deque[tuple[float, int, float]] = deque(maxlen=25)  # when, frames, busy: the latest second or so
@@ -156,11 +161,13 @@ class _BusRecorder:
             self._channels.finish()
             self._work(last=True)
             ended = self._ending()
+            self._log.close()
+        except RecordError as error:
+            self.unwritten, ended = error, "failed"
+            self._channels.finish()
         finally:
-            try:
-                self._log.close()
-            finally:
-                manifest = self._write_manifest(ended)
+            self._log.close()
+            manifest = self._write_manifest(ended)
         return manifest
 
     def _over(self) -> bool:
@@ -227,7 +234,8 @@ class _BusRecorder:
             started=self._started,
             stopped=None if ended == "unfinished" else datetime.now(UTC),
             ended=ended,
-            frames=counts.frames,
+            frames=sum(file.frames for file in self._log.files),
+            unwritten=None if self.unwritten is None else str(self.unwritten),
             bus_off=tuple(counts.bus_off),
             channels=self._channels.all,
             trigger=self._trigger,
@@ -235,9 +243,7 @@ class _BusRecorder:
             statistics=counts.statistics,
             notes=self._notes,
         )
-        fresh = recording.out / ".manifest.json"
-        write_json(fresh, manifest.document())
-        fresh.replace(recording.out / "manifest.json")
+        self._file.write(manifest)
         return manifest
 
 

@@ -6,13 +6,14 @@ import os
 import re
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import can
 
-from fmus.errors import InputError
+from fmus.errors import InputError, RecordError
 from fmus.files import sha256
 from orchestrator.can.logs.writing import AscWriter
 
@@ -84,7 +85,8 @@ class LogFiles:
         channels: names of the channels by their number; formats that name channels have these.
 
     Raises (any method):
-        InputError: the format cannot be written while frames come, or the file cannot be written.
+        InputError: the format cannot be written while frames come, or the file cannot be made.
+        RecordError: the file cannot be written any more; what was whole of it is kept, and the log is closed.
     """
 
     def __init__(
@@ -101,6 +103,7 @@ class LogFiles:
         self._size, self._seconds = size, seconds
         self._names = dict(enumerate(channels)) if suffix in _NAMING and all(map(_WORD.fullmatch, channels)) else {}
         self.files: list[LogFile] = []
+        self._whole: tuple[int, LogFile] | None = None  # what the disk has for certain: bytes, and what they hold
         self._writer: Any = None
         self._open()
 
@@ -121,6 +124,7 @@ class LogFiles:
                 self._writer.sync()
             else:
                 self._writer.file.flush()
+            self._whole = self.files[-1].path.stat().st_size, replace(self.files[-1])
         except OSError as error:
             raise self._unwritable(error) from error
 
@@ -128,9 +132,9 @@ class LogFiles:
         """Finish the file, see it on the disk, and know its hash."""
         if self._writer is None:
             return
-        writer, self._writer = self._writer, None
         try:
-            writer.stop()
+            self._writer.stop()
+            self._writer = None
             _flush_to_disk(self.files[-1].path)
             self.files[-1].sha256 = sha256(self.files[-1].path)
         except OSError as error:
@@ -167,14 +171,23 @@ class LogFiles:
         except OSError as error:
             raise InputError(path, f"cannot be written ({error.strerror})", "give another --out") from error
         self.files.append(LogFile(path))
+        self._whole = None
         self._opened = time.monotonic()
+        self.sync()
 
-    def _unwritable(self, error: OSError) -> InputError:
-        return InputError(
-            self.files[-1].path,
-            f"cannot be written ({error.strerror})",
-            "make room on the disk; what was written before is kept",
-        )
+    def _unwritable(self, error: OSError) -> RecordError:
+        """What is wrong with the file, when it has been cut to what is whole of it."""
+        path, writer, self._writer = self.files[-1].path, self._writer, None
+        if writer is not None:
+            with suppress(OSError, ValueError):
+                writer.file.close()
+        size, self.files[-1] = self._whole or (0, LogFile(path))
+        with suppress(OSError):
+            os.truncate(path, size)
+            self.files[-1].sha256 = sha256(path)
+        kept = sum(file.frames for file in self.files)
+        problem = f"cannot be written ({error.strerror or error})"
+        return RecordError(path, problem, f"make room on the disk; {kept:,} frames up to there are kept")
 
 
 def _flush_to_disk(path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import resource
 import signal
 import subprocess
 import time
@@ -16,7 +17,7 @@ from typing import Any
 import can
 import pytest
 
-from fmus.errors import BusError, InputError, TraceError
+from fmus.errors import BusError, InputError, RecordError, TraceError
 from orchestrator.can import logs
 from orchestrator.can.live import recorder
 from orchestrator.can.live.bus import BusSettings, opened, send
@@ -74,6 +75,13 @@ def recording(hub: Hub, folder: Path, *options: object) -> Iterator[subprocess.P
         yield process
 
 
+def tell_all(process: subprocess.Popen[str], number: signal.Signals) -> None:
+    """Send a signal to the command and to the process in which it works."""
+    workers = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    for pid in (*map(int, workers), process.pid):
+        os.kill(pid, number)
+
+
 def virtual(channel: str, folder: Path, *batches: list[can.Message], **options: Any) -> dict[str, Any]:
     """What is recorded of a virtual bus on which the batches are sent, the next when those before are written."""
     bus, waiting, sent = BusSettings("virtual", channel, BITRATE), list(batches), 0
@@ -98,7 +106,7 @@ def frames(count: int, first: int = 0) -> list[can.Message]:
     return [frame(number) for number in range(first, first + count)]
 
 
-@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
 def test_every_frame_that_was_received_is_on_disk_after_a_signal(hub: Hub, tmp_path: Path, end: signal.Signals) -> None:
     folder, count = tmp_path / "run", 1500
     with recording(hub, folder, "--json") as process, joined(hub.paths[0]) as sender:
@@ -386,15 +394,54 @@ def test_an_adapter_that_does_not_open_is_said_and_leaves_no_recording(tmp_path:
     assert not (tmp_path / "run" / "manifest.json").exists()
 
 
-def test_a_full_disk_is_said_and_what_was_written_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(self: object) -> None:
-        raise OSError(28, "No space left on device")
+@pytest.mark.parametrize("suffix", [".blf", ".asc", ".log"])
+def test_a_full_disk_is_said_and_what_was_written_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str
+) -> None:
+    folder = tmp_path / "run"
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    former = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # beyond this size a write fails, as on a full disk
+    monkeypatch.setattr(recorder, "_SYNC", 0.0)
 
-    monkeypatch.setattr(recorder.LogFiles, "_is_full", lambda self: bool(self.files[-1].frames) and full(self))
-    with pytest.raises(InputError, match=r"run_0001\.blf: cannot be written \(No space left on device\)"):
-        virtual("full", tmp_path / "run", frames(1), frames(1, 1))
-    assert numbers(tmp_path / "run") == [0]
-    assert manifest(tmp_path / "run")["ended"] == "unfinished"
+    def random(count: int) -> list[can.Message]:
+        return [can.Message(arbitration_id=k, is_extended_id=False, data=os.urandom(8)) for k in range(count)]
+
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, before[1]))
+        with pytest.raises(RecordError, match=rf"run_0001\{suffix}: cannot be written \(.*\); .* frames up") as failed:
+            virtual(f"full{suffix}", folder, *(random(100) for _ in range(100)), suffix=suffix)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, former)
+    found = manifest(folder)
+    kept = [message for batch in logs.read(folder / f"run_0001{suffix}") for message in batch.messages()]
+    assert failed.value.exit_code == 3 and f"{len(kept):,} frames up to there are kept" in str(failed.value)
+    assert found["ended"] == "failed" and "cannot be written" in found["failure"]
+    assert found["frames"] == found["files"][0]["frames"] == len(kept) and len(kept) > 500
+
+
+def test_there_is_room_for_the_last_manifest(tmp_path: Path) -> None:
+    """It is written into what was reserved, which is no file of the recording in the end."""
+    virtual("room", tmp_path / "run", frames(1))
+    assert sorted(path.name for path in (tmp_path / "run").iterdir()) == ["manifest.json", "run_0001.blf"]
+    text = (tmp_path / "run" / "manifest.json").read_text()
+    assert text.endswith("}\n") and json.loads(text)["ended"] == "stopped"
+
+
+def test_a_recorder_that_was_stopped_for_a_time_says_so(hub: Hub, tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    with recording(hub, folder) as process:
+        time.sleep(0.3)
+        tell_all(process, signal.SIGSTOP)
+        time.sleep(0.6)
+        tell_all(process, signal.SIGCONT)
+        time.sleep(0.3)
+        process.send_signal(signal.SIGHUP)
+        process.communicate(timeout=HANG)
+    (channel,) = manifest(folder)["channels"]
+    assert channel["pause_count"] >= 1
+    assert 0.4 < max(pause["seconds"] for pause in channel["pauses"]) < HANG
+    assert any("could not be read" in line for line in manifest(folder)["remarks"])
 
 
 def test_a_bus_that_does_not_open_leaves_no_folder(tmp_path: Path) -> None:
