@@ -89,6 +89,7 @@ class BusAccount(TrafficReport):
             *self.sent.lines(),
             *(peer.remark(name) for name, peer in self.watchdog.messages.items() if peer.silences),
             *(f"{name} was also sent by somebody else: {count:,} frames" for name, count in self.foreign.items()),
+            *(f"the safe values of {name} may not have got out at the end" for name in self.unconfirmed),
             *(text for text, holds in said.items() if holds),
         ]
 

@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 
-from fmus.errors import ServotwinError
+from fmus.errors import RecordError, ServotwinError, TraceError
 from orchestrator import formats
 from orchestrator.bridge.account import BusAccount
 from orchestrator.bridge.keeper import IN_PROCESS, Keeper, beside
@@ -24,7 +24,7 @@ from orchestrator.bridge.mapping import Coupling
 from orchestrator.bridge.preparation import BridgeJob, PreparedBridge, prepared
 from orchestrator.bridge.session import Ending, Session
 from orchestrator.engine import Result
-from orchestrator.formats import parquet
+from orchestrator.formats import arrows
 from orchestrator.progress import Progress, silent
 from orchestrator.realtime.background import Background
 from orchestrator.realtime.pacing import quiet
@@ -60,6 +60,7 @@ def couple(
     aside: Path,
     ready: Callable[[Stop], None] = lambda stop: None,
     progress: Progress = silent,
+    rescue: Callable[[], None] = lambda: None,
 ) -> BridgeResult:
     """Couple to the end of the job, to Ctrl-C or SIGTERM, or to a failure.
 
@@ -67,28 +68,28 @@ def couple(
         aside: folder on the disk of the results, for the record while it grows.
         ready: called when all is on the bus, before the first step; is given the wish to end.
         progress: called ten times a second.
+        rescue: called by the process that has the bus where this one is gone before its end.
 
     Raises:
         InputError: something does not fit; the bus was not touched.
         BusError: the adapter does not open.
         FmuError: an FMU failed before the first step.
     """
-    file = aside / "0.parquet"
+    growing, file = aside / f"0{arrows.SUFFIX}", aside / "0.parquet"
     with prepared(job) as system, stop_requests() as stop:
         started = datetime.now(UTC)
         coupling = system.coupling
         with ExitStack() as stack:
-            append = stack.enter_context(parquet.appending(file))
-            background = stack.enter_context(Background())
-            live = system.simulation.live(
-                system.run, coupling.outputs, lambda piece: background.do(partial(append, piece))
-            )
-            keeper = stack.enter_context(_keeper(job, coupling, float(system.scenario.timing.step)))
+            append = stack.enter_context(arrows.appending(growing))
+            record = _Growing(stack.enter_context(Background()), append)
+            live = system.simulation.live(system.run, coupling.outputs, record.take)
+            keeper = stack.enter_context(_keeper(job, coupling, float(system.scenario.timing.step), rescue))
             stack.enter_context(quiet())
-            session = Session(live, keeper, system.scenario.timing.step, system.course, job.bus.place)
+            session = Session(live, keeper, system.scenario.timing.step, system.course, job.bus.place, record.unkept)
             ready(stop)
             ending = session.run(stop, progress)
             result = live.result()
+        file = _settled(growing, file)
         account = BusAccount(
             **vars(ending.report),
             mode="bench" if job.stand_in else "bridge",
@@ -103,12 +104,51 @@ def couple(
         return BridgeResult(job, judged, account, ending, ending.stopped and stop.interrupted)
 
 
-def _keeper(job: BridgeJob, coupling: Coupling, step: float) -> AbstractContextManager[Keeper]:
+class _Growing:
+    """The record while it grows; written in the background, and readable up to what was written."""
+
+    def __init__(self, background: Background, append: Callable[[Trace], None]) -> None:
+        self._background, self._append = background, append
+        self._failure: OSError | None = None
+
+    def take(self, piece: Trace) -> None:
+        """Write the next rows."""
+        self._background.do(partial(self._write, piece))
+
+    def unkept(self) -> RecordError | None:
+        """Why no more can be written, None while it can."""
+        if self._failure is None:
+            return None
+        why = self._failure.strerror or str(self._failure)
+        return RecordError("record", f"cannot be written ({why})", "give it a disk with more room")
+
+    def _write(self, piece: Trace) -> None:
+        if self._failure is None:
+            try:
+                self._append(piece)
+            except OSError as failure:
+                self._failure = failure
+
+
+def _settled(growing: Path, file: Path) -> Path:
+    """The record in its last form; as it grew where there is no room for that."""
+    try:
+        arrows.settle(growing, file)
+    except (OSError, TraceError):
+        file.unlink(missing_ok=True)
+        return growing
+    growing.unlink()
+    return file
+
+
+def _keeper(
+    job: BridgeJob, coupling: Coupling, step: float, rescue: Callable[[], None]
+) -> AbstractContextManager[Keeper]:
     """Who has the bus: a process of its own, but where the bus is in this one."""
     bus = replace(job.bus, reopens=job.stand_in or coupling.rules.reconnects)
     if _inside(job):
         return beside(bus, coupling, step, _warn)
-    return apart(bus, coupling, step, _warn, kills=not job.stand_in)
+    return apart(bus, coupling, step, _warn, not job.stand_in, rescue)
 
 
 def _inside(job: BridgeJob) -> bool:

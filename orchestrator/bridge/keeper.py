@@ -79,4 +79,9 @@ class _ThreadKeeper:
 def beside(settings: BusSettings, coupling: Coupling, step: float, say: Callable[[str], None]) -> Iterator[Keeper]:
     """Have the bus in this process."""
     with on_bus(settings, coupling, step, say) as traffic:
-        yield _ThreadKeeper(traffic, step)
+        keeper = _ThreadKeeper(traffic, step)
+        try:
+            yield keeper
+        except BaseException:
+            keeper.end()
+            raise

@@ -138,12 +138,18 @@ class _ProcessKeeper:
 
 @contextmanager
 def apart(
-    settings: BusSettings, coupling: Coupling, step: float, say: Callable[[str], None], kills: bool
+    settings: BusSettings,
+    coupling: Coupling,
+    step: float,
+    say: Callable[[str], None],
+    kills: bool,
+    rescue: Callable[[], None] = lambda: None,
 ) -> Iterator[Keeper]:
     """Have the bus in a child of this process.
 
     Args:
         kills: whether it ends this process where no step ends for longer than `give_up`.
+        rescue: called in the child where this process is gone before its time, when the bus is closed.
 
     Raises:
         BusError: the adapter does not open.
@@ -155,7 +161,7 @@ def apart(
     if not child:
         steps.close()
         news.close()
-        _Guard(settings, coupling, step, board, theirs, told, parent if kills else 0).live()
+        _Guard(settings, coupling, step, board, theirs, told, parent if kills else 0).live(rescue)
     theirs.close()
     told.close()
     steps.setblocking(False)
@@ -197,7 +203,7 @@ class _Guard:
         self._partial, self._telling = b"", Lock()
         self._start, self._orphan, self._alone = 0.0, False, False
 
-    def live(self) -> NoReturn:
+    def live(self, rescue: Callable[[], None]) -> NoReturn:
         """All of the process' life; nothing of what its parent has left is cleaned up by it."""
         code = 1
         try:
@@ -208,6 +214,8 @@ class _Guard:
             logging.getLogger().handlers = [_Forward(self._say)]
             with short_time_slices():
                 self._work()
+            if self._orphan and self._start:
+                rescue()
             code = 0
         except ServotwinError as error:
             self._tell(error)

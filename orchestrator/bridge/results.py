@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from orchestrator.bridge.bridge import BridgeResult
+from orchestrator.formats.arrows import SUFFIX
 from orchestrator.report import Report, Section, figures
 from orchestrator.results import result_folder, write_json
 from orchestrator.scenario import results
@@ -19,9 +20,20 @@ def write(bridged: BridgeResult, target: Path) -> None:
     with result_folder(target) as folder:
         for case in bridged.result.cases:
             if case.file is not None:
-                shutil.move(case.file, folder / results.trace_file(bridged.result, case))
+                name = Path(results.trace_file(bridged.result, case)).with_suffix(case.file.suffix)
+                shutil.move(case.file, folder / name)
         write_json(folder / "manifest.json", document_of(bridged, target))
         report(bridged).write(folder / "report.html")
+
+
+def rescue(scenario: Path, near: Path, target: Path) -> None:
+    """Make a folder of the record that a process has left which is gone."""
+    kept = list(near.glob(f"*{SUFFIX}"))
+    with kept[0].open("rb") as record, result_folder(target) as folder, (folder / f"run{SUFFIX}").open("wb") as copy:
+        shutil.copyfileobj(record, copy)
+        failure = "the process that took the steps was gone before the end"
+        document = {"scenario": scenario.name, "passed": False, "ended": "failed", "failure": failure}
+        write_json(folder / "manifest.json", document | {"trace": f"run{SUFFIX}"})
 
 
 def document_of(bridged: BridgeResult, folder: Path) -> dict[str, Any]:

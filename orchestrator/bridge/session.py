@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -19,6 +20,7 @@ from orchestrator.realtime.stopping import Stop
 from orchestrator.trace import FloatArray
 
 _LEAD = 0.02  # from the end of all preparations to the first step [s]
+_FLUSHES = 1.0  # from one passing on of the record to the next [s]
 _REPORTS = 0.1  # between two reports of progress [s]
 
 
@@ -55,12 +57,24 @@ class Ending:
 class Session:
     """Steps a live run in real time.
 
+    Args:
+        unkept: why the record cannot be kept, None while it can.
+
     Attributes:
         deadlines: how they were kept.
     """
 
-    def __init__(self, live: LiveRun[Result], keeper: Keeper, step: Fraction, course: Course, place: str) -> None:
+    def __init__(
+        self,
+        live: LiveRun[Result],
+        keeper: Keeper,
+        step: Fraction,
+        course: Course,
+        place: str,
+        unkept: Callable[[], ServotwinError | None] = lambda: None,
+    ) -> None:
         self._live, self._keeper, self._step, self._course, self._place = live, keeper, step, course, place
+        self._unkept = unkept
         self.deadlines = Deadlines(float(step))
 
     def run(self, stop: Stop, progress: Progress) -> Ending:
@@ -83,12 +97,12 @@ class Session:
 
     def _failure(self, report: TrafficReport, elapsed: float) -> ServotwinError | None:
         """What was wrong that did not end it by itself."""
-        if report.unconfirmed:
-            names = ", ".join(report.unconfirmed)
-            return BusError(self._place, f"the safe values of {names} may not have got out", "stop the machine by hand")
         if report.trouble and not self._course.endures:
             problem = f"failed at t = {elapsed:.3f} s ({report.trouble})"
             return BusError(self._place, problem, "see to the adapter and the wiring")
+        if report.unconfirmed and not report.trouble:
+            names = ", ".join(report.unconfirmed)
+            return BusError(self._place, f"the safe values of {names} may not have got out", "stop the machine by hand")
         if report.over and not report.stopped:
             return BusError(self._place, f"{report.over} (t = {elapsed:.3f} s)", "see to who sends it")
         if report.odd:
@@ -101,10 +115,11 @@ class Session:
 
         Raises:
             BusError: steps are too late for too long.
+            RecordError: the disk takes no more.
         """
         pace = Pace(start, self._step)
         live, keeper, deadlines, course = self._live, self._keeper, self.deadlines, self._course
-        reports = max(1, round(_REPORTS / float(self._step)))
+        reports, flushes = (max(1, round(each / float(self._step))) for each in (_REPORTS, _FLUSHES))
         last = len(course.stimuli) - 1
         for number in itertools.count():
             deadline = pace.deadline(number)
@@ -123,6 +138,10 @@ class Session:
             live.step()
             keeper.send(number, live.outputs, now - start, deadline - start)
             deadlines.work.add(time.monotonic() - now)
+            if number % flushes == 0:
+                live.flush()
+                if unkept := self._unkept():
+                    raise unkept
             if number % reports == 0:
                 progress(number / course.steps if course.steps else 0.0, f"{now - start:.0f} s")
         return False

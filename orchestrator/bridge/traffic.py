@@ -20,13 +20,14 @@ from orchestrator.bridge.mapping import Coupling
 from orchestrator.bridge.outputs import SentMessage, SentSignal
 from orchestrator.bridge.safety import State, Status
 from orchestrator.bridge.watchdog import Watchdog, WatchdogReport
+from orchestrator.can.live.backlog import Backlog
 from orchestrator.can.live.bus import BusSettings
 from orchestrator.can.live.link import Link, Loss, linked
 from orchestrator.can.live.receiver import Receiver
 from orchestrator.can.statistics import FrameStatistics
-from orchestrator.trace import FloatArray
 
-_LAST_PATIENCE = 0.2  # with an adapter that has no room for a safe value [s]
+_CONFIRMING = 1.0  # the longest time for the last safe values to get out [s]
+_NAP = 0.005  # between two looks whether they have [s]
 _LINGERING = 0.05  # before the bus may be closed: adapters forget what they have not sent by then [s]
 _SILENCE = 0.1  # for which an adapter may refuse all frames where nothing is received [s]
 QUEUE = 4096  # frames that wait to be taken at most; more are dropped and counted
@@ -80,7 +81,7 @@ class BusTraffic:
 
     Args:
         step: from one step to the next [s].
-        inputs: memory for the values that are received.
+        backlog: of the bus.
 
     Attributes:
         inputs: (coupling.width,) received and safe values; those that nobody receives stay as they are.
@@ -94,10 +95,10 @@ class BusTraffic:
         coupling: Coupling,
         watchdog: Watchdog,
         step: float,
-        inputs: FloatArray | None = None,
+        backlog: Backlog,
     ) -> None:
         self._link, self._receiver, self._coupling, self._watchdog = link, receiver, coupling, watchdog
-        self.inputs = np.zeros(coupling.width) if inputs is None else inputs
+        self.inputs = np.zeros(coupling.width)
         self.over, self._stopped = "", False
         self._odd, self._foreign, self._unconfirmed = Counter[str](), Counter[str](), list[str]()
         self._step, self._rules = step, coupling.rules
@@ -105,6 +106,7 @@ class BusTraffic:
         self._own = {(message.spec.id, message.spec.extended): message for message in coupling.sent}
         self._gone_out = dict.fromkeys(coupling.sent, -math.inf)
         self._not_finite: set[SentSignal] = set()
+        self._backlog, self._full = backlog, False
         self._number, self._beat, self._late = -1, 0.0, ""
         for message in coupling.reception.messages:
             for signal in message.signals:
@@ -119,6 +121,7 @@ class BusTraffic:
         """Take what has come, and safe values where nothing came; it is `now` since the beginning [s]."""
         for frame in self._receiver.take():
             self._take(frame, now)
+        self._backlog.look(now)
         if trouble := self._link.trouble:
             self._watchdog.lost(now, trouble, self.inputs)
         if self._watchdog.check(now, self.inputs) and self._rules.ends:
@@ -148,7 +151,7 @@ class BusTraffic:
         self._look(now)
         for message in self._coupling.sent:
             if now - self._gone_out[message] >= self._period(message) and self._number >= 0:
-                self._send_safe_values(message, now, 0.0)
+                self._send_safe_values(message, now)
         return waited
 
     def waited(self, now: float) -> float:
@@ -156,10 +159,16 @@ class BusTraffic:
         return now - self._beat
 
     def end(self, now: float) -> None:
-        """Send the safe values, so that nobody acts on the last ones for ever."""
+        """Send the safe values, so that nobody acts on the last ones for ever, and see that they get out."""
         self._status = {signal: status.ended() for signal, status in self._status.items()}
-        for message in self._coupling.sent:
-            self._send_safe_values(message, now, _LAST_PATIENCE)
+        begun = time.monotonic()
+        until = begun + _CONFIRMING
+        frames = [(message, frame) for message in self._coupling.sent for frame in message.safe_frames()]
+        taken = [self._give(message, frame, now, max(0.0, until - time.monotonic())) for message, frame in frames]
+        while not (out := self._got_out(now + time.monotonic() - begun)) and time.monotonic() < until:
+            time.sleep(_NAP)
+        if not (out and all(taken)):
+            self._unconfirmed = [message.spec.name for message in self._coupling.sent if message.guarded]
         time.sleep(_LINGERING)
 
     def report(self, now: float) -> TrafficReport:
@@ -189,6 +198,7 @@ class BusTraffic:
         )
 
     def _take(self, frame: can.Message, now: float) -> None:
+        self._backlog.heard(frame)
         key = (frame.arbitration_id, frame.is_extended_id)
         if key in self._own and not frame.is_error_frame:
             self._recognise(key, now)
@@ -252,13 +262,32 @@ class BusTraffic:
         """Whether steps are being made up for, and its latest frame is not half a period old."""
         return bool(self._late) and now - self._gone_out[message] < 0.5 * self._period(message)
 
-    def _send_safe_values(self, message: SentMessage, now: float, patience: float) -> None:
+    def _send_safe_values(self, message: SentMessage, now: float) -> None:
         for frame in message.safe_frames():
-            self._send(message, frame, now, patience)
+            self._send(message, frame, now)
 
-    def _send(self, message: SentMessage, frame: can.Message, now: float, patience: float = 0.0) -> None:
+    def _got_out(self, now: float) -> bool:
+        """Whether all that was sent is on the bus, by the adapter's answers and the time that others leave."""
+        for frame in self._receiver.take():
+            self._backlog.heard(frame)
+        self._backlog.look(now)
+        return self._backlog.empty() and not self._link.owed
+
+    def _send(self, message: SentMessage, frame: can.Message, now: float) -> None:
+        """Send a frame, and say where it may not get out in time."""
+        full = self._backlog.age(now) > self._rules.most_late
+        if full and not self._full:
+            self._watchdog.note(now, message.spec.name, "alarm", "the bus is full: what is sent may not get out")
+        self._full = full
+        self._give(message, frame, now, 0.0)
+
+    def _give(self, message: SentMessage, frame: can.Message, now: float, patience: float) -> bool:
+        """Give a frame to the adapter; whether it took it."""
         self._gone_out[message] = now
-        self._link.send(frame, patience)
+        taken = self._link.send(frame, patience)
+        if taken:
+            self._backlog.sent(frame)
+        return taken
 
 
 @contextmanager
@@ -267,7 +296,6 @@ def on_bus(
     coupling: Coupling,
     step: float,
     say: Callable[[str], None],
-    inputs: FloatArray | None = None,
     arrived: Callable[[], None] = lambda: None,
 ) -> Iterator[BusTraffic]:
     """The traffic of a bus that is open for the block.
@@ -282,4 +310,4 @@ def on_bus(
     watchdog = Watchdog(coupling.reception.messages, say)
     patience = min((message.silence for message in coupling.reception.messages), default=_SILENCE)
     with linked(settings, patience, say) as link, Receiver(link, QUEUE, arrived) as receiver:
-        yield BusTraffic(link, receiver, coupling, watchdog, step, inputs)
+        yield BusTraffic(link, receiver, coupling, watchdog, step, Backlog(settings))

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 app = typer.Typer()
 
+RESERVE = 1 << 19  # bytes
+
 ScenarioFile = Annotated[Path, typer.Argument(help="A scenario file with a `can` block.")]
 
 
@@ -104,17 +106,21 @@ def _coupled(job: BridgeJob, folder: Path, terminal: Terminal) -> tuple[BridgeRe
         ServotwinError: what ended it before its time, when the result up to there was written.
     """
     from orchestrator.bridge.bridge import couple
-    from orchestrator.bridge.results import write
+    from orchestrator.bridge.results import rescue, write
     from orchestrator.results import aside, check_target
 
     check_target(folder)
     with terminal.bar(job.scenario.stem) as move, aside(folder) as near:
+        reserve = near / "reserve"  # for what is to be said of a full disk
+        reserve.write_bytes(bytes(RESERVE))
         coupled = couple(
             job,
             near,
             lambda *_: terminal.say(f"{job.scenario.stem} is on {job.bus.place}"),
             move,
+            lambda: rescue(job.scenario, near, folder),
         )
+        reserve.unlink()
         with whole():
             write(coupled, folder)
     failure = coupled.ending.failure

@@ -83,6 +83,10 @@ class LiveRun(Generic[R]):
         self.steps, self._whole = self.steps + 1, True
         self._seconds += perf_counter() - begun
 
+    def flush(self) -> None:
+        """Pass on what has been recorded until now."""
+        self._recorder.empty(self._engine.recorded)
+
     def result(self) -> R:
         """What the run gave up to its last whole step; it cannot be stepped any more.
 

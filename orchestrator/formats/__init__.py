@@ -36,6 +36,7 @@ FORMATS = {".csv": "csv", ".mat": "arrays.mat", ".parquet": "parquet", ".tsv": "
 """Those that come along; other packages add theirs as entry points `SUFFIX = module` of `servotwin.formats`."""
 
 READ = {
+    ".arrows": "arrows",
     ".dat": "text",
     ".h5": "arrays.hdf5",
     ".hdf5": "arrays.hdf5",

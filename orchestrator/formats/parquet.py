@@ -44,7 +44,7 @@ def read(path: Path, layout: Layout) -> Recording:
 
 def write(trace: Trace, file: BinaryIO) -> None:
     """The trace, bit for bit."""
-    parquet.write_table(_arrow(trace), file, **WRITING)
+    parquet.write_table(table(trace), file, **WRITING)
 
 
 @contextmanager
@@ -61,7 +61,7 @@ def appending(path: Path) -> Iterator[Callable[[Trace], None]]:
             kept.clear()
 
     def append(piece: Trace) -> None:
-        kept.append(_arrow(piece))
+        kept.append(table(piece))
         if sum(map(len, kept)) >= GROUP:
             flush()
 
@@ -74,7 +74,8 @@ def appending(path: Path) -> Iterator[Callable[[Trace], None]]:
                 writer.close()
 
 
-def _arrow(trace: Trace) -> pa.Table:
+def table(trace: Trace) -> pa.Table:
+    """The trace as columns, the stamps first."""
     fields = [pa.field("time", pa.float64(), metadata={"unit": "s"})]
     for name in trace.names:
         unit = trace.unit(name)

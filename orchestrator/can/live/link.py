@@ -21,6 +21,7 @@ from orchestrator.can.slcan.flow import Key
 BUS_OFF = "the adapter has left the bus (bus off)"
 REFUSING = "the adapter refuses all frames"
 _RETRY = 1.0  # between two tries to open a lost bus [s]
+_NAP = 0.005  # while an adapter has no room [s]
 _SAID = 50  # losses that are said; beyond it they are only counted
 _KEPT = 1000  # losses that are kept
 _ECHOING = ("udp_multicast",)  # interfaces that give back what is sent to them, and do not say so
@@ -84,6 +85,12 @@ class Link:
         return self._told and (not self._given or bool(flow is not None and flow.answers))
 
     @property
+    def owed(self) -> int:
+        """Frames to which the adapter has not answered yet, where it does."""
+        flow = getattr(self._bus, "flow", None)
+        return 0 if flow is None or not flow.answers else flow.owed
+
+    @property
     def malformed(self) -> int:
         """Lines from adapters that were no frames."""
         return self._malformed + getattr(self._bus, "malformed", 0)
@@ -126,7 +133,7 @@ class Link:
         if self._echoes is not None:
             self._echoes.append((time.monotonic(), key, bytes(frame.data)))
         try:
-            bus.send(frame, timeout=patience)
+            _send(bus, frame, patience)
         except Exception as error:  # drivers raise anything
             if _no_room(error):
                 self.no_room += 1
@@ -214,6 +221,18 @@ def linked(settings: BusSettings, patience: float, say: Callable[[str], None]) -
         yield link
     finally:
         link.shutdown()
+
+
+def _send(bus: can.BusABC, frame: can.Message, patience: float) -> None:
+    """Send it; wait for room also where the driver does not."""
+    until = time.monotonic() + patience
+    while True:
+        try:
+            return bus.send(frame, timeout=patience)
+        except Exception as error:  # drivers raise anything
+            if not _no_room(error) or time.monotonic() >= until:
+                raise
+        time.sleep(_NAP)
 
 
 def _text(error: Exception) -> str:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import re
 import signal
 import struct
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -30,6 +32,7 @@ from orchestrator.can.live import link
 from orchestrator.can.live.bus import BusSettings
 from orchestrator.can.slcan.hub import hub_process
 from orchestrator.engine import LiveRun, Result
+from orchestrator.formats import arrows
 from orchestrator.realtime.stopping import Stop
 from orchestrator.scenario.run import run_scenario
 from orchestrator.trace import Trace
@@ -345,7 +348,7 @@ def test_frames_without_room_in_the_adapter_are_counted_and_the_next_are_sent(
     bus.refusing = can.CanTimeoutError("Transmit buffer full")
     coupled = go(folder, tmp_path)
     assert coupled.account.no_room == 201 and coupled.account.frames == 0
-    assert coupled.ending.failure is None
+    assert "the safe values of State may not have got out" in str(coupled.ending.failure)
     assert "201 frames were not sent: the adapter had no room" in coupled.account.remarks()
 
 
@@ -628,3 +631,34 @@ def test_steps_that_are_too_late_end_a_bridge_with_what_there_is(
     coupled = go(folder, tmp_path, can={"give_up": 2.0})
     assert "steps are 3 s late at t = 0.050 s" in str(coupled.ending.failure)
     assert isinstance(coupled.ending.failure, BusError) and speeds(bus)[-1] == 0 and len(trace_of(coupled)) == 51
+
+
+def test_a_full_disk_ends_the_coupling_with_what_was_written(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    @contextmanager
+    def small(path: Path) -> Iterator[Callable[[Trace], None]]:
+        with original(path) as append:
+
+            def write(piece: Trace) -> None:
+                if path.stat().st_size > 3000:
+                    raise OSError(errno.ENOSPC, "No space left on device")
+                append(piece)
+
+            yield write
+
+    def no_room(source: Path, target: Path) -> bool:
+        if target.name == "0.parquet":
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return settle(source, target)
+
+    original, settle = arrows.appending, arrows.settle
+    monkeypatch.setattr(arrows, "appending", small)
+    monkeypatch.setattr(arrows, "settle", no_room)
+    bus = ScriptedBus(proportional).plug_in(monkeypatch)
+    arguments = ["can", "bridge", written(folder, run={"stop": 60, "step": 0.001}), "--interface", "virtual"]
+    done = CliRunner().invoke(app, [str(part) for part in [*arguments, "--channel", "c", "--out", tmp_path / "out"]])
+    assert done.exit_code == 3 and "cannot be written (No space left on device)" in done.stderr
+    assert json.loads((tmp_path / "out" / "manifest.json").read_text())["ended"] == "failed"
+    monkeypatch.undo()
+    assert len(formats.read(tmp_path / "out" / "run.arrows").trace) > 1 and speeds(bus)[-1] == 0

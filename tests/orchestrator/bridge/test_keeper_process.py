@@ -16,6 +16,7 @@ from subprocess import Popen
 import can
 import pytest
 
+from orchestrator import formats
 from orchestrator.can.slcan.hub import Hub, hub_process
 from tests.support.coupling_samples import DBC, frame
 from tests.support.wiring import BITRATE, HANG, command, joined, wait_for
@@ -89,11 +90,14 @@ def stepping(bridge: Popen[str]) -> int:
 
 def test_safe_values_go_out_when_the_process_that_steps_is_killed(tmp_path: Path) -> None:
     with driving(tmp_path) as (bridge, peer, _):
+        time.sleep(1.5)
         os.kill(stepping(bridge), signal.SIGKILL)
         _, complaints = bridge.communicate(timeout=HANG)
         wait_for(peer.rests)
     assert "the steps are gone; safe values were sent" in complaints
     assert bridge.returncode == 3 and peer.rests()
+    assert json.loads((tmp_path / "out" / "manifest.json").read_text())["ended"] == "failed"
+    assert len(formats.read(tmp_path / "out" / "run.arrows").trace) > 1
 
 
 def test_a_process_that_is_stopped_for_a_time_sends_no_old_commands_and_goes_on(tmp_path: Path) -> None:

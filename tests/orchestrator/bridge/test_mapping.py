@@ -153,7 +153,7 @@ def test_any_value_goes_into_any_message_as_the_nearest_that_it_holds(made: Any,
         signals = [signal for signal in message.signals if not signal.is_multiplexer]  # whose pages take turns
         given = [SentSignal(signal, "rig.any", place, AS_IT_IS, None) for place, signal in enumerate(signals)]
         values = data.draw(st.lists(FINITE, min_size=len(given), max_size=len(given)))
-        sender, found = SentMessage(message, given, 1, statistics), {}
+        sender, found = SentMessage(message, given, 1, statistics), dict[str, float]()
         for _ in sender.pages:
             found |= message.raw.decode(sent(sender, values), decode_choices=False)
         for signal, value in zip(signals, values, strict=True):

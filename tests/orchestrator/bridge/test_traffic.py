@@ -13,11 +13,14 @@ from orchestrator.bridge.mapping import coupled
 from orchestrator.bridge.traffic import BusTraffic
 from orchestrator.bridge.watchdog import Watchdog
 from orchestrator.can.database.database import Database
+from orchestrator.can.live.backlog import Backlog
+from orchestrator.can.live.bus import BusSettings
 from orchestrator.can.live.receiver import Receiver
 from orchestrator.scenario.can_block import CanBlock
 from tests.support.coupling_samples import ScriptedBus, frame, sample_database, sample_system
 
 STEP, GUARDED, COMMAND = 0.001, 259, 257
+ANY = BusSettings("slcan", "adapter")
 BLOCK: dict[str, Any] = {
     "receive": {"rig.voltage": {"signal": "Command.voltage", "safe": 0}},
     "send": {"torque": {"source": "rig.torque", "safe": 0.125}},
@@ -36,7 +39,7 @@ def on(bus: ScriptedBus, rig: Database, said: list[str], **changes: Any) -> BusT
     coupling = coupled(block, sample_system(), rig, Fraction(1, 1000))
     watchdog = Watchdog(coupling.reception.messages, said.append)
     link, receiver = bus.linked(said.append)
-    return BusTraffic(link, cast(Receiver, receiver), coupling, watchdog, STEP)
+    return BusTraffic(link, cast(Receiver, receiver), coupling, watchdog, STEP, Backlog(ANY))
 
 
 def torques(bus: ScriptedBus) -> list[float]:
