@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import pkgutil
 import sys
+from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -37,6 +38,13 @@ def find(name: str) -> Model:
         raise ModelError(f"model '{name}'", "is not in the library", f"choose one of {', '.join(names())}")
     model: Model = import_module(f"fmus.models.{name}").MODEL
     return model
+
+
+def of_size(model: Model, shapes: Mapping[str, tuple[int, ...]]) -> Model:
+    """The model with arrays of these shapes where it comes in any size; as it is otherwise."""
+    if model.sized is None or not all(size for shape in shapes.values() for size in shape):
+        return model
+    return model.sized({**model.arrays, **shapes})
 
 
 def source_file(model: Model) -> Path:

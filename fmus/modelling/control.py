@@ -64,23 +64,27 @@ def command(asked: Any, bypass: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
     }
 
 
+def fading(p: Any) -> Any:
+    """Of what fades with the transfer time, the part that is left after a sample."""
+    return ops.exp(-p.sample_time / p.transfer_time)
+
+
 def offset(asked: Any, bypass: Any, x: Any, u: Any, p: Any) -> Any:
     """New value of OFFSET, to be added to what a law without an integral asks for."""
-    fading = x.offset * ops.exp(-p.sample_time / p.transfer_time)
-    return ops.where(running(x, u), fading, limited(bypass, p) - asked)
+    return ops.where(running(x, u), x.offset * fading(p), limited(bypass, p) - asked)
 
 
 def integral(rest: Any, growth: Any, x: Any, u: Any, p: Any) -> Any:
     """New value of INTEGRAL, which grows at every sample, in a law that asks for it and the `rest`.
 
-    With clamping it stands still while the command is at its limit and would go further. Without a gain (ki) there is
-    no integral that could make up for a jump.
+    With clamping it stands still while the command is at its limit and would go further. Without a gain (ki) it
+    fades, as an offset does.
     """
     grown = x.integral + growth
     beyond = ops.both(ops.absolute(rest + grown) > p.voltage_limit, (rest + grown) * growth > 0)
     kept = ops.where(ops.both(p.anti_windup > 1.5, beyond), x.integral, grown)
-    begun = ops.where(ops.absolute(p.ki) > 0, limited(u.manual, p) - rest, 0.0)
-    return ops.where(running(x, u), kept, begun)
+    going_on = ops.where(ops.absolute(p.ki) > 0, kept, x.integral * fading(p))
+    return ops.where(running(x, u), going_on, limited(u.manual, p) - rest)
 
 
 def in_volts(asked: Any, p: Any) -> Any:

@@ -120,6 +120,7 @@ class Model:
         plant: whether the outputs of a sampled model show what an input did at the next sampling instant, as those of a
             plant; they show it at once, as those of a controller, otherwise.
         call: the expression that gives this model in the file of its functions.
+        sized: (array -> shape) -> this model with arrays of these shapes; None where they have one size only.
         arrays: name -> shape of each array among the parameters.
     """
 
@@ -137,6 +138,7 @@ class Model:
     references: tuple[str, ...] = ()
     plant: bool = False
     call: str = "MODEL"
+    sized: Callable[[Mapping[str, tuple[int, ...]]], Model] | None = field(default=None, repr=False, compare=False)
     by_name: Mapping[str, Variable] = field(init=False, repr=False, compare=False)
     arrays: Mapping[str, tuple[int, ...]] = field(init=False, repr=False, compare=False)
 

@@ -6,9 +6,21 @@ A model file begins with `from . import Model, State, input_, ops, output, param
 
 import sys
 
-from ..modelling import control, model, ops
+from ..modelling import control, feedback, model, ops
 from ..modelling.model import Model, Requirement, State, Table, array, input_, output, parameter
 
-__all__ = ["Model", "Requirement", "State", "Table", "array", "control", "input_", "ops", "output", "parameter"]
+__all__ = [
+    "Model",
+    "Requirement",
+    "State",
+    "Table",
+    "array",
+    "control",
+    "feedback",
+    "input_",
+    "ops",
+    "output",
+    "parameter",
+]
 
 sys.modules[f"{__name__}.model"] = model

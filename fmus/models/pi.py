@@ -29,6 +29,7 @@ MODEL = Model(
         parameter("ki", "1/s", 0.0178, "Gain of the error's integral"),
         *control.UNIT_OF_GAINS,
         control.ANTI_WINDUP,
+        control.TRANSFER_TIME,
         *control.LIMITS,
     ),
     states=(*control.STATES, control.INTEGRAL),

@@ -79,6 +79,7 @@ def _state_space(order, inputs, outputs, direct):
         sample_time="sample_time",
         plant=True,
         call=f"state_space({order}, {dict(inputs)!r}, {dict(outputs)!r}, {direct})",
+        sized=lambda shapes: _state_space(shapes["A"][0], inputs, outputs, direct),
     )
 
 

@@ -12,6 +12,7 @@ from functools import cache, partial
 from pathlib import Path
 from types import TracebackType
 
+from fmus import library
 from fmus.errors import WiringError
 from fmus.modelling.model import Model, Table
 from fmus.packaging import targets
@@ -146,7 +147,9 @@ def _in_numbers(name: str, component: ComponentSpec, file: Path) -> Mapping[str,
 
 def _built(name: str, component: ComponentSpec, folder: Path, target: str | None) -> Path:
     tables = {table.name: table for table in component.tables}
-    return targets.build(component.source, folder / f"{name}.fmu", target=target, tables=tables)
+    source = component.source
+    model = library.of_size(source if isinstance(source, Model) else library.find(str(source)), component.arrays)
+    return targets.build(model, folder / f"{name}.fmu", target=target, tables=tables)
 
 
 class OpenSystem:

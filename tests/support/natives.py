@@ -19,6 +19,17 @@ NAMES = library.names()
 CONTINUOUS = [name for name in NAMES if interface.exchangeable(library.find(name))]
 VERSIONS = (2, 3)
 PENDULUM = library.find("pendulum")
+FEEDBACK = {
+    "A[1,1]": 0.8,
+    "A[1,2]": 0.2,
+    "A[2,2]": 0.7,
+    "B[1,1]": 0.4,
+    "B[2,1]": -0.3,
+    "K[1,1]": 0.5,
+    "K[1,2]": -0.2,
+    "x_start[2]": 0.6,
+    "sample_time": 0.02,
+}
 RICH: dict[str, dict[str, float]] = {
     "pendulum": {"angle_start": 1.0, "coulomb_friction_positive": 0.004, "stribeck_friction": 0.002},
     "dc_motor": {"inductance": 0.01, "current_limit": 0.8, "back_emf": 0.2},
@@ -57,6 +68,10 @@ RICH: dict[str, dict[str, float]] = {
     "pdp": {"gains": 2, "transfer_time": 0.05, "sample_time": 0.02},
     "pdpc": {"speed_band": 0.3, "error_band": 0.5, "voltage_limit": 1.5, "sample_time": 0.02},
     "notch": {"frequency": 2.0, "voltage_limit": 0.6, "sample_time": 0.02},
+    "ilqr": {**FEEDBACK, "C[1,1]": 1.0, "L[1,1]": 0.3, "L[2,1]": -0.1, "anti_windup": 2},
+    "lqg": {**FEEDBACK, "C[1,1]": 1.0, "C[4,2]": 0.7, "L[1,2]": 0.3, "L[2,4]": -0.1, "ki": 2.0},
+    "gain_schedule": {"kp[1]": 0.3, "kd[3]": 2.0, "payload_start": 0.1, "sample_time": 0.02},
+    "disturbance_observer": {"bandwidth": 2.0, "compensation_limit": 0.3, "sample_time": 0.02},
     "relay_bound": {"bound": 0.6, "sample_time": 0.02},
     "state_space": {
         "A[1,1]": 0.9,

@@ -22,6 +22,7 @@ _ROOT = Path(__file__).parents[2]
 _TRAVELS = (
     "models/__init__.py",
     "modelling/control.py",
+    "modelling/feedback.py",
     "modelling/instance.py",
     "modelling/model.py",
     "modelling/ops.py",

@@ -29,7 +29,7 @@ def enabled_at(name: str, first: int, count: int, **inputs: float) -> FloatArray
 
 
 def test_all_of_them_are_here() -> None:
-    assert {"pi", "pdp", "pdpc", "notch"} <= set(CONTROLLERS)
+    assert {"pi", "pdpc", "gain_schedule", "ilqr", "lqg", "disturbance_observer", "notch"} <= set(CONTROLLERS)
 
 
 @pytest.mark.parametrize("name", CONTROLLERS)

@@ -56,6 +56,30 @@ def test_a_file_a_model_and_a_name_are_the_same_component(tmp_path: Path, text: 
     assert traces[0]["hand.angle"][0] == 0.3
 
 
+SIZED = """
+title: A model of another size
+components:
+  plant:
+    model: state_space
+    parameters: {A: [[0.5, 0, 0], [1, 0, 0], [0, 1, 0]], B: [[1], [0], [0]], C: [[0, 0, CORNER]]}
+stimuli: {plant.u: {constant: 1}}
+run: {stop: 0.06, step: 0.01}
+"""
+
+
+def test_arrays_given_as_a_whole_give_a_model_of_any_size_its_own(tmp_path: Path) -> None:
+    (tmp_path / "sized.yaml").write_text(SIZED.replace("CORNER", "2"))
+    result = run_scenario(tmp_path / "sized.yaml").cases[0].result
+    assert result is not None
+    assert result.trace["plant.y"].tolist() == [0, 0, 0, 2, 3, 3.5, 3.75]
+
+
+def test_arrays_of_a_model_that_do_not_fit_together_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "sized.yaml").write_text(SIZED.replace("CORNER", "2, 1"))
+    with pytest.raises(WiringError, match=r"plant\.C: is given as 1 x 4 and is 1 x 3"):
+        run_scenario(tmp_path / "sized.yaml")
+
+
 def test_each_run_starts_afresh_with_its_own_values_and_stimuli() -> None:
     with open_system({"hand": "pendulum"}, stimulated=["hand.torque"]) as system:
         still = system.run(0.1, 0.01, stimuli={"hand.torque": 0.0})
