@@ -251,8 +251,8 @@ def _window_weight(study: OutputErrorStudy, window: FreeRunWindow) -> FloatArray
 
 
 def ports_of(study: OutputErrorStudy, system: System) -> dict[str, Port]:
-    """component.variable -> what a signal of the traces goes to or is compared with."""
-    names = (*study.run.outputs, *study.run.inputs, *study.run.initial)
+    """component.variable -> what a signal or value of the traces goes to or is compared with."""
+    names = (*study.run.outputs, *study.run.inputs, *study.run.initial, *study.traces.values)
     return {name: system.port(Endpoint.parse(name)) for name in names}
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
@@ -20,12 +22,14 @@ from identification.output_error.study import (
     TraceSignal,
     WindowSpec,
 )
+from identification.quantities import SECONDS, numbers
 from identification.recordings.campaign import TraceSource
 from identification.recordings.schema import RecordedStudyBlock, UsedSignals
 from orchestrator.assembly.assembly import SystemSpec
 from orchestrator.assembly.schema import SystemBlock
 from orchestrator.crossing import Given
-from orchestrator.yaml_file import Block, Seconds, exact
+from orchestrator.fmi.interface import Value
+from orchestrator.yaml_file import Block, Quantity, Seconds, exact
 
 
 def _number_or_name(value: Any) -> Any:
@@ -102,11 +106,15 @@ class ValidationBlock(WindowsBlock):
 
 
 class ParameterBlock(Block):
-    """A parameter to estimate (start, bounds, scale), or one tied to another by a factor."""
+    """A parameter to estimate (start, bounds, scale), or one tied to another by a factor.
 
-    start: float | None = None
-    min: float | None = None
-    max: float | None = None
+    Attributes:
+        start, min, max: in the variable's unit, or with their own: `90 deg`.
+    """
+
+    start: float | Quantity | None = None
+    min: float | Quantity | None = None
+    max: float | Quantity | None = None
     scale: Scale = Parameter.scale
     fixed: bool = Parameter.fixed
     tied: str | None = None
@@ -117,6 +125,11 @@ class ParameterBlock(Block):
         if self.tied is not None and (self.start, self.min, self.max) != (None, None, None):
             raise ValueError("a tied parameter has no start and no bounds")
         return self
+
+    def in_numbers(self, number: Callable[[float | str], float], start: Value | None) -> ParameterBlock:
+        """The same that starts there, with what is written like `90 deg` as numbers."""
+        ends = {"start": start, "min": self.min, "max": self.max}
+        return self.model_copy(update={key: None if end is None else number(end) for key, end in ends.items()})
 
     @property
     def spans(self) -> bool:
@@ -166,8 +179,8 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
     weight: OutputWeight = OutputErrorStudy.weight
     loss: LossBlock = LossBlock()
     options: OptionsBlock = OptionsBlock()
-    compare: dict[str, dict[str, float]] = {}
-    truth: dict[str, float] = {}
+    compare: dict[str, dict[str, float | Quantity]] = {}
+    truth: dict[str, float | Quantity] = {}
 
     @model_validator(mode="after")
     def _consistent(self) -> OutputErrorBlock:
@@ -205,8 +218,13 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
     def _compared_within_bounds(self) -> OutputErrorBlock:
         for name, values in self.compare.items():
             for delay in set(values) & set(self.delays):
-                block, value = self.parameters[delay], values[delay]
-                if (block.min is not None and value < block.min) or (block.max is not None and value > block.max):
+                block = self.parameters[delay]
+                value, low, high = (
+                    SECONDS.quantity(f"{name}.{delay}", one) if isinstance(one, str) else one
+                    for one in (values[delay], block.min, block.max)
+                )
+                assert value is not None
+                if (low is not None and value < low) or (high is not None and value > high):
                     raise ValueError(f"compare.{name}: {delay} is not within its bounds")
         return self
 
@@ -233,6 +251,34 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
         Raises:
             IdentificationError: a parameter has no start value, or one outside its bounds.
         """
+        known = numbers(system, self.inputs, self._written())
+
+        def number(name: str, value: float | str) -> float:
+            return known[name, value] if isinstance(value, str) else value
+
+        compare = {key: {name: number(name, value) for name, value in at.items()} for key, at in self.compare.items()}
+        truth = {name: number(name, value) for name, value in self.truth.items()}
+        blocks = {
+            name: block.in_numbers(partial(number, name), self._start(name, block))
+            for name, block in self.parameters.items()
+        }
+        return replace(
+            self.model_copy(update={"parameters": blocks})._study(system, traces), compare=compare, truth=truth
+        )
+
+    def _written(self) -> list[tuple[str, str]]:
+        """Names with what is given of them like `90 deg`."""
+        given = [pair for values in (self.truth, *self.compare.values()) for pair in values.items()]
+        for name, block in self.parameters.items():
+            ends = (self._start(name, block), block.min, block.max)
+            given += [(name, value) for value in ends if value is not None]
+        return [(name, value) for name, value in given if isinstance(value, str)]
+
+    def _start(self, name: str, block: ParameterBlock) -> Value | None:
+        """Where a parameter starts: its own start, or the value in its component."""
+        return block.start if block.start is not None or block.tied is not None else self.values().get(name)
+
+    def _study(self, system: SystemSpec, traces: TraceSource) -> OutputErrorStudy:
         initial = {name: block.spec() for name, block in self.initial.items()}
         return OutputErrorStudy(
             title=self.title,
@@ -253,8 +299,6 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
             weight=self.weight,
             loss=Loss(self.loss.kind, self.loss.scale),
             options=Options(**dict(self.options)),
-            compare=self.compare,
-            truth=self.truth,
         )
 
     def _signal_specs(self, blocks: Mapping[str, SignalBlock]) -> dict[str, TraceSignal]:
@@ -274,8 +318,9 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
             lowest, highest = sorted((block.factor * other.lowest, block.factor * other.highest))
             return Estimated(entry, block.factor * other.start, lowest, highest)
         assert block.start is not None
-        lowest, highest = (block.start if bound is None else bound for bound in (block.min, block.max))
-        return Estimated(entry, block.start, lowest, highest)
+        start = float(block.start)
+        lowest, highest = (start if bound is None else float(bound) for bound in (block.min, block.max))
+        return Estimated(entry, start, lowest, highest)
 
     def _parameter_set(self) -> ParameterSet:
         free = [self._parameter(name, block) for name, block in self.parameters.items() if block.tied is None]
@@ -285,7 +330,7 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
         return ParameterSet(tuple(free), tuple(ties))
 
     def _parameter(self, name: str, block: ParameterBlock) -> Parameter:
-        start = block.start if block.start is not None else self.values().get(name)
+        start = self._start(name, block)
         if not isinstance(start, (int, float)) or isinstance(start, bool):
             raise IdentificationError(
                 f"parameters.{name}", "has no start value", "give `start`, or set it in its component"
@@ -296,6 +341,6 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
                 "starts at 0 with an open bound, so its size is not known",
                 "give `min` and `max`, or another start",
             )
-        low = Parameter.lower if block.min is None else block.min
-        high = Parameter.upper if block.max is None else block.max
+        low = Parameter.lower if block.min is None else float(block.min)
+        high = Parameter.upper if block.max is None else float(block.max)
         return Parameter(name, float(start), low, high, scale=block.scale, fixed=block.fixed)

@@ -123,16 +123,20 @@ def cut_windows(
         own = run.by_means() if recorded.held else run
         try:
             own, crossed = own.in_units_of(ports or {}, trace)
+            constants = {name: _typed(name, value, (ports or {}).get(name)) for name, value in recorded.values.items()}
         except WiringError as error:
             raise WiringError(f"{error.place} of {recorded.place}", error.problem, error.fix) from error
         starts = _starts(own, trace, windows, _barred(own, marks, windows.length))
         marked += [] if starts else [recorded]
-        cut += [
-            replace(_window(own, trace, start, windows.length, recorded.values), crossings=crossed) for start in starts
-        ]
+        cut += [replace(_window(own, trace, start, windows.length, constants), crossings=crossed) for start in starts]
     if marked and not cut:
         raise nothing_left(marked[0].place, f"no window of {float(windows.length):g} s is", marked[0].marks)
     return cut
+
+
+def _typed(name: str, value: Value, port: Port | None) -> Value:
+    """What is known of a trace, in the type and unit of the variable."""
+    return value if port is None else port.typed(f"traces.values.{name}", value)
 
 
 def _barred(run: FreeRunSpec, marks: Sequence[Mark], length: Fraction) -> FloatArray:

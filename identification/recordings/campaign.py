@@ -10,8 +10,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
+from fmus import units
 from fmus.errors import ScenarioError, TraceError
 from fmus.files import sha256
+from fmus.units import ONE
 from identification.recordings.bridged import safe_stretches
 from identification.recordings.marks import MUCH, Exclusion, covered, excluded, listed, of_stamps
 from orchestrator import formats
@@ -32,13 +34,23 @@ DecimalPoint = Literal["point", "underscore", "after first digit"]
 
 @dataclass(frozen=True)
 class FileField:
-    """How digits in a file's name make a number: where its decimal point is, and a factor to SI."""
+    """How digits in a file's name make a number: where its decimal point is, and a factor to SI or a known unit."""
 
     decimal: DecimalPoint = "point"
     factor: float = 1.0
+    unit: str = ""
 
     def number(self, text: str) -> float:
         """The number that the digits mean, in SI.
+
+        Raises:
+            ValueError: they are none.
+        """
+        unit = units.parse(self.unit) or ONE
+        return unit.factor * self.read(text) + unit.offset
+
+    def read(self, text: str) -> float:
+        """The number that the digits mean, times the factor.
 
         Raises:
             ValueError: they are none.
@@ -97,12 +109,13 @@ class StudyTrace:
 
     Attributes:
         fields: what its file name (or the case that made it) tells, by field [SI].
+        written: the fields that have a unit, like `120.5 g`.
         source: file it came from, and that file's hash.
         stamps: what was found in its time stamps, in words.
         clean: whether they were in order.
         notes: what else was found in the file, a line each.
         held: whether commands keep their value from stamp to stamp, as those of frames do.
-        values: component.variable -> value that holds for this trace [unit of the variable].
+        values: component.variable -> value that holds for this trace [unit of the variable, or the text's].
         crossings: how its signals got to the units that they are in.
         marks: stretches that are left out; kept: that are taken all the same.
         damaged: whether something was seen in the file that may spoil a fit.
@@ -119,6 +132,7 @@ class StudyTrace:
     values: Mapping[str, Value] = field(default_factory=dict)
     crossings: tuple[Crossing, ...] = ()
     marks: tuple[Mark, ...] = ()
+    written: Mapping[str, str] = field(default_factory=dict)
     kept: tuple[Mark, ...] = ()
     damaged: bool = False
 
@@ -167,7 +181,7 @@ def load_campaign(
     known = [
         replace(
             trace,
-            values=trace_values(source.values, trace.trace.name, trace.fields),
+            values=trace_values(source.values, trace.trace.name, {**trace.fields, **trace.written}),
             marks=(*trace.marks, *marks),
         )
         for trace, marks in zip(traces, left_out, strict=True)
@@ -223,7 +237,7 @@ def _much(traces: Sequence[StudyTrace], much: Sequence[StudyTrace]) -> str:
     )
 
 
-def trace_values(values: Mapping[str, str], trace: str, fields: Mapping[str, float]) -> dict[str, Value]:
+def trace_values(values: Mapping[str, str], trace: str, fields: Mapping[str, Value]) -> dict[str, Value]:
     """component.variable -> value that is known of a trace, by its fields.
 
     Raises:
@@ -264,7 +278,7 @@ def _distinct(files: list[Path]) -> list[Path]:
 
 
 def _read(file: Path, source: TraceSource) -> StudyTrace:
-    fields = _fields(file, source.file_name) if source.file_name else {}
+    fields, written = _fields(file, source.file_name) if source.file_name else ({}, {})
     recording = formats.read(file, source.layout)
     trace, stamps, held = replace(recording.trace, name=file.stem), recording.stamps, is_log(file)
     begun = trace.complete() if held else trace  # what a message says first comes a little later than others
@@ -284,22 +298,25 @@ def _read(file: Path, source: TraceSource) -> StudyTrace:
         marks=marks,
         kept=kept,
         damaged=damaged,
+        written=written,
     )
 
 
-def _fields(file: Path, name: FileName) -> dict[str, float]:
+def _fields(file: Path, name: FileName) -> tuple[dict[str, float], dict[str, str]]:
+    """What a file's name tells, in SI; and what has a unit, as text with it."""
     match = re.fullmatch(name.pattern, file.stem)
     if match is None:
         raise TraceError(
             file, f"its name does not give {', '.join(name.fields)}", f"name it after the pattern {name.pattern}"
         )
-    fields = {}
+    fields, written = dict[str, float](), dict[str, str]()
     for key, digits in name.fields.items():
         try:
             fields[key] = digits.number(match[key] or "")
+            written |= {key: f"{digits.read(match[key])!r} {digits.unit}"} if digits.unit else {}
         except ValueError:
             raise TraceError(file, f"its name gives no {key} ('{match[key]}')", "correct the name") from None
-    return fields
+    return fields, written
 
 
 def _simulated(path: Path, progress: Progress, isolation: Isolation | None) -> list[StudyTrace]:
@@ -309,9 +326,10 @@ def _simulated(path: Path, progress: Progress, isolation: Isolation | None) -> l
     for case, asked in zip(result.cases, result.scenario.cases, strict=True):
         if case.result is None or case.error is not None:
             raise ScenarioError(f"{path}: case {case.name}", f"gave no trace ({case.error})", "correct the scenario")
+        written = {name: value for name, value in asked.values.items() if isinstance(value, str)}
         fields = {name: float(value) for name, value in asked.values.items() if not isinstance(value, str)}
         trace = replace(result.recorded(case), name=case.name)
-        traces.append(StudyTrace(trace, fields, path, digest, "simulated"))
+        traces.append(StudyTrace(trace, fields, path, digest, "simulated", written=written))
     return traces
 
 

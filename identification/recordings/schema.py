@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from fmus import units
 from identification.recordings.campaign import DecimalPoint, FileField, FileName, TraceSource
 from identification.recordings.marks import Exclusion
 from orchestrator.can.database.sources import paths
@@ -32,10 +33,19 @@ class UsedSignals:
 
 
 class FieldBlock(Block):
-    """How digits in a file's name make a number; see `FileField`."""
+    """How digits in a file's name make a number, in SI by a factor or in a unit; see `FileField`."""
 
     decimal: DecimalPoint = FileField.decimal
     factor: float = FileField.factor
+    unit: str = FileField.unit
+
+    @model_validator(mode="after")
+    def _one_way(self) -> FieldBlock:
+        if self.unit and "factor" in self.model_fields_set:
+            raise ValueError("give `factor` or `unit`")
+        if self.unit and units.parse(self.unit) is None:
+            raise ValueError(f"'{self.unit}' is no unit that is known; give a `factor` to SI")
+        return self
 
 
 class FileNameBlock(Block):

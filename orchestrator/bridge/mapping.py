@@ -137,14 +137,15 @@ def _received_signal(
     port = drivable(system, Endpoint.parse(name), "can be received", where)
     if not port.numeric:
         raise WiringError(where, f"{with_article(port.type)} cannot be received", "set it as a start value")
-    check_bounds(f"{where}.safe", port, block.safe)
+    safe = port.number(f"{where}.safe", block.safe)
+    check_bounds(f"{where}.safe", port, safe)
     if _whole(port) and not _counts(signal):
         raise WiringError(where, f"{signal.name} cannot drive {with_article(port.type)}", "it takes whole numbers")
-    if _whole(port) and block.safe != int(block.safe):
-        raise WiringError(f"{where}.safe", f"{block.safe:g} is not whole", f"it is {with_article(port.type)}")
+    if _whole(port) and safe != int(safe):
+        raise WiringError(f"{where}.safe", f"{safe:g} is not whole", f"it is {with_article(port.type)}")
     crossed = crossing(where, port.meaning(signal.unit), port.measure)
     low, high = _range(signal, port, crossed)
-    return ReceivedSignal(public, name, place, crossed, block.safe, low, high, block.range == "reject")
+    return ReceivedSignal(public, name, place, crossed, safe, low, high, block.range == "reject")
 
 
 def _range(signal: SignalSpec, port: Port, crossed: Crossing) -> tuple[float, float]:
@@ -188,18 +189,20 @@ def _sent(
         if not port.numeric:
             raise WiringError(where, f"{with_article(port.type)} cannot be sent", "send a number")
         crossed = crossing(where, port.measure, port.meaning(signal.unit))
-        if wanted.safe is not None:
-            check_bounds(f"{where}.safe", port, wanted.safe)
-            _check_range(f"{where}.safe", signal, crossed, wanted.safe)
+        safe = None if wanted.safe is None else port.number(f"{where}.safe", wanted.safe)
+        if safe is not None:
+            check_bounds(f"{where}.safe", port, safe)
+            _check_range(f"{where}.safe", signal, crossed, safe)
+        largest = wanted.limit.magnitude
         periods[message] = _period(message, block.every.get(message.name), step)
         given = SentSignal(
             signal,
             wanted.source,
             outputs.index(wanted.source),
             crossed,
-            wanted.safe,
+            safe,
             needs(where, wanted, source.component, system, received),
-            math.inf if wanted.limit.magnitude is None else wanted.limit.magnitude,
+            math.inf if largest is None else port.number(f"{where}.limit.magnitude", largest),
             math.inf if wanted.limit.rate is None else wanted.limit.rate * float(periods[message] * step),
         )
         messages.setdefault(message, []).append(given)

@@ -128,6 +128,10 @@ class Port:
             raise FmuFileError(place, f"cannot be {str(value).lower()}", f"give a {self.type}")
         return float(value) if self.type in _REAL else self._whole(place, value)
 
+    def number(self, place: str, value: float | str) -> float:
+        """The number that somebody gives, as one or like `3000 rpm`; raises as `quantity` does."""
+        return self.quantity(place, value) if isinstance(value, str) else value
+
     def quantity(self, place: str, text: str, difference: bool = False) -> float:
         """The number that a text like `3000 rpm` means in the variable's unit.
 

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from orchestrator.yaml_file import Block, Seconds
+from orchestrator.yaml_file import Block, Quantity, Seconds
 
 
 class ReceivedBlock(Block):
@@ -19,13 +19,13 @@ class ReceivedBlock(Block):
 
     Attributes:
         signal: of the database, as `Message.signal`, or its own name where that is unique.
-        safe: value of the input before the first good value and while none comes [unit of the input].
+        safe: value of the input before the first good value and while none comes [unit of the input, or its own].
         silence: how long none may come until the safe value is taken, the block's by default [s].
         range: whether values outside the range of the signal or of the input are limited to it, or are no good values.
     """
 
     signal: str
-    safe: float
+    safe: float | Quantity
     silence: float | None = Field(None, gt=0)
     range: Literal["limit", "reject"] = "limit"
 
@@ -35,11 +35,11 @@ class LimitBlock(Block):
 
     Attributes:
         rate: largest change [unit of the output per s]; from a safe value on, too, but not to it.
-        magnitude: largest amount [unit of the output].
+        magnitude: largest amount [unit of the output, or its own].
     """
 
     rate: float | None = Field(None, gt=0)
-    magnitude: float | None = Field(None, ge=0)
+    magnitude: Annotated[float, Field(ge=0)] | Quantity | None = None
 
 
 class SentBlock(Block):
@@ -47,12 +47,12 @@ class SentBlock(Block):
 
     Attributes:
         source: component.output.
-        safe: value that is sent while the output rests, and at the end, however it comes [unit of the output].
+        safe: value that is sent while the output rests, and at the end, however it comes [as in `ReceivedBlock`].
         while_: messages, signals or inputs without which it rests; by default all received ones that it may depend on.
     """
 
     source: str
-    safe: float | None = None
+    safe: float | Quantity | None = None
     while_: list[str] | None = Field(None, alias="while")
     limit: LimitBlock = LimitBlock()
 

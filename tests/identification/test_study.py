@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from fmus.errors import ScenarioError
+from fmus.errors import ScenarioError, WiringError
 from identification.output_error.schema import OutputErrorBlock
-from identification.recordings.campaign import FileField, trace_values
+from identification.output_error.windows import cut_windows
+from identification.recordings.campaign import FileField, load_campaign, trace_values
 from identification.resonance.schema import ResonanceBlock
 from identification.study import load_study
-from tests.support.small_study import study, write_study
+from orchestrator.fmi.interface import Port
+from tests.support.small_study import plain_study, record, study, write_study
 
 STUDIES = Path(__file__).parents[2] / "scenarios" / "butterfly"
 
@@ -193,6 +196,52 @@ def test_digits_in_a_name_are_the_number_they_mean_to_the_last_bit(
 def test_digits_that_are_no_number_are_none(text: str, decimal: Any) -> None:
     with pytest.raises(ValueError, match=r"is no number|is not finite"):
         FileField(decimal=decimal).number(text)
+
+
+def test_numbers_may_have_units_of_their_own() -> None:
+    parameters = {
+        "motor.torque_gain": {"start": 6.0, "min": 0.5, "max": "50 N.m/V", "scale": "log"},
+        "hand.inertia": {"min": "5000 g.mm2", "max": "200 g.m2"},
+        "hand.equilibrium_angle": {"start": "90 deg", "min": "-0.5 turn", "max": 3.5},
+        "wire": {"start": "2 ms", "min": 0, "max": "0.01 s"},
+    }
+    hand = {"model": "pendulum", "parameters": {"added_length": 0.1, "inertia": "400 g.cm2"}}
+    found = plain_study(
+        components=study()["components"] | {"hand": hand},
+        inputs={"motor.voltage": {"signal": "voltage", "delay": "wire"}},
+        parameters=parameters,
+        compare={"other": {"hand.equilibrium_angle": "45 deg", "wire": "3 ms"}},
+        truth={"hand.inertia": "4 kg.m2"},
+    )
+    told = {one.name: (one.start, one.lower, one.upper) for one in found.parameters.parameters}
+    assert told["motor.torque_gain"] == (6, 0.5, 50)
+    assert told["hand.inertia"] == pytest.approx((4e-5, 5e-6, 0.2))
+    assert told["hand.equilibrium_angle"] == pytest.approx((math.pi / 2, -math.pi, 3.5))
+    assert told["wire"] == pytest.approx((0.002, 0, 0.01))
+    assert found.run.estimated_delays[0].highest == pytest.approx(0.01)
+    assert found.compare["other"] == pytest.approx({"hand.equilibrium_angle": math.pi / 4, "wire": 0.003})
+    assert found.truth == {"hand.inertia": 4.0}
+    parameters["hand.inertia"]["max"] = "2 mm"
+    with pytest.raises(WiringError, match=r"hand.inertia: mm does not fit kg.m2"):
+        plain_study(inputs={"motor.voltage": {"signal": "voltage", "delay": "wire"}}, parameters=parameters)
+
+
+def test_what_names_tell_in_a_unit_comes_in_that_of_the_variable(tmp_path: Path) -> None:
+    name = {"pattern": r"rig_(?P<mass>\d+)__\w+", "fields": {"mass": {"unit": "g"}}}
+    asked = plain_study(traces=with_traces(file_name=name))
+    traces = load_campaign(asked.traces, record(tmp_path))
+    assert [trace.fields["mass"] for trace in traces] == pytest.approx([0, 0.1, 0.05])
+    for unit, factor in {"kg": 1, "t": 0.001}.items():
+        port = Port("added_mass", 0, "Real", "parameter", unit=unit)
+        windows = cut_windows(asked.run, traces, asked.windows, {"hand.added_mass": port})
+        assert [one.constants["hand.added_mass"] for one in windows] == pytest.approx([0, 0.1 * factor, 0.05 * factor])
+    with pytest.raises(ScenarioError, match="'gg' is no unit that is known; give a `factor` to SI"):
+        loaded(
+            write_study(tmp_path / "a.yaml", traces=with_traces(file_name=name | {"fields": {"mass": {"unit": "gg"}}}))
+        )
+    with pytest.raises(ScenarioError, match="give `factor` or `unit`"):
+        both = {"mass": {"unit": "g", "factor": 1}}
+        loaded(write_study(tmp_path / "b.yaml", traces=with_traces(file_name=name | {"fields": both})))
 
 
 def test_a_field_that_a_trace_does_not_have_is_named(tmp_path: Path) -> None:

@@ -79,6 +79,16 @@ def test_a_tunable_parameter_can_be_received(rig: Database) -> None:
     assert values[0] == pytest.approx(-12.345, abs=1e-12)
 
 
+def test_safe_values_and_limits_may_have_units_of_their_own(rig: Database) -> None:
+    sent_ = {"source": "rig.torque", "safe": "2500 mNm", "limit": {"magnitude": "0.003 kNm"}}
+    coupling = couple(rig, receive={"rig.target": {"signal": "target", "safe": "90 deg"}}, send={"torque": sent_})
+    assert coupling.reception.messages[0].signals[0].safe == pytest.approx(math.pi / 2)
+    (given,) = coupling.sent[0].signals
+    assert given.safe == pytest.approx(2.5) and given.magnitude == pytest.approx(3)
+    with pytest.raises(InputError, match=r"can.receive.rig.target.safe: V does not fit rad"):
+        couple(rig, receive={"rig.target": {"signal": "target", "safe": "1 V"}})
+
+
 def test_the_latest_of_several_frames_counts(rig: Database) -> None:
     coupling = couple(rig, receive={"rig.voltage": SAFE})
     values = received(coupling, *((257, struct.pack("<hH", 1000 * k, 0)) for k in range(5)))
