@@ -195,6 +195,16 @@ def settable(system: System, name: str) -> Settable:
     return Settable(endpoint.component, endpoint.variable, port, lowest, highest)
 
 
+def typed(system: System, values: Mapping[str, Value]) -> dict[str, Value]:
+    """component.variable -> value in the type and unit of its variable.
+
+    Raises:
+        FmuFileError: one is of another type.
+        WiringError: there is no such variable, or a unit is of another quantity.
+    """
+    return {name: settable(system, name).port.typed(name, value) for name, value in values.items()}
+
+
 def check_values(system: System, values: Mapping[str, Value]) -> None:
     """See that parameters and start values exist, can be set, are not overruled, and lie within their bounds.
 

@@ -23,7 +23,7 @@ from orchestrator.engine import Result, Simulation, Timing
 from orchestrator.fmi.component import Component
 from orchestrator.fmi.exchange_slave import ExchangeSlave
 from orchestrator.fmi.file import FmuFile, Kind
-from orchestrator.fmi.interface import Value
+from orchestrator.fmi.interface import Value, Written
 from orchestrator.fmi.isolation import IsolatedSlave, Isolation
 from orchestrator.fmi.isolation_worker import Make
 from orchestrator.fmi.slave import Slave
@@ -136,13 +136,18 @@ def assemble(system: SystemSpec, folder: Path, stimulated: Iterable[str] = (), t
 
 def _in_numbers(name: str, component: ComponentSpec, file: Path) -> Mapping[str, Value]:
     """The parameters, those that are written as `3000 rpm` in the unit of their variables."""
-    written = [key for key, value in component.parameters.items() if isinstance(value, str) and quantity(value)]
+    written = [key for key, value in component.parameters.items() if _to_be_read(value)]
     if not written:
         return component.parameters
     with component.open(file) as fmu:
         ports = {key: fmu.interface.ports[key] for key in written if key in fmu.interface.ports}
     typed = {key: port.typed(f"{name}.{key}", component.parameters[key]) for key, port in ports.items()}
     return {**component.parameters, **typed}
+
+
+def _to_be_read(value: Value) -> bool:
+    """Whether only its variable tells what it is."""
+    return isinstance(value, Written) or (isinstance(value, str) and quantity(value) is not None)
 
 
 def _built(name: str, component: ComponentSpec, folder: Path, target: str | None) -> Path:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Annotated, Any
 
 from pydantic import AfterValidator
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
 
 from fmus.errors import WiringError
 from fmus.modelling.model import element_names
-from orchestrator.fmi.interface import Value
-from orchestrator.system import System
+from orchestrator.fmi.interface import Value, Written
+from orchestrator.system import Endpoint, System
 
 Shape = tuple[int, ...]
 
@@ -30,6 +33,38 @@ def elements(given: Mapping[str, Value | list[Any]]) -> dict[str, Value]:
 def shapes(given: Mapping[str, Value | list[Any]]) -> dict[str, Shape]:
     """Name -> shape of the arrays among them."""
     return {name: _shape(name, value) for name, value in given.items() if isinstance(value, list)}
+
+
+def written(name: str, text: str) -> list[Any]:
+    """An array as text, `[[1, 2], [3, 4]]`, its elements as they are written.
+
+    Raises:
+        ValueError: it is none.
+    """
+    try:
+        nested = YAML(typ="base", pure=True).load(text)
+    except (YAMLError, RecursionError):
+        nested = None
+    if not isinstance(nested, list):
+        raise ValueError(f"'{text}' is no array")
+    _shape(name, nested)
+    return _written(nested)
+
+
+def _written(nested: list[Any]) -> list[Any]:
+    return [_written(entry) if isinstance(entry, list) else Written(entry) for entry in nested]
+
+
+def all_elements(system: System, names: Iterable[str]) -> tuple[str, ...]:
+    """The names, those of whole arrays as the names of all their elements."""
+    found: list[str] = []
+    for name in names:
+        end = Endpoint.parse(name)
+        shape = system.shape(end)
+        found += (
+            [name] if shape is None else (str(replace(end, variable=e)) for e in element_names(end.variable, shape))
+        )
+    return tuple(found)
 
 
 def check_shapes(system: System, given: Mapping[str, Shape]) -> None:

@@ -17,6 +17,7 @@ from pathlib import Path
 
 from fmus.errors import RecordError, ServotwinError, TraceError
 from orchestrator import formats
+from orchestrator.assembly.whole_arrays import elements
 from orchestrator.bridge.account import BusAccount
 from orchestrator.bridge.keeper import IN_PROCESS, Keeper, beside
 from orchestrator.bridge.keeper_process import apart
@@ -171,7 +172,8 @@ def _judged(job: BridgeJob, system: PreparedBridge, result: Result, ending: Endi
     state = CaseState.INTERRUPTED if early else CaseState.DONE
     judged = CaseResult(case.name, result, ending.failure, checks, file if file.exists() else None, state)
     keeping = Keeping(job.every, file.parent)
-    return ScenarioResult(system.scenario, system.assembled, (judged,), keeping, early, system.crossings)
+    given = {name: system.run.values[name] for name in elements(job.overrides)}
+    return ScenarioResult(system.scenario, system.assembled, (judged,), keeping, early, system.crossings, given)
 
 
 def _check(expectation: Expectation | Refusal, trace: Trace) -> Check:

@@ -7,11 +7,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from fmus.errors import InputError, ScenarioError
 from orchestrator.assembly.assembly import Assembled, OpenSystem, assemble
+from orchestrator.assembly.whole_arrays import check_shapes, elements, shapes
 from orchestrator.bridge.mapping import Coupling, coupled
 from orchestrator.bridge.outputs import SentMessage
 from orchestrator.bridge.session import Course
@@ -28,6 +30,7 @@ from orchestrator.scenario.can_block import CanBlock
 from orchestrator.scenario.scenario import Case, Scenario
 from orchestrator.scenario.schema import load_scenario
 from orchestrator.scenario.units import in_units_of
+from orchestrator.system import typed
 from orchestrator.trace import FloatArray
 from orchestrator.yaml_file import naming
 
@@ -48,7 +51,7 @@ class BridgeJob:
     bus: BusSettings
     stand_in: bool = False
     case: str | None = None
-    overrides: Mapping[str, Value] = field(default_factory=dict)
+    overrides: Mapping[str, Value | list[Any]] = field(default_factory=dict)
     duration: Fraction | None = None
     every: int = 1
 
@@ -91,8 +94,10 @@ def prepared(job: BridgeJob) -> Iterator[PreparedBridge]:
     with (
         naming(job.scenario),
         scratch(None) as folder,
-        OpenSystem(assemble(scenario.system.given(job.overrides), folder, scenario.driven)) as opened,
+        OpenSystem(assemble(scenario.system.given(elements(job.overrides)), folder, scenario.driven)) as opened,
     ):
+        check_shapes(opened.system, shapes(job.overrides))
+        overrides = typed(opened.system, elements(job.overrides))
         coupling = coupled(can, opened.system, database, step, job.bus.data_bitrate is not None)
         _check_bus(job.bus, coupling.sent, step)
         scenario, crossed = in_units_of(opened.system, scenario)
@@ -100,7 +105,7 @@ def prepared(job: BridgeJob) -> Iterator[PreparedBridge]:
         case = _case(scenario, job.case)
         with opened.simulation(scenario.timing) as simulation:
             course, first = _course(job, scenario, simulation, coupling)
-            values = {**case.values, **job.overrides}
+            values = {**case.values, **overrides}
             run = Run(values, first, scenario.recorded(simulation.outputs), record_every=job.every)
             assembled = opened.assembled
             yield PreparedBridge(

@@ -38,7 +38,7 @@ def rescue(scenario: Path, near: Path, target: Path) -> None:
 
 def document_of(bridged: BridgeResult, folder: Path) -> dict[str, Any]:
     """What ran on which bus and how it went, as plain values."""
-    run = results.document_of(bridged.result, bridged.job.overrides, folder)
+    run = results.document_of(bridged.result, {}, folder)
     return run | {"ended": how(bridged), "can": bridged.account.document()}
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -134,8 +134,8 @@ def run(
         except ScenarioFailed as error:
             result, failure = error.result, error
         with whole():
-            write_run(result, values, folder)
-        document = document_of(result, values, folder)
+            write_run(result, {}, folder)
+        document = document_of(result, {}, folder)
     for line in result.scenario.held:
         terminal.say(f"note: {line}")
     for line in notes(document["units"]) if not terminal.verbose else ():  # the log has them, too
@@ -229,7 +229,7 @@ def info(
     return Answer(document, list(described(document)))
 
 
-def overrides(texts: list[str] | None) -> dict[str, Value]:
+def overrides(texts: list[str] | None) -> dict[str, Value | list[Any]]:
     """What the options --set say."""
     from orchestrator.scenario.run import parse_override
 

@@ -14,6 +14,26 @@ from fmus.units import Unit
 from orchestrator.crossing import NamedUnit, crossing, quantity
 
 Value = float | int | bool | str
+
+
+class Written(str):
+    """A value as somebody has written it, whose type the variable decides."""
+
+    __slots__ = ()
+
+    def read(self) -> Value:
+        """As a number, or true or false, where it looks like one."""
+        text = self.strip()
+        if text.lower() in ("true", "false"):
+            return text.lower() == "true"
+        for kind in (int, float):
+            try:
+                return kind(text)
+            except ValueError:
+                continue
+        return text
+
+
 _REAL = ("Real", "Float64", "Float32")
 _ALONE = ("Binary", "Clock")  # nothing connects, sets or records them
 _WHOLE = re.compile(r"(U?)Int(\d+)")
@@ -116,6 +136,8 @@ class Port:
         """
         if self.type == "String":
             return str(value)
+        if isinstance(value, Written):
+            value = value.read()
         if self.items:
             return self._item(place, value)
         if isinstance(value, str):

@@ -83,7 +83,7 @@ def document_of(result: ScenarioResult, overrides: Mapping[str, Value], folder: 
         "scenario": {"file": result.scenario.path.name, "sha256": sha256(result.scenario.path)},
         "passed": result.passed,
         "interrupted": result.interrupted,
-        "overrides": dict(overrides),
+        "overrides": {**overrides, **result.overrides},
         "units": documents_of(result.crossings),
         "held": result.scenario.held,
         "out": str(folder),

@@ -5,20 +5,21 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from fmus.errors import FmuError, PartialError, ScenarioError, ServotwinError, WiringError
 from orchestrator import formats
 from orchestrator.assembly.assembly import Assembled, OpenSystem, assemble
-from orchestrator.assembly.whole_arrays import check_shapes
+from orchestrator.assembly.whole_arrays import check_shapes, elements, shapes, written
 from orchestrator.crossing import Crossing, logged
 from orchestrator.display.table import table
 from orchestrator.engine import Interrupted, Result, Run, RunFailed, Simulation
-from orchestrator.fmi.interface import Value
+from orchestrator.fmi.interface import Value, Written
 from orchestrator.fmi.isolation import Isolation, scratch
 from orchestrator.fmi.said import kept
 from orchestrator.formats import parquet
@@ -28,6 +29,7 @@ from orchestrator.scenario.expectations import Check, Expectation, Refusal
 from orchestrator.scenario.scenario import Case, Scenario
 from orchestrator.scenario.schema import load_scenario
 from orchestrator.scenario.units import in_units_of
+from orchestrator.system import typed
 from orchestrator.trace import FloatArray, Trace
 from orchestrator.yaml_file import naming
 
@@ -116,6 +118,7 @@ class ScenarioResult:
     Attributes:
         scenario: in the units of its system.
         crossings: values that were converted, or taken as they are although their units differ.
+        overrides: component.variable -> value, over those of the file.
     """
 
     scenario: Scenario
@@ -124,6 +127,7 @@ class ScenarioResult:
     keeping: Keeping
     interrupted: bool = False
     crossings: tuple[Crossing, ...] = ()
+    overrides: Mapping[str, Value] = field(default_factory=dict)
 
     @property
     def passed(self) -> bool:
@@ -169,7 +173,7 @@ class ScenarioFailed(PartialError):  # noqa: N818 - as what interrupts it
 
 def run_scenario(
     scenario: Scenario | str | Path,
-    overrides: Mapping[str, Value] | None = None,
+    overrides: Mapping[str, Value | list[Any]] | None = None,
     progress: Progress = silent,
     fmus: Path | None = None,
     keeping: Keeping | None = None,
@@ -178,7 +182,7 @@ def run_scenario(
     """Run every case of a scenario, or of a scenario file, and judge it.
 
     Args:
-        overrides: component.variable -> value, over those of the file.
+        overrides: component.variable -> value, or component.array -> nested lists, over those of the file.
         fmus: folder that keeps the FMUs that are built; a temporary one by default.
         isolation: how FMUs given as files are isolated, None where they are not.
 
@@ -188,42 +192,63 @@ def run_scenario(
         FmuError: it failed before that.
         ScenarioInterrupted: a KeyboardInterrupt came when a case had begun to step.
     """
-    if not isinstance(scenario, Scenario):
-        scenario = load_scenario(scenario)
-    keeping = keeping or Keeping()
+    return _run(
+        scenario if isinstance(scenario, Scenario) else load_scenario(scenario),
+        overrides or {},
+        progress,
+        fmus,
+        keeping or Keeping(),
+        isolation,
+    )
+
+
+def _run(
+    scenario: Scenario,
+    overrides: Mapping[str, Value | list[Any]],
+    progress: Progress,
+    fmus: Path | None,
+    keeping: Keeping,
+    isolation: Isolation | None,
+) -> ScenarioResult:
     if scenario.logger is not None and (keeping.every, keeping.stream) != (1, None):
         raise ScenarioError(
             scenario.path, "has a recorder, which samples the whole record", "run it without stride and stream"
         )
     with naming(scenario.path), kept(keeping.log), scratch(isolation) as folder:
-        assembled = assemble(scenario.system.given(overrides or {}), fmus or folder, scenario.driven)
+        given = elements(overrides)
+        assembled = assemble(scenario.system.given(given), fmus or folder, scenario.driven)
         cases: list[CaseResult] = []
         crossings: tuple[Crossing, ...] = ()
+
+        def result(cases: Sequence[CaseResult], interrupted: bool = False) -> ScenarioResult:
+            return ScenarioResult(scenario, assembled, tuple(cases), keeping, interrupted, crossings, given)
+
         try:
             with OpenSystem(assembled) as opened, opened.simulation(scenario.timing, isolation) as simulation:
+                check_shapes(opened.system, shapes(overrides))
+                given = typed(opened.system, given)
                 scenario, crossed = in_units_of(opened.system, scenario)
                 crossings = logged([*opened.system.crossings, *crossed])
                 stimuli = _stimuli(scenario, simulation)
                 simulation.check_record(scenario.recorded(simulation.outputs))
                 for case in scenario.cases:
                     check_shapes(opened.system, case.arrays)
-                _check_values(scenario, simulation, overrides or {})
+                _check_values(scenario, simulation, given)
                 if not scenario.recorded(simulation.outputs):
                     LOG.warning("nothing is recorded, for there are no outputs; name other variables in `record`")
                 if scenario.record is None and simulation.texts:
                     LOG.warning("not recorded, for they are no numbers: %s", ", ".join(simulation.texts))
                 for number, case in enumerate(scenario.cases):
-                    values = {**case.values, **(overrides or {})}
+                    values = {**case.values, **given}
                     told = _part_of(progress, number, len(scenario.cases), case.name)
                     cases.append(_run_case(scenario, number, simulation, values, stimuli, keeping, told))
-                    _go_on(scenario, assembled, cases, keeping, crossings)
+                    _go_on(scenario, cases, result)
         except KeyboardInterrupt as stop:
             cases += _unfinished(scenario, len(cases), stop, keeping)
             if all(case.state is CaseState.NOT_RUN for case in cases):
                 raise
-            result = ScenarioResult(scenario, assembled, tuple(cases), keeping, interrupted=True, crossings=crossings)
-            raise ScenarioInterrupted(result) from None
-        return ScenarioResult(scenario, assembled, tuple(cases), keeping, crossings=crossings)
+            raise ScenarioInterrupted(result(cases, interrupted=True)) from None
+        return result(cases)
 
 
 def _check_values(scenario: Scenario, simulation: Simulation, overrides: Mapping[str, Value]) -> None:
@@ -239,11 +264,7 @@ def _check_values(scenario: Scenario, simulation: Simulation, overrides: Mapping
 
 
 def _go_on(
-    scenario: Scenario,
-    assembled: Assembled,
-    cases: Sequence[CaseResult],
-    keeping: Keeping,
-    crossings: tuple[Crossing, ...],
+    scenario: Scenario, cases: Sequence[CaseResult], result: Callable[[Sequence[CaseResult]], ScenarioResult]
 ) -> None:
     """See that the latest case did not fail."""
     last = cases[-1]
@@ -253,8 +274,7 @@ def _go_on(
     if all(case.result is None for case in cases):
         raise last.error
     rest = [CaseResult(case.name, None, None, (), state=CaseState.NOT_RUN) for case in scenario.cases[len(cases) :]]
-    result = ScenarioResult(scenario, assembled, (*cases, *rest), keeping, crossings=crossings)
-    raise ScenarioFailed(last.error, result) from last.error
+    raise ScenarioFailed(last.error, result([*cases, *rest])) from last.error
 
 
 def _stimuli(scenario: Scenario, simulation: Simulation) -> dict[str, FloatArray]:
@@ -355,20 +375,18 @@ def _part_of(progress: Progress, number: int, count: int, name: str) -> Callable
     return lambda fraction: progress((number + fraction) / count, name)
 
 
-def parse_override(text: str) -> tuple[str, Value]:
-    """`component.variable=value` as name and value: a number, true or false, or text.
+def parse_override(text: str) -> tuple[str, Value | list[Any]]:
+    """`component.variable=value` as name and value as it is written, or nested lists of these: `c.A=[[1, 2], [3, 4]]`.
 
     Raises:
-        WiringError: there is no `=`.
+        WiringError: there is no `=`, or the lists are none.
     """
-    name, equals, value = text.partition("=")
+    name, equals, value = (part.strip() for part in text.partition("="))
     if not equals:
         raise WiringError(f"--set {text}", "has no value", "write component.variable=value")
-    if value.strip().lower() in ("true", "false"):
-        return name.strip(), value.strip().lower() == "true"
-    for kind in (int, float):
-        try:
-            return name.strip(), kind(value)
-        except ValueError:
-            continue
-    return name.strip(), value.strip()
+    if not (value.startswith("[") and value.endswith("]")):
+        return name, Written(value)
+    try:
+        return name, written(name, value)
+    except ValueError as error:
+        raise WiringError(f"--set {name}", str(error), "write component.array=[[1, 2], [3, 4]]") from None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from orchestrator.assembly.stimulus import brought
+from orchestrator.assembly.whole_arrays import all_elements
 from orchestrator.crossing import Crossing
 from orchestrator.fmi.interface import Port
 from orchestrator.scenario.expectations import Above, Below, Condition, Expectation, Near, Refusal
@@ -14,7 +15,8 @@ from orchestrator.trace import Trace
 
 
 def in_units_of(system: System, scenario: Scenario) -> tuple[Scenario, list[Crossing]]:
-    """The scenario with its recordings in the units of the variables that they go to, and how they got there.
+    """The scenario with its recordings in the units of the variables that they go to, and how they got there; whole
+    arrays that are to be recorded by their elements.
 
     Raises:
         WiringError: units of different quantities, or an expectation of a variable that there is not.
@@ -39,7 +41,8 @@ def in_units_of(system: System, scenario: Scenario) -> tuple[Scenario, list[Cros
     shared = {id(asked): asked for case in scenario.cases for asked in case.expected}
     done = {key: expected(asked) for key, asked in shared.items()}  # once each: a reference may be large
     cases = tuple(replace(case, expected=tuple(done[id(a)] for a in case.expected)) for case in scenario.cases)
-    return replace(scenario, stimuli=stimuli, cases=cases), crossed
+    record = None if scenario.record is None else all_elements(system, scenario.record)
+    return replace(scenario, stimuli=stimuli, cases=cases, record=record), crossed
 
 
 def _in_numbers(condition: Condition, place: str, port: Port) -> Condition:

@@ -18,7 +18,7 @@ from orchestrator.fmi.interface import Value
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.fmi.slave import Slave
 from orchestrator.info import about
-from orchestrator.scenario.run import run_scenario
+from orchestrator.scenario.run import parse_override, run_scenario
 from orchestrator.system import Part, wire
 from orchestrator.trace import Trace
 from tests.support import arrays, third_party
@@ -125,6 +125,24 @@ def test_a_file_gives_arrays_whole_and_options_give_elements_and_sizes(path: Pat
     assert "c.gain: is given as 3 x 3 and is 2 x 2" in refusal(
         lambda: run_scenario(scenario(tmp_path, text), {"c.m": 2})
     )
+
+
+def test_options_give_arrays_whole_and_as_the_type_of_the_variable_has_it(path: Path, tmp_path: Path) -> None:
+    file = scenario(tmp_path, f"components: {{c: {{fmu: {path}}}}}\nrecord: [c.y, 'c.y[1]']\n")
+    options = ["c.gain=[[1, 2], [3, 4e0]]", "c.p_String=[1e3, true]", "c.p_Boolean[1]=TRUE", "c.p_Int8=[1, 2]"]
+    result = run_scenario(file, dict(map(parse_override, options)))
+    assert list(result.cases[0].trace.names) == ["c.y[1]", "c.y[2]"]
+    assert [result.cases[0].trace[f"c.y[{i}]"][-1] for i in (1, 2)] == [1 * 1 + 2 * 2, 3 * 1 + 4 * 2]
+    assert result.overrides["c.p_String[1]"] == "1e3" and result.overrides["c.p_String[2]"] == "true"
+    assert result.overrides["c.gain[2,2]"] == 4.0 and result.overrides["c.p_Boolean[1]"] is True
+    for option, problem in {
+        "c.gain=[[1, 2]]": "c.gain: is given as 1 x 2 and is 2 x 2",
+        "c.gain=[[1, 2], [3]]": "the rows of 'c.gain' differ in length",
+        "c.gain=[[1, 2], 3": "c.gain: is an array of 2 x 2 elements; name one",
+        "c.p_Int8=[1, x]": "c.p_Int8[2]: cannot be 'x'",
+    }.items():
+        told = refusal(lambda option=option: run_scenario(file, dict([parse_override(option)])))  # type: ignore[misc]
+        assert problem in told, told
 
 
 @pytest.mark.parametrize(

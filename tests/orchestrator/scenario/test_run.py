@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from fmus.errors import FmuError, InputError, ScenarioError, ServotwinError, WiringError
 from orchestrator import formats
 from orchestrator.engine import Result, Run, Simulation
-from orchestrator.fmi.interface import Value
+from orchestrator.fmi.interface import Value, Written
 from orchestrator.interrupts import Interrupts
 from orchestrator.scenario.run import Keeping, ScenarioInterrupted, ScenarioResult, parse_override, run_scenario
 from orchestrator.trace import Trace
@@ -351,8 +351,8 @@ def test_the_built_fmus_can_be_kept(tmp_path: Path) -> None:
 )
 def test_overrides_are_read_as_number_truth_or_text(text: str, name: str, value: Value) -> None:
     read = parse_override(text)
-    assert read == (name, value)
-    assert type(read[1]) is type(value)
+    assert read[0] == name and isinstance(read[1], Written)
+    assert read[1].read() == value and type(read[1].read()) is type(value)
 
 
 @given(st.text(max_size=30))
