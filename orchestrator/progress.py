@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 Progress = Callable[[float, str], None]
 """Told the fraction done (0 to 1) and what is being done now, in a few words."""
@@ -10,3 +10,24 @@ Progress = Callable[[float, str], None]
 
 def silent(fraction: float, doing: str) -> None:
     """Told to nobody."""
+
+
+class Figures(str):
+    """A line that has its figures by name, too.
+
+    Attributes:
+        values: name -> figure.
+    """
+
+    __slots__ = ("values",)
+    values: Mapping[str, float]
+
+    @classmethod
+    def of(cls, line: str, values: Mapping[str, float]) -> Figures:
+        """The line, with these figures."""
+        figures = cls(line)
+        figures.values = dict(values)
+        return figures
+
+    def __reduce__(self) -> tuple[Callable[..., Figures], tuple[str, Mapping[str, float]]]:
+        return Figures.of, (str(self), self.values)

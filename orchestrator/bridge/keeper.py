@@ -15,6 +15,7 @@ from typing import Protocol
 from orchestrator.bridge.mapping import Coupling
 from orchestrator.bridge.traffic import BusTraffic, TrafficReport, on_bus
 from orchestrator.can.live.bus import BusSettings
+from orchestrator.progress import Figures
 from orchestrator.trace import FloatArray
 
 IN_PROCESS = ("virtual",)  # interfaces whose buses exist in one process only
@@ -34,6 +35,9 @@ class Keeper(Protocol):
 
     def ends(self, endures: bool) -> bool:
         """Whether the bus ends the coupling, by its failure only of one that does not endure it."""
+
+    def status(self, now: float) -> Figures:
+        """How it goes."""
 
     def end(self) -> TrafficReport:
         """Send the safe values, and say what has passed."""
@@ -60,6 +64,10 @@ class _ThreadKeeper:
 
     def ends(self, endures: bool) -> bool:
         return bool(self._traffic.over or (self._traffic.trouble and not endures))
+
+    def status(self, now: float) -> Figures:
+        with self._lock:
+            return self._traffic.status(now)
 
     def end(self) -> TrafficReport:
         self._over.set()

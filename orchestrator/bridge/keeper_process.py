@@ -31,12 +31,14 @@ from orchestrator.bridge.keeper import Keeper
 from orchestrator.bridge.mapping import Coupling
 from orchestrator.bridge.traffic import BusTraffic, TrafficReport, on_bus
 from orchestrator.can.live.bus import BusSettings
+from orchestrator.progress import Figures
 from orchestrator.realtime.pacing import SWITCHING
 from orchestrator.realtime.priority import short_time_slices
 from orchestrator.trace import FloatArray
 
 _BEGIN, _END = -2, -1  # instead of the number of a step
 _TRIES = 1000  # to read values that are not just being written
+_TELLING = 0.5  # between two reports of how it goes [s]
 _ENDING = 10.0  # patience with the process at the end [s]
 _TROUBLE, _OVER = 1, 2  # what the steps are told
 _DEAF = [signal.SIGINT, signal.SIGTERM]
@@ -81,6 +83,7 @@ class _ProcessKeeper:
         self._place, self._board, self._steps, self._news, self._coupling = place, board, steps, news, coupling
         self._form = struct.Struct(f"qd{len(coupling.outputs)}d")
         self._report: TrafficReport | None = None
+        self._status = Figures.of("", {})
         self._thread = Thread(target=self._listen, name="news of the bus", daemon=True)
 
     def opened(self, say: Callable[[str], None]) -> None:
@@ -108,6 +111,9 @@ class _ProcessKeeper:
             raise self._gone()
         return bool(self._board.flags & (_OVER if endures else _OVER | _TROUBLE))
 
+    def status(self, now: float) -> Figures:
+        return self._status
+
     def end(self) -> TrafficReport:
         with suppress(ServotwinError):
             self._tell(_END, 0.0, [0.0] * len(self._coupling.outputs))
@@ -132,7 +138,10 @@ class _ProcessKeeper:
         """Pass on what the process says, to its report."""
         with suppress(EOFError, OSError):
             while not isinstance(news := self._news.recv(), TrafficReport):
-                self._say(news)
+                if isinstance(news, Figures):
+                    self._status = news
+                else:
+                    self._say(news)
             self._report = news
 
 
@@ -246,7 +255,7 @@ class _Guard:
 
     def _serve(self, traffic: BusTraffic, awake: socket.socket) -> None:
         """Pass values until the steps end."""
-        nap = max(self._step, 0.002)
+        nap, told = max(self._step, 0.002), 0.0
         while True:
             select.select([self._steps, awake], [], [], nap)
             with suppress(BlockingIOError):
@@ -260,6 +269,9 @@ class _Guard:
                 continue
             now = self._now()
             traffic.receive(now)
+            if now - told >= _TELLING:
+                told = now
+                self._tell(traffic.status(now))
             self._board.write(traffic.inputs, _OVER * bool(traffic.over) | _TROUBLE * bool(traffic.trouble))
             if records:
                 number, deadline, *outputs = records[-1]
@@ -300,7 +312,7 @@ class _Guard:
     def _tell(self, news: object) -> None:
         """Tell the steps, or, where they are gone or stand still, whoever reads what a command says."""
         with suppress(OSError):
-            if isinstance(news, str) and (self._alone or self._orphan):
+            if type(news) is str and (self._alone or self._orphan):
                 os.write(2, f"servotwin: {news}\n".encode())
             else:
                 with self._telling:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,14 +12,16 @@ from fractions import Fraction
 from fmus.errors import BusError, FmuError, ServotwinError
 from orchestrator.bridge.keeper import Keeper
 from orchestrator.bridge.traffic import TrafficReport
+from orchestrator.can.live.news import News
 from orchestrator.engine import LiveRun, Result
 from orchestrator.interrupts import endings, handling
-from orchestrator.progress import Progress
+from orchestrator.progress import Figures, Progress
 from orchestrator.realtime.deadlines import Deadlines
 from orchestrator.realtime.pacing import Pace
 from orchestrator.realtime.stopping import Stop
 from orchestrator.trace import FloatArray
 
+LOG = logging.getLogger("servotwin.can")
 _LEAD = 0.02  # from the end of all preparations to the first step [s]
 _FLUSHES = 1.0  # from one passing on of the record to the next [s]
 _REPORTS = 0.1  # between two reports of progress [s]
@@ -76,6 +79,7 @@ class Session:
         self._live, self._keeper, self._step, self._course, self._place = live, keeper, step, course, place
         self._unkept = unkept
         self.deadlines = Deadlines(float(step))
+        self._news = News(lambda line: LOG.warning("%s: %s", place, line))
 
     def run(self, stop: Stop, progress: Progress) -> Ending:
         """Go on to the end; whatever it is, the safe values are sent."""
@@ -94,6 +98,16 @@ class Session:
             report = self._keeper.end()
         stopped = stopped or (report.stopped and failure is None)
         return Ending(stopped, failure or self._failure(report, elapsed), elapsed, report)
+
+    def _status(self, now: float) -> Figures:
+        """How it goes; late steps are also said, seldom enough."""
+        late = {"late steps": self.deadlines.late, "steps late by more than a step": self.deadlines.overrun}
+        self._news.look(now, lambda: late)
+        status, told = self._keeper.status(now), {what: count for what, count in late.items() if count}
+        line = ", ".join(
+            [f"{now:.0f} s", *filter(None, [status]), *(f"{count:,} {what}" for what, count in told.items())]
+        )
+        return Figures.of(line, dict(status.values) | told)
 
     def _failure(self, report: TrafficReport, elapsed: float) -> ServotwinError | None:
         """What was wrong that did not end it by itself."""
@@ -143,5 +157,5 @@ class Session:
                 if unkept := self._unkept():
                     raise unkept
             if number % reports == 0:
-                progress(number / course.steps if course.steps else 0.0, f"{now - start:.0f} s")
+                progress(number / course.steps if course.steps else 0.0, self._status(now - start))
         return False

@@ -23,8 +23,10 @@ from orchestrator.bridge.watchdog import Watchdog, WatchdogReport
 from orchestrator.can.live.backlog import Backlog
 from orchestrator.can.live.bus import BusSettings
 from orchestrator.can.live.link import Link, Loss, linked
+from orchestrator.can.live.news import ErrorStates, News, troubles
 from orchestrator.can.live.receiver import Receiver
 from orchestrator.can.statistics import FrameStatistics
+from orchestrator.progress import Figures
 
 _CONFIRMING = 1.0  # the longest time for the last safe values to get out [s]
 _NAP = 0.005  # between two looks whether they have [s]
@@ -81,7 +83,7 @@ class BusTraffic:
 
     Args:
         step: from one step to the next [s].
-        backlog: of the bus.
+        backlog: of the bus; news: tells what is not as it should be.
 
     Attributes:
         inputs: (coupling.width,) received and safe values; those that nobody receives stay as they are.
@@ -96,6 +98,7 @@ class BusTraffic:
         watchdog: Watchdog,
         step: float,
         backlog: Backlog,
+        news: News,
     ) -> None:
         self._link, self._receiver, self._coupling, self._watchdog = link, receiver, coupling, watchdog
         self.inputs = np.zeros(coupling.width)
@@ -107,6 +110,7 @@ class BusTraffic:
         self._gone_out = dict.fromkeys(coupling.sent, -math.inf)
         self._not_finite: set[SentSignal] = set()
         self._backlog, self._full = backlog, False
+        self._news, self._states, self._seen = news, ErrorStates(), (0.0, 0.0)
         self._number, self._beat, self._late = -1, 0.0, ""
         for message in coupling.reception.messages:
             for signal in message.signals:
@@ -119,8 +123,11 @@ class BusTraffic:
 
     def receive(self, now: float) -> None:
         """Take what has come, and safe values where nothing came; it is `now` since the beginning [s]."""
-        for frame in self._receiver.take():
+        frames = self._receiver.take()
+        self._states.add(frames)
+        for frame in frames:
             self._take(frame, now)
+        self._news.look(now, self._troubles)
         self._backlog.look(now)
         if trouble := self._link.trouble:
             self._watchdog.lost(now, trouble, self.inputs)
@@ -170,6 +177,23 @@ class BusTraffic:
         if not (out and all(taken)):
             self._unconfirmed = [message.spec.name for message in self._coupling.sent if message.guarded]
         time.sleep(_LINGERING)
+
+    def status(self, now: float) -> Figures:
+        """How it goes, of the load since the last call; it is `now` since the beginning [s]."""
+        received, sent = self._coupling.reception.statistics.frames, self._link.out.total()
+        before, busy = self._seen
+        self._seen = now, self._link.busy
+        load = (self._link.busy - busy) / max(now - before, 1e-9)
+        told = {what: count for what, count in self._troubles().items() if count}
+        shown = ["bus lost"] * bool(self._link.trouble) + [f"{count:,} {what}" for what, count in told.items()]
+        line = ", ".join([f"{received:,} received", f"{sent:,} sent", f"load {100 * load:.0f} %", *shown])
+        return Figures.of(line, {"time": now, "received": received, "sent": sent, "load": round(load, 4)} | told)
+
+    def _troubles(self) -> dict[str, int]:
+        """Words for what is not as it should be -> how often it was."""
+        link = self._link
+        lost = {"frames dropped": self._receiver.dropped, "frames without room": link.no_room}
+        return troubles(self._coupling.reception.statistics) | self._states.counts | lost
 
     def report(self, now: float) -> TrafficReport:
         """What has passed until now [s]."""
@@ -309,5 +333,6 @@ def on_bus(
     """
     watchdog = Watchdog(coupling.reception.messages, say)
     patience = min((message.silence for message in coupling.reception.messages), default=_SILENCE)
+    news = News(lambda line: say(f"{settings.place}: {line}"))
     with linked(settings, patience, say) as link, Receiver(link, QUEUE, arrived) as receiver:
-        yield BusTraffic(link, receiver, coupling, watchdog, step, Backlog(settings))
+        yield BusTraffic(link, receiver, coupling, watchdog, step, Backlog(settings), news)

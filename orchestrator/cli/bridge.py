@@ -110,7 +110,7 @@ def _coupled(job: BridgeJob, folder: Path, terminal: Terminal) -> tuple[BridgeRe
     from orchestrator.results import aside, check_target
 
     check_target(folder)
-    with terminal.bar(job.scenario.stem) as move, aside(folder) as near:
+    with terminal.live(job.scenario.stem) as move, aside(folder) as near:
         reserve = near / "reserve"  # for what is to be said of a full disk
         reserve.write_bytes(bytes(RESERVE))
         coupled = couple(

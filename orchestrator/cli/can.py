@@ -125,7 +125,7 @@ def record(
         limits=Limits(start_when, stop_when, pre),
     )
     said = f"waiting for {start_when} on" if start_when else "recording"
-    with terminal.bar(bus.place) as move:
+    with terminal.live(bus.place) as move:
         manifest = record_bus(recording, move, lambda: terminal.say(f"{said} {recording.places}"))
     document = manifest.document()
     return Answer(document, [_counts(document), *manifest.remarks(), f"recorded into {folder}"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import math
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -12,6 +13,7 @@ from functools import cache, partial
 from inspect import Parameter, Signature, signature
 from itertools import chain
 from pathlib import Path
+from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TypeVar, get_type_hints
 
 import typer
@@ -20,7 +22,7 @@ from fmus.errors import ServotwinError, ours
 from orchestrator.cli.stdout import stdout_kept
 from orchestrator.display.plain import plain
 from orchestrator.interrupts import Interrupts, requested
-from orchestrator.progress import Progress, silent
+from orchestrator.progress import Figures, Progress, silent
 from orchestrator.results import Permission, permitted
 
 if TYPE_CHECKING:
@@ -92,6 +94,25 @@ class Terminal:
         with progress.Progress(*columns, console=_err(), transient=True) as shown:
             task = shown.add_task(plain(label), total=1.0, doing="")
             yield lambda fraction, doing: shown.update(task, completed=fraction, doing=plain(doing))
+
+    @contextmanager
+    def live(self, label: str) -> Iterator[Progress]:
+        """What shows how live work goes: a progress bar, or with --json a JSON line on stderr each second."""
+        if not self.json or self.quiet:
+            with self.bar(label) as move:
+                yield move
+            return
+        told = -math.inf
+
+        def tell(fraction: float, doing: str) -> None:
+            nonlocal told
+            if (now := monotonic()) - told >= 1.0:
+                told = now
+                figures = dict(doing.values) if isinstance(doing, Figures) else {"doing": doing}
+                sys.stderr.write(json.dumps({"work": label, "fraction": round(fraction, 6)} | figures) + "\n")
+                sys.stderr.flush()
+
+        yield tell
 
 
 Work = TypeVar("Work", bound=Callable[..., Answer])

@@ -18,10 +18,11 @@ import can
 from can.util import cast_from_string
 
 from fmus.errors import BusError, InputError
+from orchestrator.can import frame_time
 from orchestrator.can.slcan import protocol
 from orchestrator.can.slcan.bus import ERROR_BUS_OFF, SlcanBus
 
-__all__ = ["BusSettings", "is_bus_off", "open_bus", "opened", "parse_option", "send"]
+__all__ = ["BusSettings", "is_bus_off", "occupied", "open_bus", "opened", "parse_option", "send"]
 
 _TIMED = ("pcan", "slcan")  # interfaces that want the timing of bits for CAN FD instead of bit rates
 _CLOCK = 80_000_000  # of CAN FD controllers [Hz]
@@ -159,6 +160,15 @@ def send(bus: can.BusABC, message: can.Message, patience: float = 1.0) -> None:
             if error.error_code != errno.ENOBUFS or time.monotonic() >= until:
                 raise
         time.sleep(0.001)
+
+
+def occupied(message: can.Message, settings: BusSettings) -> float:
+    """For how long a frame takes its bus [s]; 0 where that is not known."""
+    if settings.bitrate is None or message.is_error_frame:
+        return 0.0
+    switched = settings.data_bitrate if message.bitrate_switch else None
+    kind = message.is_extended_id, message.is_remote_frame, message.is_fd
+    return frame_time.seconds(message.dlc, *kind, settings.bitrate, switched)
 
 
 def is_bus_off(message: can.Message) -> bool:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import can
 
 from fmus.errors import BusError
-from orchestrator.can.live.bus import BusSettings, is_bus_off, open_bus
+from orchestrator.can.live.bus import BusSettings, is_bus_off, occupied, open_bus
 from orchestrator.can.slcan.flow import Key
 
 BUS_OFF = "the adapter has left the bus (bus off)"
@@ -56,6 +56,7 @@ class Link:
         trouble: why the bus is lost, "" while it is not.
         no_room: frames that the adapter did not take; unsent: frames for which there was no bus.
         losses: the first of them; loss_count counts all.
+        busy: for how long received and given frames have taken the bus; 0 where its bit rate is not known [s].
     """
 
     def __init__(self, bus: can.BusABC, settings: BusSettings, patience: float, say: Callable[[str], None]) -> None:
@@ -70,6 +71,7 @@ class Link:
         self._out: Counter[Key] = Counter()  # of those before
         self._malformed = self._refused = 0
         self._told = True
+        self.busy = 0.0
         self._echoes: deque[tuple[float, Key, bytes]] | None = deque() if settings.interface in _ECHOING else None
 
     @property
@@ -118,8 +120,10 @@ class Link:
             if not self.reopens:
                 raise
             return None
-        if message is not None and is_bus_off(message):
-            self._lose(bus, BUS_OFF)
+        if message is not None:
+            self.busy += occupied(message, self._settings)
+            if is_bus_off(message):
+                self._lose(bus, BUS_OFF)
         self._check(bus)
         return message
 
@@ -143,6 +147,7 @@ class Link:
             self._check(bus)
             return False
         self._given[key] += 1
+        self.busy += occupied(frame, self._settings)
         self._check(bus)
         return True
 

@@ -16,17 +16,18 @@ from pathlib import Path
 import can
 
 from fmus.errors import BusError, InputError, RecordError
-from orchestrator.can import frame_time, frames
+from orchestrator.can import frames
 from orchestrator.can.codec.decoding import Decoder
 from orchestrator.can.database.bus import LogDatabase, load_all
 from orchestrator.can.frames import moment
-from orchestrator.can.live.bus import BusSettings, is_bus_off
+from orchestrator.can.live.bus import BusSettings, is_bus_off, occupied
 from orchestrator.can.live.channels import Channels, listening
 from orchestrator.can.live.manifest import BusRecording, ManifestFile, RecordingManifest
+from orchestrator.can.live.news import ErrorStates, News, troubles
 from orchestrator.can.live.trigger import Trigger
 from orchestrator.can.logs.rotation import LogFiles
 from orchestrator.can.statistics import FrameStatistics
-from orchestrator.progress import Progress, silent
+from orchestrator.progress import Figures, Progress, silent
 from orchestrator.realtime.pacing import quiet
 from orchestrator.realtime.stopping import Stop, stop_requests
 
@@ -46,6 +47,7 @@ class _Counts:
     frames: int = 0
     busy: float = 0.0  # over all buses [s]
     bus_off: list[tuple[int, float]] = field(default_factory=list)  # channel, stamp [s]
+    states: ErrorStates = field(default_factory=ErrorStates)
 
     def add(self, messages: Sequence[can.Message]) -> None:
         """Count frames."""
@@ -56,23 +58,10 @@ class _Counts:
             self.decoder.feed(frames.from_messages(messages))
         else:
             self._count_identifiers(messages)
-        self.busy += sum(map(self._seconds, messages))
+        self.busy += sum(occupied(message, self.buses[_number(message)]) for message in messages)
+        self.states.add(messages)
         off = [(_number(message), message.timestamp) for message in messages if is_bus_off(message)]
         self.bus_off += off[: _MOST - len(self.bus_off)]
-
-    def _seconds(self, message: can.Message) -> float:
-        """For how long the frame takes its bus [s]; 0 where that is not known."""
-        bus = self.buses[_number(message)]
-        if bus.bitrate is None or message.is_error_frame:
-            return 0.0
-        return frame_time.seconds(
-            message.dlc,
-            message.is_extended_id,
-            message.is_remote_frame,
-            message.is_fd,
-            bus.bitrate,
-            bus.data_bitrate if message.bitrate_switch else None,
-        )
 
     def _count_identifiers(self, messages: Sequence[can.Message]) -> None:
         self.statistics.frames += len(messages)
@@ -145,6 +134,7 @@ class _BusRecorder:
         )
         self._file = ManifestFile(recording.out)
         self.unwritten: RecordError | None = None
+        self._news = News(lambda line: LOG.warning("%s: %s", recording.places, line))
         self._started = datetime.now(UTC)
         self._begin = self._synced = time.monotonic()
         self._recent: deque[tuple[float, int, float]] = deque(maxlen=25)  # when, frames, busy: the latest second or so
@@ -215,17 +205,32 @@ class _BusRecorder:
     def _tell(self, progress: Progress) -> None:
         """Tell how it is going: over all, and over the latest second or so."""
         now, counts, duration = time.monotonic(), self._counts, self._recording.duration
+        self._news.look(now - self._begin, self._troubles)
         self._recent.append((now, counts.frames, counts.busy))
         then, frames_then, busy_then = self._recent[0]
         past = max(now - then, _PERIOD)
-        parts = [f"{counts.frames:,} frames", f"{(counts.frames - frames_then) / past:,.0f}/s"]
+        figures: dict[str, float] = {
+            "frames": counts.frames,
+            "frames_per_s": round((counts.frames - frames_then) / past),
+        }
+        parts = [f"{counts.frames:,} frames", f"{figures['frames_per_s']:,}/s"]
         if all(bus.bitrate for bus in counts.buses):
-            parts.append(f"load {100 * (counts.busy - busy_then) / past / len(counts.buses):.0f} %")
+            load = (counts.busy - busy_then) / past / len(counts.buses)
+            figures |= {"load": round(load, 4)}
+            parts.append(f"load {100 * load:.0f} %")
         if self._trigger.waiting:
             parts.append(f"waiting for {self._recording.limits.start} ({self._trigger.watched:,} frames seen)")
-        for count, what in ((self._channels.dropped, "dropped"), (counts.statistics.errors, "error frames")):
-            parts += [f"{count:,} {what}"] if count else []
-        progress(min((now - self._begin) / duration, 1.0) if duration else 0.0, ", ".join(parts))
+        told = {what: count for what, count in self._troubles().items() if count}
+        parts += [f"{count:,} {what}" for what, count in told.items()]
+        line = Figures.of(", ".join(parts), figures | told)
+        progress(min((now - self._begin) / duration, 1.0) if duration else 0.0, line)
+
+    def _troubles(self) -> dict[str, int]:
+        """Words for what is not as it should be -> how often it was."""
+        pauses = sum(channel.receiver.pause_count for channel in self._channels.all)
+        counts = self._counts
+        lost = {"frames dropped": self._channels.dropped, "pauses in reading": pauses}
+        return troubles(counts.statistics) | counts.states.counts | lost
 
     def _write_manifest(self, ended: str) -> RecordingManifest:
         recording, counts = self._recording, self._counts

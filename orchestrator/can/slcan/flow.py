@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 
 Key = tuple[int, bool]  # identifier, and whether it is an extended one
 
-STALL = 0.05  # for which an adapter may answer nothing while it owes answers [s]
+STALL = 0.1  # for which an adapter may answer nothing while it owes answers [s]
 
 
 class Flow:

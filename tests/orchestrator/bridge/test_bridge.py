@@ -539,7 +539,9 @@ def test_a_bench_and_a_bridge_close_a_loop_over_serial_adapters(folder: Path, tm
         said, complaints = machine.communicate(timeout=HANG)
         assert machine.returncode == 0, said + complaints
     about = {name: json.loads((tmp_path / name / "manifest.json").read_text())["can"] for name in ("bench", "law")}
-    assert about["bench"]["received"]["messages"]["Command"] == about["law"]["sent"]["messages"]["Command"] == 201
+    sent = about["law"]["sent"]
+    assert about["bench"]["received"]["messages"]["Command"] == sent["messages"]["Command"] == 201 - sent["no_room"]
+    assert sent["acknowledged"]
     asked = formats.read(tmp_path / "law" / "run.parquet").trace["law.voltage"]
     acted = formats.read(tmp_path / "bench" / "run.parquet").trace["motor.voltage"]
     assert acted[0] == acted[-1] == 0.0111  # while nobody is there, and in silence again

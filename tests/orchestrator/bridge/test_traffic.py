@@ -15,6 +15,7 @@ from orchestrator.bridge.watchdog import Watchdog
 from orchestrator.can.database.database import Database
 from orchestrator.can.live.backlog import Backlog
 from orchestrator.can.live.bus import BusSettings
+from orchestrator.can.live.news import News
 from orchestrator.can.live.receiver import Receiver
 from orchestrator.scenario.can_block import CanBlock
 from tests.support.coupling_samples import ScriptedBus, frame, sample_database, sample_system
@@ -39,7 +40,7 @@ def on(bus: ScriptedBus, rig: Database, said: list[str], **changes: Any) -> BusT
     coupling = coupled(block, sample_system(), rig, Fraction(1, 1000))
     watchdog = Watchdog(coupling.reception.messages, said.append)
     link, receiver = bus.linked(said.append)
-    return BusTraffic(link, cast(Receiver, receiver), coupling, watchdog, STEP, Backlog(ANY))
+    return BusTraffic(link, cast(Receiver, receiver), coupling, watchdog, STEP, Backlog(ANY), News(said.append))
 
 
 def torques(bus: ScriptedBus) -> list[float]:

@@ -119,6 +119,8 @@ def test_every_frame_that_was_received_is_on_disk_after_a_signal(hub: Hub, tmp_p
         answer, said = process.communicate(timeout=HANG)
     assert process.returncode == 0, said
     assert json.loads(answer) == manifest(folder)
+    statuses = [json.loads(line) for line in said.splitlines() if line.startswith("{")]
+    assert statuses and statuses[-1].keys() >= {"work", "fraction", "frames", "frames_per_s", "load"}
     assert numbers(folder) == list(range(count))
     document = manifest(folder)
     assert (document["ended"], document["frames"], document["dropped"]) == ("stopped", count, 0)
@@ -205,7 +207,7 @@ def test_bus_off_is_reported(hub: Hub, tmp_path: Path, caplog: pytest.LogCapture
     recording = BusRecording(settings(hub.paths[1]), tmp_path / "run", duration=HANG)
     found = record(recording, until_something_came, lambda: hub.bus_off(1))
     assert len(found.bus_off) == 1
-    assert "bus off" in caplog.text
+    assert "bus off" in caplog.text and "1 error frames" in caplog.text
     assert any("bus off" in line for line in found.remarks())
 
 
