@@ -15,6 +15,7 @@ from fmus.errors import InputError
 from fmus.packaging import archive, defaults
 from fmus.packaging.native import foreign_sources
 from orchestrator.can.log_suffixes import is_log
+from orchestrator.marks import listed
 from orchestrator.progress import Progress, silent
 from orchestrator.results import MARKS, RECORD
 
@@ -172,6 +173,7 @@ def _about_reading(recording: formats.Recording) -> InfoDocument:
         from orchestrator.can.logs.frame_count import moment  # noqa: PLC0415
 
         document["start"] = moment(recording.start)
+    document |= {"marked": listed(recording.marks)} if recording.marks else {}
     return document | {"notes": list(recording.notes), "found": dict(recording.found)}
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -28,6 +28,7 @@ WORDS: dict[Kind, str] = {
 LONG = 5.0  # cycles without a sample that make a gap
 LATE = 0.1  # [s] without a sample, though none is missing, that make stamps late ones
 FEWEST = 20  # samples that tell a cycle
+SHOWN = 3  # signals of a mark that its text names
 EVEN = 2.0  # medians that 95 % of the steps of an even recording are below
 
 
@@ -50,8 +51,16 @@ class Mark:
         return not self.signals or not set(self.signals).isdisjoint(names)
 
     def __str__(self) -> str:
-        whose = f" of {', '.join(self.signals)}" if self.signals else ""
+        more = f" and {len(self.signals) - SHOWN} more" if len(self.signals) > SHOWN else ""
+        whose = f" of {', '.join(self.signals[:SHOWN])}{more}" if self.signals else ""
         return f"{WORDS[self.kind]}{whose} from {self.start:.6g} to {self.stop:.6g} s"
+
+
+def listed(marks: Sequence[Mark], most: int = 3) -> str:
+    """The longest marks, in words."""
+    longest = sorted(marks, key=lambda mark: mark.start - mark.stop)[:most]
+    more = f", and {len(marks) - most} more" if len(marks) > most else ""
+    return ", ".join(map(str, longest)) + more
 
 
 def union(stretches: FloatArray) -> FloatArray:
@@ -81,12 +90,15 @@ def cycle_of(time: FloatArray) -> float | None:
 
 def missing(steps: FloatArray, cycle: float) -> FloatArray:
     """(K,) samples that are missing in each step [s]; what those after it make up for was only late."""
+    wide = steps > 1.5 * cycle
+    if not wide.any():
+        return np.zeros(len(steps))
     ahead = np.cumsum(steps / cycle - 1.0)  # of the stamps over even ones, in cycles
     soon = np.min(np.lib.stride_tricks.sliding_window_view(np.append(ahead, np.full(4, np.inf)), 5), axis=1)
     for row, after in _long(steps, cycle):
         soon[row] = ahead[row:after].min()
     absent = np.rint(soon - ahead + steps / cycle - 1.0)
-    return np.where(steps > 1.5 * cycle, np.maximum(absent, 0.0), 0.0)
+    return np.where(wide, np.maximum(absent, 0.0), 0.0)
 
 
 def caught_up(steps: FloatArray, cycle: float) -> Iterator[tuple[int, int]]:

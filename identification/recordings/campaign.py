@@ -15,14 +15,14 @@ from fmus.errors import ScenarioError, TraceError
 from fmus.files import sha256
 from fmus.units import ONE
 from identification.recordings.bridged import safe_stretches
-from identification.recordings.marks import MUCH, Exclusion, covered, excluded, listed, of_stamps
+from identification.recordings.marks import MUCH, Exclusion, covered, excluded, of_stamps
 from orchestrator import formats
 from orchestrator.can.log_suffixes import is_log
 from orchestrator.crossing import Crossing, noted
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.formats import Layout
-from orchestrator.marks import Kind, Mark
+from orchestrator.marks import Kind, Mark, listed
 from orchestrator.progress import Progress, silent
 from orchestrator.scenario.run import run_scenario
 from orchestrator.trace import Trace

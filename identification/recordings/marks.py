@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fmus.errors import ScenarioError, TraceError
-from orchestrator.marks import Mark, cycle_of, gaps, runs, union
+from orchestrator.marks import Mark, cycle_of, gaps, listed, runs, union
 from orchestrator.trace import BoolArray, FloatArray, Trace
 
 UNSURE = 20.0  # cycles without a sample that make a gap where nobody tells the cycle
@@ -112,10 +112,3 @@ def nothing_left(place: str, what: str, marks: Sequence[Mark]) -> TraceError:
         f"{what} left beside {listed(marks)}",
         "take shorter parts, exclude less, or take such stretches all the same (`traces.keep: [KIND]`)",
     )
-
-
-def listed(marks: Sequence[Mark], most: int = 3) -> str:
-    """The longest marks, in words."""
-    longest = sorted(marks, key=lambda mark: mark.start - mark.stop)[:most]
-    more = f", and {len(marks) - most} more" if len(marks) > most else ""
-    return ", ".join(map(str, longest)) + more

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from orchestrator.marks import LONG, Kind, Mark, cycle_of, expected, gaps, missing, runs
+from orchestrator.marks import LONG, Kind, Mark, cycle_of, expected, gaps, missing, runs, union
 from orchestrator.trace import BoolArray, FloatArray
 
 Rows = NDArray[np.intp]
@@ -34,8 +34,10 @@ class Absences:
         self._latest = float(time[-1])
         if not self.cycle:
             return int(by_counter.sum())
-        ahead = np.cumsum(steps / self.cycle - 1.0)
         absent = missing(steps, self.cycle)
+        if self._last is None and not absent.any():
+            return int(by_counter.sum())
+        ahead = np.cumsum(steps / self.cycle - 1.0)
         unsure = (steps > max(0.5 * self.modulus, 1.5) * self.cycle) & (absent > by_counter)
         beyond = np.where(unsure, self._rounds(absent - by_counter), 0.0)
         found = np.flatnonzero(unsure)
@@ -92,6 +94,8 @@ class Rejections:
 
     def note(self, before: int, right: BoolArray, moved: BoolArray) -> None:
         """Note these frames (K,), of which those with a right checksum are accepted, after so many `before`."""
+        if right.all() and moved.all():
+            return
         places = before + np.cumsum(right) - right
         self.checksums.append(np.unique(places[~right]))
         self.stale.append(places[right & ~moved])
@@ -144,8 +148,14 @@ def marks(
             for kind, _, _, stretch in _gaps(time, finite, own, end):
                 if stretch not in told:
                     yield Mark(kind if column.multiplexed else "nan", *stretch, (column.name,))
-        for first, after in runs(column.outside):
-            yield Mark("range", float(time[max(first - 1, 0)]), float(np.append(time, end)[after]), (column.name,))
+        for start, stop in union(_around(column.outside, np.append(time, end))).tolist():
+            yield Mark("range", start, stop, (column.name,))
+
+
+def _around(flags: BoolArray, stamps: FloatArray) -> FloatArray:
+    """(n, 2) stretches from the sample before each run of flags (K,) to the one after it; (K + 1,) stamps [s]."""
+    rows = np.array(list(runs(flags)), np.intp).reshape(-1, 2)
+    return np.column_stack([stamps[np.maximum(rows[:, 0] - 1, 0)], stamps[rows[:, 1]]])
 
 
 def _gaps(

@@ -23,6 +23,8 @@ from orchestrator.marks import Mark
 from orchestrator.progress import Progress, silent
 from orchestrator.trace import Trace, ordered
 
+MOST = 1000  # marks that are told
+
 
 def read(path: Path, layout: Layout, progress: Progress = silent) -> Recording:
     """The recording in a log: the signals that the layout chooses, all of the database by default.
@@ -56,6 +58,7 @@ def read(path: Path, layout: Layout, progress: Progress = silent) -> Recording:
     begins.feed(named)
     told = notes(log, database, decoded.names, decoded.statistics)
     marks = _laid_out_marks(decoded.marks, decoded.trace, layout, decoded.names)
+    found |= {"marks": [vars(mark) for mark in marks[:MOST]]} if marks else {}
     return Recording(named, stamps, path, sha256(path), (*told, *begins.lines()), decoded.start, found, marks=marks)
 
 

@@ -16,6 +16,7 @@ from orchestrator.can.database.database import load
 from orchestrator.can.frames import Frames
 from orchestrator.can.marking import Absences
 from orchestrator.formats import Layout, read
+from orchestrator.info import about_trace
 from orchestrator.trace import Trace
 
 DBC = """VERSION ""
@@ -116,3 +117,17 @@ def test_a_log_whose_checksums_are_all_wrong_says_so(tmp_path: Path) -> None:
     path = log(tmp_path, frames, protected=True)
     with pytest.raises(TraceError, match="State: all of its 400 frames have a wrong checksum; see that the database"):
         read(path, Layout(database=tmp_path / "rig.dbc", signals=["angle"]))
+
+
+def test_info_names_the_longest_marks_and_its_document_holds_all(tmp_path: Path) -> None:
+    frames = states(tmp_path)
+    frames.data[100:200, 2] = 0
+    kept = np.ones(400, bool)
+    kept[300:320] = False
+    path = log(tmp_path, frames[kept])
+    document = about_trace(path, Layout(database=tmp_path / "rig.dbc"))
+    assert str(document["marked"]).startswith("gap of two from 0.99 to 2.01 s, gap of one from 2.98 to 3.2 s, ")
+    found = document["found"]["marks"]  # type: ignore[index]
+    assert {mark["kind"] for mark in found} == {"gap"} and ["angle", "page", "one", "two", "crc"] in [
+        list(mark["signals"]) for mark in found
+    ]
