@@ -29,25 +29,32 @@ class Absences:
     _last: _LastGap | None = None
 
     def feed(self, time: FloatArray, by_counter: FloatArray) -> int:
-        """How many are missing before these frames (K,); below 0 where earlier ones turn out to have been late."""
+        """How many are missing before these frames (K,); below 0 where earlier ones turn out to have been late.
+
+        Args:
+            by_counter: how many the counter tells of, -1 where it stands still, as it does when it has gone round.
+        """
         steps = np.diff(time, prepend=time[0] if self._latest is None else self._latest)
         self._latest = float(time[-1])
         if not self.cycle:
-            return int(by_counter.sum())
-        absent = missing(steps, self.cycle)
+            return int(np.maximum(by_counter, 0.0).sum())
+        wide = steps > max(0.5 * self.modulus, 1.5) * self.cycle
+        by_counter = np.where(wide, by_counter, np.maximum(by_counter, 0.0))
+        told = steps - by_counter * self.cycle  # once those that the counter tells of are taken off
+        absent = missing(told, self.cycle)
         if self._last is None and not absent.any():
-            return int(by_counter.sum())
-        ahead = np.cumsum(steps / self.cycle - 1.0)
-        unsure = (steps > max(0.5 * self.modulus, 1.5) * self.cycle) & (absent > by_counter)
-        beyond = np.where(unsure, self._rounds(absent - by_counter), 0.0)
+            return int(np.maximum(by_counter, 0.0).sum())
+        ahead = np.cumsum(told / self.cycle - 1.0)
+        unsure = wide & (absent > 0)
+        beyond = np.where(unsure, self._rounds(absent), 0.0)
         found = np.flatnonzero(unsure)
         late = self._turned_out_late(ahead[: found[0]] if len(found) else ahead)
         if len(found):
             row = found[-1]
-            most = steps[row] / self.cycle + LONG - (len(steps) - row)
-            lowest = ahead[row] - steps[row] / self.cycle + 1.0 + absent[row] - ahead[-1]
-            self._last = _LastGap(float(absent[row] - by_counter[row]), float(lowest), int(most))
-        return int(by_counter.sum() + beyond.sum() - late)
+            most = told[row] / self.cycle + LONG - (len(steps) - row)
+            lowest = ahead[row] - told[row] / self.cycle + 1.0 + absent[row] - ahead[-1]
+            self._last = _LastGap(float(absent[row]), float(lowest), int(most))
+        return int(np.where(beyond > 0, by_counter, np.maximum(by_counter, 0.0)).sum() + beyond.sum() - late)
 
     def _turned_out_late(self, ahead: FloatArray) -> float:
         """How many of those counted for the last gap were late, by how far ahead of even ones these stamps are."""

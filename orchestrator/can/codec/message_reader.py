@@ -161,7 +161,7 @@ class MessageReader:
             went, wrong = checks.steps(counter, protection.modulus, self._last_count)
             self._last_count = int(counter[-1])
             add(self._statistics.counters, self.spec.name, int(np.count_nonzero(wrong)))
-            moved, absent = went != 0, np.where(wrong, np.maximum(went - 1, 0), 0).astype(float)
+            moved, absent = went != 0, np.where(wrong, went - 1.0, 0.0)
         self._statistics.add_missing(self.spec.name, self._absences.feed(rows.time, absent))
         right = self._right(rows)
         self.rejections.note(self.count, right, moved)

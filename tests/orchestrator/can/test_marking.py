@@ -54,7 +54,7 @@ def test_batches_of_any_size_miss_as_many_frames_and_late_ones_are_none_of_them(
     time = np.where((count > begin) & (count <= begin + length), 0.01 * (begin + length) + 1e-6 * count, time)
     time = np.maximum.accumulate(time)
     steps = np.diff(count, prepend=count[0] - 1)
-    by_counter = (steps - 1) % modulus if modulus else np.zeros(len(count))
+    by_counter = steps % modulus - 1 if modulus else np.zeros(len(count))
     absences = Absences(0.01, modulus)
     found = sum(
         absences.feed(time[row : row + size], by_counter[row : row + size].astype(float))
