@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from fmus import library
+from orchestrator.scenario.run import run_scenario
+from orchestrator.scenario.schema import load_scenario
 from tests.support.stepping import sampled
 
+SCENARIOS = Path(__file__).parents[3] / "scenarios"
 PDPC = library.find("pdpc")
 ALWAYS = {"error_band": 0.0, "speed_band": 0.0}
 volts = st.floats(-3, 3) | st.floats(-0.1, 0.1)
@@ -51,3 +57,17 @@ def test_without_height_it_is_the_pdp(error: float, speed: float, strain: float)
     inputs = {"reference": [error], "position": [0.0], "speed": [speed], "strain": [strain]}
     [[expected]] = sampled(library.find("pdp"), {}, ["voltage"], inputs)
     assert once(error, speed, strain, compensation_voltage=0.0)["voltage"] == expected
+
+
+def test_conditional_compensation_rests_where_unconditional_hunts() -> None:
+    """On the nonlinear arm without play, 0 g at 3 V: residual strain at least 3 times lower."""
+    scenario = load_scenario(SCENARIOS / "flexible_arm" / "control" / "pdpc.yaml")
+    names = ("3 V with 0 g", "3 V with 0 g, unconditional")
+    result = run_scenario(replace(scenario, cases=tuple(case for case in scenario.cases if case.name in names)))
+    residual = []
+    for case in result.cases:
+        assert case.result is not None
+        trace = case.result.trace
+        residual.append(float(np.std(trace["arm.middle_strain"][trace.time > 5])))
+    conditional, unconditional = residual
+    assert conditional < unconditional / 3
