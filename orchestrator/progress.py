@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
 
+READY = "SERVOTWIN_READY"  # environment variable: a file that is made when a command is ready, whatever it says
 Progress = Callable[[float, str], None]
 """Told the fraction done (0 to 1) and what is being done now, in a few words."""
+
+
+def tell_ready() -> None:
+    """Tell whoever has started this command that it is ready."""
+    if path := os.environ.pop(READY, None):
+        with suppress(OSError):
+            Path(path).touch()
 
 
 def silent(fraction: float, doing: str) -> None:

@@ -5,40 +5,52 @@ What takes several processes (a rig on a bus, a recorder, a controller) becomes 
 
 from __future__ import annotations
 
+import os
 import shlex
 import shutil
 import subprocess
 import sys
 import threading
+import time
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import perf_counter
 
 from pydantic import Field, field_validator
 
 from fmus.errors import ScenarioError
 from fmus.files import sha256
+from orchestrator.progress import READY
 from orchestrator.results import CaseDocument, FileDocument, check_target, versions, write_json
 from orchestrator.yaml_file import Block, load, naming
 
-START_TIME, END_TIME, RUN_TIME = 120.0, 30.0, 1800.0  # for a first line, to end when asked to, to run [s]
 LINES_KEPT = 60
+_NAP = 0.02  # between two looks at what commands do [s]
+_KILLING = 3.0  # to end when nothing of it matters any more [s]
 
 
 class StepBlock(Block):
     """Commands without `servotwin`; `{here}` is the folder of the file and `{out}` that of the results.
 
     Attributes:
-        beside: started first, each when the one before has said its first line (that it is on a bus), and ended
-            (SIGTERM) in the opposite order when all of `run` are done.
+        beside: started first, each when the one before is ready (on a bus) or has said a line, and ended (SIGTERM) in
+            the opposite order when all of `run` are done.
         run: run side by side.
+        may_end: whether commands beside may end well before they are told to; else that is a failure.
+        ready_within: for a command beside to be ready; run_within: for all of `run` to end by themselves;
+            end_within: for a command to end when it is told to [s].
     """
 
     beside: list[str] = []
     run: list[str] = Field(min_length=1)
+    may_end: bool = False
+    ready_within: float = Field(120.0, gt=0)
+    run_within: float = Field(1800.0, gt=0)
+    end_within: float = Field(30.0, gt=0)
 
     @field_validator("beside", "run")
     @classmethod
@@ -59,21 +71,33 @@ class ProcedureBlock(Block):
 
 @dataclass(frozen=True)
 class Done:
-    """A command that has ended."""
+    """A command that has ended.
+
+    Attributes:
+        early: whether it has, although it was to go on until told to end.
+    """
 
     command: str
     code: int
     seconds: float
     output: str
+    early: bool = False
+
+    @property
+    def problem(self) -> str | None:
+        """Why it has failed, None where it has not."""
+        if not self.code and not self.early:
+            return None
+        early = "ended before it was told to, with " if self.early else ""
+        last = self.output.splitlines()[-1:] or ["nothing said"]
+        return f"{early}exit code {self.code}: {last[0]}"
 
     def document(self) -> CaseDocument:
         """As a case of the suite."""
-        last = self.output.splitlines()[-1:] or ["nothing said"]
-        problem = None if self.code == 0 else f"exit code {self.code}: {last[0]}"
         return {
             "name": self.command,
-            "passed": self.code == 0,
-            "error": problem,
+            "passed": self.problem is None,
+            "error": self.problem,
             "checks": [],
             "seconds": round(self.seconds, 3),
             "output": self.output,
@@ -117,19 +141,35 @@ def run_procedure(path: Path, out: Path) -> ProcedureDocument:
 
 def _step(block: StepBlock, names: Mapping[str, str]) -> list[Done]:
     with ExitStack() as stack:
-        beside = []
+        beside: list[_RunningCommand] = []
         for command in block.beside:
             beside.append(stack.enter_context(_running(command, names)))
-            beside[-1].await_first_line()
-        front = [stack.enter_context(_running(command, names)) for command in block.run]
-        done = [process.ended(RUN_TIME) for process in front]
-        return done + [process.stopped() for process in reversed(beside)]
+            beside[-1].await_ready(block.ready_within)
+        front = [] if _lost(beside, block) else [stack.enter_context(_running(command, names)) for command in block.run]
+        until = perf_counter() + block.run_within
+        while any(process.runs for process in front) and not _lost(beside, block):
+            if perf_counter() > until:
+                late = next(process for process in front if process.runs)
+                raise ScenarioError(
+                    late.command, f"has not ended after {block.run_within:g} s", "see what it waits for"
+                )
+            time.sleep(_NAP)
+        lost = _lost(beside, block)
+        done = {process: process.stopped(block.end_within) for process in front}
+        done |= {process: process.stopped(block.end_within, not block.may_end) for process in reversed(beside)}
+        first = [done.pop(lost)] if lost else []
+        return [*first, *done.values()]
+
+
+def _lost(beside: Sequence[_RunningCommand], block: StepBlock) -> _RunningCommand | None:
+    """The first command beside that has ended although the others need it."""
+    return next((process for process in beside if process.code or (process.code == 0 and not block.may_end)), None)
 
 
 class _RunningCommand:
     """A command that runs; its output is taken all the time, so that it never waits for us."""
 
-    def __init__(self, command: str, names: Mapping[str, str]) -> None:
+    def __init__(self, command: str, names: Mapping[str, str], ready: Path) -> None:
         self.command, self._begun = command, perf_counter()
         arguments = [_filled(word, names) for word in shlex.split(command)]
         self._process = subprocess.Popen(
@@ -139,36 +179,48 @@ class _RunningCommand:
             stderr=subprocess.STDOUT,
             text=True,
             errors="replace",
+            env=os.environ | {READY: str(ready)},
         )
+        self._ready = ready
         self._lines: deque[str] = deque(maxlen=LINES_KEPT)
         self._heard = threading.Event()
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
-    def await_first_line(self) -> None:
-        """Wait until it has said something, or ended."""
-        if not self._heard.wait(START_TIME):
-            raise ScenarioError(self.command, f"has said nothing after {START_TIME:g} s", "see what it waits for")
+    @property
+    def code(self) -> int | None:
+        """Its exit code, None while it runs."""
+        return self._process.poll()
 
-    def ended(self, limit: float) -> Done:
-        """What it gave, once it has ended by itself."""
+    @property
+    def runs(self) -> bool:
+        """Whether it has not ended."""
+        return self.code is None
+
+    def await_ready(self, limit: float) -> None:
+        """Wait until it is ready, has said something, or has ended."""
+        until = perf_counter() + limit
+        while self.runs and not self._heard.is_set() and not self._ready.exists():
+            if perf_counter() > until:
+                raise ScenarioError(self.command, f"is not ready after {limit:g} s", "see what it waits for")
+            time.sleep(_NAP)
+
+    def stopped(self, limit: float, lasting: bool = False) -> Done:
+        """What it gave, once it has ended, as asked where it runs; a `lasting` one was to run until now."""
+        early = lasting and not self.runs
+        self._process.terminate()
         try:
             code = self._process.wait(limit)
         except subprocess.TimeoutExpired:
             raise ScenarioError(self.command, f"has not ended after {limit:g} s", "see what it waits for") from None
         self._reader.join()
-        return Done(self.command, code, perf_counter() - self._begun, "".join(self._lines))
-
-    def stopped(self) -> Done:
-        """What it gave, once it has ended as asked."""
-        self._process.terminate()
-        return self.ended(END_TIME)
+        return Done(self.command, code, perf_counter() - self._begun, "".join(self._lines), early)
 
     def kill(self) -> None:
         """See that it is gone."""
         self._process.terminate()
         try:
-            self._process.wait(END_TIME / 10)
+            self._process.wait(_KILLING)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
@@ -178,7 +230,6 @@ class _RunningCommand:
         for line in self._process.stdout:
             self._lines.append(line)
             self._heard.set()
-        self._heard.set()
 
 
 def _installed_command() -> str:
@@ -191,11 +242,12 @@ def _installed_command() -> str:
 
 @contextmanager
 def _running(command: str, names: Mapping[str, str]) -> Iterator[_RunningCommand]:
-    process = _RunningCommand(command, names)
-    try:
-        yield process
-    finally:
-        process.kill()
+    with TemporaryDirectory(prefix="servotwin-") as folder:
+        process = _RunningCommand(command, names, Path(folder) / "ready")
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 def _filled(word: str, names: Mapping[str, str]) -> str:

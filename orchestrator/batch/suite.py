@@ -42,6 +42,16 @@ class Verdict:
     def passed(self) -> bool:
         return self.document is not None and bool(self.document["passed"])
 
+    @property
+    def why(self) -> str:
+        """Why it has not passed, "" where it has: the error, or the first case that failed."""
+        cases = self.document["cases"] if self.document else ()
+        failed = next((case for case in cases if not case["passed"]), None)
+        if self.error or failed is None:
+            return self.error
+        checks = [f"{check['text']}, found {check['found']}" for check in failed["checks"] if not check["held"]]
+        return f"{failed['name']}: {failed['error'] or ', '.join(checks[:1])}"
+
 
 def find_scenarios(
     paths: Sequence[Path], judges: Mapping[str, FileJudge], isolation: Isolation | None = None

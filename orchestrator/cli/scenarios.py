@@ -188,7 +188,7 @@ def test(
     if junit is not None:
         write_junit(verdicts, junit)
     rows = [
-        (str(verdict.file), "passed" if verdict.passed else "FAILED", f"{verdict.seconds:.1f}", verdict.error)
+        (str(verdict.file), "passed" if verdict.passed else "FAILED", f"{verdict.seconds:.1f}", verdict.why)
         for verdict in verdicts
     ]
     said = [text for verdict in verdicts if (text := outputs_of(verdict.document))] if terminal.verbose else []

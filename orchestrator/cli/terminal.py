@@ -22,7 +22,7 @@ from fmus.errors import ServotwinError, ours
 from orchestrator.cli.stdout import stdout_kept
 from orchestrator.display.plain import plain
 from orchestrator.interrupts import Interrupts, requested
-from orchestrator.progress import Figures, Progress, silent
+from orchestrator.progress import Figures, Progress, silent, tell_ready
 from orchestrator.results import Permission, permitted
 
 if TYPE_CHECKING:
@@ -76,6 +76,7 @@ class Terminal:
         """Tell people something while the work goes on."""
         if not self.quiet:
             _err().print(plain(line), soft_wrap=True)
+        tell_ready()
 
     @contextmanager
     def bar(self, label: str) -> Iterator[Progress]:

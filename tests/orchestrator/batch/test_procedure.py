@@ -10,7 +10,6 @@ from typer.testing import CliRunner
 
 from fmus.errors import ScenarioError
 from identification.cli import app
-from orchestrator.batch import procedure
 from orchestrator.batch.procedure import outputs_of, run_procedure
 
 pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
@@ -48,16 +47,42 @@ def test_the_first_command_that_fails_ends_it_and_says_why(tmp_path: Path) -> No
     assert case["error"].startswith("exit code 2: servotwin: ") and "none.csv" in case["error"]
 
 
-def test_a_command_that_is_to_run_beside_others_but_ends_at_once_fails_the_procedure(tmp_path: Path) -> None:
-    file = written(tmp_path, '  - {beside: ["info {here}/none.csv"], run: ["trace info \'{here}/a b.csv\'"]}\n')
-    found = run_procedure(file, tmp_path / "out")
-    assert [case["passed"] for case in found["cases"]] == [True, False]
+def test_a_command_beside_that_fails_ends_the_procedure_and_is_named_first(tmp_path: Path) -> None:
+    endless = "can record --interface virtual --channel idle --out {out}/idle"
+    file = written(tmp_path, f'  - {{beside: ["info {{here}}/none.csv"], run: ["{endless}"]}}\n')
+    answer = CliRunner().invoke(app, ["test", str(file), "--out", str(tmp_path / "out"), "--json"])
+    (verdict,) = json.loads(answer.stdout)["scenarios"]
+    first, *others = verdict["result"]["cases"]
+    assert answer.exit_code == 1 and first["name"].startswith("info") and first["seconds"] > 0
+    assert first["error"].startswith("ended before it was told to, with exit code 2: servotwin: ")
+    assert all(case["name"].startswith("can record") for case in others)
+    shown = CliRunner().invoke(app, ["test", str(file), "--out", str(tmp_path / "again")], env={"COLUMNS": "200"})
+    assert "ended before" in shown.stdout
 
 
-def test_a_command_that_never_ends_is_ended_and_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(procedure, "RUN_TIME", 0.05)
-    with pytest.raises(ScenarioError, match=r"trace info .* has not ended after 0.05 s"):
-        run_procedure(written(tmp_path, "  - run: [\"trace info '{here}/a b.csv'\"]\n"), tmp_path / "out")
+def test_a_command_beside_that_ends_before_it_is_told_to_has_failed_unless_it_may(tmp_path: Path) -> None:
+    steps = "  - {%s beside: [\"trace info '{here}/a b.csv'\"], run: [\"trace info '{here}/a b.csv'\"]}\n"
+    found = run_procedure(written(tmp_path, steps % ""), tmp_path / "out")
+    assert not found["passed"] and "with exit code 0" in str(found["cases"][0]["error"])
+    assert run_procedure(written(tmp_path, steps % "may_end: true,"), tmp_path / "other")["passed"]
+
+
+def test_a_command_beside_that_says_nothing_is_known_to_be_ready(tmp_path: Path) -> None:
+    quiet = "can record --interface virtual --channel quiet --out {out}/quiet -q"
+    steps = f'  - {{ready_within: 100, beside: ["{quiet}"], run: ["trace info \'{{here}}/a b.csv\'"]}}\n'
+    found = run_procedure(written(tmp_path, steps), tmp_path / "out")
+    assert found["passed"] and [case["output"] == "" for case in found["cases"]] == [False, True]
+    assert (tmp_path / "out" / "quiet" / "manifest.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("key", "side", "complaint"), [("run_within", "run", "has not ended"), ("ready_within", "beside", "is not ready")]
+)
+def test_a_command_that_takes_too_long_is_ended_and_named(tmp_path: Path, key: str, side: str, complaint: str) -> None:
+    commands = {"run": '"info x"'} | {side: "\"trace info '{here}/a b.csv'\""}
+    lists = ", ".join(f"{name}: [{command}]" for name, command in commands.items())
+    with pytest.raises(ScenarioError, match=rf"trace info .* {complaint} after 0.05 s"):
+        run_procedure(written(tmp_path, f"  - {{{key}: 0.05, {lists}}}\n"), tmp_path / "out")
 
 
 @pytest.mark.parametrize(
