@@ -77,6 +77,7 @@ class ExchangeSlave(FmuInstance[ModelExchange]):
         self._solver: Solver = Stateless(self._rates, 0, self._settings)
         self._now = _Moment(0.0)
         self._running = False
+        self._over = False  # before its first step
         self._stale = True  # the solver has to start anew
         self._snapshots = 0
         self._undefined = ""  # what was not finite in this internal step
@@ -84,7 +85,7 @@ class ExchangeSlave(FmuInstance[ModelExchange]):
         super().__init__(fmu, name, debug_log=debug_log)
 
     def begin(self, start: float, stop: float | None, tolerance: float | None = None) -> None:
-        self._now = _Moment(start)
+        self._now, self._over = _Moment(start), False
         super().begin(start, stop, self._settings.relative_tolerance)
 
     def bind(self, inputs: Sequence[str], outputs: Sequence[str]) -> None:
@@ -112,9 +113,14 @@ class ExchangeSlave(FmuInstance[ModelExchange]):
             except MemoryError as error:
                 self._fail(f"there is no memory for {error}", "give its `solver` an explicit `method`")
         self._now.in_event_mode = self._running = True
-        self._settle()
+        try:
+            self._settle()
+        except FmuEnded:  # so does its first step, when all others are there, too
+            self._over = True
 
     def step(self, time: float, duration: float) -> None:
+        if self._over:
+            raise FmuEnded(self.name, str(Stop(time, True)))
         end = time + duration
         together = max(_TOGETHER * duration, _ROUNDING * abs(end))
         events: deque[float] = deque(maxlen=_MOST_EVENTS)

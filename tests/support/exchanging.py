@@ -96,6 +96,7 @@ def simulation(
     *,
     step: Fraction = TENTH,
     stop: Fraction = Fraction(2),
+    start: Fraction = Fraction(0),
     solver: SolverSettings = TIGHT,
     stimulated: Sequence[str] = (),
     cycles: CycleSettings = REFUSED,
@@ -107,7 +108,7 @@ def simulation(
             made[name] = each if isinstance(each, Scripted) else ExchangeSlave(each, name, solver)
             stack.callback(made[name].close)
         parts = {name: Part(each.interface, feed_through=feed_through) for name, each in components.items()}
-        yield Simulation(wire(parts, links, stimulated), made, Timing(stop, step, cycles=cycles))
+        yield Simulation(wire(parts, links, stimulated), made, Timing(stop, step, start, cycles=cycles))
 
 
 def trace(fmu: FmuFile, values: Mapping[str, Value] | None = None, **more: Any) -> Trace:

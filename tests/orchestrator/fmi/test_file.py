@@ -14,7 +14,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from fmus.errors import FmuError, FmuFileError
+from fmus.errors import FmuError, FmuFileError, InputError
 from fmus.packaging import archive, targets
 from orchestrator.fmi.file import FmuFile, read_description
 from orchestrator.fmi.slave import Slave
@@ -368,3 +368,18 @@ def test_a_binary_that_is_none_is_an_fmu_error_and_the_working_directory_stays(p
     with FmuFile(path) as fmu, pytest.raises(FmuError, match=r"^hollow: instantiate: Failed to load shared library"):
         Slave(fmu, "hollow")
     assert Path.cwd() == here
+
+
+def test_so_many_variables_that_memory_is_too_small_are_refused_before_they_take_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    variable = '<ScalarVariable name="v%d" valueReference="%d" causality="local"><Real/></ScalarVariable>'
+    variables = "".join(variable % (number, number) for number in range(600_000))
+    head = '<fmiModelDescription fmiVersion="2.0" modelName="big" guid="g"><CoSimulation modelIdentifier="big"/>'
+    xml = f"{head}<ModelVariables>{variables}</ModelVariables><ModelStructure/></fmiModelDescription>"
+    archive.write(tmp_path / "big.fmu", {XML: xml.encode()})
+    assert (tmp_path / "big.fmu").stat().st_size < len(xml) / 10
+    monkeypatch.setattr("orchestrator.memory.available", lambda: 1e9)
+    monkeypatch.setattr(archive, "parse_xml", None)
+    with pytest.raises(InputError, match=r"bytes would take 1\.\d+ GB of memory, 1 GB are there; have fewer variables"):
+        read_description(tmp_path / "big.fmu")

@@ -129,6 +129,16 @@ def test_a_wish_to_stop_is_no_trouble(trouble: str, shelf: Shelf) -> None:
     assert found.trace.time[-1] == pytest.approx(1.1 if "event" in trouble else 1.0)
 
 
+def test_a_wish_to_stop_at_the_very_start_leaves_the_first_row(shelf: Shelf) -> None:
+    values = {"fmu.trouble": eventful.TROUBLES.index("stop at event"), "fmu.x_start": 3}
+    with simulation({"fmu": shelf("eventful")}, start=Fraction(2), stop=Fraction(3)) as made:
+        for _ in range(2):
+            found = made.run(values)
+            assert found.ended == "fmu: asked to stop at t = 2 s"
+            assert found.trace.time.tolist() == [2.0] and found.trace["fmu.x"].tolist() == [3.0]
+        assert made.run({"fmu.x_start": 3}).ended == ""
+
+
 @pytest.mark.parametrize("trouble", TROUBLE)
 def test_trouble_is_named_with_component_and_time(trouble: str, shelf: Shelf) -> None:
     values = {"trouble": eventful.TROUBLES.index(trouble), "period": 0.55 if "event" in trouble else 0}
