@@ -192,8 +192,12 @@ def _fit(
     declared = study.parameters
     parameters = tuple(replace(parameter, unit=units[parameter.name]) for parameter in declared.parameters)
     problem = _problem(study, weighed(study, windows), replace(declared, parameters=parameters), study.loss)
-    factory = SystemFactory(assembled, windows, study.outputs, assembled.system.values(), study.run.finite)
-    return estimate(problem, factory, replace(study.options, processes=processors()), watch)
+    return estimate(problem, _factory(study, assembled, windows), replace(study.options, processes=processors()), watch)
+
+
+def _factory(study: OutputErrorStudy, assembled: Assembled, windows: Sequence[FreeRunWindow]) -> SystemFactory:
+    timing = study.run.timing(max(window.stop for window in windows))
+    return SystemFactory(assembled, windows, study.outputs, assembled.system.values(), timing)
 
 
 def judge(
@@ -201,9 +205,10 @@ def judge(
 ) -> Judged:
     """Free runs over these windows, with these values over the study's; estimated initial states are fitted."""
     fixed = ParameterSet(tuple(Parameter(name, value, fixed=True) for name, value in values.items()))
-    factory = SystemFactory(assembled, windows, study.outputs, assembled.system.values(), study.run.finite)
     options = replace(study.options, processes=processors())
-    found = predict(_problem(study, evenly_weighed(windows), fixed, Loss()), factory, options)
+    found = predict(
+        _problem(study, evenly_weighed(windows), fixed, Loss()), _factory(study, assembled, windows), options
+    )
     return Judged(study.outputs, tuple(windows), found.simulated, found.fit)
 
 

@@ -162,6 +162,8 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
     Attributes:
         step: communication step of the free runs [s].
         nonfinite: whether an output that is NaN or infinite fails a free run also where it is not compared.
+        tolerance: relative tolerance that co-simulation FMUs are told.
+        tell_stop: whether FMUs are told when a window ends; some then refuse to go beyond by a rounding error.
         weight: whether outputs are scaled by their spread in each window, over all windows, or not at all.
         compare: name -> parameters that are judged beside the estimate on the same windows.
         truth: values behind synthetic traces, shown beside the estimates.
@@ -170,6 +172,8 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
     method: Literal["output-error"]
     step: Seconds
     nonfinite: Literal["refuse", "allow"] = "refuse"
+    tolerance: float | None = Field(None, gt=0, lt=1)
+    tell_stop: bool = False
     inputs: dict[str, SignalBlock] = {}
     outputs: dict[str, SignalBlock] = Field(min_length=1)
     initial: dict[str, InitialBlock] = {}
@@ -290,6 +294,8 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
                 self._signal_specs(self.inputs),
                 initial,
                 self.nonfinite == "refuse",
+                self.tolerance,
+                self.tell_stop,
             ),
             windows=self.windows.spec(),
             validation=(self.validation or self.windows).spec(),

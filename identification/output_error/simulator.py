@@ -18,14 +18,14 @@ class SystemFactory:
 
     Attributes:
         outputs: component.variable of the outputs that are compared, in order.
-        finite: whether a run ends where a connected output is not; one that is compared always has to be.
+        timing: of the longest window; an output that is compared has to be finite whatever it says.
     """
 
     assembled: Assembled
     windows: Sequence[FreeRunWindow]
     outputs: tuple[str, ...]
     values: Mapping[str, Value]
-    finite: bool = True
+    timing: Timing
 
     def __call__(self) -> SystemSimulator:
         return SystemSimulator(self)
@@ -37,12 +37,8 @@ class SystemSimulator:
     def __init__(self, factory: SystemFactory) -> None:
         self._factory = factory
         self._opened = OpenSystem(factory.assembled)
-        step = factory.windows[0].step
-        longest = max(window.stop for window in factory.windows)
         try:
-            self._simulation: Simulation = self._opened.simulation(
-                Timing(stop=longest, step=step, finite=factory.finite)
-            )
+            self._simulation: Simulation = self._opened.simulation(factory.timing)
         except BaseException:
             self._opened.close()
             raise

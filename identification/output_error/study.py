@@ -15,6 +15,7 @@ from identification.output_error.estimator import Options
 from identification.recordings.campaign import TraceSource
 from orchestrator.assembly.assembly import SystemSpec
 from orchestrator.crossing import NOTHING_GIVEN, Crossing, Given, crossing
+from orchestrator.engine import Timing
 from orchestrator.fmi.interface import Port
 from orchestrator.trace import Trace
 
@@ -75,6 +76,8 @@ class FreeRunSpec:
         inputs: component.variable -> what drives it.
         initial: component.variable -> what it starts from.
         finite: whether an output that is not finite fails a run, also where it is not compared.
+        tolerance: relative tolerance that co-simulation FMUs are told, None for none.
+        tell_stop: whether FMUs are told when a window ends.
     """
 
     step: Fraction
@@ -82,6 +85,12 @@ class FreeRunSpec:
     inputs: Mapping[str, TraceSignal] = field(default_factory=dict)
     initial: Mapping[str, StartSpec] = field(default_factory=dict)
     finite: bool = True
+    tolerance: float | None = None
+    tell_stop: bool = False
+
+    def timing(self, stop: Fraction) -> Timing:
+        """How free runs step until a time [s]."""
+        return Timing(stop, self.step, tolerance=self.tolerance, tell_stop=self.tell_stop, finite=self.finite)
 
     @property
     def signals(self) -> list[str]:

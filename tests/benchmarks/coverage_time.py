@@ -31,6 +31,7 @@ from identification.output_error.estimator import (
 from identification.output_error.simulator import SystemFactory, SystemSimulator
 from identification.output_error.windows import FreeRunWindow
 from orchestrator.assembly.assembly import Assembled, ComponentSpec, SystemSpec, assemble
+from orchestrator.engine import Timing
 from orchestrator.trace import FloatArray
 
 from .figure import Figure, Interval, coverage
@@ -83,7 +84,8 @@ OPTIONS = Options(cost_tolerance=1e-6, step_tolerance=1e-7, difference_step=1e-5
 def open_bench(assembled: Assembled) -> Bench:
     """FMUs opened, and the windows simulated with the true values."""
     windows = [_window(window) for window in range(len(LOADS))]
-    simulator = SystemFactory(assembled, windows, ("hand.angle",), SYSTEM.values())()
+    timing = Timing(max(window.stop for window in windows), STEP)
+    simulator = SystemFactory(assembled, windows, ("hand.angle",), SYSTEM.values(), timing)()
     true = TRUTH | {"hand.coulomb_friction_negative": TRUTH[COULOMB]}
     clean = tuple(simulator.simulate(w, true | _start_values(w)) for w in range(len(LOADS)))
     return Bench(simulator, clean)

@@ -16,9 +16,11 @@ from typer.testing import CliRunner
 
 from fmus.errors import FmuError, WiringError
 from identification.cli import app
+from orchestrator import formats
 from orchestrator.engine import Engine, RunFailed, Simulation, Timing, compiled
 from orchestrator.scenario.run import ScenarioFailed, run_scenario
 from orchestrator.system import Part, wire
+from orchestrator.trace import Trace
 from tests.support import quirks
 
 pytestmark = pytest.mark.slow  # compilers
@@ -224,6 +226,28 @@ def test_end_and_tolerance_are_told_where_they_are_asked_for(tmp_path: Path) -> 
     run_scenario(scenario(tmp_path, ON_SETUP=setup))
     run_scenario(scenario(tmp_path, run=", tell_stop: true, tolerance: 1.0e-6", ON_SETUP=setup))
     assert told.read_text() == "0 0 0 0;1 1 1 1e-06;"
+
+
+def test_free_runs_tell_their_end_and_a_tolerance_where_a_study_asks_for_it(tmp_path: Path) -> None:
+    told = tmp_path / "told.txt"
+    say = 'fprintf(f, "%d %g %d %g;", hasStop, stop, hasTolerance, tolerance)'
+    quirks.build(tmp_path / "quirks.fmu", ON_SETUP=f'FILE *f = fopen("{told}", "a"); {say}; fclose(f);')
+    time = np.arange(11) / 10
+    formats.write(Trace(time, {"x": 0.96 ** np.arange(11)}), tmp_path / "log.csv")
+    study = """title: lag
+method: output-error
+components: {lag: {fmu: quirks.fmu}}
+step: 0.1
+tolerance: 1.0e-6
+tell_stop: true
+traces: {files: log.csv}
+outputs: {lag.x: {signal: x}}
+windows: {length: 1}
+parameters: {lag.k: {start: 0.5, min: 0.1, max: 1}}
+"""
+    (tmp_path / "study.yaml").write_text(study)
+    servotwin("calibrate", tmp_path / "study.yaml", "--data", tmp_path, "--out", tmp_path / "out")
+    assert set(told.read_text().split(";")) == {"1 1 1 1e-06", ""}
 
 
 def test_what_is_not_finite_is_allowed_where_it_is_meant_and_counted(tmp_path: Path) -> None:
