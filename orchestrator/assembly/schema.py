@@ -46,16 +46,18 @@ class SignalFileBlock(Block):
         """What it is converted by, over its unit."""
         return Given(self.factor, self.offset)
 
-    def trace(self, base: Path) -> Trace:
-        """The signal alone; the file is relative to `base`."""
+    def trace(self, base: Path, said: list[str] | None = None) -> Trace:
+        """The signal alone; the file is relative to `base`. What is to be known of it is logged and added to `said`."""
         recording = formats.read(base / self.file, self.layout.layout(base))
         for note in recording.notes:
             LOG.warning("%s: %s", recording.path, note)
+        if said is not None:
+            said += [f"{self.file}: {note}" for note in recording.notes]
         return recording.trace.select([self.signal])
 
-    def table(self, name: str, base: Path) -> Table:
+    def table(self, name: str, base: Path, said: list[str] | None = None) -> Table:
         """The signal as a table that a model plays back."""
-        trace = self.trace(base)
+        trace = self.trace(base, said)
         values = (1.0 if self.factor is None else self.factor) * trace[self.signal] + (self.offset or 0.0)
         return Table(name, tuple(trace.time.tolist()), tuple(values.tolist()))
 
@@ -87,12 +89,12 @@ class ComponentBlock(Block):
             raise ValueError("`tables` need a `model`")
         return self
 
-    def spec(self, base: Path) -> ComponentSpec:
-        """The component; its files are relative to `base`."""
+    def spec(self, base: Path, said: list[str] | None = None) -> ComponentSpec:
+        """The component; its files are relative to `base`, and what is to be known of them is added to `said`."""
         source: str | Path = base / self.fmu if self.fmu is not None else str(self.model)
         if self.model is not None and self.model.endswith(".py"):
             source = str(base / self.model)
-        tables = tuple(block.table(name, base) for name, block in self.tables.items())
+        tables = tuple(block.table(name, base, said) for name, block in self.tables.items())
         made = self.made_of(source, elements(self.parameters))
         return replace(made, tables=tables, arrays=shapes(self.parameters))
 
@@ -173,9 +175,9 @@ class SystemBlock(Block):
                 raise ValueError(f"{error.place}: {error.fix}") from error
         return value
 
-    def system(self, base: Path) -> SystemSpec:
-        """Components and connections; files are relative to `base`."""
-        return SystemSpec({name: block.spec(base) for name, block in self.components.items()}, self.links())
+    def system(self, base: Path, said: list[str] | None = None) -> SystemSpec:
+        """Components and connections; files are relative to `base`, and what is to be known of them added to `said`."""
+        return SystemSpec({name: block.spec(base, said) for name, block in self.components.items()}, self.links())
 
     def links(self) -> tuple[tuple[str, str], ...]:
         """(source, target) of each connection."""

@@ -44,6 +44,7 @@ class RunDocument(FileDocument):
     overrides: dict[str, Value]
     units: list[CrossingDocument]
     held: list[str]
+    notes: list[str]
     fmus: dict[str, str]
     record: dict[str, int | bool]
     log: str | None
@@ -86,6 +87,7 @@ def document_of(result: ScenarioResult, overrides: Mapping[str, Value], folder: 
         "overrides": {**overrides, **result.overrides},
         "units": documents_of(result.crossings),
         "held": result.scenario.held,
+        "notes": list(dict.fromkeys(result.scenario.notes)),
         "out": str(folder),
         "fmus": {name: "model" if name in result.assembled.built else "file" for name in result.assembled.files},
         "record": {"stride": result.keeping.every, "stream": result.keeping.stream is not None},

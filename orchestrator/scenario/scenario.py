@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -82,6 +82,7 @@ class Scenario:
         stimuli: component.input -> what drives it; without a bus, the safe value of a signal of the bus.
         record: component.variable to be recorded, None for all outputs.
         can: how it is coupled to a CAN bus.
+        notes: what was seen in the recordings that it takes, a line each.
     """
 
     path: Path
@@ -94,6 +95,7 @@ class Scenario:
     logger: DataLogger | None
     cases: tuple[Case, ...]
     can: CanBlock | None = None
+    notes: Sequence[str] = ()
 
     @property
     def driven(self) -> tuple[str, ...]:

@@ -47,8 +47,8 @@ class StimulusBlock(Block):
             raise ValueError("`factor` and `offset` go with `file`; write `constant: 90 deg`")
         return self
 
-    def stimulus(self, base: Path) -> Stimulus:
-        """The stimulus; its file is relative to `base`."""
+    def stimulus(self, base: Path, said: list[str]) -> Stimulus:
+        """The stimulus; its file is relative to `base`, and what is to be known of it is added to `said`."""
         if self.constant is not None:
             return Stimulus(self.constant)
         assert self.file is not None and self.signal is not None
@@ -57,7 +57,7 @@ class StimulusBlock(Block):
         )
         hold = None if self.interpolation is None else self.interpolation == "hold"
         return Stimulus(
-            recording.trace(base),
+            recording.trace(base, said),
             hold,
             recording.given,
             self.ends == "hold",
@@ -95,14 +95,14 @@ class ExpectationBlock(Block):
             raise ValueError("`signal` goes with everything but `refused`")
         return self
 
-    def expectation(self, base: Path) -> Expectation | Refusal:
-        """What must hold; the reference's file is relative to `base`."""
+    def expectation(self, base: Path, said: list[str]) -> Expectation | Refusal:
+        """What must hold; the reference's file is relative to `base`, and what is to be known of it added to `said`."""
         if self.refused is not None:
             return Refusal(self.refused)
         assert self.signal is not None
-        return Expectation(self.signal, self._condition(base), self.after, self.before)
+        return Expectation(self.signal, self._condition(base, said), self.after, self.before)
 
-    def _condition(self, base: Path) -> Below | Above | Near:
+    def _condition(self, base: Path, said: list[str]) -> Below | Above | Near:
         if self.below is not None:
             return Below(self.below)
         if self.above is not None:
@@ -110,7 +110,7 @@ class ExpectationBlock(Block):
         assert self.within is not None
         if self.reference is not None:
             name = f"{self.reference.signal} of {self.reference.file.name}"
-            return Near(self.reference.trace(base), self.within, name, self.reference.given)
+            return Near(self.reference.trace(base, said), self.within, name, self.reference.given)
         assert self.near is not None
         return Near(self.near, self.within)
 
@@ -173,28 +173,29 @@ class ScenarioBlock(SystemBlock):
         Raises:
             TraceError: a stimulus, a table or a reference cannot be read.
         """
-        base = path.parent
+        base, said = path.parent, list[str]()
         safe = {name: Stimulus(block.safe) for name, block in (self.can.receive if self.can else {}).items()}
-        common = tuple(block.expectation(base) for block in self.expect)
+        common = tuple(block.expectation(base, said) for block in self.expect)
         return Scenario(
             path,
             self.title,
             self.description,
-            self.system(base),
+            self.system(base, said),
             self.run.timing(),
-            {name: block.stimulus(base) for name, block in self.stimuli.items()} | safe,
+            {name: block.stimulus(base, said) for name, block in self.stimuli.items()} | safe,
             None if self.record is None else tuple(self.record),
             DataLogger(**dict(self.recorder)) if self.recorder else None,
             tuple(
                 Case(
                     case.name,
                     self._values(number) | elements(case.set),
-                    (*common, *(block.expectation(base) for block in case.expect)),
+                    (*common, *(block.expectation(base, said) for block in case.expect)),
                     shapes(case.set),
                 )
                 for number, case in enumerate(self.cases)
             ),
             self.can,
+            said,
         )
 
     def _values(self, number: int) -> dict[str, Any]:

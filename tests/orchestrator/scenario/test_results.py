@@ -222,3 +222,12 @@ def test_an_interrupted_run_leaves_what_it_has_and_says_how_far_it_came(tmp_path
     ]
     html = (tmp_path / "out" / "report.html").read_text()
     assert f"The run was interrupted at t = {reached:g} s of case b." in html and "held." not in html
+
+
+def test_the_manifest_says_what_was_seen_in_recordings(tmp_path: Path) -> None:
+    (tmp_path / "odd.csv").write_text("time [s];torque [N.m];angle [rad]\n0;0,5;0,5\n1;0,5;0,5\n")
+    recording = {"file": "odd.csv", "signal": "torque"}
+    near = {"signal": "hand.angle", "reference": {"file": "odd.csv", "signal": "angle"}, "within": 9}
+    result = run(tmp_path, stimuli={"hand.torque": recording}, expect=[near])
+    told = ["odd.csv: its cells are separated by ;", "odd.csv: its numbers have decimal commas"]
+    assert document_of(result, {}, tmp_path / "out")["notes"] == told
