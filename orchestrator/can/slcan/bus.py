@@ -23,7 +23,7 @@ import serial
 from can.interfaces.slcan import slcanBus
 
 from orchestrator.can.slcan import protocol
-from orchestrator.can.slcan.flow import Flow
+from orchestrator.can.slcan.flow import Flow, Key
 from orchestrator.can.slcan.opening import VERSION, take_over
 
 # Classes of error frames and their details, as socketcan has them in identifier and data (linux/can/error.h).
@@ -198,24 +198,25 @@ class SlcanBus(slcanBus):
             CanOperationError: the port is gone.
         """
         try:
-            self._await_answers(timeout)
-            with self.flow.giving((msg.arbitration_id, msg.is_extended_id), time.monotonic()):
+            key = msg.arbitration_id, msg.is_extended_id
+            self._await_answers(key, timeout)
+            with self.flow.giving(key, time.monotonic()):
                 super().send(msg, timeout)
         except OSError as error:
             if isinstance(error, can.CanError):
                 raise
             raise can.CanOperationError(f"the adapter is gone ({error})") from error
 
-    def _await_answers(self, patience: float | None) -> None:
+    def _await_answers(self, key: Key, patience: float | None) -> None:
         """See that the adapter takes what it is given: no command is to wait behind old ones, and be late itself."""
         until = math.inf if patience is None else time.monotonic() + patience
-        while self.flow.stalled(now := time.monotonic()):
+        while self.flow.stalled(now := time.monotonic(), key):
             if now - self._asked > _ASKING:
                 self._asked = now
                 self._written(self.serialPortOrig.fd, self._unsent + b"V\r", 0.0)  # answers are in order
                 self._unsent = b""
             self._fetch(min(max(until - now, 0.0), 0.01))
-            if time.monotonic() >= until and self.flow.stalled(time.monotonic()):
+            if time.monotonic() >= until and self.flow.stalled(time.monotonic(), key):
                 raise can.CanTimeoutError("the adapter has stopped to answer")
 
     def _write(self, string: str) -> None:

@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 Key = tuple[int, bool]  # identifier, and whether it is an extended one
 
 STALL = 0.1  # for which an adapter may answer nothing while it owes answers [s]
+REPEATED = 0.02  # ... while it owes those to two frames of the message that is to be sent: these are old commands [s]
 
 
 class Flow:
@@ -65,8 +66,9 @@ class Flow:
         """What has not been answered to by now never will be."""
         self._owed.clear()
 
-    def stalled(self, now: float) -> bool:
-        """Whether it has stopped answering: what is written now would wait behind what is old already."""
+    def stalled(self, now: float, key: Key) -> bool:
+        """Whether it has stopped answering: a frame that is written now would wait behind what is old already."""
         if not self.answers or not self._owed:
             return False
-        return now - max(self._owed[0][0], self._heard) > STALL
+        silent = now - max(self._owed[0][0], self._heard)
+        return silent > STALL or (silent > REPEATED and sum(owed == key for _, owed in list(self._owed)) > 1)

@@ -316,6 +316,9 @@ def test_an_adapter_that_leaves_the_bus_is_lost_to_a_bridge_and_may_come_back_to
     (loss,) = coupled.account.losses
     assert loss.seconds is not None and coupled.account.trouble == ""
     assert coupled.account.unsent + coupled.account.frames == 201
+    bus = ScriptedBus(go_off).plug_in(monkeypatch)
+    coupled = go(folder, tmp_path, can={"reconnect": True})
+    assert coupled.ending.failure is None and coupled.account.loss_count == 1 and coupled.account.trouble == ""
 
 
 @pytest.mark.parametrize(("trouble", "said"), [("unplug", "the adapter is gone"), ("bus_off", "(bus off)")])
@@ -540,8 +543,9 @@ def test_a_bench_and_a_bridge_close_a_loop_over_serial_adapters(folder: Path, tm
         assert machine.returncode == 0, said + complaints
     about = {name: json.loads((tmp_path / name / "manifest.json").read_text())["can"] for name in ("bench", "law")}
     sent = about["law"]["sent"]
-    assert about["bench"]["received"]["messages"]["Command"] == sent["messages"]["Command"] == 201 - sent["no_room"]
-    assert sent["acknowledged"]
+    count = sent["messages"]["Command"]  # late steps are no burst of frames
+    assert about["bench"]["received"]["messages"]["Command"] == count <= 201 - sent["no_room"]
+    assert sent["acknowledged"] and count > 100
     asked = formats.read(tmp_path / "law" / "run.parquet").trace["law.voltage"]
     acted = formats.read(tmp_path / "bench" / "run.parquet").trace["motor.voltage"]
     assert acted[0] == acted[-1] == 0.0111  # while nobody is there, and in silence again
