@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -82,7 +82,8 @@ def read(path: Path, encoding: str | None) -> Read:
         return Read(device.messages, [], notes, of_any_node=device.of_any_node)
     _refuse_hostile(path, suffix, text)
     try:
-        return replace(_parsed(path, suffix, text), notes=notes)
+        read = _parsed(path, suffix, text)
+        return replace(read, notes=[*notes, *read.notes])
     except UnreadableError as fault:
         if suffix != ".dbc":
             raise fault.complaint from fault
@@ -102,12 +103,22 @@ def _parsed(path: Path, suffix: str, text: str) -> Read:
             loaded = cantools.database.load_string(text, suffix[1:], prune_choices=False, strict=False)
         attributes = getattr(getattr(loaded, "dbc", None), "attributes", None) or {}
         j1939 = "ProtocolType" in attributes and attributes["ProtocolType"].value == "J1939"
-        return Read(list(getattr(loaded, "messages", ())), [], [], j1939)
+        messages = list(getattr(loaded, "messages", ()))
+        return Read(messages, [], _buses(messages), j1939)
     except UnsupportedDatabaseFormatError as error:
         cause = error.e_dbc or error.e_arxml or error.e_kcd or error.e_sym or error
         raise _unreadable(path, suffix, text, cause) from error
     except (RecursionError, MemoryError) as error:
         raise DatabaseError(path, f"is too deeply nested or too large ({type(error).__name__})") from error
+
+
+def _buses(messages: Sequence[Any]) -> list[str]:
+    """A line about several buses in one file, whose messages are taken for those of one."""
+    names = list(dict.fromkeys(message.bus_name for message in messages if message.bus_name))
+    if len(names) < 2:
+        return []
+    told = f"holds the buses {', '.join(names[:10])}, whose messages are taken for those of one"
+    return [f"{told}; give each channel a file of its own bus (--dbc 0=a.kcd --dbc 1=b.kcd) where identifiers meet"]
 
 
 def _repaired(path: Path, text: str, first: UnreadableError, notes: list[str]) -> Read:

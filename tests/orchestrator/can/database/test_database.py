@@ -181,6 +181,14 @@ def test_an_encoding_is_guessed_and_told_or_given(
     assert [guess in note for note in database.load(path).notes] == ([True] if guess else [])
 
 
+def test_several_buses_in_one_file_are_told(tmp_path: Path) -> None:
+    other = '<Bus name="c"><Message id="0x11" name="B" length="1"><Signal name="x" offset="0"/></Message></Bus>'
+    found = database.load(file(tmp_path, KCD.replace("</NetworkDefinition>", f"{other}</NetworkDefinition>"), ".kcd"))
+    assert [message.name for message in found.messages] == ["State", "B"]
+    assert "holds the buses b, c, whose messages are taken for those of one" in found.notes[0]
+    assert database.load(file(tmp_path, KCD, ".kcd")).notes == ()
+
+
 def test_xml_is_read_in_the_encoding_that_it_names(tmp_path: Path) -> None:
     text = (
         KCD.replace("UTF-8", "gb2312")
