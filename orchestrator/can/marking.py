@@ -141,7 +141,7 @@ def marks(
     """What is not to be trusted of frames with these stamps (K,), ascending, in a recording until `end` [s]."""
     fresh = np.ones(len(time), np.bool_)
     for rows in rejections.stale:
-        fresh[rows] = False
+        fresh[rows[rows < len(time)]] = False  # two databases may have called their messages alike
     known = expected(time, cycle)
     names = tuple(column.name for column in columns)
     told = set()

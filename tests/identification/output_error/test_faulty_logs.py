@@ -162,6 +162,7 @@ def test_the_truth_is_within_its_interval_whatever_the_fault_and_what_is_left_ou
     assert {mark["kind"] for mark in trace.get("marks", [])} == set(kinds)
     warned = [warning for warning in document["warnings"] if "are left out" in warning]
     assert bool(warned) == bool(kinds)
+    assert ("from [s]" in (tmp_path / "out" / "report.html").read_text()) == bool(kinds)
     assert trace.get("left_out", 0) == pytest.approx(2 if kinds else 0, abs=0.05)
     assert document["fit"]["train"]["windows"] in ((8, 9, 10) if kinds else (12,))
     assert document["verdict"]["held"] and not document["verdict"]["said"]
