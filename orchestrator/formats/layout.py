@@ -51,6 +51,7 @@ class Layout:
         encoding: of a text file, or of the database of a CAN log, such as cp1252.
         dates: order of day, month and year.
         time_zone: where the clock was that gave times without a zone, such as Europe/Berlin.
+        step: from one sample to the next, where the file has no stamps; the first is at 0 [s].
     """
 
     variable: str | None = None
@@ -70,6 +71,7 @@ class Layout:
     encoding: str | None = None
     dates: Dates | None = None
     time_zone: str | None = None
+    step: float | None = None
 
 
 PLAIN = Layout(header=1, units_line=0, separator=",", decimal=".", encoding="utf-8")
@@ -79,7 +81,8 @@ def spelled(layout: Layout, asked: Layout) -> dict[str, object]:
     """The `layout` block that reads such a file: what was asked for, and what is not as in a plain file."""
     keys = ("variable", "time", "columns", "units", "header", "units_line", "separator", "decimal", "encoding")
     seen = {key: getattr(layout, key) for key in (*keys, "dates", "time_zone")}
-    return {
+    even: dict[str, object] = {} if layout.step is None else {"time": {"step": layout.step}}
+    return even | {
         key: dict(value) if isinstance(value, Mapping) else value
         for key, value in seen.items()
         if value not in (None, {}) and (value != getattr(PLAIN, key) or getattr(asked, key) is not None)
@@ -120,10 +123,10 @@ class Choice:
     """The columns to read of the file `place`.
 
     Attributes:
-        time: number of the column with the stamps.
+        time: number of the column with the stamps; of any column where sampling is `even`.
         signals: name -> number of a column, from 0.
         units: name -> unit.
-        seconds: unit of the stamps [s].
+        seconds: unit of the stamps, or the step of an even sampling [s].
         layout: what was asked for, and what was seen.
         notes: what was seen and not said, a line each.
     """
@@ -135,6 +138,7 @@ class Choice:
     seconds: float
     layout: Layout
     notes: tuple[str, ...] = ()
+    even: bool = False
 
     @property
     def wanted(self) -> list[int]:
@@ -159,7 +163,10 @@ class Choice:
             TraceError: fewer than two distinct stamps, or one that is not finite; numbers of an unknown unit that look
                 like days or like milliseconds since 1970.
         """
-        time = self._numbers(column(self.time)) if stamps is None else stamps.time
+        if self.even:
+            time = self.seconds * np.arange(len(np.asarray(column(self.time))), dtype=np.float64)
+        else:
+            time = self._numbers(column(self.time)) if stamps is None else stamps.time
         signals = {key: column(index) for key, index in self.signals.items()}
         trace, report = ordered(time, signals, self.units, str(self.place))
         found = stamps or Stamps(time)
@@ -201,25 +208,26 @@ def choose(layout: Layout, columns: Columns, place: Path) -> Choice:
     Raises:
         TraceError: a column is not there, or its name is missing or ambiguous; an unknown unit of time.
     """
-    time, notes = _time(layout, columns, place)
-    if columns.useless.get(time):
+    time, notes = (None, []) if layout.step is not None else _time(layout, columns, place)
+    if time is not None and columns.useless.get(time):
         what = f"holds {columns.useless[time]}, no times"
         raise TraceError(f"{place}: column {_quoted(columns.label(time))}", what, "choose another `time` in the layout")
     columns = replace(columns, useless={**dict.fromkeys(set(columns.stamped) - {time}, "times"), **columns.useless})
     signals = _signals(layout, columns, time, place, notes)
-    time_name = columns.names[time] if columns.names else "time"
+    time_name = columns.names[time] if columns.names and time is not None else "time"
     stray = set(layout.units) - set(signals) - {time_name, "time"}
     if stray:
         raise TraceError(place, f"units are given for '{min(stray)}', which is not read", "correct the layout")
     told = {name: columns.unit(number) for name, number in signals.items()}
     units = {name: unit for name in signals if (unit := layout.units.get(name, told[name]))}
+    seen = replace(layout, columns={name: columns.label(number) for name, number in signals.items()}, units=units)
+    if time is None:
+        if not signals:
+            raise TraceError(place, "holds no columns of numbers", "check that it is a recording")
+        assert layout.step is not None
+        return Choice(place, min(signals.values()), signals, units, layout.step, seen, tuple(notes), even=True)
     unit = _unit_of_time(layout, columns, time, time_name, place, notes)
-    seen = replace(
-        layout,
-        time=columns.label(time),
-        columns={name: columns.label(number) for name, number in signals.items()},
-        units=({"time": unit} if unit else {}) | units,
-    )
+    seen = replace(seen, time=columns.label(time), units=({"time": unit} if unit else {}) | units)
     return Choice(place, time, signals, units, SECONDS[unit], seen, tuple(notes))
 
 
@@ -244,7 +252,7 @@ def _time(layout: Layout, columns: Columns, place: Path) -> tuple[int, list[str]
 
 
 def _unknown_time(columns: Columns, found: list[int], place: Path) -> TraceError:
-    fix = "say which one is `time` in the layout (--time)"
+    fix = "say which one is `time` in the layout (--time), or `time: {step: 0.001}` where it has none"
     if len(found) > 1:
         which = ", ".join(_quoted(columns.label(number)) for number in found[:6])
         return TraceError(place, f"has {len(found)} columns that may be the time: {which}", fix)
@@ -279,7 +287,7 @@ def _number(column: int | str, columns: Columns, place: Path) -> int:
     raise TraceError(place, f"has no column '{column}'", f"it holds {_listed(columns.names)}")
 
 
-def _signals(layout: Layout, columns: Columns, time: int, place: Path, notes: list[str]) -> dict[str, int]:
+def _signals(layout: Layout, columns: Columns, time: int | None, place: Path, notes: list[str]) -> dict[str, int]:
     if layout.columns is None:
         return _all(columns, time, notes)
     signals = {name: _number(column, columns, place) for name, column in layout.columns.items()}
@@ -290,7 +298,7 @@ def _signals(layout: Layout, columns: Columns, time: int, place: Path, notes: li
     return signals
 
 
-def _all(columns: Columns, time: int, notes: list[str]) -> dict[str, int]:
+def _all(columns: Columns, time: int | None, notes: list[str]) -> dict[str, int]:
     """Every column that holds numbers, each under a name of its own."""
     names = columns.names or ("",) * columns.count
     signals: dict[str, int] = {}

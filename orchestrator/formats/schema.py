@@ -9,7 +9,13 @@ from pydantic import Field, model_validator
 
 from orchestrator.can.database.sources import DatabaseFiles, moved, paths
 from orchestrator.formats.layout import Dates, Decimal, Layout, Separator
-from orchestrator.yaml_file import Block
+from orchestrator.yaml_file import Block, Seconds
+
+
+class EvenBlock(Block):
+    """The time of a recording without stamps: from one sample to the next [s]."""
+
+    step: Annotated[Seconds, Field(gt=0)]
 
 
 class LayoutBlock(Block):
@@ -25,7 +31,7 @@ class LayoutBlock(Block):
     """
 
     variable: str | None = None
-    time: int | str | None = None
+    time: int | str | EvenBlock | None = None
     columns: dict[str, int | str] | None = None
     units: dict[str, str] = {}
     header: int | None = Field(None, ge=0)
@@ -52,7 +58,9 @@ class LayoutBlock(Block):
 
     def layout(self, base: Path) -> Layout:
         """How to read a recording; the database is relative to `base`."""
-        return Layout(**(dict(self) | {"database": self.database_file(base)}))
+        given = dict(self) | {"database": self.database_file(base)}
+        even = self.time if isinstance(self.time, EvenBlock) else None
+        return Layout(**(given | ({"time": None, "step": float(even.step)} if even else {})))
 
     def database_file(self, base: Path) -> DatabaseFiles | None:
         """The database: where the file says, or beside the file by its own name, as in a result folder."""

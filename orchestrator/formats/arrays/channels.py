@@ -28,6 +28,7 @@ class Channel:
         clock: name of the channel with their stamps, "" where the file does not tell.
         stamped: whether the samples are instants.
         problem: what they are, where they are no numbers.
+        start: of stamps, the POSIX time of their 0 [s], where the file knows it.
     """
 
     name: str
@@ -37,6 +38,7 @@ class Channel:
     clock: str = ""
     stamped: bool = False
     problem: str = ""
+    start: float | None = None
 
 
 def recording(path: Path, layout: Layout, channels: Sequence[Channel], notes: Sequence[str] = ()) -> Recording:
@@ -63,7 +65,8 @@ def recording(path: Path, layout: Layout, channels: Sequence[Channel], notes: Se
     if channels[choice.time].stamped:
         instants = np.asarray(channels[choice.time].read()).astype("datetime64[ns]").astype(np.int64)
         stamps = since_first(instants, "UTC", path)
-    return choice.recording(lambda number: channels[number].read(), "", stamps, notes)
+    found = choice.recording(lambda number: channels[number].read(), "", stamps, notes)
+    return found if stamps else replace(found, start=channels[choice.time].start)
 
 
 def _clock(layout: Layout, channels: Sequence[Channel]) -> Channel | None:

@@ -61,17 +61,26 @@ def _groups(file: nptdms.TdmsFile, layout: Layout, path: Path) -> Sequence[nptdm
 
 def _of_group(group: nptdms.TdmsGroup) -> Iterator[Channel]:
     """The channels of a group; those of a waveform bring their time along."""
-    clocks: dict[tuple[int, float, float], str] = {}
+    clocks: dict[tuple[int, float, float, float | None], str] = {}
     for channel in group.channels():
         unit = str(channel.properties.get("unit_string", ""))
         step, offset = (float(channel.properties.get(f"wf_{key}", 0.0)) for key in ("increment", "start_offset"))
         clock = ""
         if step > 0 and len(channel) > 1:
-            key = (len(channel), step, offset)
+            key = (len(channel), step, offset, _start(channel))
             clock = clocks.setdefault(key, "time" if not clocks else f"time_{len(clocks) + 1}")
         yield _channel(channel, unit, clock)
-    for (count, step, offset), name in clocks.items():
-        yield Channel(name, "s", count, _even(count, step, offset), clock=name)
+    for (count, step, offset, start), name in clocks.items():
+        yield Channel(name, "s", count, _even(count, step, offset), clock=name, start=start)
+
+
+def _start(channel: nptdms.TdmsChannel) -> float | None:
+    """POSIX time at which a waveform starts [s], where that is told; LabVIEW's zero, the year 1904, tells nothing."""
+    told = channel.properties.get("wf_start_time")
+    if not isinstance(told, np.datetime64) or np.isnat(told):
+        return None
+    start = float(told.astype("datetime64[us]").astype(np.int64)) / 1e6
+    return start if start > 0 else None
 
 
 def _even(count: int, step: float, offset: float) -> Any:

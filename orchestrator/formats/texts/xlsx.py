@@ -46,6 +46,7 @@ def read(path: Path, layout: Layout) -> Recording:
         book = openpyxl.load_workbook(path, read_only=True, data_only=True, keep_links=False)
         book._date_formats = set()  # days as numbers: as dates they are rounded to milliseconds
         sheet = _sheet(book, layout, path)
+        others = [title for title in book.sheetnames if title != sheet] if layout.variable is None else []
         text = io.StringIO(newline="")
         csv.writer(text, lineterminator="\n").writerows(_rows(book, sheet, path))
         book.close()
@@ -56,7 +57,9 @@ def read(path: Path, layout: Layout) -> Recording:
     plain = replace(layout, variable=sheet, separator=",", decimal=".", encoding="utf-8")
     recording = read_text(io.BytesIO(text.getvalue().encode()), plain, path)
     assert recording.layout is not None
-    return replace(recording, layout=replace(recording.layout, separator=None, decimal=None, encoding=None))
+    notes = [f"its sheet '{sheet}' is read, not {', '.join(map(repr, others[:20]))}"] if others else []
+    seen = replace(recording.layout, separator=None, decimal=None, encoding=None)
+    return replace(recording, layout=seen, notes=(*notes, *recording.notes))
 
 
 def _sheet(book: Workbook, layout: Layout, path: Path) -> str:

@@ -169,12 +169,14 @@ def test_links_and_storage_outside_of_an_hdf5_file_are_left_alone(tmp_path: Path
 def test_channels_of_tdms_are_read_by_group_with_their_units_and_waveforms(tmp_path: Path) -> None:
     from nptdms import ChannelObject, TdmsWriter
 
-    wave = {"wf_increment": 0.01, "wf_start_offset": 0.0, "unit_string": "rpm"}
+    began = np.datetime64("2026-03-01T12:00:00.25")
+    wave = {"wf_start_time": began, "wf_increment": 0.01, "wf_start_offset": 0.0, "unit_string": "rpm"}
     with TdmsWriter(tmp_path / "x.tdms") as file:
         file.write_segment([ChannelObject("daq", "n", SPEED, wave), ChannelObject("slow", "T", SPEED[:5], {})])
         file.write_segment([ChannelObject("slow", "t", TIME[:5], {"unit_string": "ms"})])
     recording = read(tmp_path / "x.tdms")
     assert recording.trace == Trace(TIME, {"n": SPEED}, {"n": "rpm"}, "x")
+    assert recording.start == pandas.Timestamp(began, tz="UTC").timestamp()
     assert read(tmp_path / "x.tdms", Layout(variable="slow")).trace == Trace(
         TIME[:5] * 1e-3, {"T": SPEED[:5]}, name="x"
     )
@@ -195,6 +197,7 @@ def test_a_sheet_is_read_with_its_units_dates_and_flags(tmp_path: Path) -> None:
     book.create_sheet("empty")
     book.save(tmp_path / "x.xlsx")
     recording = read(tmp_path / "x.xlsx")
+    assert "its sheet 'Sheet' is read, not 'empty'" in recording.notes
     frame = pandas.read_excel(tmp_path / "x.xlsx", skiprows=[0, 2])
     assert recording.trace["n"].tolist() == frame["n"].tolist() and recording.trace.units == {"n": "rpm"}
     assert recording.trace["on"].tolist() == [0, 0, 1, 1]

@@ -294,7 +294,7 @@ MALFORMED: list[tuple[str, bytes | Callable[[BinaryIO], object], Layout | None, 
     ),
     ("x.parquet", frame(time=[0.0, 1.0], a=[[1.0], [2.0]]), Layout(columns={"a": "a"}), "column 'a': holds list"),
     ("x.parquet", frame(time=[0.0, None], a=[1, 2]), None, "time stamp 2 is nan"),
-    ("x.wav", b"RIFF", None, "format '.wav' is not known; use .csv, .mat, .parquet, .tsv, .txt, .dat"),
+    ("x.wav", b"RIFF", None, "format '.wav' is not known; use .csv, .mat, .parquet, .tsv, .txt, .arrows, .dat"),
 ]
 
 

@@ -240,3 +240,19 @@ def test_what_pandas_writes_for_german_eyes_comes_back(rows: list[tuple[float, f
         recording = read(written(Path(folder), text.getvalue()), Layout(decimal=","))
     assert recording.trace.time.tolist() == frame["Zeit [s]"].tolist()
     assert recording.trace["n"].tolist() == frame["n [1/min]"].tolist()
+
+
+def test_a_recording_without_stamps_is_sampled_as_its_user_says_and_never_else(tmp_path: Path) -> None:
+    path = written(tmp_path, "speed [rpm],angle [deg]\n3,5\n1,4\n2,6\n")
+    with pytest.raises(TraceError, match=r"or `time: \{step: 0.001\}` where it has none"):
+        read(path)
+    block = LayoutBlock.model_validate({"time": {"step": "1/500"}})
+    recording = read(path, block.layout(tmp_path))
+    assert recording.trace.time.tolist() == [0, 0.002, 0.004] and recording.trace["angle"].tolist() == [5, 4, 6]
+    assert recording.layout is not None
+    again = LayoutBlock.model_validate(spelled(recording.layout, Layout()))
+    assert read(path, again.layout(tmp_path)).trace == recording.trace
+    np.savez(tmp_path / "a.npz", speed=np.ones(4), angle=np.zeros(4))
+    assert read(tmp_path / "a.npz", Layout(step=0.5)).trace.time.tolist() == [0, 0.5, 1, 1.5]
+    with pytest.raises(ValueError, match="greater than 0"):
+        LayoutBlock.model_validate({"time": {"step": 0}})
