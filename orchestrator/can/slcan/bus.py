@@ -23,6 +23,7 @@ import serial
 from can.interfaces.slcan import slcanBus
 
 from orchestrator.can.slcan import protocol
+from orchestrator.can.slcan.adapter_clock import AdapterClock
 from orchestrator.can.slcan.flow import Flow, Key
 from orchestrator.can.slcan.opening import VERSION, take_over
 
@@ -55,9 +56,10 @@ _DETAILS = {  # letter: class, byte of the data, bits in it
 class SlcanBus(slcanBus):
     """An adapter on a serial port that is ours alone; what it reports of errors comes as error frames.
 
-    Received frames carry the time at which they were read, on a clock that never jumps.
+    Received frames carry the adapter's stamps, or the time at which they were read, on a clock that never jumps.
 
     Attributes:
+        clock: what it makes of the adapter's stamps.
         flow: which frames it took.
         malformed: lines that were no frame and no answer: noise, or an adapter that speaks something else.
         refused: commands and frames that the adapter has not taken (BEL).
@@ -77,6 +79,7 @@ class SlcanBus(slcanBus):
     ) -> None:
         self.malformed = self.refused = 0
         self.flow = Flow()
+        self.clock = AdapterClock()
         self._bus_state = can.BusState.ACTIVE
         self._received: deque[can.Message] = deque()
         self._reading = Lock()
@@ -164,7 +167,7 @@ class SlcanBus(slcanBus):
         """Act on one line: a frame, news of errors, an answer, or noise."""
         frame = protocol.parse(line)
         if frame is not None:
-            self._received.append(_data_frame(frame, stamp))
+            self._received.append(_data_frame(frame, self.clock.dated(frame.stamp, stamp)))
         elif line in _TAKEN:
             self.flow.answered(True, time.monotonic())
         elif VERSION.fullmatch(line):

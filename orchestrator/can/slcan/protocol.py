@@ -32,7 +32,7 @@ _REMOTE, _FD, _SWITCHED = frozenset(b"rR"), frozenset(b"dDbB"), frozenset(b"bB")
 
 
 class FrameLine(NamedTuple):
-    """A frame as its line says it; `digits` are the hexadecimal digits of its data."""
+    """A frame as its line says it; `digits` are the hexadecimal digits of its data, `stamp` is in ms, None without."""
 
     identifier: int
     extended: bool
@@ -41,6 +41,7 @@ class FrameLine(NamedTuple):
     switched: bool
     length: int
     digits: bytes
+    stamp: int | None = None
 
 
 def marked(data: bytes) -> bytes:
@@ -51,7 +52,7 @@ def marked(data: bytes) -> bytes:
 def parse(line: bytes) -> FrameLine | None:
     """The frame of a line without its end, None where it is none: another answer, or noise.
 
-    Frames may end with a time stamp of 4 digits, as adapters send it when told so once; it is left out.
+    Frames may end with a time stamp of 4 digits, as adapters send it when told so once.
     """
     match = _FRAME.fullmatch(line)
     if match is None:
@@ -74,4 +75,5 @@ def parse(line: bytes) -> FrameLine | None:
         letter in _SWITCHED,
         length,
         digits[:expected],
+        int(digits[expected:], 16) if digits[expected:] else None,
     )

@@ -168,6 +168,15 @@ def test_stamps_are_the_time_of_day_and_in_order(line: tuple[int, can.BusABC]) -
     assert begun - 0.01 < stamps[0] <= stamps[-1] < time.time() + 0.01
 
 
+def test_stamps_of_the_adapter_are_kept_and_go_on_over_its_minute(line: tuple[int, can.BusABC]) -> None:
+    adapter, bus = line
+    os.write(adapter, b"t1230EA42\r")  # 59.970 s, which is read at once
+    heard(bus, 1)
+    os.write(adapter, b"t1230EA56\rt1230EA5B\rt12300004\rt1231AA0009\r")  # 59.990 s, 59.995 s, 0.004 s, 0.009 s
+    stamps = [message.timestamp for message in heard(bus, 4)]
+    assert [stamp - stamps[-1] for stamp in stamps] == pytest.approx([-0.019, -0.014, -0.005, 0.0], abs=1e-6)
+
+
 def test_an_adapter_that_goes_away_is_noticed_and_can_be_closed() -> None:
     master, slave = os.openpty()
     bus = open_bus(BusSettings("slcan", os.ttyname(slave)))
