@@ -16,6 +16,7 @@ import can
 from orchestrator.can.frames import moment
 from orchestrator.can.live.bus import BusSettings, opened
 from orchestrator.can.live.receiver import Receiver
+from orchestrator.can.slcan.adapter_clock import AdapterClock
 
 
 @dataclass
@@ -38,13 +39,18 @@ class Channel:
         return int(getattr(self.bus, "malformed", 0))
 
     @property
+    def clock(self) -> AdapterClock | None:
+        """Of a serial adapter."""
+        return getattr(self.bus, "clock", None)
+
+    @property
     def refused(self) -> int:
         """Commands that the adapter refused."""
         return int(getattr(self.bus, "refused", 0))
 
     def document(self) -> dict[str, Any]:
         """For the manifest."""
-        settings, failure = self.settings, self.receiver.failure
+        settings, failure, clock = self.settings, self.receiver.failure, self.clock
         return {
             "interface": settings.interface,
             "channel": settings.channel,
@@ -59,13 +65,14 @@ class Channel:
             "pauses": [{"until": moment(pause.stamp), "seconds": pause.seconds} for pause in self.receiver.pauses],
             "pause_count": self.receiver.pause_count,
             "clock_offset": self.receiver.clock_offset,
+            "adapter_stamps": clock.used if clock else None,
             "failure": None if failure is None else str(failure),
         }
 
     def remarks(self, among_others: bool) -> list[str]:
         """What somebody should know about it, a line each; `among_others` that have frames, also that it has none."""
         place, receiver = self.settings.place, self.receiver
-        offset = receiver.clock_offset or 0.0
+        offset, clock = receiver.clock_offset or 0.0, self.clock
         pauses = sum(pause.seconds for pause in receiver.pauses)
         told = {
             f"{place}: no frame came": among_others and not self.frames,
@@ -74,6 +81,8 @@ class Channel:
             ),
             f"{place}: could not be read {receiver.pause_count:,} times, for {pauses:.1f} s in all; frames of then have"
             " later stamps, or are lost": receiver.pause_count,
+            f"{place}: stamps are the adapter's own, in ms": clock and clock.used and not clock.odd,
+            f"{place}: the adapter's stamps are no ms of a minute, and left out": clock and clock.odd,
             f"{place}: the adapter refused {self.refused:,} commands": self.refused,
             f"{place}: stamps are those of the adapter's clock, moved by {offset:.6f} s to be dates": offset,
         }

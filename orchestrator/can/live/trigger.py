@@ -161,6 +161,7 @@ class Trigger:
     def remarks(self) -> list[str]:
         """What somebody should know, a line each."""
         told = {
+            f"'{self._limits.stop}' held, which ended it": self.stopped is not None,
             f"'{self._limits.start}' has never held in {self.watched:,} frames, so none was recorded": self.waiting,
             f"of the time before the start {self.overrun:,} frames were too many to be kept": self.overrun,
         }
