@@ -88,13 +88,13 @@ def permitted(given: Permission) -> Iterator[None]:
 
 
 @contextmanager
-def result_folder(target: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
+def result_folder(target: Path, inputs: Iterable[Path] = (), begins: bool = True) -> Iterator[Path]:
     """A folder to fill that becomes `target` when all went well; an earlier result there is replaced.
 
     Raises:
         InputError: see `check_target`.
     """
-    check_target(target, inputs)
+    check_target(target, inputs, begins=begins)
     with aside(target) as near:
         fresh = near / "fresh"
         fresh.mkdir()
@@ -134,12 +134,13 @@ def _unwritable(target: Path, error: OSError) -> InputError:
     return InputError(target, f"cannot be written ({error.strerror})", "give another --out")
 
 
-def check_target(target: Path, inputs: Iterable[Path] = (), *, replaces: bool = True) -> None:
+def check_target(target: Path, inputs: Iterable[Path] = (), *, replaces: bool = True, begins: bool = True) -> None:
     """See that a result may be written there, before the work for it is done.
 
     Args:
         inputs: what the work reads, besides what the permission names.
         replaces: whether what is there goes, or is only added to.
+        begins: whether the work is still to be done; where it is done, a disk that is nearly full is no reason.
 
     Raises:
         InputError: `target` is there and holds something that is no result of ours, or that others put beside one;
@@ -162,7 +163,7 @@ def check_target(target: Path, inputs: Iterable[Path] = (), *, replaces: bool = 
                 "move that away, give another --out, or --force to replace all",
             )
     with aside(target) as near:
-        if (free := shutil.disk_usage(near).free) < LEAST_FREE:
+        if begins and (free := shutil.disk_usage(near).free) < LEAST_FREE:
             raise InputError(target, f"is on a disk with {free / 1e6:.0f} MB left", "make space, or give another --out")
 
 

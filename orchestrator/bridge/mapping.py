@@ -53,10 +53,9 @@ class Coupling:
     def notes(self) -> list[str]:
         """What is sent without having been asked for, and what nothing puts to rest."""
         endless = [
-            f"{message.spec.name}.{signal.spec.name} has no `safe` value: whatever happens, its last value is the last"
+            f"{message.spec.name}: no `safe` value for {', '.join(names)}: whatever happens, the last value is the last"
             for message in self.sent
-            for signal in message.signals
-            if signal.safe is None and self.reception.messages
+            if (names := [signal.spec.name for signal in message.signals if signal.safe is None])
         ]
         return [*endless, *(note for message in self.sent for note in message.notes())]
 
@@ -145,6 +144,9 @@ def _received_signal(
         raise WiringError(f"{where}.safe", f"{safe:g} is not whole", f"it is {with_article(port.type)}")
     crossed = crossing(where, port.meaning(signal.unit), port.measure)
     low, high = _range(signal, port, crossed)
+    if not low <= safe <= high:
+        problem = f"is {safe:g}, and {signal.name} is in [{low:g}, {high:g}]"
+        raise WiringError(f"{where}.safe", problem, "choose a value inside")
     return ReceivedSignal(public, name, place, crossed, safe, low, high, block.range == "reject")
 
 

@@ -2,34 +2,44 @@
 
 from __future__ import annotations
 
+import logging
 import shutil
 from pathlib import Path
 from typing import Any
 
+from fmus.errors import InputError
 from orchestrator.bridge.bridge import BridgeResult
 from orchestrator.formats.arrows import SUFFIX
 from orchestrator.report import Report, Section, figures
 from orchestrator.results import result_folder, write_json
 from orchestrator.scenario import results
+from orchestrator.scenario.run import CaseResult
 
+LOG = logging.getLogger("servotwin.can")
 EVENTS = 50  # that the report shows
 
 
 def write(bridged: BridgeResult, target: Path) -> None:
     """Write the folder: `<case>.parquet`, manifest.json, report.html."""
-    with result_folder(target) as folder:
+    with result_folder(target, begins=False) as folder:
         for case in bridged.result.cases:
             if case.file is not None:
-                name = Path(results.trace_file(bridged.result, case)).with_suffix(case.file.suffix)
-                shutil.move(case.file, folder / name)
+                shutil.move(case.file, folder / _trace_file(bridged, case))
         write_json(folder / "manifest.json", document_of(bridged, target))
-        report(bridged).write(folder / "report.html")
+        try:
+            report(bridged).write(folder / "report.html")
+        except (OSError, InputError) as error:  # what was measured is worth more
+            LOG.warning("there is no report: %s", error)
 
 
 def rescue(scenario: Path, near: Path, target: Path) -> None:
     """Make a folder of the record that a process has left which is gone."""
     kept = list(near.glob(f"*{SUFFIX}"))
-    with kept[0].open("rb") as record, result_folder(target) as folder, (folder / f"run{SUFFIX}").open("wb") as copy:
+    with (
+        kept[0].open("rb") as record,
+        result_folder(target, begins=False) as folder,
+        (folder / f"run{SUFFIX}").open("wb") as copy,
+    ):
         shutil.copyfileobj(record, copy)
         failure = "the process that took the steps was gone before the end"
         document = {"scenario": scenario.name, "passed": False, "ended": "failed", "failure": failure}
@@ -39,7 +49,17 @@ def rescue(scenario: Path, near: Path, target: Path) -> None:
 def document_of(bridged: BridgeResult, folder: Path) -> dict[str, Any]:
     """What ran on which bus and how it went, as plain values."""
     run = results.document_of(bridged.result, {}, folder)
-    return run | {"ended": how(bridged), "can": bridged.account.document()}
+    cases = [
+        told | ({"trace": _trace_file(bridged, case)} if "trace" in told else {})
+        for case, told in zip(bridged.result.cases, map(dict, run["cases"]), strict=True)
+    ]
+    return {**run, "cases": cases, "ended": how(bridged), "can": bridged.account.document()}
+
+
+def _trace_file(bridged: BridgeResult, case: CaseResult) -> str:
+    """Name of the record: it is left as it grew where there was no room for another form."""
+    name = Path(results.trace_file(bridged.result, case))
+    return str(name if case.file is None else name.with_suffix(case.file.suffix))
 
 
 def how(bridged: BridgeResult) -> str:

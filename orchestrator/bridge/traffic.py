@@ -43,6 +43,7 @@ class TrafficReport:
         dropped: received frames that came faster than they could be taken.
         frames: that got out; acknowledged: whether the adapter has said so of each, or only took them.
         no_room: frames that the adapter did not take; unsent: those for which there was no bus.
+        skipped: frames in whose place only later ones were sent.
         losses: the first times that the bus was lost; loss_count counts all.
         malformed, refused: lines from the adapter that were no frames, and commands that it refused.
         trouble: why the bus was lost at the end, "" where it was not.
@@ -58,6 +59,7 @@ class TrafficReport:
     acknowledged: bool
     no_room: int
     unsent: int
+    skipped: int
     losses: tuple[Loss, ...]
     loss_count: int
     malformed: int
@@ -75,7 +77,9 @@ class TrafficReport:
         """What is known where whoever had the bus is gone."""
         none, names = FrameStatistics(), tuple(message.spec.name for message in coupling.sent if message.guarded)
         why = "the process that has the bus is gone"
-        return cls(none, 0, none, 0, False, 0, 0, (), 0, 0, 0, why, "", False, names, {}, {}, WatchdogReport({}, 0, []))
+        return cls(
+            none, 0, none, 0, False, 0, 0, 0, (), 0, 0, 0, why, "", False, names, {}, {}, WatchdogReport({}, 0, [])
+        )
 
 
 class BusTraffic:
@@ -111,6 +115,7 @@ class BusTraffic:
         self._not_finite: set[SentSignal] = set()
         self._backlog, self._full = backlog, False
         self._news, self._states, self._seen = news, ErrorStates(), (0.0, 0.0)
+        self._skipped = 0
         self._number, self._beat, self._late = -1, 0.0, ""
         for message in coupling.reception.messages:
             for signal in message.signals:
@@ -143,7 +148,10 @@ class BusTraffic:
         self._look(now)
         resting = self._resting()
         for message in self._coupling.sent:
-            if number // message.every > self._number // message.every and not self._too_soon(message, now):
+            due = number // message.every - self._number // message.every
+            send = due > 0 and not self._too_soon(message, now)
+            self._skipped += due - send
+            if send:
                 frame = message.frame(outputs, resting)
                 if frame is not None:
                     self._send(message, frame, now)
@@ -208,6 +216,7 @@ class BusTraffic:
             link.acknowledges,
             link.no_room,
             link.unsent,
+            self._skipped,
             tuple(link.losses),
             link.loss_count,
             link.malformed,

@@ -197,7 +197,10 @@ def test_signals_that_nobody_sends_rest_and_that_is_said(rig: Database) -> None:
     coupling = couple(rig, send={"angle": "rig.angle"})
     values = rig.message("State").raw.decode(sent(coupling.sent[0], [1.0]))
     assert (values["speed"], values["spare"]) == (0.0, 0.0)
-    assert coupling.notes() == ["State: speed, spare rest at the initial value, or zero, since nothing is sent there"]
+    assert coupling.notes()[0] == "State: no `safe` value for angle: whatever happens, the last value is the last"
+    assert coupling.notes()[1:] == [
+        "State: speed, spare rest at the initial value, or zero, since nothing is sent there"
+    ]
 
 
 def test_the_last_frame_has_the_safe_values_and_leaves_the_others(rig: Database) -> None:
@@ -234,7 +237,7 @@ def test_pages_take_turns_where_nothing_is_sent_in_the_multiplexer(rig: Database
     coupling = couple(rig, send={"first": "rig.angle", "second": "rig.torque"}, **PAGED)
     (message,) = coupling.sent
     assert [sent(message, [3.0, 4.0])[0] for _ in range(4)] == [0, 1, 0, 1]
-    assert coupling.notes() == ["Paged: its 2 pages take turns, since nothing is sent in page"]
+    assert coupling.notes()[1:] == ["Paged: its 2 pages take turns, since nothing is sent in page"]
     one = couple(rig, send={"second": {"source": "rig.torque", "safe": 2}}, **PAGED).sent[0]
     assert [bytes(frame.data[:3]) for frame in one.safe_frames()] == [struct.pack("<BH", 1, 2)]
 
@@ -372,6 +375,14 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     (
         {"send": {"angle": {"source": "rig.angle", "safe": 0, "while": ["Sensors"]}}, "receive": VOLTAGE},
         "can.send.angle.while: 'Sensors' is not received; there is Command",
+    ),
+    (
+        {"receive": {"rig.voltage": {"signal": "voltage", "safe": 25}}},
+        "can.receive.rig.voltage.safe: is 25, and voltage is in [-24, 24]; choose a value inside",
+    ),
+    (
+        {"receive": VOLTAGE, "stop": "Panel.halt"},
+        "{database}: has no signal 'Panel.halt'; did you mean 'Paged.page'?",
     ),
     (
         {"receive": {"rig.voltage": SAFE | {"silence": 0.01}}},

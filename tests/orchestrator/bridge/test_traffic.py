@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, cast
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from orchestrator.bridge.mapping import coupled
 from orchestrator.bridge.traffic import BusTraffic
@@ -124,3 +127,51 @@ def test_what_an_interface_gives_back_is_no_second_sender_and_not_received(rig: 
     bus.waiting.append(frame(GUARDED, b"\1\2\3\4"))
     traffic.receive(0.301)
     assert traffic.report(0.3).foreign == {"Guarded": 1}
+
+
+FAULTS = ("", "silent", "checksum", "stuck", "short", "not finite", "hangs")
+SPELLS = st.lists(st.tuples(st.sampled_from(FAULTS), st.integers(5, 400)), min_size=1, max_size=8)
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(spells=SPELLS, latched=st.booleans())
+def test_whatever_goes_wrong_no_blind_command_goes_out(
+    rig: Database, spells: list[tuple[str, int]], latched: bool
+) -> None:
+    """Ticks of 1 ms; a good frame comes every 10 ms where none of the faults is there."""
+    bus, silence, most_late, period = ScriptedBus(), 0.1, 0.05, 0.002
+    changes = {
+        "receive": {"rig.page": {"signal": "torque", "safe": 0}},
+        "send": {"angle": {"source": "rig.angle", "safe": 0}},
+        "every": {"State": period},
+        "resume": "latch" if latched else "auto",
+    }
+    traffic = on(bus, rig, [], **changes | {"silence": silence, "most_late": most_late})
+    peers = CanBlock.model_validate({"database": rig.path, "send": {"torque": "rig.torque"}})
+    (peer,) = coupled(peers, sample_system(), rig, Fraction(1, 1000)).sent
+    heard = stepped = -math.inf
+    for tick, fault in enumerate(fault for fault, ticks in spells for _ in range(ticks)):
+        now, good = tick * STEP, True
+        if tick % 10 == 0 and fault != "silent":
+            message = peer.frame([0.25])
+            assert message is not None
+            data, good = bytes(message.data), fault not in ("checksum", "stuck", "short")
+            data = {"checksum": bytes([data[0] ^ 1]) + data[1:], "stuck": bytes([0, 0, 5, 0]), "short": data[:2]}.get(
+                fault, data
+            )
+            bus.waiting.append(frame(GUARDED, data))
+            heard = now if good else heard
+        traffic.receive(now)
+        before = len(bus.sent)
+        if fault == "hangs":
+            traffic.watch(now)
+        else:
+            traffic.send(tick, [math.nan if fault == "not finite" else 1.0], now, 0.0)
+            stepped = now
+        for message in bus.sent[before:]:
+            if struct.unpack_from("<i", message.data)[0] != 0:
+                assert fault != "not finite"
+                assert now - heard <= silence + 2 * period + 1e-9
+                assert now - stepped <= most_late + STEP + 2 * period
+    traffic.end(2.0)
+    assert struct.unpack_from("<i", bus.sent[-1].data)[0] == 0
