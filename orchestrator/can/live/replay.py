@@ -20,6 +20,7 @@ from orchestrator.can.database.sources import DatabaseFiles
 from orchestrator.can.frames import Frames
 from orchestrator.can.live.bus import BusSettings, is_bus_off, send
 from orchestrator.can.live.channels import Channel, Channels, listening
+from orchestrator.can.live.link import REFUSING
 from orchestrator.can.live.passes import ahead, passes
 from orchestrator.can.live.safe_end import Last, SafeEnd
 from orchestrator.can.live.selection import Chosen, Selection
@@ -34,6 +35,7 @@ EVERYTHING, NOTHING = Chosen(), Last()
 _LEAD = 0.05  # from the start to the first frame [s]
 _PERIOD = 0.25  # between two reports of progress, and two looks at what the adapter says [s]
 _HEARD = 65536  # frames of others that are kept between two looks at most
+_REFUSED = 0.2  # for which an adapter may refuse all frames [s]
 _ECHO = 0.3  # after the last frame, until the adapter has sent what it keeps and has said what there is to say [s]
 
 
@@ -42,7 +44,7 @@ class Replayed:
     """What was sent, and how well in time.
 
     Attributes:
-        sent: frames.
+        sent: frames that adapters were given; refused: of these, those that they did not take.
         skipped: error frames, which a bus makes and nobody sends.
         left_out: frames that are not chosen; missing: names of what is chosen and was not in the log.
         homeless: frames of channels for which there is no bus; channels: those that the frames are of; mixed:
@@ -71,11 +73,18 @@ class Replayed:
     mixed: bool = False
     channels: set[int] = field(default_factory=set)
     last: list[str] = field(default_factory=list)
+    refused: int = 0
+
+    @property
+    def out(self) -> int:
+        """Frames that were not refused."""
+        return self.sent - self.refused
 
     def document(self) -> dict[str, Any]:
         """For --json."""
         return {
-            "sent": self.sent,
+            "sent": self.out,
+            "refused": self.refused,
             "skipped": self.skipped,
             "left_out": self.left_out,
             "missing": self.missing,
@@ -95,6 +104,7 @@ class Replayed:
         late = self.lateness.document()
         told = {
             f"sent last: {', '.join(self.last)}": self.last,
+            f"{self.refused:,} frames were not sent: the adapter refused them": self.refused,
             f"{self.skipped:,} error frames of the log were not sent": self.skipped,
             f"{self.left_out:,} frames of the log were not chosen": self.left_out,
             f"the log holds no frame of {', '.join(self.missing)}": self.missing,
@@ -105,7 +115,7 @@ class Replayed:
         together = ", ".join(map(str, sorted(self.channels)))
         told[f"frames of channels {together} went onto one bus"] = self.mixed
         return [
-            f"{self.sent:,} frames in {self.duration:.3f} s; late by {1e3 * late['median']:.2f} ms (median), "
+            f"{self.out:,} frames in {self.duration:.3f} s; late by {1e3 * late['median']:.2f} ms (median), "
             f"{1e3 * late['p99']:.2f} ms (99 %), {1e3 * late['worst']:.2f} ms (most)",
             *(line for line, holds in told.items() if holds),
             *self.damage,
@@ -250,8 +260,10 @@ class _Sender:
         """See how the buses take it; what else is received is of no interest.
 
         Raises:
-            BusError: an adapter has left its bus, or is gone.
+            BusError: an adapter has left its bus, is gone, or refuses all frames.
         """
+        flows = [flow for channel in self._channels if (flow := getattr(channel.bus, "flow", None))]
+        self._done.refused = sum(flow.refused for flow in flows)
         for channel in self._channels:
             messages = channel.receiver.take()
             self._done.errors += sum(message.is_error_frame for message in messages)
@@ -263,6 +275,9 @@ class _Sender:
                 )
             if channel.receiver.failure is not None:
                 raise self._failed(channel, channel.receiver.failure)
+            since = getattr(getattr(channel.bus, "flow", None), "refusing", None)
+            if since is not None and time.monotonic() - since > _REFUSED:
+                raise self._failed(channel, can.CanOperationError(REFUSING))
 
     def _number(self, message: can.Message) -> int | None:
         """Of the bus that a frame goes to; None where there is none for it."""
@@ -287,7 +302,7 @@ class _Sender:
     def _failed(self, channel: Channel, error: Exception) -> BusError:
         return BusError(
             channel.settings.place,
-            f"failed after {self._done.sent:,} frames ({error})",
+            f"failed after {self._done.out:,} frames ({error})",
             "see that the adapter is plugged in, and that somebody listens",
         )
 

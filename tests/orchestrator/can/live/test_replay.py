@@ -28,6 +28,7 @@ from orchestrator.can.slcan.hub import hub_process
 from orchestrator.can.statistics import FrameStatistics
 from orchestrator.progress import Progress, silent
 from orchestrator.realtime.lateness import Lateness
+from tests.support.scripted_adapter import ScriptedAdapter, willing
 from tests.support.wiring import HANG, command, frame, heard, joined, number
 
 pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
@@ -345,6 +346,16 @@ def test_each_channel_goes_to_its_bus_or_all_to_one(tmp_path: Path) -> None:
         done = replaying.replay(Replay(log, buses[:1]))
         assert done.sent == 9
         assert "frames of channels 0, 1, 2 went onto one bus" in done.lines()
+
+
+def test_an_adapter_that_refuses_frames_has_not_sent_them(tmp_path: Path) -> None:
+    log = written(tmp_path / "log.blf", stamped(9, lambda k: 0.001 * k))
+    with ScriptedAdapter(lambda line: b"\a" if line.endswith(b"4") and line[:1] == b"t" else willing(line)) as adapter:
+        done = replay(BusSettings("slcan", adapter.path), log)
+        assert done.document()["sent"] == 8 and "1 frames were not sent: the adapter refused them" in done.lines()
+        adapter.answer = lambda line: b"\a" if line[:1] == b"t" else willing(line)
+        with pytest.raises(BusError, match=r"failed after 0 frames \(the adapter refuses all frames"):
+            replay(BusSettings("slcan", adapter.path), log)
 
 
 @given(st.lists(st.floats(1e-6, 100.0), min_size=1, max_size=300), st.sampled_from([0.5, 0.99, 1.0]))
