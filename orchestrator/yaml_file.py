@@ -179,10 +179,14 @@ def _one_line(text: object) -> str:
 
 
 def _complaint(path: Path, document: Any, schema: type[Block], error: ValidationError) -> ScenarioError:
-    """The one thing to mend first: an unknown key, since it often is a required one misspelt, else the first."""
+    """The one thing to mend first: an unknown key, since it often is a required one misspelt, else the first; of what
+    may be one thing or another the place that lies deepest."""
     found = error.errors(include_url=False, include_context=False)
-    first = next((problem for problem in found if problem["type"] == "extra_forbidden"), found[0])
-    keys = _keys_in_file(document, first["loc"], first["type"])
+    places = [_keys_in_file(document, problem["loc"], problem["type"]) for problem in found]
+    beside = [number for number, keys in enumerate(places) if keys[: len(places[0])] == places[0]]
+    deepest = max(beside, key=lambda number: len(places[number]))
+    number = next((n for n, problem in enumerate(found) if problem["type"] == "extra_forbidden"), deepest)
+    first, keys = found[number], places[number]
     place = f"{path}:{_line(document, keys)}: {'.'.join(map(_one_line, keys))}"
     if first["type"] == "extra_forbidden":
         fields = _fields(schema, keys[:-1])

@@ -45,8 +45,8 @@ def written(name: str, text: str) -> list[Any]:
         nested = YAML(typ="base", pure=True).load(text)
     except (YAMLError, RecursionError):
         nested = None
-    if not isinstance(nested, list):
-        raise ValueError(f"'{text}' is no array")
+    if not isinstance(nested, list) or not nested:
+        raise ValueError(f"'{text}' is no array of anything")
     _shape(name, nested)
     return _written(nested)
 

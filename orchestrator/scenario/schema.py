@@ -47,7 +47,7 @@ class StimulusBlock(Block):
             raise ValueError("`factor` and `offset` go with `file`; write `constant: 90 deg`")
         return self
 
-    def stimulus(self, base: Path, said: list[str]) -> Stimulus:
+    def stimulus(self, base: Path, said: list[str] | None = None) -> Stimulus:
         """The stimulus; its file is relative to `base`, and what is to be known of it is added to `said`."""
         if self.constant is not None:
             return Stimulus(self.constant)
@@ -95,14 +95,14 @@ class ExpectationBlock(Block):
             raise ValueError("`signal` goes with everything but `refused`")
         return self
 
-    def expectation(self, base: Path, said: list[str]) -> Expectation | Refusal:
+    def expectation(self, base: Path, said: list[str] | None = None) -> Expectation | Refusal:
         """What must hold; the reference's file is relative to `base`, and what is to be known of it added to `said`."""
         if self.refused is not None:
             return Refusal(self.refused)
         assert self.signal is not None
         return Expectation(self.signal, self._condition(base, said), self.after, self.before)
 
-    def _condition(self, base: Path, said: list[str]) -> Below | Above | Near:
+    def _condition(self, base: Path, said: list[str] | None = None) -> Below | Above | Near:
         if self.below is not None:
             return Below(self.below)
         if self.above is not None:

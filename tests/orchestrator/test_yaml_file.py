@@ -29,6 +29,7 @@ class Car(Block):
     spare: Wheel | None = None
     names: list[str] = []
     notes: list[Wheel] = []
+    lamp: int | str | Wheel | None = None
     values: dict[str, float | int | bool | str] = {}
 
 
@@ -65,6 +66,7 @@ def test_a_file_that_fits_is_its_contents(tmp_path: Path) -> None:
 
 BAD = [
     ("title: a\nradius: 1\n", ":2: radius: unknown key; it belongs under `spare`"),
+    ("title: a\nlamp: {radius: -1}\n", ":2: lamp.radius: input should be greater than 0"),
     ("titel: a\n", ":1: titel: unknown key; did you mean 'title'?"),
     ("title: a\nwheels:\n  left:\n    radios: 1\n", ":4: wheels.left.radios: unknown key; did you mean 'radius'?"),
     ("title: a\nwheels:\n  Left:\n    radios: 1\n", ":4: wheels.Left.radios: unknown key; did you mean 'radius'?"),

@@ -138,6 +138,7 @@ def test_options_give_arrays_whole_and_as_the_type_of_the_variable_has_it(path: 
     for option, problem in {
         "c.gain=[[1, 2]]": "c.gain: is given as 1 x 2 and is 2 x 2",
         "c.gain=[[1, 2], [3]]": "the rows of 'c.gain' differ in length",
+        "c.gain=[]": "'[]' is no array of anything",
         "c.gain=[[1, 2], 3": "c.gain: is an array of 2 x 2 elements; name one",
         "c.p_Int8=[1, x]": "c.p_Int8[2]: cannot be 'x'",
     }.items():
