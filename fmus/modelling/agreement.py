@@ -64,13 +64,17 @@ def require_agreement(model: Model) -> None:
         for t, x, u, p in _points(model):
             try:
                 expected = getattr(model, label)(t, namespace(x), namespace(u), namespace(p | tables))
-                found = _values_of(getattr(traced, label), _Evaluation(model, traced, (t, x, u, p)))
+                found = values_of(getattr(traced, label), model, traced, (t, x, u, p))
             except (ArithmeticError, ValueError, KeyError):
                 continue
             _compare(f"model {model.name}, {label}", found, expected)
 
 
-def _values_of(expressions: Mapping[str, sympy.Expr], evaluate: _Evaluation) -> dict[str, float]:
+def values_of(
+    expressions: Mapping[str, sympy.Expr], model: Model, traced: Traced, point: TrialPoint
+) -> dict[str, float]:
+    """What expressions of a model give at a point."""
+    evaluate = _Evaluation(model, traced, point)
     return {name: float(evaluate(expression)) for name, expression in expressions.items()}
 
 
