@@ -92,7 +92,7 @@ class _Watch:
 
     def at_safe_values(self, now: float) -> float:
         """For how long until now [s]."""
-        return self.at_safe + (0.0 if self.since is None else now - self.since)
+        return self.at_safe + (0.0 if self.since is None else max(now - self.since, 0.0))  # a frame may be older
 
 
 class Watchdog:

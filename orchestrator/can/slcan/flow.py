@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 Key = tuple[int, bool]  # identifier, and whether it is an extended one
 
 STALL = 0.1  # for which an adapter may answer nothing while it owes answers [s]
-REPEATED = 0.02  # ... while it owes those to two frames of the message that is to be sent: these are old commands [s]
+REPEATED = 0.05  # ... while it owes those to two frames of the message that is to be sent: these are old commands [s]
 
 
 class Flow:
