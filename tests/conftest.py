@@ -29,13 +29,15 @@ NEEDS = {
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Let Ctrl-C interrupt in the processes of pytest-xdist too: they begin with it ignored, and so would theirs.
+    """Let signals end in the processes of pytest-xdist too: they begin with some ignored, and so would theirs.
 
     All processes of one session share a cache of built FMUs. It begins empty, unless SERVOTWIN_CACHE names one to be
     used again: what is built anew is tested then.
     """
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.default_int_handler)
+        for number in (signal.SIGHUP, signal.SIGQUIT):  # ignored where a shell has started the tests in the background
+            signal.signal(number, signal.SIG_DFL)
     if not hasattr(config, "workerinput") and "SERVOTWIN_CACHE" not in os.environ:
         folder = tempfile.mkdtemp(prefix="servotwin-tests-")
         os.environ["SERVOTWIN_CACHE"] = folder
