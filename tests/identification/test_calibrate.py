@@ -101,7 +101,10 @@ FREE = {"start": 1.0, "min": 0.1, "max": 2.0}
             {"inputs": {"hand.torque": {"signal": "voltage"}}},
             "hand.torque: has two sources, motor.torque and a stimulus",
         ),
-        ({"inputs": {"motor.resistance": {"signal": "voltage"}}}, "'motor.resistance' is a fixed parameter; only an input"),
+        (
+            {"inputs": {"motor.resistance": {"signal": "voltage"}}},
+            "'motor.resistance' is a fixed parameter; only an input",
+        ),
         ({"initial": {"hand.angel_start": {"signal": "angle"}}}, "initial.hand.angel_start: no variable 'angel_start'"),
         ({"compare": {"old": {"hand.inertai": 1}}}, "compare.old.hand.inertai: no variable 'inertai'"),
         ({"compare": {"old": {"hand.inertia": -1}}}, "hand.inertia: is -1, outside its bounds"),
