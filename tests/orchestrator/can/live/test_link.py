@@ -91,7 +91,8 @@ def test_a_bus_that_is_not_opened_again_raises_what_was_wrong_and_counts_what_it
     bus, said = ScriptedBus(), list[str]()
     link = Link(cast(can.BusABC, bus), BUS, 0.1, said.append)
     bus.failure = can.CanOperationError("the adapter is gone")
+    before = time.time()
     with pytest.raises(can.CanOperationError):
         link.recv(0.0)
     assert link.trouble == "the adapter is gone" and not link.send(frame(1)) and link.unsent == 1
-    assert time.time() - link.losses[0].stamp < 60 and len(said) == 1
+    assert before <= link.losses[0].stamp <= time.time() and len(said) == 1
