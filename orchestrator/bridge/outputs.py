@@ -125,6 +125,10 @@ class SentMessage:
             frames.append(self._encoder.frame())
         return [frame for frame in frames if frame is not None]
 
+    def leave_out(self, count: int) -> None:
+        """Count frames that are due and not sent."""
+        self._encoder.leave_out(count)
+
     def _limited(self, signal: SentSignal, value: float) -> float:
         """The value within what was asked for of it."""
         limited = min(max(value, -signal.magnitude), signal.magnitude)

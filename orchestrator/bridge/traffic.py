@@ -116,6 +116,7 @@ class BusTraffic:
         self._backlog, self._full = backlog, False
         self._news, self._states, self._seen = news, ErrorStates(), (0.0, 0.0)
         self._skipped = 0
+        self._stood_in = Counter[SentMessage]()  # safe values that went out since the last step, in place of its frames
         self._number, self._beat, self._late = -1, 0.0, ""
         for message in coupling.reception.messages:
             for signal in message.signals:
@@ -151,6 +152,7 @@ class BusTraffic:
             due = number // message.every - self._number // message.every
             send = due > 0 and not self._too_soon(message, now)
             self._skipped += due - send
+            message.leave_out(max(due - send - self._stood_in.pop(message, 0), 0))
             if send:
                 frame = message.frame(outputs, resting)
                 if frame is not None:
@@ -167,6 +169,7 @@ class BusTraffic:
         for message in self._coupling.sent:
             if now - self._gone_out[message] >= self._period(message) and self._number >= 0:
                 self._send_safe_values(message, now)
+                self._stood_in[message] += bool(message.guarded)
         return waited
 
     def waited(self, now: float) -> float:

@@ -48,6 +48,12 @@ class SingleEncoder:
         """Set all signals as they are in a frame of somebody else, so that the next one follows it."""
         self._raw |= self.spec.raw.decode_simple(data, decode_choices=False, scaling=False)
 
+    def leave_out(self, count: int) -> None:
+        """Count frames that are due and not sent, so that whoever receives the next one sees that they are missing."""
+        protection = self.spec.protection
+        if protection is not None and protection.counter:
+            self._raw[protection.counter] = (self.raw(protection.counter) + count) % protection.modulus
+
     def frame(self) -> can.Message | None:
         """The next frame; None (which is counted) where the multiplexer asks for a page that there is not."""
         spec, protection = self.spec, self.spec.protection

@@ -72,6 +72,16 @@ def test_safe_values_go_out_at_their_period_while_no_step_ends(rig: Database) ->
     assert said == ["t = 0.151 s: torque rests: no step has ended for 0.051 s"]
 
 
+def test_frames_that_late_steps_leave_out_are_missing_in_the_counter(rig: Database) -> None:
+    bus, said = ScriptedBus(), list[str]()
+    traffic = on(bus, rig, said)
+    for number in (0, 10, 20, 70, 80):  # a frame is due at every tenth step
+        traffic.receive(number * STEP)
+        traffic.send(number, [0.25], number * STEP, 0.0)
+    counters = [message.data[2] & 15 for message in bus.identified(GUARDED)]
+    assert counters == [1, 2, 3, 8, 9]
+
+
 def test_late_steps_are_no_burst_of_old_commands_and_go_on_after_good_ones(rig: Database) -> None:
     bus, said = ScriptedBus(), list[str]()
     traffic = on(bus, rig, said, after=0.02)
