@@ -143,9 +143,8 @@ class SlcanBus(slcanBus):
             if not select([port], [], [], timeout)[0]:
                 return
             with self._reading:
-                self._read_lines(port)
-        except BlockingIOError:  # somebody else has just read it
-            return
+                if select([port], [], [], 0.0)[0]:  # another thread may have read it; then nothing looks like a hang-up
+                    self._read_lines(port)
         except OSError as error:
             if isinstance(error, can.CanError):
                 raise

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import time
+from select import select
+from threading import Thread
 
 import can
 import pytest
@@ -46,6 +48,23 @@ def test_an_adapter_that_answers_to_nothing_opens_and_cannot_tell_what_it_took()
         wait_for(lambda: len(adapter.frames) == 200)
         assert not bus.answers and not bus.flow.answers
         bus.shutdown()
+
+
+def test_what_another_thread_has_read_is_no_hang_up() -> None:
+    with ScriptedAdapter(willing) as adapter, opened(settings(adapter.path)) as bus:
+        assert isinstance(bus, SlcanBus)
+        port, late = bus.serialPortOrig.fd, list[can.Message | None]()
+        with bus._reading:
+            adapter.say(b"t10020001\r")
+            wait_for(lambda: bool(select([port], [], [], 0.0)[0]))
+            waiting = Thread(target=lambda: late.append(bus.recv(HANG)))
+            waiting.start()  # it sees the frame, and waits for its turn to read
+            time.sleep(0.1)
+            assert os.read(port, 4096) == b"t10020001\r"
+        time.sleep(0.1)  # it looks, and there is nothing
+        adapter.say(b"t10020002\r")
+        waiting.join()
+        assert late[0] is not None and number(late[0]) == 2
 
 
 def test_frames_that_are_taken_and_refused_are_told_apart() -> None:
