@@ -19,6 +19,17 @@ VOLTAGE = (
     output("voltage", "V", "Command to the drive, within its limit, held between samples"),
     output("saturated", "1", "1 while the command is at its limit and more is asked for"),
 )
+MEASURED = (
+    input_("reference", "V", "Wanted position, in volts of its sensor"),
+    input_("position", "V", "Measured position"),
+    input_("speed", "V", "Measured speed, in volts of its sensor"),
+    input_("strain", "V", "Measured strain in the middle of the arm, in volts of its gauge"),
+)
+GAINS_OF_PDP = (  # the optimum over 0, 200 and 400 g (Table 4-2)
+    parameter("kp", "1", 0.5935, "Gain of the position's error"),
+    parameter("kd", "1", 4.2664, "Gain of the speed"),
+    parameter("ks", "1", 0.2538, "Gain of the strain"),
+)
 FRICTION = (
     parameter("compensation_voltage", "V", 0.7, "Height of the compensation of dry friction", minimum=0),
     parameter("error_band", "V", 0.05, "Error below which there is no compensation; 0: always", minimum=0),

@@ -51,10 +51,7 @@ def gain_schedule(points):
         name="gain_schedule",
         description="Sampled PDPC controller whose gains follow the payload",
         variables=(
-            input_("reference", "V", "Wanted position, in volts of its sensor"),
-            input_("position", "V", "Measured position"),
-            input_("speed", "V", "Measured speed, in volts of its sensor"),
-            input_("strain", "V", "Measured strain in the middle of the arm, in volts of its gauge"),
+            *control.MEASURED,
             input_("payload", "kg", "Payload, as it is known or estimated"),
             input_("payload_known", "1", "Whether there is a payload to go by; 0 keeps the last one", 1.0),
             control.ENABLED,

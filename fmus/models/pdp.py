@@ -3,7 +3,7 @@
 voltage = kp (reference - position) - kd speed - ks strain   (Eq. 4-7), within the limit
 """
 
-from . import Model, State, control, input_, output, parameter
+from . import Model, State, control, output
 
 
 def update(t, x, u, p):
@@ -16,18 +16,12 @@ MODEL = Model(
     name="pdp",
     description="Sampled PD controller with feedback of the strain (PDP)",
     variables=(
-        input_("reference", "V", "Wanted position, in volts of its sensor"),
-        input_("position", "V", "Measured position"),
-        input_("speed", "V", "Measured speed, in volts of its sensor"),
-        input_("strain", "V", "Measured strain in the middle of the arm, in volts of its gauge"),
+        *control.MEASURED,
         control.ENABLED,
         control.MANUAL,
         *control.VOLTAGE,
         output("effort", "V", "What the gains ask for"),
-        # The optimum over 0, 200 and 400 g (Table 4-2).
-        parameter("kp", "1", 0.5935, "Gain of the position's error"),
-        parameter("kd", "1", 4.2664, "Gain of the speed"),
-        parameter("ks", "1", 0.2538, "Gain of the strain"),
+        *control.GAINS_OF_PDP,
         *control.UNIT_OF_GAINS,
         control.TRANSFER_TIME,
         *control.LIMITS,

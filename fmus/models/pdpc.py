@@ -7,7 +7,7 @@ The compensation has a constant height and the effort's sign; within its bands o
 (Eq. 4-8). Bands of 0 make it unconditional, which hunts at the set-point.
 """
 
-from . import Model, State, control, input_, output, parameter
+from . import Model, State, control, output
 
 
 def update(t, x, u, p):
@@ -23,19 +23,13 @@ MODEL = Model(
     name="pdpc",
     description="Sampled PDP controller with conditional compensation of dry friction (PDPC)",
     variables=(
-        input_("reference", "V", "Wanted position, in volts of its sensor"),
-        input_("position", "V", "Measured position"),
-        input_("speed", "V", "Measured speed, in volts of its sensor"),
-        input_("strain", "V", "Measured strain in the middle of the arm, in volts of its gauge"),
+        *control.MEASURED,
         control.ENABLED,
         control.MANUAL,
         *control.VOLTAGE,
         output("effort", "V", "What the gains ask for"),
         output("compensation", "V", "What is added against dry friction"),
-        # The optimum over 0, 200 and 400 g (Table 4-2).
-        parameter("kp", "1", 0.5935, "Gain of the position's error"),
-        parameter("kd", "1", 4.2664, "Gain of the speed"),
-        parameter("ks", "1", 0.2538, "Gain of the strain"),
+        *control.GAINS_OF_PDP,
         *control.UNIT_OF_GAINS,
         *control.FRICTION,
         control.TRANSFER_TIME,
