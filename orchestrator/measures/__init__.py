@@ -6,11 +6,14 @@ from the first stamp, so that whoever means the moment of a step begins there. S
 tuning sets them as goals.
 """
 
+from orchestrator.measures.closeness import correlation_lag, fit, largest_deviation, nrmse
 from orchestrator.measures.events import changes, crossings, saturated_share, saturations
+from orchestrator.measures.funnel import Tolerance, funnel
 from orchestrator.measures.harmonics import harmonic_amplitudes, total_harmonic_distortion
 from orchestrator.measures.integrals import effort, iae, ise, itae, mean, rms
 from orchestrator.measures.limit_cycle import LimitCycle, limit_cycle
 from orchestrator.measures.oscillation import Oscillation, dominant_oscillation
+from orchestrator.measures.parting import Parting, partings
 from orchestrator.measures.response import (
     final_value,
     overshoot,
@@ -25,18 +28,26 @@ from orchestrator.measures.response import (
 __all__ = [
     "LimitCycle",
     "Oscillation",
+    "Parting",
+    "Tolerance",
     "changes",
+    "correlation_lag",
     "crossings",
     "dominant_oscillation",
     "effort",
     "final_value",
+    "fit",
+    "funnel",
     "harmonic_amplitudes",
     "iae",
     "ise",
     "itae",
+    "largest_deviation",
     "limit_cycle",
     "mean",
+    "nrmse",
     "overshoot",
+    "partings",
     "peak",
     "residual_rms",
     "retreat",
