@@ -34,7 +34,9 @@ def _unary(name: str, on_float: Callable[[float], float], in_sympy: str = "") ->
         library = _foreign(x)
         if library is None:
             return on_float(x)
-        return getattr(library, in_sympy if in_sympy and library.__name__ == "sympy" else name)(x)
+        if library.__name__ == "sympy":
+            return getattr(library, in_sympy or name)(x, evaluate=False)
+        return getattr(library, name)(x)
 
     apply.__name__ = apply.__qualname__ = name
     apply.__doc__ = f"{name}(x), elementwise for arrays."
@@ -55,11 +57,13 @@ absolute = _unary("abs", abs, "Abs")
 def sign(x: Quantity) -> Quantity:
     """-1, 0 or 1."""
     library = _foreign(x)
-    return library.sign(x) if library else float((x > 0) - (x < 0))
+    if library is None:
+        return float((x > 0) - (x < 0))
+    return library.sign(x) if library.__name__ == "numpy" else library.sign(x, evaluate=False)
 
 
 def where(condition: Quantity, if_true: Quantity, if_false: Quantity) -> Quantity:
-    """`if_true` where the condition holds, else `if_false`; both are evaluated."""
+    """`if_true` where the condition holds, else `if_false`, numbers or conditions; both are evaluated."""
     if condition is True or condition is False:
         return if_true if condition else if_false
     library = _foreign(condition, if_true, if_false)
@@ -67,7 +71,16 @@ def where(condition: Quantity, if_true: Quantity, if_false: Quantity) -> Quantit
         return if_true if condition else if_false
     if library.__name__ == "numpy":
         return library.where(condition, if_true, if_false)
+    if _is_condition(library, if_true) and _is_condition(library, if_false):
+        return library.Or(library.And(condition, if_true), library.And(library.Not(condition), if_false))
     return _choice(library, (if_true, condition), (if_false, True))
+
+
+def _is_condition(sympy: Any, value: Quantity) -> bool:
+    """Whether it is no number; a symbol may be either, and is one."""
+    if isinstance(value, sympy.logic.boolalg.Boolean):
+        return not isinstance(value, sympy.Expr)
+    return isinstance(value, bool)
 
 
 def _choice(sympy: Any, *cases: tuple[Quantity, Quantity]) -> Quantity:

@@ -42,13 +42,18 @@ def trace(model: Model, as_written: bool = False) -> Traced:
 
     Args:
         as_written: keep every operation in the order in which the model has it, as floats would be computed; without,
-            SymPy simplifies as it goes.
+            SymPy simplifies as it goes, where it can.
 
     Raises:
         ModelError: a function uses something beside `fmus.ops`, or a state or output is missing from its result.
     """
-    with sympy.evaluate(not as_written):
+    if as_written:
+        with sympy.evaluate(False):
+            return _trace(model)
+    try:
         return _trace(model)
+    except ModelError:  # SymPy fails to simplify some conditions that hold choices; a mistake of the model's comes again
+        return trace(model, as_written=True)
 
 
 def _trace(model: Model) -> Traced:

@@ -80,6 +80,25 @@ def test_where_takes_the_branch_of_the_condition_for_floats_arrays_and_symbols(a
     assert traced(choose, a, b, c) == expected
 
 
+@given(NUMBERS, NUMBERS, NUMBERS)
+def test_where_chooses_between_conditions_for_floats_arrays_and_symbols(a: float, b: float, c: float) -> None:
+    def choose(a: Any, b: Any, c: Any) -> Any:
+        return ops.where(ops.both(ops.where(a > b, b > c, a > c), ops.where(a > c, True, b > 0)), a, b)
+
+    expected = a if (b > c if a > b else a > c) and (a > c or b > 0) else b
+    assert choose(a, b, c) == expected
+    assert choose(np.array([a]), b, c).tolist() == [expected]
+    assert traced(choose, a, b, c) == expected
+
+
+@pytest.mark.parametrize("name", UNARY)
+def test_a_function_of_symbols_stays_as_it_is_written(name: str) -> None:
+    """Rewriting looks through all that it is a function of, for seconds in a model with many choices."""
+    a, b, c = SYMBOLS
+    inside = ops.where(ops.where(a > b, b, c) > 0, a, -a - b)
+    assert inside in UNARY[name][0](inside).args
+
+
 @given(st.lists(st.tuples(NUMBERS, NUMBERS), min_size=1, max_size=8))
 def test_dot_is_the_product_of_two_vectors_for_floats_arrays_and_symbols(pairs: list[tuple[float, float]]) -> None:
     one, other = ([pair[i] for pair in pairs] for i in (0, 1))

@@ -179,6 +179,17 @@ def refused(**functions: Any) -> str:
     return str(error.value)
 
 
+def test_what_sympy_fails_to_simplify_is_traced_as_it_is_written() -> None:
+    def outputs(t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+        first = ops.where(u.torque < x.angle, x.speed, 1.0)
+        second = ops.where(first < x.angle, 0.5, 2.0)
+        return {"energy": ops.where(second > 0.7, 3.0, x.angle) ** 2, "acceleration": 0.0}
+
+    model = replace(PENDULUM, outputs=outputs)
+    assert symbolic.trace(model).outputs == symbolic.trace(model, as_written=True).outputs
+    assert symbolic.feed_through(model)["energy"] == ("torque",)
+
+
 def test_a_state_left_out_and_a_name_made_up_are_both_named() -> None:
     message = refused(derivatives=lambda t, x, u, p: {"angle": x.speed, "sped": 0.0})
     assert "returns nothing for speed and 'sped', which it returns, is not declared; did you mean 'speed'?" in message

@@ -71,6 +71,7 @@ TREES = st.recursive(
         | st.builds("(-{})".format, inner)
         | st.builds("ops.{}({})".format, st.sampled_from(["sin", "tanh", "floor", "absolute", "sign"]), inner)
         | st.builds("ops.where({} {} {}, {}, {})".format, inner, st.sampled_from(["<", ">", ">="]), inner, inner, inner)
+        | st.builds("ops.where(ops.where({} > {}, {} < {}, {} >= {}), {}, {})".format, *[inner] * 8)
         | st.builds("({})**2".format, inner)
     ),
     max_leaves=12,
