@@ -52,7 +52,7 @@ def trace(model: Model, as_written: bool = False) -> Traced:
             return _trace(model)
     try:
         return _trace(model)
-    except ModelError:  # SymPy fails to simplify some conditions that hold choices; a mistake of the model's comes again
+    except ModelError:  # SymPy cannot simplify every choice; a mistake of the model comes again
         return trace(model, as_written=True)
 
 
