@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
@@ -25,19 +25,35 @@ def atomic_write(path: str | Path, content: bytes | Callable[[BinaryIO], object]
         InputError: the place cannot be written.
     """
     target = Path(path)
-    part = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
+    atomic_writes({target: content})
+    return target
+
+
+def atomic_writes(contents: Mapping[Path, bytes | Callable[[BinaryIO], object]]) -> None:
+    """Have several files there: each completely, and none of them before all are on the disk.
+
+    Args:
+        contents: file -> as of `atomic_write`.
+
+    Raises:
+        InputError: a place cannot be written; then what was there before stays.
+    """
+    parts = {target: target.with_name(f".{target.name}.{secrets.token_hex(4)}.part") for target in contents}
+    target = Path()
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        owned.sweep_files(target.parent, f".{target.name}.", ".part")
-        _write(part, content)
-        part.replace(target)
+        for target, part in parts.items():
+            target.parent.mkdir(parents=True, exist_ok=True)
+            owned.sweep_files(target.parent, f".{target.name}.", ".part")
+            _write(part, contents[target])
+        for target, part in parts.items():
+            part.replace(target)
     except OSError as problem:
         reason = problem.strerror or str(problem)
         raise InputError(target, f"cannot be written ({reason})", "choose another place") from problem
     finally:
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
-    return target
+        for part in parts.values():
+            with suppress(OSError):
+                part.unlink(missing_ok=True)
 
 
 def absence(path: Path, missing: str = "no such file") -> str:

@@ -142,6 +142,7 @@ def _about_recording(recording: formats.Recording, asked: formats.Layout) -> Inf
         "to": float(trace.time[-1]),
         "stamps": str(recording.stamps),
         **_about_reading(recording),
+        **_about_acceptance(recording),
         "sha256": recording.sha256,
         "signals": [_about_signal(trace, name) for name in trace.names],
         "rows": [
@@ -149,6 +150,23 @@ def _about_recording(recording: formats.Recording, asked: formats.Layout) -> Inf
             for row, stamp in enumerate(trace.time[:FIRST_ROWS])
         ],
         **({} if recording.layout is None else {"layout": spelled(recording.layout, asked)}),
+    }
+
+
+def _about_acceptance(recording: formats.Recording) -> InfoDocument:
+    """Of a reference who accepted it, when, of what, and what went in."""
+    if recording.path.suffix.lower() != ".parquet":
+        return {}
+    from orchestrator.scenario import references  # noqa: PLC0415 (see above)
+
+    found = references.provenance(recording.path)
+    if found is None:
+        return {}
+    return {
+        "reference of": f"{found['scenario']}, case {found['case']}",
+        "accepted": f"by {found['by']}, {found['at']}, on {found['platform']}",
+        "made with": [{"name": name, "version": version} for name, version in found["versions"].items()],
+        "made of": [{"name": name, "sha256": digest} for name, digest in found["sha256"].items()],
     }
 
 

@@ -105,6 +105,15 @@ def keys(path: Path) -> list[str]:
     return [str(key) for key in _parse(path)]
 
 
+def contents(path: Path) -> Any:
+    """The maps, lists and values of a YAML file, whatever they are.
+
+    Raises:
+        ScenarioError: no such file, or no YAML.
+    """
+    return _parse(path)
+
+
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
     """Errors about what a file asks for name the file; those about traces and FMUs name their own."""

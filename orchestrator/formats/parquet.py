@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -23,6 +23,7 @@ from orchestrator.trace import FloatArray, Trace
 COPIES = 4  # of the samples that are in memory while they are read
 GROUP = 1 << 16  # rows of a trace in pieces that are written together
 WRITING: dict[str, Any] = {"write_page_checksum": True, "use_dictionary": False}  # samples seldom repeat
+SMALL: dict[str, Any] = WRITING | {"compression": "zstd", "compression_level": 19, "use_byte_stream_split": True}
 
 
 def read(path: Path, layout: Layout) -> Recording:
@@ -45,6 +46,26 @@ def read(path: Path, layout: Layout) -> Recording:
 def write(trace: Trace, file: BinaryIO) -> None:
     """The trace, bit for bit."""
     parquet.write_table(table(trace), file, **WRITING)
+
+
+def write_small(trace: Trace, file: BinaryIO, facts: Mapping[str, str]) -> None:
+    """The trace, bit for bit, in few bytes, and facts about it that the file keeps under their names."""
+    columns = table(trace)
+    metadata = {**(columns.schema.metadata or {}), **{name.encode(): text.encode() for name, text in facts.items()}}
+    parquet.write_table(columns.replace_schema_metadata(metadata), file, **SMALL)
+
+
+def facts(path: Path) -> dict[str, str]:
+    """What a file keeps about its columns, by name.
+
+    Raises:
+        TraceError: not a Parquet file.
+    """
+    try:
+        metadata = parquet.read_schema(path).metadata
+    except (pa.ArrowException, OSError) as problem:
+        raise TraceError(path, f"is not a readable Parquet file ({excerpt(problem)})", "write it again") from None
+    return {name.decode(errors="replace"): _text(metadata, name) for name in metadata or {}}
 
 
 @contextmanager

@@ -1,104 +1,120 @@
-"""Where two recordings of one thing part: two versions, packagings, engines or tools side by side."""
+"""Where two traces of the same signals part: first, most, and by how many times what is tolerated."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from fmus.errors import TraceError
-from orchestrator.trace import FloatArray, Trace
+from orchestrator.trace import BoolArray, FloatArray, Trace
+
+ROUNDING = 1e-9  # of the duration: stamps that are not farther apart are the same
 
 
 @dataclass(frozen=True)
 class Parting:
-    """A signal that two recordings do not have alike.
+    """How a signal of two traces differs.
 
     Attributes:
-        time: of the first sample at which they differ by more than is allowed [s].
-        one, other: their values there [unit].
-        largest: their largest difference [unit]; NaN where only one of them is a number.
-        largest_at: when that is [s].
-        samples: how many differ by more than is allowed.
-        of: how many were compared.
+        unit: of the signal, "" where none is known.
+        tolerance: a difference up to it is none [unit of the signal].
+        largest: the largest difference, infinite where only one of the two is a number [unit of the signal].
+        at: when that is [s].
+        first: when the difference is beyond the tolerance for the first time [s], None where it never is.
+        by: the difference then [unit of the signal].
+        samples: how many are beyond the tolerance, of how many that were compared.
     """
 
     signal: str
-    unit: str | None
-    time: float
-    one: float
-    other: float
+    unit: str
+    tolerance: float
     largest: float
-    largest_at: float
-    samples: int
-    of: int
+    at: float
+    first: float | None
+    by: float
+    samples: tuple[int, int]
 
-    def __str__(self) -> str:
-        unit = f" {self.unit}" if self.unit and self.unit != "1" else ""
-        return (
-            f"{self.signal} parts at {self.time:.6g} s, {self.one:.9g} from {self.other:.9g}{unit}; "
-            f"by {self.largest:.3g}{unit} at most, at {self.largest_at:.6g} s"
-        )
+    @property
+    def beyond(self) -> bool:
+        """Whether the two part."""
+        return self.first is not None
+
+    @property
+    def times(self) -> float:
+        """The largest difference in tolerances; infinite where nothing is tolerated."""
+        if not self.largest:
+            return 0.0
+        return self.largest / self.tolerance if self.tolerance else math.inf
 
 
-def partings(
-    one: Trace, other: Trace, absolute: float = 0.0, relative: float = 0.0, hold: Iterable[str] = ()
-) -> list[Parting]:
-    """The signals of both recordings that differ somewhere, those first that part first.
+def partings(one: Trace, other: Trace, tolerances: Mapping[str, float]) -> list[Parting]:
+    """How each signal of `tolerances` [unit of the signal] differs between two traces that both hold it.
 
-    They are compared at the stamps of `one` that both last for, the other on the line between its samples. A difference
-    of `absolute` [unit] plus a share `relative` of the larger amount is allowed; two NaN are alike.
-
-    Args:
-        hold: signals that keep a value until their next sample.
+    They are compared where both have samples; where less than two stamps are in both, at the stamps of either, on lines
+    between samples.
 
     Raises:
-        TraceError: they have no signal or no time in common, or one signal in two units.
+        TraceError: they have no time in common, or one lacks a signal.
     """
-    names = [name for name in one.names if name in other.names]
-    if not names:
-        raise TraceError(one.name, f"has no signal in common with {other.name}", "rename their signals")
-    for name in names:
-        if one.unit(name) and other.unit(name) and one.unit(name) != other.unit(name):
-            units = f"{one.unit(name)} in {one.name}, {other.unit(name)} in {other.name}"
-            raise TraceError(name, f"is in {units}", "convert one of them")
-    if not len(other) or not len(window := one.between(other.time[0], other.time[-1])):
-        raise TraceError(one.name, f"has no time in common with {other.name}", "check their times")
-    beside = other if np.array_equal(other.time, window.time) else other.select(names).resampled(window.time, hold)
-    found = [
-        parting
-        for name in names
-        if (parting := _parting(name, one.unit(name), window.time, window[name], beside[name], absolute, relative))
-    ]
-    return sorted(found, key=lambda parting: parting.time)
+    a, b = together(one.select(tolerances), other.select(tolerances))
+    return [_parting(a, b, name, tolerance) for name, tolerance in tolerances.items()]
 
 
-def _parting(
-    signal: str,
-    unit: str | None,
-    time: FloatArray,
-    one: FloatArray,
-    other: FloatArray,
-    absolute: float,
-    relative: float,
-) -> Parting | None:
-    alike = (one == other) | (np.isnan(one) & np.isnan(other))
-    with np.errstate(invalid="ignore"):
-        difference = np.where(alike, 0.0, np.abs(one - other))
-        allowed = absolute + relative * np.maximum(np.abs(one), np.abs(other))
-        apart = np.flatnonzero(~alike & ~(np.isfinite(difference) & (difference <= allowed)))
-    if not len(apart):
+def together(one: Trace, other: Trace) -> tuple[Trace, Trace]:
+    """Both traces at the same times, within the time that both last.
+
+    Raises:
+        TraceError: there is none.
+    """
+    if not len(one) or not len(other):
+        raise TraceError((other if len(one) else one).name, "has no samples", "choose another recording")
+    start, stop = max(one.time[0], other.time[0]), min(one.time[-1], other.time[-1])
+    slack = ROUNDING * max(1.0, one.duration, other.duration)
+    if start > stop + slack:
+        raise TraceError(one.name, f"has no time in common with {other.name}", "compare recordings of the same times")
+    shared = _common(one.time, other.time, slack)
+    if shared is not None:
+        return one.rows(shared[0]), other.rows(shared[1])
+    stamps = np.unique(np.concatenate([one.time, other.time]))
+    stamps = stamps[(stamps >= start) & (stamps <= stop)]
+    return one.resampled(stamps), other.resampled(stamps)
+
+
+def _common(one: FloatArray, other: FloatArray, slack: float) -> tuple[BoolArray, BoolArray] | None:
+    """Rows of both with the stamps that are in both; None where that are fewer than two."""
+    near = np.searchsorted(other, one - slack).clip(max=len(other) - 1)
+    same: BoolArray = np.abs(other[near] - one) <= slack
+    if np.count_nonzero(same) < 2:
         return None
-    row, largest = int(apart[0]), int(np.argmax(difference))  # argmax takes a NaN for the largest
+    mask = np.zeros(len(other), dtype=bool)
+    mask[near[same]] = True
+    return same, mask
+
+
+def _parting(one: Trace, other: Trace, name: str, tolerance: float) -> Parting:
+    difference = _difference(one[name], other[name])
+    most = int(np.argmax(difference))
+    beyond = np.flatnonzero(difference > tolerance)
+    first = int(beyond[0]) if len(beyond) else None
     return Parting(
-        signal,
-        unit,
-        float(time[row]),
-        float(one[row]),
-        float(other[row]),
-        float(difference[largest]),
-        float(time[largest]),
-        len(apart),
-        len(time),
+        name,
+        one.unit(name) or "",
+        tolerance,
+        float(difference[most]),
+        float(one.time[most]),
+        None if first is None else float(one.time[first]),
+        0.0 if first is None else float(difference[first]),
+        (len(beyond), len(difference)),
     )
+
+
+def _difference(one: FloatArray, other: FloatArray) -> FloatArray:
+    """Distances (K,); none between samples that are the same infinity or both no number, infinite to any other."""
+    with np.errstate(invalid="ignore"):
+        distance = np.abs(one - other)
+    same = (one == other) | (np.isnan(one) & np.isnan(other))
+    found: FloatArray = np.where(same, 0.0, np.where(np.isnan(distance), np.inf, distance))
+    return found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -91,6 +92,26 @@ class Near:
         return deviation <= float(self.within), f"largest deviation {deviation:.3g}"
 
 
+@dataclass(frozen=True)
+class Unread:
+    """No sample is farther than `within` from a reference that is not there, or that is to be replaced: never held.
+
+    Attributes:
+        file: where the reference is to be.
+        scenario: the file that asks for it.
+    """
+
+    file: Path
+    within: Number
+    scenario: Path
+
+    def __str__(self) -> str:
+        return f"follows its reference within {_shown(self.within)}"
+
+    def judged(self, time: FloatArray, values: FloatArray) -> tuple[bool, str]:
+        return False, f"no {self.file}, which `servotwin accept {self.scenario}` writes"
+
+
 def _shown(number: Number) -> str:
     return number if isinstance(number, str) else f"{number:g}"
 
@@ -120,6 +141,8 @@ class Expectation:
             return Check(str(self), False, str(error))
         window = self._window(trace)
         held, found = self.condition.judged(window.time, window[self.signal])
+        if isinstance(self.condition, Unread):
+            return Check(str(self), held, found)
         unit = trace.unit(self.signal) or "1"
         return Check(str(self), held, found if unit == "1" else f"{found} {unit}")
 

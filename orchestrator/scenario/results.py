@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-import re
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,6 +15,7 @@ from orchestrator.report import Report, Section, figures
 from orchestrator.results import CaseDocument, FileDocument, result_folder, versions, write_json
 from orchestrator.scenario import accounts
 from orchestrator.scenario.run import HEADERS, CaseResult, CaseState, ScenarioResult, nonfinite
+from orchestrator.scenario.scenario import file_stems
 
 LOG_FILE = "fmu.log"
 PLOTTED_CASES = 12
@@ -74,7 +73,7 @@ def said(result: ScenarioResult) -> Path | None:
 def trace_file(result: ScenarioResult, case: CaseResult) -> str:
     """Name of the file that a case's trace is written to."""
     suffix = "csv" if result.scenario.logger else "parquet"
-    return f"{_stems(result.cases)[result.cases.index(case)]}.{suffix}"
+    return f"{file_stems([one.name for one in result.cases])[result.cases.index(case)]}.{suffix}"
 
 
 def document_of(result: ScenarioResult, overrides: Mapping[str, Value], folder: Path) -> RunDocument:
@@ -149,19 +148,6 @@ def _draw(result: ScenarioResult, section: Section) -> None:
             section.paragraph(f"Case {case.name} has recorded nothing.")
             continue
         section.figure(figures.overlay(case.trace, (), case.trace.names[:PLOTTED_SIGNALS]), case.name)
-
-
-def _stems(cases: Sequence[CaseResult]) -> list[str]:
-    """A file name for each case, made of its name's letters; distinct also where case is not told apart."""
-    stems: list[str] = []
-    taken: set[str] = set()
-    for case in cases:
-        plain = re.sub(r"[^\w.-]+", "_", case.name) or "_"
-        numbered = (f"{plain}-{number}" for number in itertools.count(2))
-        stem = next(name for name in itertools.chain([plain], numbered) if name.casefold() not in taken)
-        taken.add(stem.casefold())
-        stems.append(stem)
-    return stems
 
 
 def _case(result: ScenarioResult, case: CaseResult) -> RunCaseDocument:

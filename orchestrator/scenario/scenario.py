@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -114,3 +116,16 @@ class Scenario:
         logged = () if self.logger is None else self.logger.signals.values()
         looked_at = [signal for case in self.cases for signal in case.looked_at]
         return list(dict.fromkeys([*(outputs if self.record is None else self.record), *looked_at, *logged]))
+
+
+def file_stems(names: Sequence[str]) -> list[str]:
+    """A file name for each case, made of its name's letters; distinct also where case is not told apart."""
+    stems: list[str] = []
+    taken: set[str] = set()
+    for name in names:
+        plain = re.sub(r"[^\w.-]+", "_", name) or "_"
+        numbered = (f"{plain}-{number}" for number in itertools.count(2))
+        stem = next(stem for stem in itertools.chain([plain], numbered) if stem.casefold() not in taken)
+        taken.add(stem.casefold())
+        stems.append(stem)
+    return stems

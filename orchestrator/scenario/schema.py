@@ -12,8 +12,9 @@ from orchestrator.assembly.stimulus import Stimulus
 from orchestrator.assembly.whole_arrays import Values, elements, shapes
 from orchestrator.formats.schema import LayoutBlock
 from orchestrator.scenario.can_block import CanBlock
-from orchestrator.scenario.expectations import Above, Below, Expectation, Near, Refusal
-from orchestrator.scenario.scenario import Case, DataLogger, Scenario
+from orchestrator.scenario.expectations import Above, Below, Expectation, Near, Refusal, Unread
+from orchestrator.scenario.references import Accepted, CaseReferences
+from orchestrator.scenario.scenario import Case, DataLogger, Scenario, file_stems
 from orchestrator.yaml_file import Block, Quantity, load, naming
 
 
@@ -69,14 +70,15 @@ class ExpectationBlock(Block):
     """A condition on one recorded variable between two times, or on the failure of the run.
 
     Exactly one of `near` (with `within`), `below`, `above`, `reference` (with `within`) and `refused` is given;
-    numbers are in the signal's unit, or have their own: `90 deg`.
+    numbers are in the signal's unit, or have their own: `90 deg`. `reference: accepted` is the one that `servotwin
+    accept` keeps of the case, `accepted per platform` that of this kind of machine.
     """
 
     signal: str | None = None
     after: float | None = None
     before: float | None = None
     near: float | Quantity | None = None
-    reference: SignalFileBlock | None = None
+    reference: SignalFileBlock | Accepted | None = None
     within: Annotated[float, Field(ge=0)] | Quantity | None = None
     below: float | Quantity | None = None
     above: float | Quantity | None = None
@@ -95,12 +97,33 @@ class ExpectationBlock(Block):
             raise ValueError("`signal` goes with everything but `refused`")
         return self
 
-    def expectation(self, base: Path, said: list[str] | None = None) -> Expectation | Refusal:
-        """What must hold; the reference's file is relative to `base`, and what is to be known of it added to `said`."""
+    @property
+    def of_a_case(self) -> bool:
+        """Whether it is another one in each case, for it has a reference of each."""
+        return isinstance(self.reference, str)
+
+    def expectation(
+        self, base: Path, said: list[str] | None = None, accepted: CaseReferences | None = None
+    ) -> Expectation | Refusal:
+        """What must hold; the reference's file is relative to `base`, and what is to be known of it added to `said`.
+
+        Args:
+            accepted: the references that are kept of the case.
+        """
         if self.refused is not None:
             return Refusal(self.refused)
         assert self.signal is not None
+        if isinstance(self.reference, str):
+            assert accepted is not None and self.within is not None
+            return Expectation(self.signal, self._accepted(self.reference, accepted), self.after, self.before)
         return Expectation(self.signal, self._condition(base, said), self.after, self.before)
+
+    def _accepted(self, kind: Accepted, accepted: CaseReferences) -> Near | Unread:
+        assert self.signal is not None and self.within is not None
+        trace = accepted.trace(kind, self.signal)
+        if trace is None:
+            return Unread(accepted.file(kind), self.within, accepted.scenario)
+        return Near(trace, self.within, "its reference")
 
     def _condition(self, base: Path, said: list[str] | None = None) -> Below | Above | Near:
         if self.below is not None:
@@ -108,7 +131,7 @@ class ExpectationBlock(Block):
         if self.above is not None:
             return Above(self.above)
         assert self.within is not None
-        if self.reference is not None:
+        if isinstance(self.reference, SignalFileBlock):
             name = f"{self.reference.signal} of {self.reference.file.name}"
             return Near(self.reference.trace(base, said), self.within, name, self.reference.given)
         assert self.near is not None
@@ -167,15 +190,22 @@ class ScenarioBlock(SystemBlock):
             raise ValueError(f"{twice[0]} has two sources, a stimulus and a signal of the bus")
         return self
 
-    def scenario(self, path: Path) -> Scenario:
+    def scenario(self, path: Path, references: bool = True) -> Scenario:
         """The scenario of the file at `path`, to which the paths in it are relative, with all that it reads.
+
+        Args:
+            references: whether accepted references are read.
 
         Raises:
             TraceError: a stimulus, a table or a reference cannot be read.
         """
         base, said = path.parent, list[str]()
         safe = {name: Stimulus(block.safe) for name, block in (self.can.receive if self.can else {}).items()}
-        common = tuple(block.expectation(base, said) for block in self.expect)
+        common = {id(block): block.expectation(base, said) for block in self.expect if not block.of_a_case}
+        names = [case.name for case in self.cases]
+        accepted = [
+            CaseReferences(path, name, stem, references) for name, stem in zip(names, file_stems(names), strict=True)
+        ]
         return Scenario(
             path,
             self.title,
@@ -189,7 +219,10 @@ class ScenarioBlock(SystemBlock):
                 Case(
                     case.name,
                     self._values(number) | elements(case.set),
-                    (*common, *(block.expectation(base, said) for block in case.expect)),
+                    tuple(
+                        common[id(block)] if id(block) in common else block.expectation(base, said, accepted[number])
+                        for block in (*self.expect, *case.expect)
+                    ),
                     shapes(case.set),
                 )
                 for number, case in enumerate(self.cases)
@@ -207,8 +240,11 @@ class ScenarioBlock(SystemBlock):
         return values | {name: seed + 1000 * number for name, seed in seeds.items()}
 
 
-def load_scenario(path: str | Path) -> Scenario:
+def load_scenario(path: str | Path, references: bool = True) -> Scenario:
     """The scenario in a file, with the recordings that it names.
+
+    Args:
+        references: whether its accepted references are read; what is to be replaced need not be fit for it.
 
     Raises:
         ScenarioError: no such file, or it does not fit.
@@ -217,4 +253,4 @@ def load_scenario(path: str | Path) -> Scenario:
     file = Path(path)
     block = load(file, ScenarioBlock)
     with naming(file):
-        return block.scenario(file)
+        return block.scenario(file, references)

@@ -8,7 +8,7 @@ from orchestrator.assembly.stimulus import brought
 from orchestrator.assembly.whole_arrays import all_elements
 from orchestrator.crossing import Crossing
 from orchestrator.fmi.interface import Port
-from orchestrator.scenario.expectations import Above, Below, Condition, Expectation, Near, Refusal
+from orchestrator.scenario.expectations import Above, Below, Condition, Expectation, Near, Refusal, Unread
 from orchestrator.scenario.scenario import Scenario
 from orchestrator.system import Endpoint, System
 from orchestrator.trace import Trace
@@ -47,9 +47,9 @@ def in_units_of(system: System, scenario: Scenario) -> tuple[Scenario, list[Cros
 
 def _in_numbers(condition: Condition, place: str, port: Port) -> Condition:
     """The condition with what it says like `90 deg` in the unit of the variable; `within` is a difference."""
-    if isinstance(condition, Near):
-        if isinstance(condition.target, str):
-            condition = replace(condition, target=port.quantity(place, condition.target))
+    if isinstance(condition, Near) and isinstance(condition.target, str):
+        condition = replace(condition, target=port.quantity(place, condition.target))
+    if isinstance(condition, Near | Unread):
         if isinstance(condition.within, str):
             condition = replace(condition, within=port.quantity(place, condition.within, difference=True))
     elif isinstance(condition, Below | Above) and isinstance(condition.limit, str):

@@ -63,12 +63,17 @@ def host() -> Platform:
     Raises:
         ModelError: it is none that native FMUs are built for.
     """
-    system = {"linux": "linux", "win32": "windows", "darwin": "darwin"}.get(sys.platform, sys.platform)
-    machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(platform.machine().lower(), platform.machine().lower())
-    name = f"{machine}-{system}"
+    name = host_name()
     if name not in PLATFORMS:
         raise ModelError(f"platform {name}", "native FMUs are not built for it", "build it as --target python")
     return PLATFORMS[name]
+
+
+def host_name() -> str:
+    """FMI 3.0's name of this machine's platform, whether native FMUs are built for it or not."""
+    system = {"linux": "linux", "win32": "windows", "darwin": "darwin"}.get(sys.platform, sys.platform)
+    machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(platform.machine().lower(), platform.machine().lower())
+    return f"{machine}-{system}"
 
 
 def available() -> bool:

@@ -1,4 +1,4 @@
-"""Two recordings part where they first differ by more than is allowed, and nowhere else."""
+"""Two traces part where their difference is beyond what is tolerated, first there, and most elsewhere."""
 
 from __future__ import annotations
 
@@ -6,57 +6,62 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from fmus.errors import TraceError
 from orchestrator.measures import partings
 from orchestrator.trace import Trace
 
-TIME = np.arange(5) / 10
+TIME = np.linspace(0.0, 1.0, 101)
 
 
-def trace(name: str = "one", units: dict[str, str] | None = None, **signals: list[float]) -> Trace:
-    return Trace(TIME, {key: np.array(values, dtype=float) for key, values in signals.items()}, units or {}, name)
+def trace(values: object, time: object = TIME) -> Trace:
+    return Trace(np.asarray(time, dtype=float), {"y": np.asarray(values, dtype=float)}, {"y": "rad"}, "trace")
 
 
-def test_the_signal_that_parts_first_comes_first_with_where_and_by_what() -> None:
-    one = trace(x=[0, 1, 2, 3, 4], y=[0, 0, 0, 0, 0], z=[1, 1, 1, 1, 1], only=[0] * 5, units={"x": "rad"})
-    other = trace("other", x=[0, 1, 2, 3.5, 2], y=[0, 0.1, 0, 0, 0], z=[1, 1, 1, 1, 1])
-    first, second = partings(one, other)
-    assert (first.signal, first.time, first.one, first.other, first.samples, first.of) == ("y", 0.1, 0.0, 0.1, 1, 5)
-    assert (second.signal, second.time, second.largest, second.largest_at) == ("x", TIME[3], 2.0, 0.4)
-    assert str(second) == "x parts at 0.3 s, 3 from 3.5 rad; by 2 rad at most, at 0.4 s"
+def test_the_first_and_the_largest_difference_are_told_with_their_times() -> None:
+    (found,) = partings(trace(TIME), trace(TIME + 0.1 * np.maximum(TIME - 0.5, 0)), {"y": 0.0105})
+    assert found.beyond and found.first == pytest.approx(0.61) and found.by == pytest.approx(0.011)
+    assert (found.at, found.largest, found.times) == pytest.approx((1.0, 0.05, 0.05 / 0.0105))
+    assert found.unit == "rad" and found.samples == (40, 101)
 
 
-def test_what_is_allowed_is_no_parting() -> None:
-    one, other = trace(x=[0, 1, 2, 3, 4]), trace("other", x=[0, 1, 2, 3.3, 4])
-    assert partings(one, other, absolute=0.31) == []
-    assert partings(one, other, relative=0.1) == []
-    assert len(partings(one, other, absolute=0.29)) == 1
-    assert len(partings(one, other, relative=0.05)) == 1
+@given(st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=30), st.floats(0, 10), st.floats(0, 10))
+def test_they_part_exactly_where_one_difference_is_larger_than_the_tolerance(
+    values: list[float], off: float, tolerance: float
+) -> None:
+    one = trace(values, np.arange(len(values)))
+    other = trace(np.array(values) + off, np.arange(len(values)))
+    (found,) = partings(one, other, {"y": tolerance})
+    assert found.beyond == (found.largest > tolerance)
+    assert found.largest == np.max(np.abs(np.array(values) - (np.array(values) + off)))
 
 
-def test_nan_is_like_nan_alone_and_infinity_like_itself() -> None:
-    bad = [0.0, math.nan, math.inf, 1.0, 1.0]
-    assert partings(trace(x=bad), trace("other", x=bad)) == []
-    (parting,) = partings(trace(x=bad), trace("other", x=[0.0, 2.0, math.inf, 1.0, 1.0]), 1e9, 1.0)
-    assert parting.time == 0.1 and math.isnan(parting.largest)
-    (parting,) = partings(trace(x=bad), trace("other", x=[0.0, math.nan, 3.0, 1.0, 1.0]), 1e9, 1.0)
-    assert (parting.time, parting.largest) == (0.2, math.inf)
+def test_a_finer_trace_is_compared_at_the_stamps_that_both_have() -> None:
+    fine = np.linspace(0.0, 1.0, 201)
+    held = np.floor(fine * 10 + 1e-9)  # steps, which lines between samples would not follow
+    (found,) = partings(trace(held[::2]), trace(held, fine), {"y": 0.0})
+    assert not found.beyond and found.largest == 0 and found.times == 0
 
 
-def test_other_stamps_are_met_on_the_line_or_the_step() -> None:
-    one = trace(x=[0, 1, 2, 3, 4])
-    coarse = Trace(np.array([0.0, 0.2, 0.3]), {"x": np.array([0.0, 2.0, 3.0])}, {}, "coarse")
-    assert partings(one, coarse, absolute=1e-12) == []
-    (parting,) = partings(one, coarse, hold=["x"])
-    assert (parting.time, parting.other, parting.of) == (0.1, 0.0, 4)
+def test_traces_without_a_common_stamp_are_compared_on_lines() -> None:
+    (found,) = partings(trace(TIME), trace(TIME[:-1] + 0.005, TIME[:-1] + 0.005), {"y": 1e-9})
+    assert not found.beyond
 
 
-def test_what_cannot_be_compared_is_refused() -> None:
-    one = trace(x=[0] * 5, units={"x": "rad"})
-    with pytest.raises(TraceError, match="has no signal in common with other"):
-        partings(one, trace("other", y=[0] * 5))
-    with pytest.raises(TraceError, match="x: is in rad in one, deg in other; convert one of them"):
-        partings(one, trace("other", x=[0] * 5, units={"x": "deg"}))
-    with pytest.raises(TraceError, match="has no time in common with other"):
-        partings(one, trace("other", x=[0] * 5).shifted(9.0))
+@pytest.mark.parametrize("odd", [math.nan, math.inf])
+def test_what_is_no_number_in_one_alone_is_infinitely_off(odd: float) -> None:
+    values = TIME.copy()
+    values[40] = odd
+    (found,) = partings(trace(TIME), trace(values), {"y": 1e9})
+    assert found.first == pytest.approx(0.4) and found.largest == math.inf
+    (same,) = partings(trace(values), trace(values), {"y": 0.0})
+    assert not same.beyond
+
+
+def test_traces_without_common_time_or_signal_are_refused() -> None:
+    with pytest.raises(TraceError, match="no time in common"):
+        partings(trace(TIME), trace(TIME, TIME + 2), {"y": 1.0})
+    with pytest.raises(TraceError, match="no signal 'z'"):
+        partings(trace(TIME), trace(TIME), {"z": 1.0})

@@ -1,0 +1,1 @@
+"""What differs between two runs: signal by signal, against a reference, and drawn."""

@@ -1,0 +1,168 @@
+"""Two sides held against each other: case by case, signal by signal, where they part first and by what."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fmus.errors import InputError, TraceError
+from orchestrator.comparison.sides import Side
+from orchestrator.crossing import Crossing, crossing, logged, named, quantity
+from orchestrator.measures import Parting, partings
+from orchestrator.trace import Trace
+
+ABSOLUTE, RELATIVE = 1e-9, 1e-6
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """By how much sides may differ.
+
+    Attributes:
+        absolute: [unit of each signal].
+        relative: of a signal's largest magnitude; the larger of the two holds.
+        within: signal -> what holds instead, a number [unit of the signal] or a text with its unit.
+    """
+
+    absolute: float = ABSOLUTE
+    relative: float = RELATIVE
+    within: Mapping[str, str] = field(default_factory=dict)
+
+    def of(self, name: str, one: Trace, other: Trace) -> float:
+        """What holds for a signal of two traces [unit of the signal].
+
+        Raises:
+            InputError: it is no number with the unit of the signal.
+        """
+        if name in self.within:
+            return _number(name, self.within[name], one.unit(name))
+        magnitudes = [np.max(np.abs(t[name][np.isfinite(t[name])]), initial=0.0) for t in (one, other)]
+        return max(self.absolute, self.relative * float(max(magnitudes)))
+
+
+@dataclass(frozen=True, eq=False)
+class CasePair:
+    """A case of both sides.
+
+    Attributes:
+        one, other: what both recorded, in the units of the first.
+        partings: of each signal that both have.
+    """
+
+    name: str
+    one: Trace
+    other: Trace
+    partings: Sequence[Parting]
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Two sides held against each other.
+
+    Attributes:
+        notes: what one of them alone has, and what is to be known of both, a line each.
+        crossings: signals that were converted.
+    """
+
+    one: Side
+    other: Side
+    pairs: Sequence[CasePair]
+    notes: Sequence[str]
+    crossings: Sequence[Crossing]
+
+    @property
+    def agree(self) -> bool:
+        """Whether nothing parts beyond the tolerance."""
+        return not any(parting.beyond for pair in self.pairs for parting in pair.partings)
+
+    @property
+    def first(self) -> tuple[str, Parting] | None:
+        """The case and the signal that part first; None where none do."""
+        parted = [(pair.name, parting) for pair in self.pairs for parting in pair.partings if parting.beyond]
+        return min(parted, key=lambda one: (one[1].first, -one[1].times), default=None)
+
+    @property
+    def largest(self) -> tuple[str, Parting]:
+        """The case and the signal that differ most, in tolerances."""
+        return max(
+            ((pair.name, parting) for pair in self.pairs for parting in pair.partings), key=lambda one: one[1].times
+        )
+
+
+def compare(one: Side, other: Side, tolerance: Tolerance) -> Comparison:
+    """Both sides held against each other; a single case of each, whatever its name.
+
+    Raises:
+        InputError: they have no case or no signal in common, or `within` names none.
+        TraceError: no time in common.
+        WiringError: units of different quantities.
+    """
+    notes = [f"{side.name}: {line}" for side in (one, other) for line in side.notes]
+    pairs, crossings = [], list[Crossing]()
+    for name, a, b in _cases(one, other, notes):
+        signals = [signal for signal in a.names if signal in b.names]
+        if not signals:
+            raise TraceError(a.name, f"has no signal of {other.name} (case {name})", f"it holds {', '.join(a.names)}")
+        notes += _alone(name, one.name, a, b) + _alone(name, other.name, b, a) + _durations(name, one, other, a, b)
+        converted, crossed = _converted(a, b.select(signals))
+        crossings += crossed
+        tolerances = {signal: tolerance.of(signal, a, converted) for signal in signals}
+        pairs.append(CasePair(name, a.select(signals), converted, partings(a, converted, tolerances)))
+    unknown = [name for name in tolerance.within if not any(name in pair.one.names for pair in pairs)]
+    if unknown:
+        known = ", ".join(dict.fromkeys(name for pair in pairs for name in pair.one.names))
+        raise InputError(f"--within {unknown[0]}", "is no signal of both", f"they have {known}")
+    return Comparison(one, other, pairs, notes, logged(crossings))
+
+
+def _cases(one: Side, other: Side, notes: list[str]) -> Iterator[tuple[str, Trace, Trace]]:
+    if len(one.cases) == len(other.cases) == 1:
+        [(name, a)], [b] = one.cases.items(), other.cases.values()
+        yield name, a, b
+        return
+    both = [name for name in one.cases if name in other.cases]
+    if not both:
+        known = " and ".join(", ".join(side.cases) for side in (one, other))
+        raise InputError(other.name, f"has no case of {one.name}", f"their cases are {known}")
+    for side, against in ((one, other), (other, one)):
+        notes += [f"only {side.name} has case {name}" for name in side.cases if name not in against.cases]
+    for name in both:
+        yield name, one.cases[name], other.cases[name]
+
+
+def _alone(case: str, side: str, one: Trace, other: Trace) -> list[str]:
+    names = [name for name in one.names if name not in other.names]
+    return [f"case {case}: only {side} has {', '.join(names)}"] if names else []
+
+
+def _durations(case: str, one: Side, other: Side, a: Trace, b: Trace) -> list[str]:
+    spans = [(side.name, trace.time[0], trace.time[-1]) for side, trace in ((one, a), (other, b)) if len(trace)]
+    if len(spans) < 2 or (a.covers(b.time[0], b.time[-1]) and b.covers(a.time[0], a.time[-1])):
+        return []
+    words = ", ".join(f"{name} from {start:g} to {stop:g} s" for name, start, stop in spans)
+    return [f"case {case}: compared where both are: {words}"]
+
+
+def _converted(one: Trace, other: Trace) -> tuple[Trace, list[Crossing]]:
+    """The other trace in the units of the first, and how it got there."""
+    crossings = [crossing(name, named(other.unit(name)), named(one.unit(name))) for name in other.names]
+    signals = {name: how.conversion(other[name]) for name, how in zip(other.names, crossings, strict=True)}
+    units = {name: unit for name in other.names if (unit := one.unit(name) or other.unit(name))}
+    return Trace(other.time, signals, units, other.name), crossings
+
+
+def _number(signal: str, text: str, unit: str | None) -> float:
+    place, found = f"--within {signal}={text}", quantity(text)
+    if found is not None:
+        value = crossing(place, named(found[1]), named(unit)).conversion.factor * found[0]
+    else:
+        try:
+            value = float(text)
+        except ValueError:
+            raise InputError(place, "is no number with a unit", f"write --within {signal}=0.1") from None
+    if not (value >= 0 and math.isfinite(value)):
+        raise InputError(place, "is no distance", "give one of at least 0")
+    return value

@@ -1,0 +1,178 @@
+"""What can be compared: each side of a comparison as traces by case, whatever it is given as.
+
+A side is a folder of results, a recording, a scenario, an FMU, or a way to run a scenario: packed as `native` or
+`python` FMUs, stepped by the `compiled` loop or by `python-loop`, or with `half-step`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from pathlib import Path
+
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+from typing_extensions import TypedDict
+
+from fmus.errors import InputError, ScenarioError
+from orchestrator import formats
+from orchestrator.assembly.assembly import assemble
+from orchestrator.comparison.fmu_side import alone, with_component
+from orchestrator.engine import Engine
+from orchestrator.fmi.isolation import scratch
+from orchestrator.progress import Progress, silent
+from orchestrator.scenario.run import ScenarioResult, run_scenario
+from orchestrator.scenario.scenario import Scenario
+from orchestrator.scenario.schema import load_scenario
+from orchestrator.trace import Trace
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What sides that are FMUs, or ways to run, are run in.
+
+    Attributes:
+        scenario: the file; FMUs without one run alone.
+        component: the one of its components that an FMU takes the place of; None where only one fits.
+        case: the one case that is compared; None compares all.
+        stop, step: of FMUs that run alone; None takes what they say themselves [s].
+    """
+
+    scenario: Path | None = None
+    component: str | None = None
+    case: str | None = None
+    stop: float | None = None
+    step: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """One side of a comparison.
+
+    Attributes:
+        cases: name -> what was recorded.
+        notes: what is to be known of it, a line each.
+    """
+
+    name: str
+    cases: Mapping[str, Trace]
+    notes: tuple[str, ...] = field(default=())
+
+
+def _packed(target: str) -> Callable[[Scenario, Path], Scenario]:
+    def way(scenario: Scenario, folder: Path) -> Scenario:
+        return replace(scenario, system=assemble(scenario.system, folder, scenario.driven, target).system)
+
+    return way
+
+
+def _stepped(engine: Engine) -> Callable[[Scenario, Path], Scenario]:
+    return lambda scenario, _: replace(scenario, timing=replace(scenario.timing, engine=engine))
+
+
+def _halved(scenario: Scenario, folder: Path) -> Scenario:
+    return replace(scenario, timing=replace(scenario.timing, step=scenario.timing.step * Fraction(1, 2)))
+
+
+WAYS: dict[str, Callable[[Scenario, Path], Scenario]] = {
+    "native": _packed("native"),
+    "python": _packed("python"),
+    "compiled": _stepped(Engine.COMPILED),
+    "python-loop": _stepped(Engine.PYTHON),
+    "half-step": _halved,
+}
+"""Word -> what makes a scenario one that runs in that way; it may put FMUs into the folder."""
+
+
+def side(given: str, setting: Setting, progress: Progress = silent) -> Side:
+    """The side of a comparison that is given by a path or a word of `WAYS`.
+
+    Raises:
+        InputError: there is no such thing, or it cannot be compared.
+        FmuError: an FMU failed.
+    """
+    path = Path(given)
+    if given in WAYS:
+        if setting.scenario is None:
+            raise InputError(given, "is a way to run a scenario", "say which by --scenario FILE")
+        return _run(given, setting.scenario, setting, WAYS[given], progress)
+    if not path.exists():
+        raise InputError(given, "is neither there nor one of " + ", ".join(WAYS), "check the path")
+    if path.is_dir():
+        return _results(path, setting)
+    if path.suffix.lower() == ".fmu":
+        if setting.scenario is None:
+            trace, notes = alone(path, setting.stop, setting.step)
+            return Side(given, {path.stem: trace}, notes)
+
+        def way(scenario: Scenario, folder: Path) -> Scenario:
+            return replace(scenario, system=with_component(scenario.system, path, setting.component))
+
+        return _run(given, setting.scenario, setting, way, progress)
+    if path.suffix in (".yaml", ".yml"):
+        return _run(given, path, setting, lambda scenario, _: scenario, progress)
+    recording = formats.read(path, progress=progress)
+    return Side(given, {path.stem: recording.trace}, recording.notes)
+
+
+def _run(
+    name: str, file: Path, setting: Setting, way: Callable[[Scenario, Path], Scenario], progress: Progress
+) -> Side:
+    scenario = load_scenario(file, references=False)
+    cases = tuple(case for case in scenario.cases if setting.case in (None, case.name))
+    if not cases:
+        known = ", ".join(case.name for case in scenario.cases)
+        raise ScenarioError(file, f"has no case '{setting.case}'", f"its cases are {known}")
+    with scratch(None) as folder:
+        made = way(replace(scenario, cases=cases), folder)
+        result = run_scenario(made, progress=progress)
+    return Side(name, _traces(result), _endings(result))
+
+
+def _traces(result: ScenarioResult) -> dict[str, Trace]:
+    return {case.name: case.result.trace for case in result.cases if case.result is not None}
+
+
+def _endings(result: ScenarioResult) -> tuple[str, ...]:
+    refused = [f"case {case.name}: {case.error}" for case in result.cases if case.error is not None]
+    return (*refused, *(f"case {case.name}: {case.ended}" for case in result.cases if case.ended))
+
+
+class _CaseEntry(TypedDict, total=False):
+    """What a comparison reads of a case in a manifest."""
+
+    __pydantic_config__ = ConfigDict(extra="ignore")  # type: ignore[misc]
+    name: str
+    trace: str
+
+
+class _Manifest(TypedDict):
+    __pydantic_config__ = ConfigDict(extra="ignore")  # type: ignore[misc]
+    cases: list[_CaseEntry]
+
+
+def _results(folder: Path, setting: Setting) -> Side:
+    """The traces of a run's folder of results."""
+    file = folder / "manifest.json"
+    try:
+        manifest = TypeAdapter(_Manifest).validate_python(json.loads(file.read_text(encoding="utf-8")))
+    except (OSError, ValueError, ValidationError, RecursionError):
+        raise InputError(
+            folder, "holds no manifest.json of a run", "give a folder that `servotwin run` wrote"
+        ) from None
+    named = {case["name"]: case["trace"] for case in manifest["cases"] if "name" in case and "trace" in case}
+    chosen = {name: trace for name, trace in named.items() if setting.case in (None, name)}
+    if not chosen:
+        raise InputError(
+            folder, "holds no trace" + (f" of case {setting.case}" if setting.case else ""), "run it again"
+        )
+    return Side(str(folder), {name: formats.read(_inside(folder, trace)).trace for name, trace in chosen.items()})
+
+
+def _inside(folder: Path, name: str) -> Path:
+    """A file of the folder, and of no other."""
+    file = folder / name
+    if Path(name).name != name:
+        raise InputError(folder, f"names the trace '{name}', which is not in it", "run it again")
+    return file

@@ -1,0 +1,136 @@
+"""A comparison told: as rows, in a sentence, drawn, as plain values and as a page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from typing_extensions import TypedDict
+
+from orchestrator.comparison.comparison import Comparison
+from orchestrator.comparison.documents import PartingDocument, documents_of
+from orchestrator.crossing import CrossingDocument
+from orchestrator.crossing import documents_of as documents_of_crossings
+from orchestrator.display import characters, look
+from orchestrator.display.curves import TimeCurve, stacked
+from orchestrator.measures import Parting
+from orchestrator.report import Report
+
+HEADERS = ("case", "signal", "parts at [s]", "by", "largest difference", "at [s]", "tolerance", "in tolerances")
+DRAWN = 12  # signals of a case on a page, those that differ most
+
+
+class FirstDocument(TypedDict):
+    """Where two sides part first."""
+
+    case: str
+    signal: str
+    time: float
+    by: float | None
+    unit: str
+    tolerance: float
+
+
+class PairDocument(TypedDict):
+    """A case of both sides."""
+
+    name: str
+    signals: list[PartingDocument]
+
+
+class ComparisonDocument(TypedDict):
+    """Two sides held against each other, as plain values."""
+
+    a: str
+    b: str
+    agree: bool
+    first: FirstDocument | None
+    cases: list[PairDocument]
+    notes: list[str]
+    units: list[CrossingDocument]
+
+
+def document_of(comparison: Comparison) -> ComparisonDocument:
+    """A comparison as plain values."""
+    return {
+        "a": comparison.one.name,
+        "b": comparison.other.name,
+        "agree": comparison.agree,
+        "first": _first(comparison),
+        "cases": [{"name": pair.name, "signals": documents_of(pair.partings)} for pair in comparison.pairs],
+        "notes": list(comparison.notes),
+        "units": documents_of_crossings(comparison.crossings),
+    }
+
+
+def _first(comparison: Comparison) -> FirstDocument | None:
+    if comparison.first is None:
+        return None
+    case, parting = comparison.first
+    (document,) = documents_of([parting])
+    assert document["first"] is not None
+    return {
+        "case": case,
+        "signal": parting.signal,
+        "time": document["first"],
+        "by": document["by"],
+        "unit": parting.unit,
+        "tolerance": parting.tolerance,
+    }
+
+
+def sentence(comparison: Comparison) -> str:
+    """Where the two part first and by what, or how near they are."""
+    if comparison.first is None:
+        case, most = comparison.largest
+        where = f"in {most.signal} of case {case} at {most.at:.6g} s"
+        return (
+            f"they agree; the largest difference is {_shown(most, most.largest)} {where}, {most.times:.3g} tolerances"
+        )
+    case, first = comparison.first
+    times = f", {first.by / first.tolerance:.3g} tolerances" if first.tolerance else ""
+    return f"they part first at {first.first:.6g} s: {first.signal} of case {case} by {_shown(first, first.by)}{times}"
+
+
+def rows(comparison: Comparison) -> Iterator[tuple[str, ...]]:
+    """A row under `HEADERS` of every signal of every case, those that part first at the top."""
+    found = [(pair.name, parting) for pair in comparison.pairs for parting in pair.partings]
+    for case, one in sorted(found, key=lambda pair: (not pair[1].beyond, pair[1].first or 0.0, -pair[1].times)):
+        parts = ("-", "-") if one.first is None else (f"{one.first:.6g}", _shown(one, one.by))
+        largest = (_shown(one, one.largest), f"{one.at:.6g}", _shown(one, one.tolerance), f"{one.times:.3g}")
+        yield (case, one.signal, *parts, *largest)
+
+
+def drawn(comparison: Comparison) -> str:
+    """The signal that parts first, in characters; "" where none does."""
+    if comparison.first is None:
+        return ""
+    case, first = comparison.first
+    pair = next(pair for pair in comparison.pairs if pair.name == case)
+    curves = [(trace.time, trace[first.signal]) for trace in (pair.one, pair.other)]
+    return characters.plot(f"{case}: {first.signal} [{first.unit or '1'}]", curves[0], curves[1], ("A", "B"))
+
+
+def page(comparison: Comparison) -> Report:
+    """Figures and curves of both sides, and the difference."""
+    report = Report("Comparison", f"A: {comparison.one.name}; B: {comparison.other.name}")
+    section = report.section("Verdict")
+    section.callout("ok" if comparison.agree else "error", f"{sentence(comparison).capitalize()}.")
+    for note in comparison.notes:
+        section.callout("warning", f"{note}.")
+    section.table(HEADERS, list(rows(comparison)))
+    for pair in comparison.pairs:
+        part = report.section(f"Case {pair.name}")
+        most = sorted(pair.partings, key=lambda one: -one.times)[:DRAWN]
+        windows = []
+        for one in most:
+            curves = [
+                TimeCurve("A", pair.one.time, pair.one[one.signal], look.MEASURED, 3.2),
+                TimeCurve("B", pair.other.time, pair.other[one.signal], look.colour(0), 1.4),
+            ]
+            windows.append((look.with_unit(one.signal, one.unit), curves))
+        part.figure(stacked(windows, legend=True))
+    return report
+
+
+def _shown(one: Parting, value: float) -> str:
+    return f"{value:.4g}" + ("" if one.unit in ("", "1") else f" {one.unit}")

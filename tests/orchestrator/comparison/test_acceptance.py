@@ -1,0 +1,249 @@
+"""References are accepted deliberately, whole, with where they are from, and never over what is somebody else's."""
+
+from __future__ import annotations
+
+import errno
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from fmus import files as fmu_files
+from fmus.files import sha256
+from identification.cli import app
+from orchestrator import formats
+from orchestrator.formats import parquet
+from orchestrator.scenario import references
+from orchestrator.scenario.run import run_scenario
+from orchestrator.trace import Trace
+
+SWING = """
+title: A swing
+components:
+  hand: {model: pendulum, parameters: {angle_start: 1.0}}
+run: {stop: 0.5, step: 0.001}
+expect:
+  - {signal: hand.angle, reference: accepted, within: 1.0e-3}
+cases:
+  - {name: high}
+  - {name: low, set: {hand.angle_start: 0.2}}
+"""
+
+
+@pytest.fixture
+def swing(tmp_path: Path) -> Path:
+    file = tmp_path / "swing.yaml"
+    file.write_text(SWING)
+    return file
+
+
+def command(*arguments: object, code: int = 0) -> Result:
+    answer = CliRunner().invoke(app, [str(each) for each in arguments])
+    assert answer.exit_code == code, answer.output
+    return answer
+
+
+def accept(scenario: Path, *options: object, code: int = 0) -> dict[str, Any]:
+    answer = command("accept", scenario, "--out", scenario.parent / "out", "--json", *options, code=code)
+    document: dict[str, Any] = json.loads(answer.stdout) if code == 0 else {"said": answer.stderr}
+    return document
+
+
+def changes(document: dict[str, Any]) -> dict[str, tuple[str, bool]]:
+    return {one["case"]: (one["change"], one["written"]) for one in document["references"]}
+
+
+def reference(scenario: Path, case: str = "high") -> Path:
+    return scenario.parent / "references" / scenario.stem / f"{case}.parquet"
+
+
+def edit(scenario: Path, old: str, new: str) -> None:
+    assert old in scenario.read_text()
+    scenario.write_text(scenario.read_text().replace(old, new))
+
+
+def test_a_scenario_without_its_reference_fails_until_one_is_accepted(swing: Path) -> None:
+    before = run_scenario(swing)
+    assert not before.passed
+    assert "servotwin accept" in before.cases[0].checks[0].found
+    assert changes(accept(swing)) == {"high": ("new", True), "low": ("new", True)}
+    assert run_scenario(swing).passed
+
+
+def test_only_what_differs_is_written_and_with_all_the_rest_too(swing: Path) -> None:
+    accept(swing)
+    untouched = sha256(reference(swing, "low"))
+    edit(swing, "angle_start: 1.0", "angle_start: 1.01")
+    assert not run_scenario(swing).passed
+    shown = accept(swing, "--dry-run")
+    assert changes(shown) == {"high": ("differs", False), "low": ("agrees", False)}
+    (high,) = shown["references"][0]["signals"]
+    assert high["beyond"] and high["first"] == 0 and high["by"] == pytest.approx(0.01)
+    assert not run_scenario(swing).passed
+    assert changes(accept(swing)) == {"high": ("differs", True), "low": ("agrees", False)}
+    assert sha256(reference(swing, "low")) == untouched
+    assert run_scenario(swing).passed
+    assert changes(accept(swing, "--all")) == {"high": ("agrees", True), "low": ("agrees", True)}
+
+
+def test_one_case_is_accepted_alone(swing: Path) -> None:
+    accept(swing, "--case", "low")
+    assert not reference(swing).exists() and reference(swing, "low").exists()
+    assert "has no case 'middle'; its cases are high, low" in accept(swing, "--case", "middle", code=2)["said"]
+
+
+def test_a_reference_says_where_it_is_from_and_what_it_replaces(swing: Path) -> None:
+    accept(swing)
+    first = sha256(reference(swing))
+    edit(swing, "angle_start: 1.0", "angle_start: 1.01")
+    accept(swing)
+    trace, provenance = references.read(reference(swing))
+    assert (provenance["scenario"], provenance["case"], provenance["replaces"]) == ("swing.yaml", "high", first)
+    assert provenance["by"] and provenance["at"].endswith("+00:00") and "servotwin" in provenance["versions"]
+    assert provenance["sha256"]["swing.yaml"] == sha256(swing)
+    assert provenance["sha256"].keys() == {"swing.yaml", "model pendulum"}
+    assert provenance["samples"] == 501 and len(trace) < 150
+    assert sha256(swing.parent / "out" / "replaced" / "swing" / "high.parquet") == first
+
+
+def test_the_lines_of_a_reference_are_within_a_twentieth_of_the_tolerance_of_the_run(swing: Path) -> None:
+    accept(swing)
+    run = run_scenario(swing).cases[0].trace
+    trace, _ = references.read(reference(swing))
+    assert np.max(np.abs(trace.resampled(run.time)["hand.angle"] - run["hand.angle"])) <= 0.05 * 1e-3
+    assert reference(swing).stat().st_size < 6000
+
+
+def tampered(file: Path, change: Any) -> None:
+    trace, provenance = references.read(file)
+    with file.open("wb") as target:
+        parquet.write_small(change(trace), target, {references.PROVENANCE: json.dumps(provenance)})
+
+
+def with_nan(trace: Trace) -> Trace:
+    values = trace["hand.angle"].copy()
+    values[3] = np.nan
+    return Trace(trace.time, {"hand.angle": values}, trace.units, trace.name)
+
+
+@pytest.mark.parametrize(
+    ("change", "said", "why"),
+    [
+        (with_nan, "hand.angle is not finite at", "is not finite"),
+        (
+            lambda trace: trace.renamed({"hand.angle": "hand.speed"}),
+            "is no reference of hand.angle",
+            "without hand.angle",
+        ),
+        (lambda trace: trace.between(0, 0.3), "not 0 to 0.5 s", "of 0 to 0.3"),
+        (
+            lambda trace: Trace(trace.time, dict(trace.signals), {"hand.angle": "N.m"}, trace.name),
+            "N.m does not fit rad",
+            "in N.m instead of rad",
+        ),
+    ],
+)
+def test_a_reference_of_other_signals_units_or_times_or_with_a_nan_is_refused_and_can_be_replaced(
+    swing: Path, change: Any, said: str, why: str
+) -> None:
+    accept(swing)
+    tampered(reference(swing), change)
+    answer = command("run", swing, "--out", swing.parent / "run", code=2)
+    assert said in answer.stderr and "Traceback" not in answer.stderr
+    document = accept(swing)
+    assert why in document["references"][0]["why"] and changes(document)["high"][1]
+    assert run_scenario(swing).passed
+
+
+@pytest.mark.parametrize("content", [b"not a table", b"", "a table"])
+def test_a_file_that_is_not_ours_is_neither_taken_for_a_reference_nor_replaced(
+    swing: Path, content: bytes | str
+) -> None:
+    reference(swing).parent.mkdir(parents=True)
+    if isinstance(content, bytes):
+        reference(swing).write_bytes(content)
+    else:
+        formats.write(Trace(np.array([0.0, 1.0]), {"hand.angle": np.zeros(2)}), reference(swing))
+    before = reference(swing).read_bytes()
+    command("run", swing, "--out", swing.parent / "run", code=2)
+    accept(swing, code=2)
+    assert reference(swing).read_bytes() == before and not reference(swing, "low").exists()
+
+
+def test_two_scenarios_do_not_share_their_references(swing: Path) -> None:
+    accept(swing)
+    twin = swing.with_suffix(".yml")
+    twin.write_text(SWING)
+    assert "is a reference of" in accept(twin, code=2)["said"]
+    command("run", twin, "--out", swing.parent / "run", code=2)
+    reference(swing).unlink()
+    reference(swing, "low").unlink()
+    answer = command("accept", swing, twin, "--out", swing.parent / "out", code=2)
+    assert "would be written by" in answer.stderr and not reference(swing).exists()
+
+
+def test_a_full_disk_leaves_every_reference_as_it_was(swing: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    accept(swing)
+    before = {file: file.read_bytes() for file in reference(swing).parent.iterdir()}
+    edit(swing, "angle_start: 1.0", "angle_start: 1.01")
+    edit(swing, "angle_start: 0.2", "angle_start: 0.21")
+    write = fmu_files._write
+
+    def full(part: Path, content: Any) -> None:
+        if "low.parquet" in part.name:
+            part.write_bytes(content[:100])
+            raise OSError(errno.ENOSPC, "No space left on device")
+        write(part, content)
+
+    monkeypatch.setattr(fmu_files, "_write", full)
+    assert "No space left on device" in accept(swing, code=2)["said"]
+    assert {file: file.read_bytes() for file in reference(swing).parent.iterdir()} == before
+
+
+def test_one_of_a_platform_is_kept_beside_those_of_others(swing: Path) -> None:
+    edit(swing, "reference: accepted", "reference: accepted per platform")
+    accept(swing)
+    (high,) = reference(swing).parent.glob("high.*.parquet")
+    other = high.with_name("high.aarch64-darwin.parquet")
+    high.rename(other)
+    assert not run_scenario(swing).passed
+    document = accept(swing)
+    assert document["unused"] == [] and changes(document)["high"] == ("new", True) and other.exists()
+    assert run_scenario(swing).passed
+
+
+def test_references_that_no_case_asks_for_are_told(swing: Path) -> None:
+    accept(swing)
+    edit(swing, "name: low", "name: lower")
+    document = accept(swing)
+    assert document["unused"] == [str(reference(swing, "low"))]
+    assert reference(swing, "low").exists() and reference(swing, "lower").exists()
+
+
+def test_expectations_that_the_run_does_not_meet_are_told_when_it_is_accepted(swing: Path) -> None:
+    edit(swing, "cases:", "  - {signal: hand.angle, below: 0.5}\ncases:")
+    (doubt,) = accept(swing)["doubts"]
+    assert "case high: hand.angle stays below 0.5 does not hold (largest 1 rad)" in doubt
+
+
+def test_a_reference_that_is_too_large_is_refused(swing: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(references, "LARGEST", 2000)
+    assert "would take" in accept(swing, code=2)["said"] and not reference(swing).exists()
+
+
+def test_a_run_that_fails_gives_no_reference_and_others_of_the_same_command_do(swing: Path) -> None:
+    broken = swing.with_name("broken.yaml")
+    broken.write_text(SWING.replace("model: pendulum", "model: no_such_model"))
+    answer = command("accept", swing.parent, "--out", swing.parent / "out", code=2)
+    assert "no_such_model" in answer.stderr and reference(swing).exists()
+
+
+def test_the_terminal_shows_numbers_and_curves_of_what_differs(swing: Path) -> None:
+    accept(swing)
+    edit(swing, "angle_start: 1.0", "angle_start: 1.5")
+    said = command("accept", swing, "--out", swing.parent / "out").stdout
+    assert "500" in said and ". old  * new  # both" in said and "high.parquet: differs, written" in said
+    assert (swing.parent / "out" / "report.html").stat().st_size > 0
