@@ -18,6 +18,7 @@ METHODS = {
     "resonance": "identification.resonance.method",
     "subspace": "identification.subspace.method",
     "experiments": "identification.experiments.method",
+    "motion": "identification.motion.method",
 }
 """name -> module of the methods here, each with a METHOD, imported when a study asks for it; other packages add theirs
 as entry points of `servotwin.methods`."""

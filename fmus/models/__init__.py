@@ -6,7 +6,7 @@ A model file begins with `from . import Model, State, input_, ops, output, param
 
 import sys
 
-from ..modelling import control, feedback, model, ops
+from ..modelling import control, feedback, friction, model, ops
 from ..modelling.model import Model, Requirement, State, Table, array, input_, output, parameter
 
 __all__ = [
@@ -17,6 +17,7 @@ __all__ = [
     "array",
     "control",
     "feedback",
+    "friction",
     "input_",
     "ops",
     "output",

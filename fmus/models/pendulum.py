@@ -5,7 +5,7 @@ Eq. 5 with the added mass of Eq. 78, about an equilibrium that need not be at ze
     (p1 + m_a l_a^2) w' = torque - p2 w - dry friction(w) - (p3 + m_a g l_a) sin(angle - equilibrium_angle)
 """
 
-from . import Model, State, input_, ops, output, parameter
+from . import Model, State, friction, input_, ops, output, parameter
 
 
 def moment_of_inertia(p):
@@ -16,19 +16,10 @@ def gravity_torque(p):
     return p.gravity_torque + p.added_mass * p.gravity * p.added_length
 
 
-def dry_friction(speed, p):
-    """Coulomb friction with a Stribeck peak; its sign and the change between its two sides are smooth through zero."""
-    sign = ops.tanh(speed / p.friction_speed)
-    mean = 0.5 * (p.coulomb_friction_positive + p.coulomb_friction_negative)
-    difference = 0.5 * (p.coulomb_friction_positive - p.coulomb_friction_negative)
-    stribeck = p.stribeck_friction * ops.exp(-((speed / p.stribeck_speed) ** 2))
-    return (mean + difference * sign + stribeck) * sign
-
-
 def acceleration(x, u, p):
-    friction = p.viscous_friction * x.speed + dry_friction(x.speed, p)
+    resistance = p.viscous_friction * x.speed + friction.dry(x.speed, p)
     gravity = gravity_torque(p) * ops.sin(x.angle - p.equilibrium_angle)
-    return (u.torque - friction - gravity) / moment_of_inertia(p)
+    return (u.torque - resistance - gravity) / moment_of_inertia(p)
 
 
 def energy(x, p):
@@ -47,8 +38,7 @@ def outputs(t, x, u, p):
 
 def solver_step(p):
     """A seventh of the time constant of the steepest friction, a twentieth of a radian of the swing, at most 10 ms."""
-    coulomb = ops.maximum(p.coulomb_friction_positive, p.coulomb_friction_negative) + p.stribeck_friction
-    damping = (p.viscous_friction + coulomb / p.friction_speed) / moment_of_inertia(p)
+    damping = (p.viscous_friction + friction.steepest(p)) / moment_of_inertia(p)
     swing = ops.sqrt(ops.absolute(gravity_torque(p)) / moment_of_inertia(p))
     return ops.minimum(0.01, 0.15 / ops.maximum(damping, ops.maximum(3 * swing, 1e-6)))
 
@@ -65,11 +55,7 @@ MODEL = Model(
         parameter("inertia", "kg.m2", 0.00325, "Moment of inertia about the axis without added mass (p1)", minimum=0),
         parameter("viscous_friction", "N.m.s/rad", 0.001, "Viscous friction (k_f, part of p2)", minimum=0),
         parameter("gravity_torque", "N.m", 0.04905, "Weight times distance of the centre of mass (p3)"),
-        parameter("coulomb_friction_positive", "N.m", 0.0, "Dry friction at positive speed", minimum=0),
-        parameter("coulomb_friction_negative", "N.m", 0.0, "Dry friction at negative speed", minimum=0),
-        parameter("stribeck_friction", "N.m", 0.0, "Dry friction added near zero speed", minimum=0),
-        parameter("stribeck_speed", "rad/s", 0.1, "Speed over which the Stribeck term fades", minimum=1e-6),
-        parameter("friction_speed", "rad/s", 0.05, "Speed over which dry friction changes sign", minimum=1e-6),
+        *friction.DRY,
         parameter("equilibrium_angle", "rad", 0.0, "Angle at which gravity exerts no torque"),
         parameter("added_mass", "kg", 0.0, "Mass fixed to the body (m_a)", minimum=0),
         parameter("added_length", "m", 0.0, "Distance of the added mass from the axis (l_a)"),

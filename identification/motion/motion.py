@@ -1,15 +1,4 @@
-"""Recalibration near a motion: what the approach to an orbit under energy control says about p1, p3 and p4.
-
-Where Eq. 103 compensates the friction, the invariant of Eq. 107, I = p1/2 w^2 + p3 (1 - cos theta) - E*, obeys
-I' = -p4 gain w^2 I (Eqs. 111, 112 with the speed as it was), so that
-
-    w^2/2 + ratio (1 - cos theta) = level + offset exp(-rate S),    S = integral of w^2 dt    (Eq. 114 over p1)
-
-with ratio = p3/p1, level = E*/p1 and rate = p4 gain: linear in all but the rate. One recording identifies exactly
-these three. The relation stays true when p1, p3 and E* are multiplied by one number, so p1 and p3 themselves come
-from E* and are in the controller's unit of energy: a controller whose p1 and p3 are both s times the plant's
-gives s p1, s p3 and s p4 back, and only p3/p1 and p4/p1 are the plant's. Viscous friction that is left over, d w
-beyond Eq. 103, moves the level by -d / (p4 gain p1); ratio and rate do not feel it.
+"""A recorded motion near an orbit of energy control: what of its signals the relations of Section 4 are made of.
 
 Source: Angelchev Shiryaev 2024, Section 4.
 """
@@ -19,22 +8,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import cumulative_simpson
-from scipy.optimize import least_squares, nnls
 from scipy.signal import savgol_coeffs
 
 from fmus.errors import IdentificationError
-from identification.estimation.estimated_value import EstimatedValue, estimate, propagated
-from identification.estimation.validation import whiteness
 from identification.signals.processing import differentiate, mean_step, resampled_evenly
 from orchestrator.trace import FloatArray, ReadOnlyArrays, Trace, usable
 
-RATES = np.geomspace(0.3, 300, 40)  # decays over the recording, tried as starts
-FASTEST = 1e4  # decays over the recording, beyond which the search is lost
-PASSES = 100
 HALF_WIDTH, DEGREE = 5, 3  # of the polynomials that a speed is taken from, where none was recorded
-SEEN = 3.0  # standard errors by which the first sample has to be off the orbit
 UNITS = {"ratio": "1/s^2", "level": "rad^2/s^2", "rate": "s/rad^2", "p1": "kg m^2", "p3": "N m", "p4": "N m/V"}
 
 
@@ -49,49 +30,46 @@ class Motion(ReadOnlyArrays):
         action: (K,) integral of the squared speed since the first sample [rad^2/s].
         derivative: (2 HALF_WIDTH + 1,) weights of the angles around a sample that make its speed [1/s]; None where the
             speed was recorded.
+        voltage: (K,) command that holds from each sample to the next [V]; None where it was not recorded.
+        work: (K,) integral of voltage times speed since the first sample [V rad].
+        name: of its recording.
     """
 
     time: FloatArray
     angle: FloatArray
     speed: FloatArray
     action: FloatArray
-    derivative: FloatArray | None
+    derivative: FloatArray | None = None
+    voltage: FloatArray | None = None
+    work: FloatArray | None = None
+    name: str = "motion"
 
     def invariant(self, p1: float, p3: float, target: float) -> FloatArray:
         """(K,) I of Eq. 110 [J]."""
         return np.asarray(0.5 * p1 * self.speed**2 + p3 * (1 - np.cos(self.angle)) - target)
 
+    @property
+    def period(self) -> float:
+        """Mean time from one swing to the next [s], by the angle's passages through the middle of its range.
 
-@dataclass(frozen=True)
-class Recalibration:
-    """What one motion tells.
-
-    Standard errors assume that the errors of the recorded signals are small, and independent from sample to sample and
-    of each other. Slow ones (left-over dry friction, a controller with a wrong ratio, long sample periods) are not in
-    them; `white` tells.
-
-    Attributes:
-        ratio: p3/p1 [1/s^2].
-        level: E*/p1 [rad^2/s^2].
-        rate: p4 gain, the decay of the invariant per action [s/rad^2].
-        parameters: p1 [kg m^2], p3 [N m] and p4 [N m/V], in the unit of energy of target and gain.
-        angle_noise, speed_noise: standard deviations of the errors [rad], [rad/s], as the misfit tells them apart.
-        white: whether the misfit is independent from sample to sample; None where the speed was derived.
-        dof: samples less parameters.
-    """
-
-    ratio: EstimatedValue
-    level: EstimatedValue
-    rate: EstimatedValue
-    parameters: dict[str, EstimatedValue]
-    angle_noise: float
-    speed_noise: float
-    white: bool | None
-    dof: int
+        Raises:
+            IdentificationError: it does not swing to and fro.
+        """
+        middle = 0.5 * (float(self.angle.max()) + float(self.angle.min()))
+        band = 0.1 * float(np.ptp(self.angle))
+        far = np.flatnonzero(np.abs(self.angle - middle) > band)
+        turns = far[1:][np.diff(np.sign(self.angle[far] - middle)) != 0]
+        if len(turns) < 3:
+            raise IdentificationError(self.name, "does not swing to and fro", "record an oscillation of some periods")
+        return float(2 * (self.time[turns[-1]] - self.time[turns[0]]) / (len(turns) - 1))
 
 
 def recorded_motion(
-    trace: Trace, angle: str = "angle", speed: str | None = "speed", equilibrium_angle: float = 0.0
+    trace: Trace,
+    angle: str = "angle",
+    speed: str | None = "speed",
+    equilibrium_angle: float = 0.0,
+    voltage: str | None = None,
 ) -> Motion:
     """The motion in a trace; with `speed` None its speed is the derivative of the evenly resampled angle.
 
@@ -99,221 +77,42 @@ def recorded_motion(
         TraceError: a signal is missing, constant or not finite.
         IdentificationError: too few samples.
     """
-    trace = usable(trace, [angle] if speed is None else [angle, speed])
+    trace = usable(trace, [name for name in (angle, speed, voltage) if name is not None])
     if len(trace) < 20:
         raise IdentificationError(trace.name, f"holds {len(trace)} samples", "record a motion of 20 samples or more")
+    held = None if voltage is None else trace[voltage]
+    work = None if held is None else np.concatenate([[0.0], np.cumsum(held[:-1] * np.diff(trace[angle]))])
     if speed is not None:
-        return _motion(trace.time, trace[angle] - equilibrium_angle, trace[speed], None)
+        measured = trace[angle] - equilibrium_angle
+        return Motion(
+            trace.time, measured, trace[speed], _action(trace.time, trace[speed]), None, held, work, trace.name
+        )
     even = resampled_evenly(trace.select([angle]))
     inner, period = slice(HALF_WIDTH, -HALF_WIDTH), mean_step(even.time)
-    derived = differentiate(even[angle], period, HALF_WIDTH, DEGREE)
+    time, derived = even.time[inner], differentiate(even[angle], period, HALF_WIDTH, DEGREE)[inner]
     weights = savgol_coeffs(2 * HALF_WIDTH + 1, DEGREE, deriv=1, delta=period, use="dot")
-    return _motion(even.time[inner], even[angle][inner] - equilibrium_angle, derived[inner], weights)
-
-
-def _motion(time: FloatArray, angle: FloatArray, speed: FloatArray, derivative: FloatArray | None) -> Motion:
-    return Motion(time, angle, speed, np.asarray(cumulative_simpson(speed**2, x=time, initial=0.0)), derivative)
-
-
-def recalibrate(motion: Motion, gain: float, target: float) -> Recalibration:
-    """p1, p3 and p4 from a motion that energy control brings to its orbit, by Eq. 114 over the whole motion.
-
-    Least squares with errors in both signals, whose variances the misfit itself tells: they are taken out of the
-    squares and of the regressor, so that noise does not bias the ratio. One relation over the motion, not one over
-    each step as in Eq. 118: the increments of a step are smaller than their noise.
-
-    Args:
-        gain: gamma of Eq. 109 [V s/(rad J)].
-        target: E* of the controller [J].
-
-    Raises:
-        IdentificationError: gain or target is not positive, the motion is on its orbit from the start, or it does not
-            approach one.
-    """
-    _positive(gain=gain, target=target)
-    fit = _fit(motion, _start(motion))
-    ratio, level, rate, _ = fit.values
-    if min(ratio, level, rate) <= 0:
-        raise IdentificationError(
-            "motion",
-            f"ratio {ratio:.3g}, level {level:.3g}, rate {rate:.3g} are no approach to an orbit",
-            "check signs, the equilibrium angle, and that energy control was on",
-        )
-    scale = target / level
-    values = {"ratio": ratio, "level": level, "rate": rate, "p1": scale, "p3": ratio * scale, "p4": rate / gain}
-    gradients = np.zeros((6, 4))
-    gradients[:3, :3] = np.eye(3)
-    gradients[3, 1] = -scale / level
-    gradients[4, :2] = scale, -ratio * scale / level
-    gradients[5, 2] = 1 / gain
-    named = {
-        name: estimate(value, propagated(row, fit.covariance), fit.dof, UNITS[name])
-        for (name, value), row in zip(values.items(), gradients, strict=True)
-    }
-    parameters = {name: named.pop(name) for name in ("p1", "p3", "p4")}
-    angle_noise, speed_noise = (float(np.sqrt(variance)) for variance in fit.variances)
-    return Recalibration(
-        **named, parameters=parameters, angle_noise=angle_noise, speed_noise=speed_noise, white=fit.white, dof=fit.dof
+    return Motion(
+        time,
+        even[angle][inner] - equilibrium_angle,
+        derived,
+        _action(time, derived),
+        weights,
+        None if voltage is None else trace.resampled(time, hold=[voltage])[voltage],
+        None if work is None else np.interp(time, trace.time, work),
+        trace.name,
     )
 
 
-def decay_rate(motion: Motion, p1: float, p3: float, target: float) -> EstimatedValue:
-    """p4 gain [s/rad^2] from how the invariant decays, p1 and p3 given.
+def _action(time: FloatArray, speed: FloatArray) -> FloatArray:
+    return np.asarray(cumulative_simpson(speed**2, x=time, initial=0.0))
 
-    Least squares of Eq. 114 itself: the line through log I against S has the same optimum to first order, but noise
-    takes I through zero.
+
+def positive(**numbers: float) -> None:
+    """See that all are positive and finite.
 
     Raises:
-        IdentificationError: p1, p3 or target is not positive, or the motion is on its orbit from the start.
+        IdentificationError: one is not.
     """
-    _positive(p1=p1, p3=p3, target=target)
-    fit = _fit(motion, _start(motion, (p3 / p1, target / p1)), np.array([False, False, True, True]))
-    return estimate(fit.values[2], float(np.sqrt(fit.covariance[2, 2])), fit.dof, UNITS["rate"])
-
-
-def one_step_errors(motion: Motion, p: FloatArray, gain: float, target: float) -> FloatArray:
-    """(K - 1,) I(t) - exp(-p4 gain dS) I(t - h) for `p` = (p1, p3, p4) [J]; Eq. 118 is their mean square (Eq. 115)."""
-    invariant = motion.invariant(p[0], p[1], target)
-    return np.asarray(invariant[1:] - np.exp(-p[2] * gain * np.diff(motion.action)) * invariant[:-1])
-
-
-def recalibrate_as_published(
-    motion: Motion, gain: float, target: float, start: FloatArray, factor: float = 2.0
-) -> FloatArray:
-    """(p1, p3, p4) that minimise Eq. 118, between 1/`factor` and `factor` times the `start` (3,).
-
-    With E* given the index is exactly zero for p1 = p3 = p4 = 0, too, and noise pulls towards that: the result is right
-    for exact signals, for others it is on or near the lower bounds. No standard error is given as none would be right.
-    """
-    _positive(gain=gain, target=target)
-    run = least_squares(
-        lambda q: one_step_errors(motion, start * q, gain, target) / target,
-        np.ones(3),
-        bounds=(1 / factor, factor),
-        xtol=1e-14,
-        ftol=1e-14,
-        gtol=1e-14,
-    )
-    return np.asarray(start * run.x)
-
-
-def _positive(**numbers: float) -> None:
     for name, number in numbers.items():
         if not (number > 0 and np.isfinite(number)):
             raise IdentificationError(f"recalibration.{name}", f"{number:g} is not positive", "give its true value")
-
-
-@dataclass(frozen=True, eq=False)
-class _Fit:
-    """Values (4,) of ratio, level, rate and offset, their covariance (4, 4), and variances of angle and speed (2,)."""
-
-    values: FloatArray
-    covariance: FloatArray
-    variances: FloatArray
-    white: bool | None
-    dof: int
-
-
-def _start(motion: Motion, known: tuple[float, float] | None = None) -> FloatArray:
-    """(4,) the best over a grid of rates, the others by linear least squares; ratio and level may be known."""
-    height, kinetic = 1 - np.cos(motion.angle), 0.5 * motion.speed**2
-    rated = []
-    for rate in RATES / motion.action[-1]:
-        decay = np.exp(-rate * motion.action)
-        if known is None:
-            columns, wanted = np.column_stack([-height, np.ones_like(height), decay]), kinetic
-        else:
-            columns, wanted = decay[:, None], kinetic + known[0] * height - known[1]
-        solution = np.linalg.lstsq(columns, wanted, rcond=None)[0]
-        ratio, level = known or solution[:2]
-        rated.append((float(np.sum((wanted - columns @ solution) ** 2)), [ratio, level, rate, solution[-1]]))
-    return np.array(min(rated, key=lambda pair: pair[0])[1])
-
-
-def _fit(motion: Motion, start: FloatArray, free: NDArray[np.bool_] | None = None) -> _Fit:
-    """Newton's method on the corrected score of least squares: without what noise adds to it on average.
-
-    Raises:
-        IdentificationError: it does not settle, or the offset cannot be told from zero.
-    """
-    free = np.full(4, True) if free is None else free
-    values, variances, dof = start, np.zeros(2), len(motion.time) - int(np.count_nonzero(free))
-    for _ in range(PASSES):
-        line = _linearised(motion, values, variances)
-        attenuation = np.diag([variances[0] * float(np.sum(np.sin(motion.angle) ** 2)), 0.0, 0.0, 0.0])
-        inverse = np.linalg.pinv((line.slopes.T @ line.slopes - attenuation)[np.ix_(free, free)])
-        step = np.zeros(4)
-        step[free] = -inverse @ (line.slopes.T @ line.error - attenuation @ values)[free]
-        values = values + step
-        variances = _variances(motion, line, dof)
-        if _lost(motion, values, variances):
-            break
-        if np.all(np.abs(step) <= 1e-9 * np.abs(values)):
-            covariance = np.zeros((4, 4))
-            covariance[np.ix_(free, free)] = _covariance(motion, line, line.slopes[:, free] @ inverse, variances)
-            if abs(values[3]) < SEEN * np.sqrt(covariance[3, 3]):
-                break
-            white = whiteness([line.error]).white if motion.derivative is None else None
-            return _Fit(values, covariance, variances, white, dof)
-    raise IdentificationError(
-        "motion",
-        "its first samples cannot be told from its orbit, or it nears none",
-        "start it off the orbit, under energy control",
-    )
-
-
-def _lost(motion: Motion, values: FloatArray, variances: FloatArray) -> bool:
-    """Whether the rate has run away, or the errors are as large as the motion itself."""
-    action = motion.action[-1]
-    drowned = variances[0] > 1 or variances[1] * (motion.time[-1] - motion.time[0]) > 0.5 * action
-    return bool(drowned or not 0 < values[2] * action < FASTEST)
-
-
-@dataclass(frozen=True, eq=False)
-class _Line:
-    """Eq. 114 linearised.
-
-    Attributes:
-        error: (K,) how far samples are off, without what their noise makes of it on average [rad^2/s^2].
-        by_angle, by_speed, by_action: (K,) its derivatives by the signals.
-        slopes: (K, 4) its derivatives by ratio, level, rate and offset.
-    """
-
-    error: FloatArray
-    by_angle: FloatArray
-    by_speed: FloatArray
-    by_action: FloatArray
-    slopes: FloatArray
-
-
-def _linearised(motion: Motion, values: FloatArray, variances: FloatArray) -> _Line:
-    """Squares and cosines of noisy samples are off by their noise's variance on average, which is taken out."""
-    ratio, level, rate, offset = values
-    height = 1 - np.cos(motion.angle) * np.exp(variances[0] / 2)
-    action = motion.action - variances[1] * (motion.time - motion.time[0])
-    decay = np.exp(-rate * action)
-    error = 0.5 * (motion.speed**2 - variances[1]) + ratio * height - level - offset * decay
-    slopes = np.column_stack([height, -np.ones_like(height), offset * action * decay, -decay])
-    return _Line(error, ratio * np.sin(motion.angle), motion.speed, rate * offset * decay, slopes)
-
-
-def _variances(motion: Motion, line: _Line, dof: int) -> FloatArray:
-    """(2,) variances of angle and speed that explain the squared errors best; a derived speed has the angle's."""
-    squared = line.error**2 * len(line.error) / dof
-    shares = np.column_stack([line.by_angle**2, line.by_speed**2])
-    if motion.derivative is None:
-        return np.asarray(nnls(shares, squared)[0])
-    both = np.array([1.0, float(motion.derivative @ motion.derivative)])
-    return np.asarray(squared.mean() / float((shares @ both).mean()) * both)
-
-
-def _covariance(motion: Motion, line: _Line, influence: FloatArray, variances: FloatArray) -> FloatArray:
-    """(n, n) from what each recorded sample's noise does to the values, given the errors' influence (K, n)."""
-    later = np.cumsum((line.by_action[:, None] * influence)[::-1], axis=0)[::-1]
-    from_angle = line.by_angle[:, None] * influence
-    from_speed = line.by_speed[:, None] * (influence + 2 * np.gradient(motion.time)[:, None] * later)
-    if motion.derivative is None:
-        return np.asarray(variances[0] * from_angle.T @ from_angle + variances[1] * from_speed.T @ from_speed)
-    through = np.column_stack([np.convolve(column, motion.derivative) for column in from_speed.T])
-    through[HALF_WIDTH:-HALF_WIDTH] += from_angle
-    return np.asarray(variances[0] * through.T @ through)

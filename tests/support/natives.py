@@ -32,6 +32,7 @@ FEEDBACK = {
 }
 RICH: dict[str, dict[str, float]] = {
     "pendulum": {"angle_start": 1.0, "coulomb_friction_positive": 0.004, "stribeck_friction": 0.002},
+    "geared_pendulum": {"angle_start": 1.0, "coulomb_friction_negative": 0.004, "backlash": 0.05, "stiffness": 2.0},
     "dc_motor": {"inductance": 0.01, "current_limit": 0.8, "back_emf": 0.2},
     "energy_controller": {"amplitude": 1.2, "sample_time": 0.03},
     "excitation": {"shape": 2, "amplitude": 2.0, "begin": 0.1},

@@ -23,6 +23,7 @@ _TRAVELS = (
     "models/__init__.py",
     "modelling/control.py",
     "modelling/feedback.py",
+    "modelling/friction.py",
     "modelling/instance.py",
     "modelling/model.py",
     "modelling/ops.py",

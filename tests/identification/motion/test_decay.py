@@ -14,15 +14,9 @@ from scipy.integrate import solve_ivp
 
 from fmus.errors import IdentificationError, TraceError
 from identification.estimation.estimated_value import EstimatedValue
-from identification.motion.motion import (
-    Motion,
-    Recalibration,
-    decay_rate,
-    one_step_errors,
-    recalibrate,
-    recalibrate_as_published,
-    recorded_motion,
-)
+from identification.motion.decay import Recalibration, decay_rate, recalibrate
+from identification.motion.motion import Motion, recorded_motion
+from identification.motion.published import one_step_errors, recalibrate_as_published
 from orchestrator.assembly.assembly import OpenSystem, assemble
 from orchestrator.scenario.schema import load_scenario
 from orchestrator.trace import Trace
@@ -199,9 +193,9 @@ def test_the_published_index_vanishes_at_the_truth_and_without_a_pendulum() -> N
 
 def test_the_published_recalibration_is_right_for_exact_signals_and_biased_by_noise() -> None:
     start = 1.1 * np.array(EXACT)
-    assert recalibrate_as_published(recorded_motion(swing()), GAIN, TARGET, start) == pytest.approx(EXACT, rel=1e-4)
+    assert recalibrate_as_published([recorded_motion(swing())], GAIN, TARGET, start) == pytest.approx(EXACT, rel=1e-4)
     motion = recorded_motion(noisy(swing(), np.random.default_rng(4), 1e-3, 1e-2))
-    published, corrected = recalibrate_as_published(motion, GAIN, TARGET, start), recalibrate(motion, GAIN, TARGET)
+    published, corrected = recalibrate_as_published([motion], GAIN, TARGET, start), recalibrate(motion, GAIN, TARGET)
     assert np.all(published < 0.7 * np.array(EXACT))
     assert values(corrected) == pytest.approx(EXACT, rel=1e-2)
 

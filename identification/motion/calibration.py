@@ -1,0 +1,230 @@
+"""A recalibration near a motion, from its study to a model and how it runs beside the generic one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fmus.errors import IdentificationError, WiringError
+from fmus.units import SAME
+from identification.built_system import BuiltSystem
+from identification.motion.balance import UNITS, Balance, Lumped, Values, energy_balance
+from identification.motion.found import Found, Orbit, as_published, by_balance, by_invariant
+from identification.motion.motion import Motion, recorded_motion
+from identification.motion.study import MotionStudy, Way
+from identification.motion.tube import Tube, tube_of
+from identification.recordings.campaign import StudyTrace, load_campaign, recording_warnings
+from identification.recordings.marks import nothing_left, pieces
+from identification.recordings.units import in_units
+from orchestrator.assembly.assembly import OpenSystem
+from orchestrator.crossing import crossing, named
+from orchestrator.fmi.isolation import Isolation
+from orchestrator.progress import Progress, silent
+from orchestrator.system import Endpoint, System, check_values, must_be, recordable
+
+APART = 2e-6  # of p3, by which an energy has to differ from an equilibrium's (Lemma 8)
+
+
+@dataclass(frozen=True, eq=False)
+class MotionCalibration:
+    """What a study gave.
+
+    Attributes:
+        system: the FMUs as they were before.
+        generic: lumped parameter -> value before [UNITS].
+        found: way -> what it gave; refused: way -> why it gave nothing.
+        balance: the details of the energy balance, where there is one.
+        orbit: what the controller was set to, where the study names it.
+        tube: free runs in the tube around the motion, where the study asks for them.
+    """
+
+    study: MotionStudy
+    system: BuiltSystem
+    recorded: tuple[StudyTrace, ...]
+    motions: tuple[Motion, ...]
+    generic: Values
+    found: Mapping[Way, Found]
+    refused: Mapping[str, str]
+    balance: Balance | None
+    orbit: Orbit | None
+    tube: Tube | None
+
+    @property
+    def taken(self) -> Found:
+        """What is written."""
+        return self.found[self.study.take]
+
+    @property
+    def written(self) -> dict[str, Lumped]:
+        """component.parameter -> lumped parameter, of all that are written."""
+        return {
+            target: name
+            for name, targets in self.study.write.items()
+            for target in targets
+            if name in self.taken.parameters
+        }
+
+    @property
+    def warnings(self) -> list[str]:
+        """What a reader of the figures must know."""
+        unseen = [f"{way}: {why}" for way, why in self.refused.items()]
+        return [*self.taken.remarks, *unseen, *recording_warnings(self.recorded)]
+
+
+def calibrate(
+    study: MotionStudy, data: Path | None = None, progress: Progress = silent, isolation: Isolation | None = None
+) -> MotionCalibration:
+    """Recalibrate the study's model near the motion of its traces, and run it beside the generic one.
+
+    Args:
+        data: the recordings, over the study's own.
+        isolation: of FMUs whose runs are the recordings.
+
+    Raises:
+        InputError: the study, its system and its traces do not fit together, or the motion does not tell.
+        FmuError: the FMUs fail.
+    """
+    system = BuiltSystem(study.system)
+    with OpenSystem(system.assembled) as opened:
+        generic, equilibrium, orbit = _checked(study, opened.system)
+    loaded = load_campaign(study.traces, data, lambda share, doing: progress(0.5 * share, doing), isolation)
+    recorded = in_units(loaded, {signal: named(unit) for signal, unit in study.signals.units.items()})
+    motions = tuple(motion for trace in recorded for motion in _motions(study, trace, equilibrium))
+    progress(0.6, "balance of energy")
+    balance = energy_balance(motions, generic, study.held, study.dry_friction) if study.signals.voltage else None
+    found, refused = _ways(study, motions, balance, orbit)
+    tube = None
+    if study.tube is not None:
+        progress(0.7, "free runs")
+        models = _models(study, generic, found)
+        free = BuiltSystem(study.free_system, [study.signals.input] if study.signals.input else [])
+        tube = tube_of(study, study.tube, free.assembled, recorded, motions, models)
+    return MotionCalibration(study, system, tuple(recorded), motions, generic, found, refused, balance, orbit, tube)
+
+
+def _motions(study: MotionStudy, recorded: StudyTrace, equilibrium: float) -> list[Motion]:
+    """What is left of a trace between its marks, each piece of 20 samples or more a motion.
+
+    Raises:
+        TraceError: a signal is missing or constant, or marks leave nothing.
+    """
+    signals = study.signals
+    whole = recorded.trace.select(list(signals.units))
+    kept = [piece for piece in pieces(whole, recorded.marks) if len(piece) >= 20]
+    if not kept:
+        raise nothing_left(recorded.place, "no motion is", recorded.marks)
+    return [recorded_motion(piece, signals.angle, signals.speed, equilibrium, signals.voltage) for piece in kept]
+
+
+def _ways(
+    study: MotionStudy, motions: Sequence[Motion], balance: Balance | None, orbit: Orbit | None
+) -> tuple[dict[Way, Found], dict[str, str]]:
+    """All ways that can be gone.
+
+    Raises:
+        IdentificationError: the one that is taken cannot.
+    """
+    found: dict[Way, Found] = {}
+    refused: dict[str, str] = {}
+    if balance is not None:
+        found["balance"] = by_balance(balance, study.held)
+    if orbit is not None:
+        ways: dict[Way, Callable[[Sequence[Motion], Orbit], Found]] = {
+            "invariant": by_invariant,
+            "published": as_published,
+        }
+        for way, go in ways.items():
+            try:
+                found[way] = go(motions, orbit)
+            except IdentificationError as error:
+                if way == study.take:
+                    raise
+                refused[way] = str(error)
+    return found, refused
+
+
+def _models(study: MotionStudy, generic: Values, found: Mapping[Way, Found]) -> dict[str, dict[str, float]]:
+    """Name of a model -> component.parameter -> value: the generic one, and one a way."""
+    before = {target: generic[name] for name, targets in study.write.items() for target in targets}
+    models = {"generic": before}
+    for way, one in found.items():
+        values = one.values
+        models[way] = before | {t: values[n] for n, targets in study.write.items() if n in values for t in targets}
+    return models
+
+
+def _checked(study: MotionStudy, system: System) -> tuple[Values, float, Orbit | None]:
+    """Generic values, the equilibrium angle and the controller's orbit, once all of the study is seen to exist.
+
+    Raises:
+        WiringError: a name of the study is not there, or in another unit, or its generic values disagree.
+        IdentificationError: the controller asks for an energy that Lemma 8 excludes.
+    """
+    values, signals = study.system.values(), study.signals
+    check_values(system, values)
+    recordable(system, signals.output, "angle.output")
+    if signals.input is not None:
+        must_be(system, signals.input, "input", "voltage")
+    starts = [signals.angle_start, signals.speed_start]
+    written = {name: [*targets] for name, targets in study.write.items()}
+    for key, names in (("angle, speed", starts), ("equilibrium", [study.equilibrium]), ("truth", [*study.truth])):
+        for name in names:
+            must_be(system, name, "parameter", key)
+    generic = {lumped: _generic(system, values, lumped, names) for lumped, names in written.items()}
+    for lumped, value in generic.items():
+        if lumped in ("p1", "p3", "p4") and not value > 0:
+            raise WiringError(
+                f"write.{lumped}", f"the generic value is {value:g}", "give the generic model a positive one"
+            )
+    return generic, _number(system, values, study.equilibrium), _orbit(study, system, values)
+
+
+def _generic(system: System, values: Mapping[str, object], lumped: Lumped, names: Sequence[str]) -> float:
+    """The value that all of these have."""
+    key = f"write.{lumped}"
+    for name in names:
+        must_be(system, name, "parameter", key)
+        own = system.port(Endpoint.parse(name)).measure
+        crossed = crossing(f"{key}.{name}", named(UNITS[lumped]), own)
+        if crossed.conversion != SAME:
+            raise WiringError(crossed.place, f"is in {own.name}, and {lumped} in {crossed.source}", "use SI units")
+    first, *others = ((name, _number(system, values, name)) for name in names)
+    for name, value in others:
+        if not np.isclose(value, first[1], rtol=1e-9, atol=0):
+            raise WiringError(
+                f"{key}.{name}", f"is {value:g} where {first[0]} is {first[1]:g}", "give both the generic value"
+            )
+    return first[1]
+
+
+def _number(system: System, values: Mapping[str, object], name: str) -> float:
+    """The value of a parameter: the study's, or the FMU's own."""
+    given = values.get(name, system.port(Endpoint.parse(name)).start)
+    if not isinstance(given, (int, float, str)):
+        raise WiringError(name, "has no value", "give one in its component")
+    return float(given)
+
+
+def _orbit(study: MotionStudy, system: System, values: Mapping[str, object]) -> Orbit | None:
+    """What the controller is set to.
+
+    Raises:
+        IdentificationError: it asks for the energy of an equilibrium.
+    """
+    if study.controller is None:
+        return None
+    names: tuple[Lumped, ...] = ("p1", "p2", "p3", "p4")
+    model = {name: _number(system, values, f"{study.controller}.{name}") for name in names}
+    amplitude = _number(system, values, f"{study.controller}.amplitude")
+    target = model["p3"] * (1 - float(np.cos(amplitude)))
+    for energy, which in ((0.0, "downward"), (2 * model["p3"], "upright")):
+        if abs(target - energy) <= APART * model["p3"]:
+            raise IdentificationError(
+                f"{study.controller}.amplitude",
+                f"{amplitude:g} rad asks for the {which} equilibrium's energy, {energy:g} J, which Lemma 8 excludes",
+                "ask for an oscillation between 0 and pi rad",
+            )
+    return Orbit(model, _number(system, values, f"{study.controller}.gain"), target)

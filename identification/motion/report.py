@@ -1,0 +1,125 @@
+"""The report of a recalibration near a motion: what each way gave, the motion and its invariant, and free runs."""
+
+from __future__ import annotations
+
+import numpy as np
+import plotly.graph_objects as go
+
+from identification.motion.calibration import MotionCalibration
+from identification.motion.results import summary
+from identification.motion.tube import Tube
+from identification.output_error.calibration import Judged
+from identification.recordings.units import unit_documents
+from identification.results import data_summary, parameter_rows, provenance, verdict_callout
+from orchestrator.display import look
+from orchestrator.display.curves import TimeCurve, stacked
+from orchestrator.display.table import Cell
+from orchestrator.display.thinning import thin
+from orchestrator.report import Report, Section, figures
+from orchestrator.trace import FloatArray, Trace
+
+SHOWN = 4  # recordings that are drawn
+
+
+def report(result: MotionCalibration) -> Report:
+    """The whole report."""
+    page = Report(result.study.title, result.study.description)
+    _overview(page.section("Result"), result)
+    _motion(page.section("Motion"), result)
+    if result.tube is not None:
+        _free_runs(page.section("Free runs in the tube"), result.tube, result.study.take)
+    if result.balance is not None:
+        _balance(page.section("Balance of energy"), result)
+    provenance(page.section("Provenance"), data_summary(result.recorded), unit_documents(result.recorded))
+    return page
+
+
+def _overview(section: Section, result: MotionCalibration) -> None:
+    found, tube = summary(result), result.tube
+    if tube is not None:
+        error = "free run error"
+        section.highlights(
+            [
+                (f"{error}, generic", f"{tube.error('generic'):.3g} rad", f"rms over {tube.spec.periods:g} periods"),
+                (f"{error}, recalibrated", f"{tube.error(result.study.take):.3g} rad", "the same windows"),
+                ("times smaller", f"{tube.improvement(result.study.take):.3g}", ""),
+            ]
+        )
+    verdict_callout(section, found["verdict"])
+    for warning in result.warnings:
+        section.callout("warning", warning)
+    headers, rows = parameter_rows(found["parameters"])
+    section.table(headers, rows, caption="What is written, with half of the 95 % intervals")
+    names = [name for name in result.generic if any(name in one.parameters for one in result.found.values())]
+    rows = [["generic model", *(result.generic[name] for name in names), result.generic["p3"] / result.generic["p1"]]]
+    for way, one in result.found.items():
+        values = [one.parameters[name].value if name in one.parameters else None for name in names]
+        rows.append([way, *values, one.ratios["p3/p1"].value])
+    section.table(["way", *names, "p3/p1"], rows, caption="The ways side by side; p3/p1 whatever the unit of energy is")
+
+
+def _motion(section: Section, result: MotionCalibration) -> None:
+    """The motions in the plane of angle and speed, and how their invariant decays (Eq. 114)."""
+    figure = go.Figure()
+    for number, motion in enumerate(result.motions[:SHOWN]):
+        name, line = look.plain(motion.name), {"color": look.colour(number), "width": 1}
+        figure.add_scatter(x=motion.angle, y=motion.speed, mode="lines", name=name, line=line)
+    figure.update_xaxes(title_text="angle from the equilibrium [rad]")
+    figure.update_yaxes(title_text="speed [rad/s]")
+    section.figure(look.styled(figure, 480), "The motions, and the orbit that they come to")
+    values = result.taken.values
+    p1, p3 = values["p1"], values["p3"]
+    curves: list[tuple[str, FloatArray, FloatArray]] = []
+    for motion in result.motions[:SHOWN]:
+        energy = motion.invariant(p1, p3, 0.0)
+        last = motion.time > motion.time[-1] - 3 * motion.period
+        curves.append((motion.name, motion.action, np.abs(energy - float(np.mean(energy[last])))))
+    decay = go.Figure()
+    for number, (name, action, error) in enumerate(curves):
+        x, y = thin(action, np.maximum(error, 1e-12))
+        decay.add_scatter(
+            x=x, y=y, mode="lines", name=look.plain(name), line={"color": look.colour(number), "width": 1}
+        )
+    decay.update_xaxes(title_text="integral of the squared speed [rad^2/s]")
+    decay.update_yaxes(title_text="energy off the orbit's [J]", type="log")
+    section.figure(look.styled(decay, 420), "The recalibrated invariant: a line while Eq. 114 holds, then noise")
+
+
+def _free_runs(section: Section, tube: Tube, take: str) -> None:
+    rows: list[list[Cell]] = [
+        [name, tube.error(name), None if name == "generic" else tube.improvement(name), max(tube.errors(name).values())]
+        for name in tube.judged
+    ]
+    headers = ["model", "rms error [rad]", "times smaller than generic", "worst window [rad]"]
+    section.table(headers, rows, caption=f"{tube.spec.periods:g} periods of {tube.period:.4g} s a window")
+    taken = tube.judged[take]
+    for index in range(min(SHOWN, len(taken.windows))):
+        measured, simulated = _traces(taken, index)
+        runs = [("generic", _traces(tube.judged["generic"], index)[1]), ("recalibrated", simulated)]
+        section.figure(figures.overlay(measured, runs), measured.name)
+
+
+def _traces(judged: Judged, index: int) -> tuple[Trace, Trace]:
+    """Measured and simulated angle of one window."""
+    window, name = judged.windows[index], judged.outputs[0]
+    return (
+        Trace(window.time, {name: window.measured[:, 0]}, {name: "rad"}, window.name),
+        Trace(window.time, {name: judged.simulated[index][:, 0]}, {name: "rad"}, window.name),
+    )
+
+
+def _balance(section: Section, result: MotionCalibration) -> None:
+    balance = result.balance
+    assert balance is not None
+    said = {
+        "noise": "The sensors' noise explains what the balance leaves over, and gives the intervals.",
+        "stretches": "The balance is off by more than the sensors' noise: the intervals come from how much its "
+        f"{len(balance.errors)} stretches differ, and what is common to all of them (play, say) is in none.",
+    }
+    section.callout("ok" if balance.method == "noise" else "warning", said[balance.method])
+    windows = []
+    for number, name in enumerate(dict.fromkeys(balance.recordings)):
+        own = [n for n, recording in enumerate(balance.recordings) if recording == name]
+        time, error = (np.concatenate([parts[n] for n in own]) for parts in (balance.times, balance.errors))
+        windows.append((name, [TimeCurve(name, time, error, look.colour(number), 1.0)]))
+    section.figure(stacked(windows[:SHOWN], legend=False), "What the balance leaves over, over p1 [rad^2/s^2]")
