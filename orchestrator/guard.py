@@ -12,7 +12,7 @@ import shutil
 import signal
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from time import monotonic, sleep
@@ -20,13 +20,15 @@ from typing import NoReturn
 
 from fmus import owned
 from orchestrator import interrupts, last_words
-from orchestrator.last_words import LITTER, LastWords, culprits
+from orchestrator.last_words import KILLED, LITTER, SAVING, LastWords, culprits
+from orchestrator.results import put_back
 
 if sys.platform != "win32":
     import fcntl
 
 PATIENCE = 10  # with a command that was told to end and has not heard it [s]
 _LEAVING = 3.0  # patience with processes that the command has left [s]
+_SAVING = 120.0  # ... while they save its result
 _NAME = "servotwin"  # of the folder for temporary files
 
 
@@ -144,7 +146,7 @@ def _watch(child: int, watched: set[signal.Signals], words: LastWords) -> NoRetu
         elif not words.heard:
             given_up = True
             os.killpg(child, signal.SIGKILL)
-    _end_group(child)
+    _end_group(child, words)
     _remove(words)
     code = words.code
     if code is None:
@@ -154,18 +156,20 @@ def _watch(child: int, watched: set[signal.Signals], words: LastWords) -> NoRetu
     os._exit(code)
 
 
-def _end_group(group: int) -> None:
+def _end_group(group: int, words: LastWords) -> None:
     """See that no process of the command is left: most end by themselves when it has."""
-    deadline = monotonic() + _LEAVING
+    begun = monotonic()
     with suppress(OSError):  # there is none
-        while monotonic() < deadline:
+        while monotonic() < begun + (_SAVING if words.said(SAVING) else _LEAVING):
             os.killpg(group, 0)
             sleep(0.01)
         os.killpg(group, signal.SIGKILL)
 
 
 def _remove(words: LastWords) -> None:
-    for place in words.said(LITTER):
+    for place in map(Path, words.said(LITTER)):
+        with suppress(OSError):
+            put_back(place)
         shutil.rmtree(place, ignore_errors=True)
 
 
@@ -174,6 +178,8 @@ def _verdict(code: int, words: LastWords, interrupted: bool, given_up: bool) -> 
     names = culprits(words)
     if interrupted:
         return (f"interrupted; {names or 'the command'} did not let go" if given_up else "interrupted"), 130
+    if code == -signal.SIGKILL:
+        return _killed(names, words.said(KILLED)), 3
     if code >= 0:
         how = f"ended the command's process, or closed its output (exit code {code})"
     else:
@@ -182,3 +188,11 @@ def _verdict(code: int, words: LastWords, interrupted: bool, given_up: bool) -> 
     if not names:
         return f"servotwin: something {how}; run with -vv and report what that says", 4
     return f"servotwin: {names}: the FMU {how}; run with --isolate to learn when, or ask for a repaired one", 3
+
+
+def _killed(names: str, why: Sequence[str]) -> str:
+    """The line for an end that no program can come to by itself."""
+    if not why:
+        return "servotwin: the command's process was killed (SIGKILL): by somebody, or as memory was short"
+    fmu = f"{names}: the FMU" if names else "the command"
+    return f"servotwin: {fmu} hangs, and its process was killed: {', '.join(why)}; run with --isolate to learn where"

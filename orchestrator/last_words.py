@@ -78,6 +78,7 @@ class LastWords:
 
 
 FMU, OURS, GONE, LITTER = "FMU", "FMU of ours", "FMU that was closed", "litter"  # kinds of what is said
+KILLED, SAVING = "killed by ours", "saving"  # why one of our processes kills the command, and what is still at work
 _own = LastWords()
 
 

@@ -19,6 +19,7 @@ from orchestrator import last_words
 
 PACKAGES = ("servotwin", "fmpy", "pythonfmu", "numpy", "scipy", "sympy", "control")
 MARKS = ("manifest.json", "summary.json")
+EARLIER = "earlier"  # in a hidden folder: the result whose place is taken
 RECORD = ".written.json"  # in a result: its files and their sizes, so that what others put there is known
 LEAST_FREE = 16 << 20  # bytes
 _JUNK = {".DS_Store", "Thumbs.db", "desktop.ini"}  # that file managers leave
@@ -106,7 +107,7 @@ def result_folder(target: Path, inputs: Iterable[Path] = (), begins: bool = True
             place.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise _unwritable(target, error) from error
-        _exchange(fresh, place, near / "earlier")
+        _exchange(fresh, place, near / EARLIER)
 
 
 @contextmanager
@@ -120,14 +121,27 @@ def aside(target: Path) -> Iterator[Path]:
     hidden, near = f".{place.name}", next(parent for parent in place.parents if parent.exists())
     with ExitStack() as stack:
         try:
-            for earlier in near.glob(f"{hidden}{MARK}*/earlier"):
-                if near == place.parent and not place.exists():  # killed between taking it away and putting the new one
-                    earlier.rename(place)
+            for left in near.glob(f"{hidden}{MARK}*"):
+                put_back(left)
             folder = stack.enter_context(owned_folder(near, hidden))
         except OSError as error:
             raise _unwritable(target, error) from error
         stack.enter_context(last_words.own().saying(last_words.LITTER, folder))
         yield folder
+
+
+def put_back(hidden: Path) -> None:
+    """Put an earlier result back that was taken away by a command which was killed before it put its own there.
+
+    Args:
+        hidden: the folder of that command beside the result.
+
+    Raises:
+        OSError: it cannot be moved.
+    """
+    earlier, place = hidden / EARLIER, hidden.with_name(hidden.name.partition(MARK)[0].removeprefix("."))
+    if earlier.is_dir() and hidden.name.startswith(".") and not place.exists():
+        earlier.rename(place)
 
 
 def _unwritable(target: Path, error: OSError) -> InputError:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fmus.files import sha256
-from orchestrator.bridge.traffic import TrafficReport
+from orchestrator.bridge.traffic_report import TrafficReport
 from orchestrator.can.frames import moment
 from orchestrator.can.live.bus import BusSettings
 from orchestrator.realtime.deadlines import Deadlines
@@ -54,6 +54,7 @@ class BusAccount(TrafficReport):
                 "acknowledged": self.acknowledged,
                 "no_room": self.no_room,
                 "skipped": self.skipped,
+                "bus_full": self.blocked,
                 "no_bus": self.unsent,
             },
             "losses": [asdict(loss) | {"at": moment(loss.stamp)} for loss in self.losses],
@@ -63,6 +64,7 @@ class BusAccount(TrafficReport):
             "trouble": self.trouble,
             "over": self.over,
             "unconfirmed": list(self.unconfirmed),
+            "pending": self.pending,
             "not_finite": self.odd,
             "sent_by_others": self.foreign,
             "notes": self.notes,
@@ -79,6 +81,7 @@ class BusAccount(TrafficReport):
             f"{self.no_room:,} frames were not sent: the adapter had no room": self.no_room,
             f"{self.malformed:,} lines from the adapter were no frames": self.malformed,
             f"{self.skipped:,} frames were left out: steps were so late that only newer ones were sent": self.skipped,
+            f"{self.blocked:,} frames were dropped: the bus was full": self.blocked,
             f"the adapter refused {self.refused:,} commands": self.refused,
             f"{self.unsent:,} frames were not sent: the bus was lost": self.unsent,
             self._lost(): self.loss_count,
@@ -91,7 +94,7 @@ class BusAccount(TrafficReport):
             *self.sent.lines(),
             *(peer.remark(name) for name, peer in self.watchdog.messages.items() if peer.silences),
             *(f"{name} was also sent by somebody else: {count:,} frames" for name, count in self.foreign.items()),
-            *(f"the safe values of {name} may not have got out at the end" for name in self.unconfirmed),
+            *([self.doubt()] if self.unconfirmed else []),
             *(text for text, holds in said.items() if holds),
         ]
 

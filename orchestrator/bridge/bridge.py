@@ -61,7 +61,7 @@ def couple(
     aside: Path,
     ready: Callable[[Stop], None] = lambda stop: None,
     progress: Progress = silent,
-    rescue: Callable[[], None] = lambda: None,
+    rescue: Callable[[], str] = lambda: "",
 ) -> BridgeResult:
     """Couple to the end of the job, to Ctrl-C or SIGTERM, or to a failure.
 
@@ -69,7 +69,7 @@ def couple(
         aside: folder on the disk of the results, for the record while it grows.
         ready: called when all is on the bus, before the first step; is given the wish to end.
         progress: called ten times a second.
-        rescue: called by the process that has the bus where this one is gone before its end.
+        rescue: called by the process that has the bus where this one is gone before its end; what it returns is said.
 
     Raises:
         InputError: something does not fit; the bus was not touched.
@@ -143,7 +143,7 @@ def _settled(growing: Path, file: Path) -> Path:
 
 
 def _keeper(
-    job: BridgeJob, coupling: Coupling, step: float, rescue: Callable[[], None]
+    job: BridgeJob, coupling: Coupling, step: float, rescue: Callable[[], str]
 ) -> AbstractContextManager[Keeper]:
     """Who has the bus: a process of its own, but where the bus is in this one."""
     bus = replace(job.bus, reopens=job.stand_in or coupling.rules.reconnects)

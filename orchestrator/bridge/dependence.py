@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from fmus.errors import WiringError
-from orchestrator.bridge.inputs import ReceivedMessage
+from orchestrator.bridge.signals.inputs import ReceivedMessage
 from orchestrator.scenario.can_block import SentBlock
 from orchestrator.system import Endpoint, System
 

@@ -13,7 +13,8 @@ from contextlib import contextmanager
 from typing import Protocol
 
 from orchestrator.bridge.mapping import Coupling
-from orchestrator.bridge.traffic import BusTraffic, TrafficReport, on_bus
+from orchestrator.bridge.traffic import BusTraffic, on_bus
+from orchestrator.bridge.traffic_report import TrafficReport
 from orchestrator.can.live.bus import BusSettings
 from orchestrator.progress import Figures
 from orchestrator.trace import FloatArray

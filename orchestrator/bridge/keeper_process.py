@@ -27,9 +27,11 @@ from typing import NoReturn
 import numpy as np
 
 from fmus.errors import BusError, ServotwinError
+from orchestrator import last_words
 from orchestrator.bridge.keeper import Keeper
 from orchestrator.bridge.mapping import Coupling
-from orchestrator.bridge.traffic import BusTraffic, TrafficReport, on_bus
+from orchestrator.bridge.traffic import BusTraffic, on_bus
+from orchestrator.bridge.traffic_report import TrafficReport
 from orchestrator.can.live.bus import BusSettings
 from orchestrator.progress import Figures
 from orchestrator.realtime.pacing import SWITCHING
@@ -152,13 +154,14 @@ def apart(
     step: float,
     say: Callable[[str], None],
     kills: bool,
-    rescue: Callable[[], None] = lambda: None,
+    rescue: Callable[[], str] = lambda: "",
 ) -> Iterator[Keeper]:
     """Have the bus in a child of this process.
 
     Args:
         kills: whether it ends this process where no step ends for longer than `give_up`.
-        rescue: called in the child where this process is gone before its time, when the bus is closed.
+        rescue: called in the child where this process is gone before its time, when the bus is closed; what it returns
+            is said.
 
     Raises:
         BusError: the adapter does not open.
@@ -212,7 +215,7 @@ class _Guard:
         self._partial, self._telling = b"", Lock()
         self._start, self._orphan, self._alone = 0.0, False, False
 
-    def live(self, rescue: Callable[[], None]) -> NoReturn:
+    def live(self, rescue: Callable[[], str]) -> NoReturn:
         """All of the process' life; nothing of what its parent has left is cleaned up by it."""
         code = 1
         try:
@@ -224,12 +227,12 @@ class _Guard:
             with short_time_slices():
                 self._work()
             if self._orphan and self._start:
-                rescue()
+                self._say(rescue())
             code = 0
         except ServotwinError as error:
-            self._tell(error)
+            self._fail(error)
         except BaseException as error:
-            self._tell(BusError(self._settings.place, f"the process that has the bus failed ({error!r})"))
+            self._fail(BusError(self._settings.place, f"the process that has the bus failed ({error!r})"))
         finally:
             os._exit(code)
 
@@ -250,8 +253,8 @@ class _Guard:
             report = traffic.report(now)
             self._tell(report)
             if self._orphan:
-                lost = f"; those of {', '.join(report.unconfirmed)} may not have got out" if report.unconfirmed else ""
-                self._say(f"{self._settings.place}: the steps are gone; safe values were sent{lost}")
+                sent = report.doubt() if report.unconfirmed else "safe values were sent"
+                self._say(f"{self._settings.place}: the steps are gone; {sent}")
 
     def _serve(self, traffic: BusTraffic, awake: socket.socket) -> None:
         """Pass values until the steps end."""
@@ -285,7 +288,9 @@ class _Guard:
         patience = 2 * self._coupling.rules.give_up  # steps that are only late end it by themselves
         self._alone = traffic.waited(now) > self._step + self._coupling.rules.most_late
         if traffic.watch(now) > patience and self._parent:
-            self._say(f"no step has ended for {patience:g} s: the process that takes them is killed")
+            why = f"no step has ended for {patience:g} s"
+            self._say(f"{why}: the process that takes them is killed")
+            last_words.own().say(last_words.KILLED, why)
             os.kill(self._parent, signal.SIGKILL)
             self._parent = 0
 
@@ -297,7 +302,9 @@ class _Guard:
             return []
         except OSError:
             data = b""
-        self._orphan = not data
+        if not data and not self._orphan:
+            self._orphan = True
+            last_words.own().say(last_words.SAVING, "a coupling")
         data = self._partial + data
         whole = len(data) - len(data) % self._form.size
         self._partial = data[whole:]
@@ -308,6 +315,9 @@ class _Guard:
 
     def _say(self, line: str) -> None:
         self._tell(line)
+
+    def _fail(self, error: ServotwinError) -> None:
+        self._tell(str(error) if self._orphan else error)
 
     def _tell(self, news: object) -> None:
         """Tell the steps, or, where they are gone or stand still, whoever reads what a command says."""

@@ -9,9 +9,9 @@ from fractions import Fraction
 
 from fmus.errors import DatabaseError, WiringError
 from orchestrator.bridge.dependence import STOP, needs
-from orchestrator.bridge.inputs import ReceivedMessage, ReceivedSignal, Reception
-from orchestrator.bridge.outputs import SentMessage, SentSignal
 from orchestrator.bridge.safety import Rules
+from orchestrator.bridge.signals.inputs import ReceivedMessage, ReceivedSignal, Reception
+from orchestrator.bridge.signals.outputs import SentMessage, SentSignal
 from orchestrator.can.codec.fields import check_sendable, outside
 from orchestrator.can.database.database import Database
 from orchestrator.can.database.message import MessageSpec, SignalSpec

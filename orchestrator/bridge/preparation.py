@@ -15,8 +15,8 @@ from fmus.errors import InputError, ScenarioError
 from orchestrator.assembly.assembly import Assembled, OpenSystem, assemble
 from orchestrator.assembly.whole_arrays import check_shapes, elements, shapes
 from orchestrator.bridge.mapping import Coupling, coupled
-from orchestrator.bridge.outputs import SentMessage
 from orchestrator.bridge.session import Course
+from orchestrator.bridge.signals.outputs import SentMessage
 from orchestrator.can import frame_time
 from orchestrator.can.database.database import load as load_database
 from orchestrator.can.database.database import merged

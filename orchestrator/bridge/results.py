@@ -11,7 +11,7 @@ from fmus.errors import InputError
 from orchestrator.bridge.bridge import BridgeResult
 from orchestrator.formats.arrows import SUFFIX
 from orchestrator.report import Report, Section, figures
-from orchestrator.results import result_folder, write_json
+from orchestrator.results import result_folder, versions, write_json
 from orchestrator.scenario import results
 from orchestrator.scenario.run import CaseResult
 
@@ -32,18 +32,21 @@ def write(bridged: BridgeResult, target: Path) -> None:
             LOG.warning("there is no report: %s", error)
 
 
-def rescue(scenario: Path, near: Path, target: Path) -> None:
-    """Make a folder of the record that a process has left which is gone."""
-    kept = list(near.glob(f"*{SUFFIX}"))
+def rescue(scenario: Path, near: Path, target: Path) -> str:
+    """Make a folder of the record that a process has left which is gone; what is to be said of it."""
+    kept = next(near.glob(f"*{SUFFIX}"), None)
+    if kept is None:
+        return "the record is gone, too"
     with (
-        kept[0].open("rb") as record,
+        kept.open("rb") as record,
         result_folder(target, begins=False) as folder,
         (folder / f"run{SUFFIX}").open("wb") as copy,
     ):
         shutil.copyfileobj(record, copy)
         failure = "the process that took the steps was gone before the end"
         document = {"scenario": scenario.name, "passed": False, "ended": "failed", "failure": failure}
-        write_json(folder / "manifest.json", document | {"trace": f"run{SUFFIX}"})
+        write_json(folder / "manifest.json", document | {"trace": f"run{SUFFIX}", "versions": versions()})
+    return f"the result up to there is in {target}"
 
 
 def document_of(bridged: BridgeResult, folder: Path) -> dict[str, Any]:

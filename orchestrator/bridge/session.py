@@ -11,7 +11,7 @@ from fractions import Fraction
 
 from fmus.errors import BusError, FmuError, ServotwinError
 from orchestrator.bridge.keeper import Keeper
-from orchestrator.bridge.traffic import TrafficReport
+from orchestrator.bridge.traffic_report import TrafficReport
 from orchestrator.can.live.news import News
 from orchestrator.engine import LiveRun, Result
 from orchestrator.interrupts import endings, handling
@@ -115,8 +115,7 @@ class Session:
             problem = f"failed at t = {elapsed:.3f} s ({report.trouble})"
             return BusError(self._place, problem, "see to the adapter and the wiring")
         if report.unconfirmed and not report.trouble:
-            names = ", ".join(report.unconfirmed)
-            return BusError(self._place, f"the safe values of {names} may not have got out", "stop the machine by hand")
+            return BusError(self._place, report.doubt(), "stop the machine by hand")
         if report.over and not report.stopped:
             return BusError(self._place, f"{report.over} (t = {elapsed:.3f} s)", "see to who sends it")
         if report.odd:

@@ -10,76 +10,30 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 
 import can
 import numpy as np
 
 from orchestrator.bridge.dependence import STOP
+from orchestrator.bridge.line import Line
 from orchestrator.bridge.mapping import Coupling
-from orchestrator.bridge.outputs import SentMessage, SentSignal
 from orchestrator.bridge.safety import State, Status
-from orchestrator.bridge.watchdog import Watchdog, WatchdogReport
+from orchestrator.bridge.signals.outputs import SentMessage, SentSignal
+from orchestrator.bridge.traffic_report import TrafficReport
+from orchestrator.bridge.watchdog import Watchdog
 from orchestrator.can.live.backlog import Backlog
 from orchestrator.can.live.bus import BusSettings
-from orchestrator.can.live.link import Link, Loss, linked
+from orchestrator.can.live.link import linked
 from orchestrator.can.live.news import ErrorStates, News, troubles
 from orchestrator.can.live.receiver import Receiver
-from orchestrator.can.statistics import FrameStatistics
 from orchestrator.progress import Figures
 
 _CONFIRMING = 1.0  # the longest time for the last safe values to get out [s]
+_PROMPT = 0.05  # for which they may wait behind what was sent before [s]
 _NAP = 0.005  # between two looks whether they have [s]
 _LINGERING = 0.05  # before the bus may be closed: adapters forget what they have not sent by then [s]
 _SILENCE = 0.1  # for which an adapter may refuse all frames where nothing is received [s]
 QUEUE = 4096  # frames that wait to be taken at most; more are dropped and counted
-
-
-@dataclass(frozen=True)
-class TrafficReport:
-    """What passed over a bus, as far as its adapter tells.
-
-    Attributes:
-        dropped: received frames that came faster than they could be taken.
-        frames: that got out; acknowledged: whether the adapter has said so of each, or only took them.
-        no_room: frames that the adapter did not take; unsent: those for which there was no bus.
-        skipped: frames in whose place only later ones were sent.
-        losses: the first times that the bus was lost; loss_count counts all.
-        malformed, refused: lines from the adapter that were no frames, and commands that it refused.
-        trouble: why the bus was lost at the end, "" where it was not.
-        over: why the bus ended the coupling, "" where it did not; stopped: whether by the stop signal.
-        unconfirmed: messages whose safe values may not have got out.
-        odd: outputs that were not finite -> how often; foreign: messages of ours from somebody else -> how many.
-    """
-
-    received: FrameStatistics
-    dropped: int
-    sent: FrameStatistics
-    frames: int
-    acknowledged: bool
-    no_room: int
-    unsent: int
-    skipped: int
-    losses: tuple[Loss, ...]
-    loss_count: int
-    malformed: int
-    refused: int
-    trouble: str
-    over: str
-    stopped: bool
-    unconfirmed: tuple[str, ...]
-    odd: dict[str, int]
-    foreign: dict[str, int]
-    watchdog: WatchdogReport
-
-    @classmethod
-    def of_nobody(cls, coupling: Coupling) -> TrafficReport:
-        """What is known where whoever had the bus is gone."""
-        none, names = FrameStatistics(), tuple(message.spec.name for message in coupling.sent if message.guarded)
-        why = "the process that has the bus is gone"
-        return cls(
-            none, 0, none, 0, False, 0, 0, 0, (), 0, 0, 0, why, "", False, names, {}, {}, WatchdogReport({}, 0, [])
-        )
 
 
 class BusTraffic:
@@ -87,7 +41,7 @@ class BusTraffic:
 
     Args:
         step: from one step to the next [s].
-        backlog: of the bus; news: tells what is not as it should be.
+        news: tells what is not as it should be.
 
     Attributes:
         inputs: (coupling.width,) received and safe values; those that nobody receives stay as they are.
@@ -96,24 +50,22 @@ class BusTraffic:
 
     def __init__(
         self,
-        link: Link,
-        receiver: Receiver,
+        line: Line,
         coupling: Coupling,
         watchdog: Watchdog,
         step: float,
-        backlog: Backlog,
         news: News,
     ) -> None:
-        self._link, self._receiver, self._coupling, self._watchdog = link, receiver, coupling, watchdog
+        self._line, self._link, self._coupling, self._watchdog = line, line.link, coupling, watchdog
         self.inputs = np.zeros(coupling.width)
         self.over, self._stopped = "", False
         self._odd, self._foreign, self._unconfirmed = Counter[str](), Counter[str](), list[str]()
+        self._pending = False
         self._step, self._rules = step, coupling.rules
         self._status = {signal: Status() for message in coupling.sent for signal in message.guarded}
         self._own = {(message.spec.id, message.spec.extended): message for message in coupling.sent}
         self._gone_out = dict.fromkeys(coupling.sent, -math.inf)
         self._not_finite: set[SentSignal] = set()
-        self._backlog, self._full = backlog, False
         self._news, self._states, self._seen = news, ErrorStates(), (0.0, 0.0)
         self._skipped = 0
         self._stood_in = Counter[SentMessage]()  # safe values that went out since the last step, in place of its frames
@@ -129,17 +81,20 @@ class BusTraffic:
 
     def receive(self, now: float) -> None:
         """Take what has come, and safe values where nothing came; it is `now` since the beginning [s]."""
-        frames = self._receiver.take()
+        frames = self._line.take()
         self._states.add(frames)
         for frame in frames:
             self._take(frame, now)
         self._news.look(now, self._troubles)
-        self._backlog.look(now)
+        if filled := self._line.fills(now):
+            self._watchdog.note(now, "bus", "alarm", "the bus is full: what is sent does not get out in time")
         if trouble := self._link.trouble:
             self._watchdog.lost(now, trouble, self.inputs)
         if self._watchdog.check(now, self.inputs) and self._rules.ends:
             self.over = self.over or "a received message fell silent, and `on_silence` is `end`"
         self._look(now)
+        if filled:
+            self._send_safe_values(self._coupling.sent, now)
 
     def send(self, number: int, outputs: Sequence[float], now: float, lateness: float) -> None:
         """Send the messages that are due up to this step, which began so late [s]; it is the latest one."""
@@ -150,13 +105,14 @@ class BusTraffic:
         resting = self._resting()
         for message in self._coupling.sent:
             due = number // message.every - self._number // message.every
-            send = due > 0 and not self._too_soon(message, now)
-            self._skipped += due - send
+            send = due > 0 and not self._too_soon(message, now) and not self._line.full
+            self._line.blocked += due * self._line.full
+            self._skipped += 0 if self._line.full else due - send
             message.leave_out(max(due - send - self._stood_in.pop(message, 0), 0))
             if send:
                 frame = message.frame(outputs, resting)
                 if frame is not None:
-                    self._send(message, frame, now)
+                    self._give(message, frame, now)
         self._number = number
 
     def watch(self, now: float) -> float:
@@ -167,8 +123,9 @@ class BusTraffic:
         self._late = f"no step has ended for {self._step + self._rules.most_late:.3g} s"
         self._look(now)
         for message in self._coupling.sent:
-            if now - self._gone_out[message] >= self._period(message) and self._number >= 0:
-                self._send_safe_values(message, now)
+            due = now - self._gone_out[message] >= self._period(message) and self._number >= 0
+            if due and not self._line.full:
+                self._send_safe_values([message], now)
                 self._stood_in[message] += bool(message.guarded)
         return waited
 
@@ -179,14 +136,15 @@ class BusTraffic:
     def end(self, now: float) -> None:
         """Send the safe values, so that nobody acts on the last ones for ever, and see that they get out."""
         self._status = {signal: status.ended() for signal, status in self._status.items()}
+        self._line.patience = min(self._line.patience, _PROMPT)
         begun = time.monotonic()
         until = begun + _CONFIRMING
-        frames = [(message, frame) for message in self._coupling.sent for frame in message.safe_frames()]
-        taken = [self._give(message, frame, now, max(0.0, until - time.monotonic())) for message, frame in frames]
+        taken = self._send_safe_values(self._coupling.sent, now, until)
         while not (out := self._got_out(now + time.monotonic() - begun)) and time.monotonic() < until:
             time.sleep(_NAP)
-        if not (out and all(taken)):
+        if not (out and taken):
             self._unconfirmed = [message.spec.name for message in self._coupling.sent if message.guarded]
+            self._pending = taken and self._line.waits and self._link.stay()
         time.sleep(_LINGERING)
 
     def status(self, now: float) -> Figures:
@@ -203,7 +161,7 @@ class BusTraffic:
     def _troubles(self) -> dict[str, int]:
         """Words for what is not as it should be -> how often it was."""
         link = self._link
-        lost = {"frames dropped": self._receiver.dropped, "frames without room": link.no_room}
+        lost = {"frames dropped": self._line.receiver.dropped, "frames without room": link.no_room}
         return troubles(self._coupling.reception.statistics) | self._states.counts | lost
 
     def report(self, now: float) -> TrafficReport:
@@ -213,13 +171,14 @@ class BusTraffic:
         sent.messages = Counter({message.spec.name: out[key] for key, message in self._own.items()})
         return TrafficReport(
             self._coupling.reception.statistics,
-            self._receiver.dropped,
+            self._line.receiver.dropped,
             sent,
             out.total(),
             link.acknowledges,
             link.no_room,
             link.unsent,
             self._skipped,
+            self._line.blocked,
             tuple(link.losses),
             link.loss_count,
             link.malformed,
@@ -228,13 +187,13 @@ class BusTraffic:
             self.over,
             self._stopped,
             tuple(self._unconfirmed),
+            self._pending,
             dict(self._odd),
             dict(self._foreign),
             self._watchdog.report(now),
         )
 
     def _take(self, frame: can.Message, now: float) -> None:
-        self._backlog.heard(frame)
         key = (frame.arbitration_id, frame.is_extended_id)
         if key in self._own and not frame.is_error_frame:
             self._recognise(key, now)
@@ -286,7 +245,9 @@ class BusTraffic:
         missing = signal.needs & self._watchdog.resting
         if missing:
             return f"without {', '.join(sorted(missing))}"
-        return f"{signal.output} is not finite" if signal in self._not_finite else self._late
+        if signal in self._not_finite:
+            return f"{signal.output} is not finite"
+        return "the bus is full" if self._line.full else self._late
 
     def _resting(self) -> set[SentSignal]:
         return {signal for signal, status in self._status.items() if status.rests}
@@ -298,32 +259,23 @@ class BusTraffic:
         """Whether steps are being made up for, and its latest frame is not half a period old."""
         return bool(self._late) and now - self._gone_out[message] < 0.5 * self._period(message)
 
-    def _send_safe_values(self, message: SentMessage, now: float) -> None:
-        for frame in message.safe_frames():
-            self._send(message, frame, now)
+    def _send_safe_values(self, messages: Sequence[SentMessage], now: float, until: float = 0.0) -> bool:
+        """Whether the adapter took them; it may take until then, on the clock of `time.monotonic` [s]."""
+        frames = [(message, frame) for message in messages for frame in message.safe_frames()]
+        taken = [self._give(message, frame, now, until - time.monotonic()) for message, frame in frames]
+        return all(taken)
 
     def _got_out(self, now: float) -> bool:
-        """Whether all that was sent is on the bus, by the adapter's answers and the time that others leave."""
-        for frame in self._receiver.take():
-            self._backlog.heard(frame)
-        self._backlog.look(now)
-        return self._backlog.empty() and not self._link.owed
+        """Whether all that was sent is on the bus; where it has become full, the safe values are to be first there."""
+        self._line.take()
+        if self._line.fills(now):
+            self._send_safe_values(self._coupling.sent, now)
+        return self._line.quiet()
 
-    def _send(self, message: SentMessage, frame: can.Message, now: float) -> None:
-        """Send a frame, and say where it may not get out in time."""
-        full = self._backlog.age(now) > self._rules.most_late
-        if full and not self._full:
-            self._watchdog.note(now, message.spec.name, "alarm", "the bus is full: what is sent may not get out")
-        self._full = full
-        self._give(message, frame, now, 0.0)
-
-    def _give(self, message: SentMessage, frame: can.Message, now: float, patience: float) -> bool:
+    def _give(self, message: SentMessage, frame: can.Message, now: float, patience: float = 0.0) -> bool:
         """Give a frame to the adapter; whether it took it."""
         self._gone_out[message] = now
-        taken = self._link.send(frame, patience)
-        if taken:
-            self._backlog.sent(frame)
-        return taken
+        return self._line.give(frame, now, max(0.0, patience))
 
 
 @contextmanager
@@ -347,4 +299,5 @@ def on_bus(
     patience = min((message.silence for message in coupling.reception.messages), default=_SILENCE)
     news = News(lambda line: say(f"{settings.place}: {line}"))
     with linked(settings, patience, say) as link, Receiver(link, QUEUE, arrived) as receiver:
-        yield BusTraffic(link, receiver, coupling, watchdog, step, Backlog(settings), news)
+        line = Line(link, receiver, Backlog(settings), coupling.rules.most_late)
+        yield BusTraffic(line, coupling, watchdog, step, news)

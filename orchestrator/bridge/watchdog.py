@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from orchestrator.bridge.inputs import ReceivedMessage, ReceivedSignal, Taken
+from orchestrator.bridge.signals.inputs import ReceivedMessage, ReceivedSignal, Taken
 from orchestrator.trace import FloatArray
 
 MOST = 1000  # events that are kept; beyond it they are only counted

@@ -50,6 +50,7 @@ class FrameStatistics:
         not_finite: signal -> received values that are NaN or infinite (the last finite one is held).
         out_of_range: signal -> received values outside its range.
         saturated: signal -> sent values that did not fit and were limited; limited: that were limited as asked.
+        unfit: signal that nobody sets -> frames with the nearest to its initial value, which is outside its range.
         disordered: frames with a stamp before that of a frame before them (sorted).
         late: rows with a stamp before what had been passed on (dropped).
         covered: samples with the very stamp of a later one of their message (dropped).
@@ -77,6 +78,7 @@ class FrameStatistics:
     out_of_range: Counter[str] = field(default_factory=Counter)
     saturated: Counter[str] = field(default_factory=Counter)
     limited: Counter[str] = field(default_factory=Counter)
+    unfit: Counter[str] = field(default_factory=Counter)
     disordered: int = 0
     late: int = 0
     covered: int = 0
@@ -141,6 +143,7 @@ class FrameStatistics:
             "values outside their range": self.out_of_range,
             "values limited to fit": self.saturated,
             "values limited by `limit`": self.limited,
+            "initial values outside their range, limited": self.unfit,
         }
 
     def _in_all(self) -> dict[str, int]:

@@ -70,6 +70,32 @@ def test_an_end_by_an_fmu_is_never_green_and_names_it(tmp_path: Path, work: str,
     assert len(said.splitlines()) == 1
 
 
+@pytest.mark.parametrize(
+    ("work", "line"),
+    [
+        ("", "the command's process was killed (SIGKILL): by somebody, or as memory was short"),
+        (
+            "last_words.own().say(last_words.KILLED, 'no step has ended for 4 s')",
+            "wheel (bad.fmu): the FMU hangs, and its process was killed: no step has ended for 4 s;"
+            " run with --isolate to learn where",
+        ),
+    ],
+)
+def test_a_kill_is_no_crash_and_one_of_ours_says_why(tmp_path: Path, work: str, line: str) -> None:
+    killed = f"{work or 'pass'}; os.kill(os.getpid(), signal.SIGKILL)"
+    assert ended(started(tmp_path, killed), tmp_path) == (3, f"servotwin: {line}\n")
+
+
+def test_who_saves_a_result_is_waited_for(tmp_path: Path) -> None:
+    work = (
+        "guard._LEAVING = 0.1; last_words.own().say(last_words.SAVING, 'it');"
+        f"os.fork() and os.kill(os.getpid(), signal.SIGKILL); time.sleep(1); Path('{tmp_path}', 'saved').touch();"
+        "os._exit(0)"
+    )
+    ended(started(tmp_path, work), tmp_path)
+    assert (tmp_path / "saved").exists()
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.parametrize("group", [False, True])
 def test_a_wish_to_end_reaches_the_command_once(tmp_path: Path, number: signal.Signals, group: bool) -> None:
@@ -86,9 +112,9 @@ def test_a_wish_to_end_reaches_the_command_once(tmp_path: Path, number: signal.S
 
 
 def test_what_ignores_a_wish_to_end_is_killed(tmp_path: Path) -> None:
-    work = "libc.signal(2, ctypes.c_void_p(1))\n    libc.sleep(600)"
+    work = "libc.signal(2, ctypes.c_void_p(1))\n    print('ready', flush=True)\n    libc.sleep(600)"
     running = started(tmp_path, work)
-    assert running.stdout is not None and running.stdout.readline() == "said\n"
+    assert running.stdout is not None and [running.stdout.readline() for _ in range(2)] == ["said\n", "ready\n"]
     running.send_signal(signal.SIGINT)
     assert ended(running, tmp_path) == (130, "interrupted; wheel (bad.fmu) did not let go\n")
 

@@ -104,6 +104,8 @@ class ScriptedBus:
         failure: raised by the receiver as soon as it is set.
         refusing: raised by `send`.
         missing: how often it does not open.
+        forgotten: how many frames had been sent each time that the adapter was told to forget them.
+        stays: whether the adapter stays on the bus when it is left.
     """
 
     def __init__(self, answer: Callable[[can.Message], Sequence[can.Message]] = lambda frame: ()) -> None:
@@ -113,6 +115,8 @@ class ScriptedBus:
         self.failure: Exception | None = None
         self.refusing: Exception | None = None
         self.dropped = self.missing = 0
+        self.forgotten: list[int] = []
+        self.stays = False
 
     def send(self, frame: can.Message, timeout: float | None = None) -> None:
         if self.refusing is not None:
@@ -124,6 +128,9 @@ class ScriptedBus:
         if not self.waiting and self.failure is not None:
             raise self.failure
         return self.waiting.pop(0) if self.waiting else None
+
+    def flush_tx_buffer(self) -> None:
+        self.forgotten.append(len(self.sent))
 
     def shutdown(self) -> None:
         pass

@@ -76,3 +76,8 @@ def resting(signal: SignalSpec) -> float:
     if signal.initial is not None:
         return signal.initial
     return float(min(max(0.0, signal.minimum or 0.0), np.inf if signal.maximum is None else signal.maximum))
+
+
+def unfit(signal: SignalSpec) -> str:
+    """Why its initial value is not what is sent while nobody sets the signal; "" where it is."""
+    return "" if signal.initial is None else outside(signal, signal.initial)

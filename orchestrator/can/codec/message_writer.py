@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from orchestrator.can.codec import bits
-from orchestrator.can.codec.fields import check_sendable, field_of, longest, raw_limits, resting
+from orchestrator.can.codec.fields import check_sendable, field_of, longest, raw_limits, resting, unfit
 from orchestrator.can.codec.multiplexing import Presence, pages, whole
 from orchestrator.can.database import protection as checks
 from orchestrator.can.database.message import MessageSpec, SignalSpec, checksum_byte
@@ -74,6 +74,7 @@ class MessageWriter:
             add(self._statistics.saturated, self._sent[signal.name], int(np.count_nonzero(limited)))
             return raw
         rest = resting(signal)
+        add(self._statistics.unfit, f"{self.spec.name}.{signal.name}", count if unfit(signal) else 0)
         values = np.array([page.get(signal.name, rest) for page in self._pages], dtype=np.float64)
         return field_of(signal).encoded(values, *raw_limits(signal))[0][number % len(self._pages)]
 

@@ -1,17 +1,32 @@
-"""How long what was sent has still to wait for a bus that others keep busy.
+"""What was sent and still waits for a bus that others keep busy.
 
 Adapters say that they have taken a frame, seldom that it has got out. What others send is heard, so that the time is
-known which they leave; in that, frames get out.
+known which they leave; in that, frames get out. They are heard in bunches, and late: the time that was left at an
+instant is what remains of it when all has been heard of that others sent by then.
 """
 
 from __future__ import annotations
 
+import math
+from collections import Counter, deque
+from typing import NamedTuple
+
 import can
 
-from orchestrator.can import frame_time
-from orchestrator.can.live.bus import BusSettings
+from orchestrator.can.live.bus import BusSettings, occupied
+from orchestrator.can.slcan.flow import Key
 
-_WINDOW = 0.02  # over which idle time is counted: frames come in bunches [s]
+_HEARD = 0.1  # by when a frame has been heard after its end [s]
+_APART = 0.0005  # looks that are kept [s]
+
+
+class _Waiting(NamedTuple):
+    """A frame that was given at an instant, its time on the bus, and the free time at which it is out, once known."""
+
+    key: Key
+    given: float
+    seconds: float
+    out: float = math.inf
 
 
 class Backlog:
@@ -22,43 +37,69 @@ class Backlog:
 
     def __init__(self, settings: BusSettings) -> None:
         self._settings = settings
-        self._busy = self._left = 0.0  # of the bus: what others took, and what our frames need that have not got out
-        self._begun: float | None = None
-        self._since: float | None = None
+        self._now: float | None = None
+        self._free = 0.0  # time that others have left until now, as far as heard
+        self._passing = 0.0  # the longest frame of others: the one that is just passing has not been heard
+        self._left = self._until = 0.0  # ... for certain, and until when: `_HEARD` ago
+        self._looks: deque[tuple[float, float]] = deque()  # instants of the last `_HEARD`, and the free time until then
+        self._given: deque[_Waiting] = deque()  # since `_until`
+        self._waiting: deque[_Waiting] = deque()  # those before
+        self._done = 0.0  # the free time at which the last of those is out
 
-    def sent(self, frame: can.Message) -> None:
+    def sent(self, frame: can.Message, now: float) -> None:
         """A frame of ours was taken."""
-        self._left += self._duration(frame)
+        if seconds := occupied(frame, self._settings):
+            key = frame.arbitration_id, frame.is_extended_id
+            self._given.append(_Waiting(key, now, seconds))
 
     def heard(self, frame: can.Message) -> None:
         """Somebody else's frame has passed."""
-        self._busy += self._duration(frame)
+        seconds = occupied(frame, self._settings)
+        self._free -= seconds
+        self._passing = max(self._passing, seconds)
 
     def look(self, now: float) -> None:
-        """Let out what there was time for until now [s]."""
-        if self._begun is None:
-            self._begun = now
-        elif now - self._begun >= _WINDOW:
-            self._left = max(0.0, self._left - max(0.0, now - self._begun - self._busy))
-            if not self._left:
-                self._since = None
-            elif self._since is None:
-                self._since = self._begun
-            self._begun, self._busy = now, 0.0
+        """Let out what there was time for until now."""
+        if self._now is None:
+            self._free, self._now = 0.0, now
+        self._free = max(self._left - self._passing, self._free + now - self._now)
+        self._now = now
+        self._keep(now)
+        self._until, self._left = self._looks[0][0], max(self._left, min(free for _, free in self._looks))
+        self._let_out()
 
     def empty(self) -> bool:
         """Whether all has got out."""
-        return not self._left
+        return not self._waiting and not self._given
 
-    def age(self, now: float) -> float:
-        """For how long something has waited."""
-        return 0.0 if self._since is None else now - self._since
+    def age(self) -> float:
+        """For how long something has waited, as far as all has been heard."""
+        return self._until - self._waiting[0].given if self._waiting else 0.0
 
-    def _duration(self, frame: can.Message) -> float:
-        bus = self._settings
-        if bus.bitrate is None or frame.is_error_frame:
-            return 0.0
-        rate = bus.data_bitrate if frame.bitrate_switch else None
-        return frame_time.seconds(
-            frame.dlc, frame.is_extended_id, frame.is_remote_frame, frame.is_fd, bus.bitrate, rate
-        )
+    def waiting(self) -> Counter[Key]:
+        """Identifier -> frames that have not got out."""
+        return Counter(frame.key for frame in (*self._waiting, *self._given))
+
+    def clear(self) -> None:
+        """Nothing waits any more: the adapter has forgotten it."""
+        self._waiting.clear()
+        self._given.clear()
+        self._done = self._left
+
+    def _keep(self, now: float) -> None:
+        """Keep the looks since `_HEARD` ago, and the last one before."""
+        if len(self._looks) > 1 and now - self._looks[-1][0] < _APART:
+            instant, free = self._looks.pop()
+            self._looks.append((instant, min(free, self._free)))
+        else:
+            self._looks.append((now, self._free))
+        while len(self._looks) > 1 and self._looks[1][0] <= now - _HEARD:
+            self._looks.popleft()
+
+    def _let_out(self) -> None:
+        while self._given and self._given[0].given <= self._until:
+            frame = self._given.popleft()
+            self._done = max(self._left, self._done) + frame.seconds
+            self._waiting.append(frame._replace(given=self._until, out=self._done))
+        while self._waiting and self._waiting[0].out <= self._left - self._passing:
+            self._waiting.popleft()

@@ -69,6 +69,7 @@ class Link:
         self._lost = self._tried = 0.0
         self._given: Counter[Key] = Counter()  # to the bus of now
         self._out: Counter[Key] = Counter()  # of those before
+        self._forgotten: Counter[Key] = Counter()  # by adapters that were told to
         self._malformed = self._refused = 0
         self._told = True
         self.busy = 0.0
@@ -78,7 +79,7 @@ class Link:
     def out(self) -> Counter[Key]:
         """Identifier -> frames that got out: those that the adapter acknowledged, or took where it does not say so."""
         flow = getattr(self._bus, "flow", None)
-        return self._out + (self._given if flow is None or not flow.answers else flow.taken)
+        return self._out + (self._given if flow is None or not flow.answers else flow.taken) - self._forgotten
 
     @property
     def acknowledges(self) -> bool:
@@ -151,6 +152,30 @@ class Link:
         self._check(bus)
         return True
 
+    def clear(self, waiting: Counter[Key]) -> bool:
+        """Have the adapter forget what it was given and has not sent; whether it can.
+
+        Args:
+            waiting: identifier -> frames that it was given and that have not got out.
+        """
+        bus = self._bus
+        try:
+            bus.flush_tx_buffer()
+        except (NotImplementedError, can.CanTimeoutError):
+            return False
+        except Exception as error:  # drivers raise anything
+            self._lose(bus, _text(error))
+            return False
+        self._forgotten += waiting
+        return True
+
+    def stay(self) -> bool:
+        """Have the adapter stay on the bus when it is left, and send what it has still to send; whether it can."""
+        can_stay = hasattr(self._bus, "stays") and not self.trouble
+        if can_stay:
+            self._bus.stays = True  # type: ignore[attr-defined]
+        return can_stay
+
     def shutdown(self) -> None:
         """Leave the bus; an adapter that fails while it closes is gone anyway."""
         with contextlib.suppress(Exception):
@@ -188,7 +213,7 @@ class Link:
             return
         self._out, self._malformed, self._refused = self.out, self.malformed, self.refused
         self._told = self.acknowledges
-        self._given = Counter()
+        self._given, self._forgotten = Counter(), Counter()
         self._bus = bus
         self._loss.seconds = round(time.monotonic() - self._lost, 3)
         self._tell(f"bus back after {self._loss.seconds:.1f} s")

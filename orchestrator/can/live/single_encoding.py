@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 import can
 from cantools.database.errors import EncodeError
 
-from orchestrator.can.codec.fields import longest, raw_limits, resting
+from orchestrator.can.codec.fields import longest, raw_limits, resting, unfit
 from orchestrator.can.database.message import MessageSpec, SignalSpec, checksum_byte
 from orchestrator.can.database.protection import checksum
 from orchestrator.can.statistics import FrameStatistics
@@ -26,12 +26,16 @@ class SingleEncoder:
         self.spec, self._statistics, self._switched = spec, statistics, switched
         self._limits = {signal.name: raw_limits(signal) for signal in spec.signals}
         self._raw = {signal.name: self._nearest(signal, resting(signal)) for signal in spec.signals}
+        protection = spec.protection
+        filled = (protection.counter, protection.checksum) if protection else ()
+        self._unfit = {signal.name for signal in spec.signals if signal.name not in filled and unfit(signal)}
         self._seal, self._length = _seal(spec), longest(spec)
 
     def set(self, signal: SignalSpec, value: float) -> None:
         """Set a signal to a value that is not NaN; one that does not fit is limited, which is counted."""
         raw, (low, high) = (value - signal.offset) / signal.scale, self._limits[signal.name]
         self._raw[signal.name] = self._nearest(signal, value)
+        self._unfit.discard(signal.name)
         slack = 0.0 if signal.is_float else 0.5  # less is lost by rounding anyway
         if not low - slack <= raw <= high + slack:
             self._statistics.saturated[signal.name] += 1
@@ -43,10 +47,12 @@ class SingleEncoder:
     def turn_to(self, page: Mapping[str, int]) -> None:
         """Set multiplexers."""
         self._raw |= page
+        self._unfit -= page.keys()
 
     def resume(self, data: bytes) -> None:
         """Set all signals as they are in a frame of somebody else, so that the next one follows it."""
         self._raw |= self.spec.raw.decode_simple(data, decode_choices=False, scaling=False)
+        self._unfit.clear()
 
     def leave_out(self, count: int) -> None:
         """Count frames that are due and not sent, so that whoever receives the next one sees that they are missing."""
@@ -68,6 +74,7 @@ class SingleEncoder:
         self._raw = raw
         data = data if self._seal is None else self._seal(data)
         self._statistics.messages[spec.name] += 1
+        self._statistics.unfit.update(f"{spec.name}.{name}" for name in self._unfit)
         return can.Message(
             arbitration_id=spec.id,
             is_extended_id=spec.extended,

@@ -30,6 +30,7 @@ from orchestrator.can.slcan.opening import VERSION, take_over
 # Classes of error frames and their details, as socketcan has them in identifier and data (linux/can/error.h).
 ERROR_CONTROLLER, ERROR_PROTOCOL, ERROR_ACK, ERROR_BUS_OFF, ERROR_COUNTERS = 0x04, 0x08, 0x20, 0x40, 0x200
 
+_CLEARING = 0.3  # patience with an adapter that is to leave the bus and to join it again [s]
 _ASKING = 0.5  # between two questions whether an adapter that has stopped to answer is there [s]
 _TAKEN = (b"", b"z", b"Z")  # the answers to a frame, without and with automatic polling
 _ANSWER = re.compile(rb"v[0-9A-Fa-f]{2,4}|N\w{1,8}|F[0-9A-Fa-f]{2}")
@@ -63,6 +64,7 @@ class SlcanBus(slcanBus):
         flow: which frames it took.
         malformed: lines that were no frame and no answer: noise, or an adapter that speaks something else.
         refused: commands and frames that the adapter has not taken (BEL).
+        stays: whether the adapter stays on the bus when it is left, and sends what it has still to send.
     """
 
     def __init__(
@@ -78,6 +80,7 @@ class SlcanBus(slcanBus):
         **options: Any,
     ) -> None:
         self.malformed = self.refused = 0
+        self.stays = False
         self.flow = Flow()
         self.clock = AdapterClock()
         self._bus_state = can.BusState.ACTIVE
@@ -93,8 +96,8 @@ class SlcanBus(slcanBus):
             time.sleep(sleep_after_open)
             self.serialPortOrig.reset_output_buffer()
             nominal, data = (timing.nom_bitrate, timing.data_bitrate) if timing else (bitrate, None)
-            commands = [*_settings(nominal, data, btr), "L" if listen_only else "O"]
-            self.answers, (*lines, self._partial) = take_over(self.serialPortOrig.fd, commands)
+            self._commands = [*_settings(nominal, data, btr), "L" if listen_only else "O"]
+            self.answers, (*lines, self._partial) = take_over(self.serialPortOrig.fd, self._commands)
             for line in lines:
                 self._take(line, self._epoch + time.perf_counter())
             can.BusABC.__init__(self, channel, **options)
@@ -111,6 +114,27 @@ class SlcanBus(slcanBus):
     def state(self, new_state: can.BusState) -> None:
         raise NotImplementedError("a serial adapter changes its state by itself")
 
+    def flush_tx_buffer(self) -> None:
+        """Have the adapter forget what it has not sent: it leaves the bus and joins it again.
+
+        Raises:
+            CanTimeoutError: the adapter does not answer.
+            CanOperationError: the port is gone.
+        """
+        port, before = self.serialPortOrig.fd, self.flow.settled
+        if port is None:
+            raise can.CanOperationError("the port is closed")
+        lines = "\r".join(["C", *self._commands, "V", ""]).encode("ascii")
+        try:
+            self._unsent = self._written(port, self._unsent + lines, _CLEARING)
+        except OSError as error:
+            raise can.CanOperationError(f"the adapter is gone ({error.strerror})") from error
+        until = time.monotonic() + _CLEARING
+        while self.answers and self.flow.settled == before:  # answers are in order; the version is the last one
+            if time.monotonic() > until:
+                raise can.CanTimeoutError("the adapter has stopped to answer")
+            self._fetch(0.01)
+
     def shutdown(self) -> None:
         """Leave the bus and free the port, also that of an adapter which is gone.
 
@@ -119,7 +143,7 @@ class SlcanBus(slcanBus):
         can.BusABC.shutdown(self)
         try:
             if self.serialPortOrig.fd is not None:
-                self._written(self.serialPortOrig.fd, self._unsent + b"C\r", 0.2)
+                self._written(self.serialPortOrig.fd, self._unsent + (b"" if self.stays else b"C\r"), 0.2)
         except OSError:
             pass
         finally:

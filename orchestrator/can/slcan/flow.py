@@ -20,12 +20,13 @@ class Flow:
         taken: identifier -> frames that it took.
         refused: frames that it did not take (BEL).
         refusing: since when it has refused all frames, None while it takes them.
+        settled: how often nothing more was to be expected of what was before.
     """
 
     def __init__(self) -> None:
         self.answers = False
         self.taken: Counter[Key] = Counter()
-        self.refused = 0
+        self.refused = self.settled = 0
         self.refusing: float | None = None
         self._owed: deque[tuple[float, Key]] = deque()
         self._heard = 0.0
@@ -65,6 +66,7 @@ class Flow:
     def settle(self) -> None:
         """What has not been answered to by now never will be."""
         self._owed.clear()
+        self.settled += 1
 
     def stalled(self, now: float, key: Key) -> bool:
         """Whether it has stopped answering: a frame that is written now would wait behind what is old already."""

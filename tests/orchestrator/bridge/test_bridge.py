@@ -371,6 +371,7 @@ def test_the_folder_has_record_manifest_and_report(
         "no_room": 0,
         "no_bus": 0,
         "skipped": 0,
+        "bus_full": 0,
         "messages": {"State": 201},
     }
     assert manifest["can"]["deadlines"]["steps"] == 200

@@ -71,7 +71,7 @@ def driving(folder: Path) -> Iterator[tuple[Popen[str], Peer, Hub]]:
     """A bridge whose commands are not the safe value."""
     (folder / "rig.dbc").write_text(DBC)
     (folder / "law.yaml").write_text(json.dumps(LAW))
-    with hub_process(folder / "bus") as hub, joined(hub.paths[0]) as bus:
+    with hub_process(folder / "bus", 3) as hub, joined(hub.paths[0]) as bus:
         options = ["--interface", "slcan", "--channel", hub.paths[1], "--bitrate", BITRATE, "--out", folder / "out"]
         with command("can", "bridge", folder / "law.yaml", *options) as bridge:
             peer = Peer(bus)
@@ -122,6 +122,7 @@ def test_a_process_that_hangs_is_ended(tmp_path: Path) -> None:
         _, complaints = bridge.communicate(timeout=HANG)
         wait_for(peer.rests)
     assert bridge.returncode == 3 and "no step has ended for" in complaints
+    assert "hangs, and its process was killed: no step has ended for 4 s" in complaints and "crashed" not in complaints
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
@@ -134,6 +135,56 @@ def test_any_number_of_signals_leaves_the_safe_value_and_the_result(tmp_path: Pa
         wait_for(peer.rests)
     assert json.loads((tmp_path / "out" / "manifest.json").read_text())["ended"] == "stopped"
     assert bridge.returncode == 130
+
+
+@contextmanager
+def flooded(port: Path) -> Iterator[None]:
+    """A node of the highest priority that leaves the bus to nobody."""
+    with joined(port) as bus:
+        over = threading.Event()
+        line = b"t0018FFFFFFFFFFFFFFFF\r"
+
+        def flood() -> None:
+            while not over.is_set():
+                with suppress(BlockingIOError):
+                    os.write(bus.serialPortOrig.fd, line * 8)
+                while bus.recv(0.0) is not None:
+                    pass
+                time.sleep(0.001)
+
+        thread = threading.Thread(target=flood)
+        thread.start()
+        try:
+            yield
+        finally:
+            over.set()
+            thread.join()
+
+
+def test_safe_values_are_the_first_that_goes_when_a_full_bus_has_room(tmp_path: Path) -> None:
+    with driving(tmp_path) as (bridge, peer, hub):
+        with flooded(hub.paths[2]):
+            time.sleep(2.5)
+            bridge.terminate()
+            _, complaints = bridge.communicate(timeout=HANG)
+            seen = len(peer.commands)
+        wait_for(lambda: len(peer.commands) > seen)
+        time.sleep(0.5)
+        assert set(peer.commands[seen:]) == {1.0}
+    assert bridge.returncode == 3
+    assert "the bus is full: what is sent does not get out in time" in complaints
+    assert "may not have got out: the bus is full, and the adapter sends them when it has room" in complaints
+
+
+def test_a_result_that_was_rescued_is_replaced_by_the_next(tmp_path: Path) -> None:
+    for _ in range(2):
+        with driving(tmp_path) as (bridge, _, _):
+            time.sleep(1.5)
+            os.kill(stepping(bridge), signal.SIGKILL)
+            _, complaints = bridge.communicate(timeout=HANG)
+        assert f"the result up to there is in {tmp_path / 'out'}" in complaints
+        assert "killed (SIGKILL): by somebody, or as memory was short" in complaints
+        assert [path.name for path in tmp_path.glob(".*")] == []
 
 
 def test_a_bridge_whose_guard_is_gone_ends_and_says_so(tmp_path: Path) -> None:

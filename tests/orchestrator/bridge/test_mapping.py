@@ -17,7 +17,8 @@ from hypothesis import strategies as st
 
 from fmus.errors import InputError, ScenarioError
 from orchestrator.bridge.mapping import Coupling, coupled
-from orchestrator.bridge.outputs import SentMessage, SentSignal
+from orchestrator.bridge.signals.outputs import SentMessage, SentSignal
+from orchestrator.can.codec.encoding import Encoder
 from orchestrator.can.codec.fields import raw_limits
 from orchestrator.can.database.addressing import CANOPEN
 from orchestrator.can.database.database import Database
@@ -27,9 +28,9 @@ from orchestrator.crossing import NamedUnit, crossing
 from orchestrator.fmi.interface import Interface, Port
 from orchestrator.scenario.can_block import CanBlock
 from orchestrator.system import Part, wire
-from orchestrator.trace import FloatArray
+from orchestrator.trace import FloatArray, Trace
 from orchestrator.yaml_file import load
-from tests.support.coupling_samples import frame, sample_database, sample_system
+from tests.support.coupling_samples import DBC, frame, sample_database, sample_system
 from tests.support.random_databases import databases, written
 
 STEP = Fraction(1, 1000)
@@ -201,6 +202,26 @@ def test_signals_that_nobody_sends_rest_and_that_is_said(rig: Database) -> None:
     assert coupling.notes()[1:] == [
         "State: speed, spare rest at the initial value, or zero, since nothing is sent there"
     ]
+
+
+def test_an_initial_value_outside_its_range_is_limited_and_that_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "rig.dbc"
+    initial = """BA_DEF_ SG_ "GenSigStartValue" FLOAT -1000000 1000000;
+BA_DEF_DEF_ "GenSigStartValue" 0;
+BA_ "GenSigStartValue" SG_ 256 spare 900;
+BA_ "GenSigStartValue" SG_ 256 angle 5000000;
+"""
+    path.write_text(DBC + initial)
+    coupling = couple(load_database(path), send={"angle": "rig.angle"})
+    [note] = [note for note in coupling.notes() if "spare of" in note or "of spare" in note]
+    assert note == "State: the initial value 440 of spare is not sent: spare has [-10, 50]"
+    for count in (1, 2):
+        values = load_database(path).message("State").raw.decode(sent(coupling.sent[0], [1.0]))
+        assert values["spare"] == 50 and coupling.sent_statistics.unfit == {"State.spare": count}
+    assert "initial values outside their range, limited: State.spare 2" in coupling.sent_statistics.lines()
+    encoder = Encoder(load_database(path), ["angle"])
+    encoder.encode(Trace(np.arange(3.0), {"angle": np.zeros(3)}))
+    assert encoder.statistics.unfit["State.spare"] > 2
 
 
 def test_the_last_frame_has_the_safe_values_and_leaves_the_others(rig: Database) -> None:

@@ -4,27 +4,31 @@ from __future__ import annotations
 
 import math
 import struct
+import time
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, cast
 
+import can
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from orchestrator.bridge.line import Line
 from orchestrator.bridge.mapping import coupled
 from orchestrator.bridge.traffic import BusTraffic
 from orchestrator.bridge.watchdog import Watchdog
 from orchestrator.can.database.database import Database
 from orchestrator.can.live.backlog import Backlog
-from orchestrator.can.live.bus import BusSettings
+from orchestrator.can.live.bus import BusSettings, occupied
 from orchestrator.can.live.news import News
 from orchestrator.can.live.receiver import Receiver
 from orchestrator.scenario.can_block import CanBlock
 from tests.support.coupling_samples import ScriptedBus, frame, sample_database, sample_system
 
 STEP, GUARDED, COMMAND = 0.001, 259, 257
-ANY = BusSettings("slcan", "adapter")
+ANY, TIMED = BusSettings("slcan", "adapter"), BusSettings("slcan", "adapter", 500_000)
+THEIRS = frame(1, bytes(8))
 BLOCK: dict[str, Any] = {
     "receive": {"rig.voltage": {"signal": "Command.voltage", "safe": 0}},
     "send": {"torque": {"source": "rig.torque", "safe": 0.125}},
@@ -38,12 +42,13 @@ def rig(tmp_path: Path) -> Database:
     return sample_database(tmp_path)
 
 
-def on(bus: ScriptedBus, rig: Database, said: list[str], **changes: Any) -> BusTraffic:
+def on(bus: ScriptedBus, rig: Database, said: list[str], setting: BusSettings = ANY, **changes: Any) -> BusTraffic:
     block = CanBlock.model_validate({"database": rig.path} | BLOCK | changes)
     coupling = coupled(block, sample_system(), rig, Fraction(1, 1000))
     watchdog = Watchdog(coupling.reception.messages, said.append)
     link, receiver = bus.linked(said.append)
-    return BusTraffic(link, cast(Receiver, receiver), coupling, watchdog, STEP, Backlog(ANY), News(said.append))
+    line = Line(link, cast(Receiver, receiver), Backlog(setting), coupling.rules.most_late)
+    return BusTraffic(line, coupling, watchdog, STEP, News(said.append))
 
 
 def torques(bus: ScriptedBus) -> list[float]:
@@ -137,6 +142,58 @@ def test_what_an_interface_gives_back_is_no_second_sender_and_not_received(rig: 
     bus.waiting.append(frame(GUARDED, b"\1\2\3\4"))
     traffic.receive(0.301)
     assert traffic.report(0.3).foreign == {"Guarded": 1}
+
+
+def test_on_a_full_bus_old_commands_are_dropped_and_safe_values_are_first_and_nothing_follows(rig: Database) -> None:
+    """Others take all of the bus from 0.2 s to 1 s."""
+    bus, said = ScriptedBus(), list[str]()
+    traffic = on(bus, rig, said, TIMED, silence=5)
+    for number in range(1500):
+        bus.waiting.append(frame(COMMAND, struct.pack("<hH", number, 0)))
+        bus.waiting += [THEIRS] * (4 * (200 <= number < 1000))
+        traffic.receive(number * STEP)
+        traffic.send(number, [0.25], number * STEP, 0.0)
+    [kept] = bus.forgotten
+    after = torques(bus)[kept:]
+    assert len(after) < 60 and after[0] == pytest.approx(0.125, abs=5e-4)
+    assert after[-1] == pytest.approx(0.25, abs=5e-4)
+    [told, *_] = [line for line in said if "full" in line]
+    assert told.endswith("the bus is full: what is sent does not get out in time")
+    assert any("torque rests: the bus is full" in line for line in said)
+    assert traffic.report(1.5).blocked + traffic.report(1.5).sent.messages["Guarded"] == pytest.approx(150, abs=3)
+
+
+def test_safe_values_that_a_full_bus_keeps_stay_in_the_adapter_alone_and_that_is_said(
+    rig: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("orchestrator.bridge.traffic._CONFIRMING", 0.5)
+    bus, said = _Flooded(), list[str]()
+    traffic = on(bus, rig, said, TIMED)
+    run(traffic, bus, 0, 100)
+    bus.flood()
+    traffic.end(0.1)
+    report = traffic.report(0.6)
+    assert report.unconfirmed == ("Guarded",) and report.pending and bus.stays
+    assert "the adapter sends them when it has room" in report.doubt()
+    assert len(bus.forgotten) == 1
+    assert torques(bus)[bus.forgotten[0] :] == pytest.approx([0.125], abs=5e-4)
+
+
+class _Flooded(ScriptedBus):
+    """A bus that others fill from some time on."""
+
+    begun = 0.0
+    heard = 0
+
+    def flood(self) -> None:
+        self.begun = time.monotonic()
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        if not self.waiting and self.begun:
+            passed = int((time.monotonic() - self.begun) / occupied(THEIRS, TIMED))
+            self.waiting += [THEIRS] * (passed - self.heard)
+            self.heard = passed
+        return super().recv(timeout)
 
 
 FAULTS = ("", "silent", "checksum", "stuck", "short", "not finite", "hangs")

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from orchestrator.bridge.inputs import ReceivedMessage, Taken
 from orchestrator.bridge.mapping import coupled
+from orchestrator.bridge.signals.inputs import ReceivedMessage, Taken
 from orchestrator.bridge.watchdog import MOST, SAID, PeerPresence, Watchdog
 from orchestrator.scenario.can_block import CanBlock
 from orchestrator.trace import FloatArray

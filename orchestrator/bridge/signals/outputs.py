@@ -13,6 +13,7 @@ from itertools import cycle
 
 import can
 
+from orchestrator.can.codec.fields import unfit
 from orchestrator.can.codec.multiplexing import pages
 from orchestrator.can.database.message import MessageSpec, SignalSpec
 from orchestrator.can.live.single_encoding import SingleEncoder
@@ -72,11 +73,17 @@ class SentMessage:
         spec, protection = self.spec, self.spec.protection
         filled = {*self._names, *(name for page in self.pages for name in page)}
         filled |= {protection.counter, protection.checksum} if protection else set()
-        others = [signal.name for signal in spec.signals if signal.name not in filled]
+        unset = [signal for signal in spec.signals if signal.name not in filled]
+        others = [signal.name for signal in unset]
         turns, rests = " and ".join(self.pages[0]), "rests" if len(others) == 1 else "rest"
         told = {
             f"its {len(self.pages)} pages take turns, since nothing is sent in {turns}": len(self.pages) > 1,
             f"{', '.join(others)} {rests} at the initial value, or zero, since nothing is sent there": others,
+        }
+        told |= {
+            f"the initial value {signal.initial:g} of {signal.name} is not sent: {limits}": True
+            for signal in unset
+            if (limits := unfit(signal))
         }
         return [f"{spec.name}: {line}" for line, holds in told.items() if holds]
 

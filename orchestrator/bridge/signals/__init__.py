@@ -1,0 +1,1 @@
+"""Signals of a bus to inputs of components, and outputs to signals."""
