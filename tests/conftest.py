@@ -24,6 +24,8 @@ NEEDS = {
     "canopen": "canopen",
     "cross": "ziglang",
     "tools": "fmuloader",
+    "browser": "playwright",
+    "chromium": "chromium",
     "java": "javac",
 }
 

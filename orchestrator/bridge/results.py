@@ -13,6 +13,7 @@ from orchestrator.formats.arrows import SUFFIX
 from orchestrator.report import Report, Section, figures
 from orchestrator.results import result_folder, versions, write_json
 from orchestrator.scenario import results
+from orchestrator.scenario.report import report as run_report
 from orchestrator.scenario.run import CaseResult
 
 LOG = logging.getLogger("servotwin.can")
@@ -74,7 +75,7 @@ def how(bridged: BridgeResult) -> str:
 
 def report(bridged: BridgeResult) -> Report:
     """The report of the run, with what passed over the bus and how the deadlines were kept."""
-    page = results.report(bridged.result)
+    page = run_report(bridged.result)
     _bus(bridged, page.section("Bus"))
     _deadlines(bridged, page.section("Deadlines"))
     return page

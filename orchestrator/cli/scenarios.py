@@ -119,7 +119,8 @@ def run(
     from orchestrator.crossing import notes
     from orchestrator.results import aside, check_target
     from orchestrator.scenario import accounts
-    from orchestrator.scenario.results import LOG_FILE, document_of, interruption, write_run
+    from orchestrator.scenario.report import interruption
+    from orchestrator.scenario.results import LOG_FILE, document_of, write_run
     from orchestrator.scenario.run import HEADERS, Keeping, ScenarioFailed, ScenarioInterrupted, run_scenario
 
     values, isolation, folder = overrides(set_), isolate.isolation(), out or Path("out") / scenario.stem

@@ -12,9 +12,9 @@ from fmus.errors import InputError
 from fmus.files import atomic_writes
 from orchestrator.comparison.documents import PartingDocument, documents_of
 from orchestrator.comparison.proposal import Change, NewReference, Proposal
-from orchestrator.display import characters, look
-from orchestrator.display.curves import TimeCurve, stacked
-from orchestrator.report import Report, Section
+from orchestrator.display import characters
+from orchestrator.display.titles import with_unit
+from orchestrator.report import Chart, Curve, Panel, Report, Section
 from orchestrator.report.content import CalloutKind
 from orchestrator.results import result_folder, versions, write_json
 
@@ -156,12 +156,12 @@ def _show(section: Section, new: NewReference, written: bool) -> None:
     section.paragraph(f"{new.file}: {len(new.kept)} of {len(new.run)} samples, {len(new.content):,} bytes.")
     if new.partings:
         section.table(HEADERS, list(rows(new)))
-    windows = [(look.with_unit(name, new.run.unit(name)), list(_curves(new, name))) for name in new.run.names]
-    section.figure(stacked(windows, legend=True), new.case)
+    panels = [Panel(with_unit(name, new.run.unit(name)), list(_curves(new, name))) for name in new.run.names]
+    section.figure(Chart(panels, legend=True), new.case)
 
 
-def _curves(new: NewReference, name: str) -> Iterator[TimeCurve]:
+def _curves(new: NewReference, name: str) -> Iterator[Curve]:
     """The old reference broad and pale, the run on top of it."""
     if new.old is not None and name in new.old.names:
-        yield TimeCurve("old", new.old.time, new.old[name], look.MEASURED, 3.2)
-    yield TimeCurve("new", new.run.time, new.run[name], look.colour(0), 1.4)
+        yield Curve("old", new.old.time, new.old[name], tone="measured")
+    yield Curve("new", new.run.time, new.run[name])

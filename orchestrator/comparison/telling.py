@@ -10,10 +10,10 @@ from orchestrator.comparison.comparison import Comparison
 from orchestrator.comparison.documents import PartingDocument, documents_of
 from orchestrator.crossing import CrossingDocument
 from orchestrator.crossing import documents_of as documents_of_crossings
-from orchestrator.display import characters, look
-from orchestrator.display.curves import TimeCurve, stacked
+from orchestrator.display import characters
+from orchestrator.display.titles import with_unit
 from orchestrator.measures import Parting
-from orchestrator.report import Report
+from orchestrator.report import Chart, Curve, Mark, Panel, Report
 
 HEADERS = ("case", "signal", "parts at [s]", "by", "largest difference", "at [s]", "tolerance", "in tolerances")
 DRAWN = 12  # signals of a case on a page, those that differ most
@@ -121,14 +121,15 @@ def page(comparison: Comparison) -> Report:
     for pair in comparison.pairs:
         part = report.section(f"Case {pair.name}")
         most = sorted(pair.partings, key=lambda one: -one.times)[:DRAWN]
-        windows = []
+        panels = []
         for one in most:
             curves = [
-                TimeCurve("A", pair.one.time, pair.one[one.signal], look.MEASURED, 3.2),
-                TimeCurve("B", pair.other.time, pair.other[one.signal], look.colour(0), 1.4),
+                Curve("A", pair.one.time, pair.one[one.signal], tone="measured"),
+                Curve("B", pair.other.time, pair.other[one.signal]),
             ]
-            windows.append((look.with_unit(one.signal, one.unit), curves))
-        part.figure(stacked(windows, legend=True))
+            parted = [] if one.first is None else [Mark(one.first, "x", "parts", wrong=True)]
+            panels.append(Panel(with_unit(one.signal, one.unit), curves, parted))
+        part.figure(Chart(panels))
     return report
 
 

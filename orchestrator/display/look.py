@@ -10,14 +10,9 @@ from html import escape
 
 import plotly.graph_objects as go
 
-MEASURED = "#97a1af"
+from orchestrator.display import titles
+
 COLOURS = ("#2f7fe0", "#e0702a", "#1f9d6b", "#a05fd0", "#d0487f", "#b08a1e")
-BAND = "rgba(128, 140, 155, 0.16)"
-DIVERGING = [
-    [0.0, "rgba(224, 112, 42, 0.75)"],
-    [0.5, "rgba(128, 140, 155, 0.06)"],
-    [1.0, "rgba(47, 127, 224, 0.75)"],
-]
 FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif'
 
 AXIS = {
@@ -64,15 +59,8 @@ def plain(text: str) -> str:
 
 
 def with_unit(name: str, unit: str | None) -> str:
-    """An axis title, `name [unit]`; no brackets for a dimensionless or unknown quantity."""
-    return plain(f"{name} [{unit}]" if unit not in (None, "", "1") else name)
-
-
-def mark(figure: go.Figure, value: float, text: str) -> None:
-    """A dashed vertical line at a value of the horizontal axis, with a word above it."""
-    line = {"color": COLOURS[1], "width": 1.5, "dash": "dash"}
-    above = {"text": plain(text), "yshift": 4}
-    figure.add_vline(x=value, line=line, annotation=above, annotation_position="top")
+    """The title of an axis, as plotly shows it."""
+    return plain(titles.with_unit(name, unit))
 
 
 def colour(number: int) -> str:

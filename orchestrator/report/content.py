@@ -7,28 +7,26 @@ from dataclasses import dataclass
 from html import escape
 from typing import Literal, Protocol
 
-import plotly.graph_objects as go
-import plotly.io
-
 from orchestrator.display.table import Cell, table, text
+from orchestrator.report.columns import Columns
 
 CalloutKind = Literal["ok", "warning", "error"]
 
-# The buttons are listed one by one because plotly's own choice can upload the figure to its maker.
-CONFIG = {
-    "displaylogo": False,
-    "responsive": True,
-    "showSendToCloud": False,
-    "modeBarButtons": [["zoom2d", "pan2d", "resetScale2d", "toImage"]],
-}
 MARKS: dict[CalloutKind, str] = {"ok": "✓", "warning": "!", "error": "✕"}
 
 
 class Content(Protocol):
     """Anything that can stand in a section."""
 
-    def html(self, key: str) -> str:
-        """Its markup; `key` is unique in the document and fit for an id."""
+    def html(self, key: str, columns: Columns) -> str:
+        """Its markup; `key` is unique in the document and fit for an id; its numbers are added to the columns."""
+
+
+class Drawing(Protocol):
+    """Anything that is a figure: a chart, bars, a diagram."""
+
+    def markup(self, key: str, columns: Columns, caption: str = "") -> str:
+        """Its element; `key` is unique in the document and fit for an id; its numbers are added to the columns."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +35,7 @@ class Paragraph:
 
     text: str
 
-    def html(self, key: str) -> str:
+    def html(self, key: str, columns: Columns) -> str:
         return f"<p>{escape(self.text)}</p>"
 
 
@@ -48,9 +46,8 @@ class Callout:
     kind: CalloutKind
     text: str
 
-    def html(self, key: str) -> str:
-        mark = f'<span class="mark" role="img" aria-label="{self.kind}">{MARKS[self.kind]}</span>'
-        return f'<div class="callout {self.kind}">{mark}<p>{escape(self.text)}</p></div>'
+    def html(self, key: str, columns: Columns) -> str:
+        return f'<div class="callout {self.kind}">{mark(self.kind)}<p>{escape(self.text)}</p></div>'
 
 
 @dataclass(frozen=True)
@@ -59,7 +56,7 @@ class Highlights:
 
     entries: Sequence[tuple[str, Cell, str]]
 
-    def html(self, key: str) -> str:
+    def html(self, key: str, columns: Columns) -> str:
         tiles = "".join(
             f'<div class="tile"><dt>{escape(label)}</dt><dd>{escape(text(value))}</dd>'
             f"<dd class='remark'>{escape(remark)}</dd></div>"
@@ -74,7 +71,7 @@ class Facts:
 
     entries: Sequence[tuple[str, Cell]]
 
-    def html(self, key: str) -> str:
+    def html(self, key: str, columns: Columns) -> str:
         rows = "".join(f"<dt>{escape(name)}</dt><dd>{escape(text(value))}</dd>" for name, value in self.entries)
         return f'<dl class="facts">{rows}</dl>'
 
@@ -93,26 +90,34 @@ class DataTable:
             if len(row) != len(self.headers):
                 raise ValueError(f"a row of {len(row)} cells under {len(self.headers)} headers: {row}")
 
-    def html(self, key: str) -> str:
+    def html(self, key: str, columns: Columns) -> str:
         return f'<div class="table" tabindex="0">{table(self.headers, self.rows, self.numeric, self.caption)}</div>'
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A plotly figure across the whole width."""
+    """A drawing across the whole width."""
 
-    figure: go.Figure
+    drawing: Drawing
     caption: str = ""
 
-    def html(self, key: str) -> str:
-        height = self.figure.layout.height or 450
-        plot = plotly.io.to_html(
-            self.figure,
-            config=CONFIG,
-            include_plotlyjs=False,
-            full_html=False,
-            div_id=f"figure-{key}",
-            default_height=f"{height}px",
-        )
+    def html(self, key: str, columns: Columns) -> str:
         caption = f"<figcaption>{escape(self.caption)}</figcaption>" if self.caption else ""
-        return f"<figure>{plot}{caption}</figure>"
+        return f"<figure>{self.drawing.markup(key, columns, self.caption)}{caption}</figure>"
+
+
+@dataclass(frozen=True)
+class Folded:
+    """Content that is there when a reader opens it; paper shows it."""
+
+    title: str
+    content: Sequence[Content]
+
+    def html(self, key: str, columns: Columns) -> str:
+        inside = "\n".join(piece.html(f"{key}-{place}", columns) for place, piece in enumerate(self.content, 1))
+        return f"<details><summary>{escape(self.title)}</summary>\n{inside}</details>"
+
+
+def mark(kind: CalloutKind) -> str:
+    """A sign for how something turned out, which does not tell it by its colour alone."""
+    return f'<span class="mark {kind}" role="img" aria-label="{kind}">{MARKS[kind]}</span>'

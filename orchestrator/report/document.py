@@ -6,23 +6,24 @@ A report is filled section by section while the work goes on and written once at
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from functools import cache
 from html import escape
 from importlib import resources
 from pathlib import Path
 from string import Template
 
-import plotly.graph_objects as go
-from plotly.offline import get_plotlyjs
-
 from fmus.files import atomic_write
 from orchestrator.display.table import Cell
+from orchestrator.report.columns import Columns
 from orchestrator.report.content import (
     Callout,
     CalloutKind,
     Content,
     DataTable,
+    Drawing,
     Facts,
     Figure,
+    Folded,
     Highlights,
     Paragraph,
 )
@@ -38,18 +39,22 @@ PAGE = Template("""<!doctype html>
 <title>$title</title>
 <style>
 $style</style>
-$script
 </head>
 <body>
 <nav aria-label="Contents"><ol>$contents</ol></nav>
 <main>
-<header><h1>$title</h1>$subtitle</header>
+<header><h1>$title</h1>$subtitle$hint</header>
 <noscript><p>The figures of this report are drawn by its own script; allow it to see them.</p></noscript>
 $sections
 </main>
+$script
 </body>
 </html>
 """)
+HINT = (
+    "In charts: drag to zoom, Shift and drag to move, Ctrl and wheel to zoom about a place, double click for all. "
+    "Keys: ← → to move, + − to zoom, 0 for all, Shift ← → to read values."
+)
 
 
 class Section:
@@ -90,9 +95,15 @@ class Section:
         """
         self.content.append(DataTable(headers, rows, numeric, caption))
 
-    def figure(self, figure: go.Figure, caption: str = "") -> None:
-        """A plotly figure across the whole width."""
-        self.content.append(Figure(figure, caption))
+    def figure(self, drawing: Drawing, caption: str = "") -> None:
+        """A figure across the whole width: a `Chart`, or what a function of `figures` gives."""
+        self.content.append(Figure(drawing, caption))
+
+    def folded(self, title: str) -> Section:
+        """A part below a title that a reader opens, to be filled."""
+        inside = Section(title)
+        self.content.append(Folded(title, inside.content))
+        return inside
 
 
 class Report:
@@ -109,18 +120,25 @@ class Report:
         return self.sections[-1]
 
     def render(self) -> str:
-        """The whole document as HTML; plotly's script is in it once, and only if there is a figure."""
-        drawn = any(isinstance(piece, Figure) for section in self.sections for piece in section.content)
+        """The whole document as HTML; the script of the charts is in it once, and only if there is one.
+
+        What charts are first drawn from comes before the script, and their samples after it: a page with many of them
+        is seen before it is there as a whole.
+        """
+        columns = Columns()
+        sections = "\n".join(_section(section, number, columns) for number, section in enumerate(self.sections, 1))
+        drawn = bool(columns.columns)
         return PAGE.substitute(
             title=escape(self.title),
             subtitle=f"<p class='subtitle'>{escape(self.subtitle)}</p>" if self.subtitle else "",
-            style=(resources.files(__package__) / "style.css").read_text(encoding="utf-8"),
-            script=f"<script>{get_plotlyjs()}</script>" if drawn else "",
+            hint=f"<p class='hint'>{HINT}</p>" if drawn else "",
+            style=_shipped("style.css"),
+            script=_script(columns) if drawn else "",
             contents="".join(
                 f'<li><a href="#section-{number}">{escape(section.heading)}</a></li>'
                 for number, section in enumerate(self.sections, 1)
             ),
-            sections="\n".join(_section(section, number) for number, section in enumerate(self.sections, 1)),
+            sections=sections,
         )
 
     def write(self, path: str | Path) -> Path:
@@ -132,6 +150,17 @@ class Report:
         return atomic_write(path, self.render().encode())
 
 
-def _section(section: Section, number: int) -> str:
-    content = "\n".join(piece.html(f"{number}-{place}") for place, piece in enumerate(section.content, 1))
+def _section(section: Section, number: int, columns: Columns) -> str:
+    content = "\n".join(piece.html(f"{number}-{place}", columns) for place, piece in enumerate(section.content, 1))
     return f'<section id="section-{number}"><h2>{escape(section.heading)}</h2>\n{content}</section>'
+
+
+def _script(columns: Columns) -> str:
+    heads = f'<script type="application/json" id="columns">{columns.heads()}</script>'
+    return f"{heads}\n<script>\n{_shipped('chart.js')}</script>\n{columns.markup()}"
+
+
+@cache
+def _shipped(name: str) -> str:
+    """A file beside this one, which comes with the package."""
+    return (resources.files(__package__) / name).read_text(encoding="utf-8")

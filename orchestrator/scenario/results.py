@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NotRequired
 
 from fmus.files import sha256
 from orchestrator import formats
-from orchestrator.crossing import Crossing, CrossingDocument, documents_of
+from orchestrator.crossing import CrossingDocument, documents_of
 from orchestrator.fmi.interface import Value
-from orchestrator.report import Report, Section, figures
 from orchestrator.results import CaseDocument, FileDocument, result_folder, versions, write_json
 from orchestrator.scenario import accounts
-from orchestrator.scenario.run import HEADERS, CaseResult, CaseState, ScenarioResult, nonfinite
+from orchestrator.scenario.report import report
+from orchestrator.scenario.run import CaseResult, ScenarioResult, nonfinite
 from orchestrator.scenario.scenario import file_stems
 
 LOG_FILE = "fmu.log"
-PLOTTED_CASES = 12
-PLOTTED_SIGNALS = 8
 
 
 class RunCaseDocument(CaseDocument):
@@ -94,60 +92,6 @@ def document_of(result: ScenarioResult, overrides: Mapping[str, Value], folder: 
         "cases": [_case(result, case) for case in result.cases],
         "versions": versions(),
     }
-
-
-def interruption(result: ScenarioResult) -> str:
-    """Where a run was interrupted."""
-    last = [case for case in result.cases if case.state is not CaseState.NOT_RUN][-1]
-    done = last.state is CaseState.DONE
-    return f"interrupted after case {last.name}" if done else f"{last.how_far} of case {last.name}"
-
-
-def report(result: ScenarioResult) -> Report:
-    """Checks, traces and step statistics of a run; no traces of an interrupted one, which is to end at once."""
-    page = Report(result.scenario.title, result.scenario.description)
-    section = page.section("Expectations")
-    if result.interrupted:
-        section.callout("warning", f"The run was {interruption(result)}.")
-    else:
-        section.callout("ok" if result.passed else "error", "All held." if result.passed else "Not all held.")
-    for case in result.cases:
-        if case.ended or case.state is CaseState.FAILED:
-            section.callout("warning", f"Case {case.name}: {case.error or case.ended}.")
-    for line in result.scenario.held:
-        section.callout("warning", f"{line}.")
-    section.table(HEADERS, result.rows())
-    tell_units(page, result.crossings)
-    if not result.interrupted:
-        _draw(result, page.section("Traces"))
-    stepping = page.section("Step statistics")
-    stepping.paragraph(accounts.sentence_of(result))
-    stepping.table(accounts.HEADERS, accounts.rows_of(result))
-    return page
-
-
-def tell_units(page: Report, crossings: Sequence[Crossing]) -> None:
-    """A section about what was converted, where something was; what is doubtful first."""
-    if not crossings:
-        return
-    section = page.section("Units")
-    for one in crossings:
-        if one.doubtful:
-            section.callout("warning", str(one))
-    sure = [(str(one),) for one in crossings if not one.doubtful]
-    if sure:
-        section.table(("how values got to their units",), sure)
-
-
-def _draw(result: ScenarioResult, section: Section) -> None:
-    shown = [case for case in result.cases if case.result is not None]
-    if len(shown) > PLOTTED_CASES:
-        section.paragraph(f"The first {PLOTTED_CASES} of {len(shown)} cases.")
-    for case in shown[:PLOTTED_CASES]:
-        if not case.trace.names:
-            section.paragraph(f"Case {case.name} has recorded nothing.")
-            continue
-        section.figure(figures.overlay(case.trace, (), case.trace.names[:PLOTTED_SIGNALS]), case.name)
 
 
 def _case(result: ScenarioResult, case: CaseResult) -> RunCaseDocument:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from fmus.errors import FmuError, PartialError, ScenarioError, ServotwinError, WiringError
+from fmus.files import sha256
 from orchestrator import formats
 from orchestrator.assembly.assembly import Assembled, OpenSystem, assemble
 from orchestrator.assembly.whole_arrays import check_shapes, elements, shapes, written
@@ -29,7 +30,7 @@ from orchestrator.scenario.expectations import Check, Expectation, Refusal
 from orchestrator.scenario.scenario import Case, Scenario
 from orchestrator.scenario.schema import load_scenario
 from orchestrator.scenario.units import in_units_of
-from orchestrator.system import typed
+from orchestrator.system import System, typed
 from orchestrator.trace import FloatArray, Trace
 from orchestrator.yaml_file import naming
 
@@ -119,6 +120,8 @@ class ScenarioResult:
         scenario: in the units of its system.
         crossings: values that were converted, or taken as they are although their units differ.
         overrides: component.variable -> value, over those of the file.
+        system: what ran, None where it was not opened.
+        hashes: component -> SHA-256 of its FMU.
     """
 
     scenario: Scenario
@@ -128,6 +131,8 @@ class ScenarioResult:
     interrupted: bool = False
     crossings: tuple[Crossing, ...] = ()
     overrides: Mapping[str, Value] = field(default_factory=dict)
+    system: System | None = None
+    hashes: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def passed(self) -> bool:
@@ -219,12 +224,16 @@ def _run(
         assembled = assemble(scenario.system.given(given), fmus or folder, scenario.driven)
         cases: list[CaseResult] = []
         crossings: tuple[Crossing, ...] = ()
+        system: System | None = None
+        hashes = {name: sha256(file) for name, file in assembled.files.items()}
 
         def result(cases: Sequence[CaseResult], interrupted: bool = False) -> ScenarioResult:
-            return ScenarioResult(scenario, assembled, tuple(cases), keeping, interrupted, crossings, given)
+            done = tuple(cases)
+            return ScenarioResult(scenario, assembled, done, keeping, interrupted, crossings, given, system, hashes)
 
         try:
             with OpenSystem(assembled) as opened, opened.simulation(scenario.timing, isolation) as simulation:
+                system = opened.system
                 check_shapes(opened.system, shapes(overrides))
                 given = typed(opened.system, given)
                 scenario, crossed = in_units_of(opened.system, scenario)

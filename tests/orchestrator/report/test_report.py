@@ -2,48 +2,55 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import re
 from html.parser import HTMLParser
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from plotly.offline import get_plotlyjs
 
 from identification.estimation.validation import whiteness
 from orchestrator.display.table import text
 from orchestrator.display.thinning import thin
 from orchestrator.formats import read, write
-from orchestrator.report import Report, figures
+from orchestrator.report import Chart, Report, figures
+from orchestrator.report.drawings import Grid
 from orchestrator.report.plot import plot_traces
 from orchestrator.trace import Trace
-
-EVIL = "<script>alert('x')</script>&\"</style>"
+from tests.support.reports import EVIL, full_report
 
 
 class Page(HTMLParser):
-    """Tags, attributes and visible words of a page."""
+    """Tags, attributes and visible words of a page, and what its scripts are given."""
 
     def __init__(self, html: str) -> None:
         super().__init__()
         self.tags: list[str] = []
         self.links: list[str] = []
         self.words = ""
+        self.charts: list[dict[str, Any]] = []
+        self._inside = ""
         self.feed(html)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append(tag)
         self.links += [value or "" for name, value in attrs if name in ("src", "href", "action", "data", "srcset")]
+        self._inside = tag if tag in ("script", "style") else ""
+        self._is_chart = ("type", "application/json") in attrs and ("id", "columns") not in attrs
+
+    def handle_endtag(self, tag: str) -> None:
+        self._inside = ""
 
     def handle_data(self, data: str) -> None:
-        if self.tags and self.tags[-1] not in ("script", "style"):
+        if not self._inside:
             self.words += data
+        elif self._is_chart:
+            self.charts.append(json.loads(data))
 
 
 def oscillation(count: int = 9000) -> Trace:
@@ -51,61 +58,49 @@ def oscillation(count: int = 9000) -> Trace:
     return Trace(time, {"angle": np.sin(6 * time), "speed": 6 * np.cos(6 * time)}, {"angle": "rad"}, "swing")
 
 
-def full_report(word: str) -> Report:
-    report = Report(word, word)
-    section = report.section(word)
-    section.paragraph(word)
-    section.callout("warning", word)
-    section.highlights([(word, word, word)])
-    section.provenance({word: word})
-    section.table([word, "n"], [[word, 1.0]], caption=word)
-    trace = Trace(np.arange(3.0), {word: np.arange(3.0)}, {word: word})
-    section.figure(figures.overlay(trace, [(word, trace)]), caption=word)
-    return report
-
-
-def values(array: Any) -> list[float]:
-    """The numbers of a plotly array, which plotly may hold in base64."""
-    if isinstance(array, dict):
-        return np.frombuffer(base64.b64decode(array["bdata"]), dtype=array["dtype"]).tolist()
-    return list(array)
-
-
-def without_plotly(html: str) -> str:
-    assert html.count(get_plotlyjs()) == 1
-    return html.replace(get_plotlyjs(), "")
-
-
 def test_every_text_is_escaped_wherever_it_stands() -> None:
-    clean, evil = Page(without_plotly(full_report("word").render())), full_report(EVIL).render()
-    page = Page(without_plotly(evil))
+    clean, evil = Page(full_report("word").render()), full_report(EVIL).render()
+    page = Page(evil)
     assert page.tags == clean.tags
     assert "<script>alert" not in evil
     assert page.words.count(EVIL) == clean.words.count("word")
 
 
+def test_charts_are_given_every_text_as_it_is() -> None:
+    clean, evil = (json.dumps(Page(full_report(word).render()).charts) for word in ("word", EVIL))
+    assert clean.count('"word') > 20
+    assert evil.replace(json.dumps(EVIL)[1:-1], "word") == clean
+
+
 def test_nothing_is_loaded_from_outside() -> None:
-    html = without_plotly(full_report("word").render())
+    html = full_report("word").render()
     assert [link for link in Page(html).links if not link.startswith("#")] == []
     assert not re.search(r"https?://|@import|url\(", html)
     assert "default-src 'none'" in html
 
 
 def test_figures_cannot_be_uploaded_by_a_click() -> None:
-    config = re.search(r'(\{"displaylogo".*?\]\]\})', full_report("word").render())
-    assert config is not None
-    settings = json.loads(config[1])
-    assert settings["showSendToCloud"] is False
-    assert "sendChartToCloud" not in [button for group in settings["modeBarButtons"] for button in group]
+    script = (resources.files("orchestrator.report") / "chart.js").read_text(encoding="utf-8")
+    for way_out in ("fetch(", "XMLHttpRequest", "WebSocket", "sendBeacon", "EventSource", "open(", "location", "eval"):
+        assert way_out not in script.replace("this.fetch(", "")
+    html = full_report("word").render()
+    assert "connect-src" not in html and "form-action 'none'" in html  # what default-src 'none' forbids stays forbidden
+    assert "plotly" not in html
 
 
-def test_plotly_is_in_the_file_once_and_only_where_there_are_figures() -> None:
+def test_the_script_of_charts_is_in_the_file_once_and_only_where_there_are_charts() -> None:
+    script = (resources.files("orchestrator.report") / "chart.js").read_text(encoding="utf-8")
     report = full_report("word")
     report.section("more").figure(figures.overlay(oscillation()))
-    assert report.render().count(get_plotlyjs()) == 1
+    assert report.render().count(script) == 1
     plain = Report("plain")
     plain.section("words").paragraph("no figure")
     assert len(plain.render()) < 20_000
+
+
+def test_the_script_of_charts_stays_small() -> None:
+    script = (resources.files("orchestrator.report") / "chart.js").read_text(encoding="utf-8")
+    assert len(script.splitlines()) <= 400
 
 
 def test_the_contents_lead_to_every_section() -> None:
@@ -190,92 +185,121 @@ def test_thinning_keeps_a_single_sample_spike_and_a_long_gap() -> None:
 
 def test_overlay_has_a_window_a_signal_and_units_on_the_axes() -> None:
     measured = oscillation()
-    figure = figures.overlay(measured, [("model", oscillation(500).select(["angle"]))], ["speed", "angle"])
-    assert [figure.layout.yaxis.title.text, figure.layout.yaxis2.title.text] == ["speed", "angle [rad]"]
-    assert figure.layout.xaxis2.title.text == "time [s]"
-    assert [curve.name for curve in figure.data] == ["measured", "measured", "model"]
-    assert all(len(values(curve.x)) <= 2000 for curve in figure.data)
-    assert figure.layout.xaxis.matches == "x2"
+    chart = figures.overlay(measured, [("model", oscillation(500).select(["angle"]))], ["speed", "angle"])
+    assert [panel.title for panel in chart.panels] == ["speed", "angle [rad]"]
+    assert chart.x == "time [s]"
+    assert [[curve.label for curve in panel.curves] for panel in chart.panels] == [["measured"], ["measured", "model"]]
+    assert [len(np.asarray(curve.y)) for curve in chart.panels[1].curves] == [9000, 500]  # every sample, not some
 
 
 def test_overlay_names_every_curve_once_in_its_legend() -> None:
-    figure = figures.overlay(oscillation(), [("a", oscillation()), ("b", oscillation())])
-    assert [curve.name for curve in figure.data if curve.showlegend] == ["measured", "a", "b"]
+    chart = figures.overlay(oscillation(), [("a", oscillation()), ("b", oscillation())])
+    assert legend_of(chart) == ["measured", "a", "b"]
+
+
+def legend_of(chart: Chart | Grid) -> list[str]:
+    report = Report("t")
+    report.section("s").figure(chart)
+    [legend] = re.findall(r'<div class="legend">(.*?)</div>', report.render())
+    return re.findall(r"</i>(.*?)</", legend)
 
 
 @pytest.mark.parametrize("count", [1, 3, 32, 100])
 def test_a_grid_has_one_window_for_each_recording(count: int) -> None:
     windows = [(f"run {number}", oscillation(50), [("model", oscillation(40))]) for number in range(count)]
-    figure = figures.overlays_grid(windows, "angle")
-    assert [note.text for note in figure.layout.annotations] == [title for title, _, _ in windows]
-    assert len({curve.yaxis for curve in figure.data}) == count
-    assert sum(curve.showlegend for curve in figure.data) == 2
+    grid = figures.overlays_grid(windows, "angle")
+    assert [title for title, _ in grid.charts] == [title for title, _, _ in windows]
+    assert all(len(chart.panels) == 1 and len(chart.panels[0].curves) == 2 for _, chart in grid.charts)
+    assert legend_of(grid) == ["measured", "model"]
 
 
 def test_the_picture_of_a_residual_shows_the_autocorrelation_and_the_band_of_its_verdict() -> None:
     biased = 0.3 + 0.1 * np.random.default_rng(5).normal(size=2000)
     test = whiteness([biased])
-    figure = figures.residuals(np.arange(2000.0), biased, test.autocorrelation, test.band, "rad")
-    assert values(figure.data[1].y) == test.autocorrelation[1:].tolist()
-    band = next(shape for shape in figure.layout.shapes if shape.type == "rect")
-    assert (band.y0, band.y1) == (-test.band, test.band)
-    assert not test.white and min(values(figure.data[1].y)) > band.y1  # drawn as it is judged
-    assert figure.layout.yaxis.title.text == "residual [rad]"
+    residual, correlation = figures.residuals(
+        np.arange(2000.0), biased, test.autocorrelation, test.band, "rad"
+    ).drawings
+    assert isinstance(residual, Chart) and isinstance(correlation, Chart)
+    [heights], [band] = correlation.panels[0].curves, correlation.panels[0].bands
+    assert np.array_equal(heights.y, test.autocorrelation[1:])
+    assert (np.unique(band.lower), np.unique(band.upper)) == (-test.band, test.band)
+    assert not test.white and np.min(heights.y) > test.band  # drawn as it is judged
+    assert residual.panels[0].title == "residual [rad]"
 
 
 def test_frequency_response_is_in_decibels_over_a_logarithmic_axis() -> None:
-    figure = figures.frequency_response([("52 g", [1.0, 10.0], [1.0, 0.1])], [("model", [1.0], [10.0])], "rad/V")
-    shown = {curve.name: (curve.mode, values(curve.y)) for curve in figure.data}
-    assert shown["52 g"] == ("markers", pytest.approx([0.0, -20.0]))
-    assert shown["model"] == ("lines", pytest.approx([20.0]))
-    assert figure.layout.xaxis.type == "log"
-    assert figure.layout.yaxis.title.text == "magnitude [dB re 1 rad/V]"
+    chart = figures.frequency_response([("52 g", [1.0, 10.0], [1.0, 0.1])], [("model", [1.0], [10.0])], "rad/V")
+    shown = {curve.label: (curve.style, list(np.asarray(curve.y))) for curve in chart.panels[0].curves}
+    assert shown["52 g"] == ("dots", pytest.approx([0.0, -20.0]))
+    assert shown["model"] == ("line", pytest.approx([20.0]))
+    assert chart.log_x
+    assert chart.panels[0].title == "magnitude [dB re 1 rad/V]"
 
 
 def test_bars_stand_apart_by_group_and_show_the_target() -> None:
-    figure = figures.bars({"train": {"a": 0.97, "b": 0.95}, "validation": {"c": 0.96}}, 0.94, "FIT")
-    assert {(bar.name, tuple(bar.y), tuple(bar.x)) for bar in figure.data} == {
-        ("train", ("a", "b"), (0.97, 0.95)),
-        ("validation", ("c",), (0.96,)),
-    }
-    assert figure.layout.shapes[0].x0 == 0.94
-    assert figure.layout.barmode == "overlay"
+    report = Report("t")
+    report.section("s").figure(figures.bars({"train": {"a": 0.97, "b": 0.95}, "validation": {"c": 0.5}}, 0.94, "FIT"))
+    html = report.render()
+    places = re.findall(
+        r'<i class="k(\d)" style="left:([\d.]+)%;width:([\d.]+)%"></i><b style="left:([\d.]+)%"></b>', html
+    )
+    assert [(int(group), float(left)) for group, left, *_ in places] == [(0, 0), (0, 0), (1, 0)]
+    assert [float(width) for _, _, width, _ in places] == pytest.approx([100, 100 * 95 / 97, 100 * 50 / 97], abs=1e-3)
+    assert [float(target) for *_, target in places] == pytest.approx([100 * 94 / 97] * 3, abs=1e-3)
+    assert Page(html).words.count("FIT, at least 0.94") == 1
+
+
+def test_bars_of_negative_values_begin_at_zero() -> None:
+    report = Report("t")
+    report.section("s").figure(figures.bars({"a": {"low": -1.0, "high": 3.0, "none": float("nan")}}))
+    places = re.findall(r"left:([\d.]+)%;width:([\d.]+)%", report.render())
+    assert [tuple(map(float, place)) for place in places] == [(0, 25), (25, 75), (0, 0)]
 
 
 def test_bars_of_the_same_name_in_two_groups_do_not_hide_each_other() -> None:
-    figure = figures.bars({"published": {"a": 0.46}, "calibrated": {"a": 0.97}})
-    assert figure.layout.barmode == "group"
+    report = Report("t")
+    report.section("s").figure(figures.bars({"published": {"a": 0.46}, "calibrated": {"a": 0.97}}))
+    rows = re.findall(r'<tr><th>a</th><td class="n">(.*?)</td><td class="bar"><i class="(.*?)"', report.render())
+    assert rows == [("0.46", "k0"), ("0.97", "k1")]
 
 
-def test_correlation_heatmap_spans_minus_one_to_one() -> None:
-    figure = figures.correlation_heatmap(["p1", "p2"], [[1.0, -0.4], [-0.4, 1.0]])
-    assert (figure.data[0].zmin, figure.data[0].zmax) == (-1, 1)
-    assert list(figure.data[0].x) == list(figure.data[0].y) == ["p1", "p2"]
+def test_correlations_are_told_by_sign_and_strength() -> None:
+    report = Report("t")
+    report.section("s").figure(figures.correlation_heatmap(["p1", "p2"], [[1.0, -0.4], [-0.4, float("nan")]]))
+    html = report.render()
+    cells = re.findall(
+        r"<td style=\"background:color-mix\(in srgb,var\(--(c\d)\) (\d+)%,transparent\)\">(.*?)</td>", html
+    )
+    assert cells == [("c0", "75", "1.00"), ("c1", "30", "−0.40"), ("c1", "30", "−0.40")]
+    assert html.count("<th>p1</th>") == html.count("<th>p2</th>") == 2
 
 
 @pytest.mark.parametrize("sample", [np.random.default_rng(1).normal(size=500), np.full(5, 3.0)])
 def test_a_histogram_counts_every_value_once(sample: np.ndarray[Any, Any]) -> None:
-    figure = figures.distribution(sample, "inertia", "kg·m²", {"true": 1.0})
-    assert sum(values(figure.data[0].y)) == len(sample)
-    assert figure.layout.annotations[0].text == "true"
-    assert figure.layout.xaxis.title.text == "inertia [kg·m²]"
+    chart = figures.distribution(sample, "inertia", "kg·m²", {"true": 1.0})
+    [outline] = chart.panels[0].curves
+    assert np.sum(np.asarray(outline.y)[1:-1:2]) == len(sample)
+    assert np.all(np.diff(outline.x) >= 0)
+    assert [mark.label for mark in chart.panels[0].marks] == ["true"]
+    assert chart.x == "inertia [kg·m²]"
 
 
-def test_labels_are_shown_as_they_are_not_as_plotlys_markup() -> None:
-    figure = figures.overlay(oscillation(), [('<a href="http://x">b</a>', oscillation())])
-    assert "<a" not in figure.data[-1].name
+def test_labels_are_shown_as_they_are_not_as_markup() -> None:
+    label = '<a href="http://x">b</a>'
+    report = Report("t")
+    report.section("s").figure(figures.overlay(oscillation(), [(label, oscillation())]))
+    page = Page(report.render())
+    assert label in page.words and page.tags.count("a") == 1
+    assert page.charts[0]["panels"][0]["curves"][1]["label"] == label
 
 
-def test_all_figures_share_one_look() -> None:
-    trace = oscillation(100)
-    drawn: list[go.Figure] = [
-        figures.overlay(trace),
-        figures.residuals(trace.time, trace["angle"], np.ones(21), 0.1),
-        figures.bars({"a": {"b": 1.0}}),
-        figures.distribution(trace["angle"], "x"),
-    ]
-    looks = {(figure.layout.font.family, figure.layout.paper_bgcolor, figure.layout.colorway) for figure in drawn}
-    assert len(looks) == 1
+def test_all_figures_take_their_colours_from_the_one_sheet_of_the_page() -> None:
+    script = (resources.files("orchestrator.report") / "chart.js").read_text(encoding="utf-8")
+    sheet = (resources.files("orchestrator.report") / "style.css").read_text(encoding="utf-8")
+    assert not re.search(r"#[0-9a-f]{3,8}\b|rgba?\(", script)
+    names = [*(f"c{number}" for number in range(6)), "measured", "reference", "band", "error", "grid", "ink", "soft"]
+    for name in names:
+        assert len(re.findall(rf"--{name}:", sheet)) == 4  # light, dark, and paper twice
 
 
 def test_a_plot_of_recordings_says_what_is_odd_about_them(tmp_path: Path) -> None:

@@ -12,7 +12,8 @@ from typer.testing import CliRunner
 from fmus.errors import FmuFileError, WiringError
 from identification.cli import app
 from orchestrator.crossing import Basis
-from orchestrator.scenario.results import document_of, report
+from orchestrator.scenario.report import report
+from orchestrator.scenario.results import document_of
 from orchestrator.scenario.run import ScenarioResult, run_scenario
 
 SCENARIO = """

@@ -1,0 +1,68 @@
+"""The wiring of a run's system as a diagram, with rates and units."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from fmus.modelling.model import Model
+from orchestrator.assembly.stimulus import Stimulus
+from orchestrator.display.titles import with_unit
+from orchestrator.rational import written
+from orchestrator.report.wiring import Box, Wire, Wiring
+from orchestrator.scenario.run import ScenarioResult
+from orchestrator.system import Connection, Endpoint, System
+from orchestrator.trace import Trace
+
+
+def wiring_of(result: ScenarioResult, system: System) -> Wiring:
+    """Components with their steps, what drives them, and what is connected."""
+    driven = dict(sorted(result.scenario.stimuli.items()))
+    sources = [Box(_source(name), _about(stimulus), {}, {"y": ""}, outside=True) for name, stimulus in driven.items()]
+    wires = [Wire((_source(name), "y"), _ends(Endpoint.parse(name)), "stimulus") for name in driven]
+    wires += [Wire(_ends(link.source), _ends(link.target), _conversion(link)) for link in system.connections]
+    return Wiring([*sources, *(_box(result, system, name, wires) for name in system.parts)], wires)
+
+
+def source_of(result: ScenarioResult, component: str) -> str:
+    """What a component is made of: the name of a model or of a file."""
+    source = result.scenario.system.components[component].source
+    return source.name if isinstance(source, Model | Path) else str(source)
+
+
+def _source(name: str) -> str:
+    return f"→ {name}"
+
+
+def _ends(endpoint: Endpoint) -> tuple[str, str]:
+    return endpoint.component, endpoint.variable
+
+
+def _about(stimulus: Stimulus) -> str:
+    """What a stimulus is, in words."""
+    if isinstance(stimulus.source, Trace):
+        return stimulus.file.name if stimulus.file else stimulus.source.name
+    return f"{stimulus.source:g}" if isinstance(stimulus.source, float | int) else stimulus.source
+
+
+def _conversion(link: Connection) -> str:
+    parts = [f"× {link.factor:.6g}"] if link.factor != 1.0 else []
+    parts += [f"+ {link.offset:.6g}"] if link.offset else []
+    return " ".join(parts)
+
+
+def _box(result: ScenarioResult, system: System, name: str, wires: list[Wire]) -> Box:
+    """A component with those of its ports that are connected or driven, and its outputs."""
+    part = system.parts[name]
+    ports = part.interface.ports
+    used = {wire.target[1] for wire in wires if wire.target[0] == name}
+    given = {wire.source[1] for wire in wires if wire.source[0] == name}
+    outputs = [port.name for port in part.interface.of("output")]
+    step = result.scenario.timing.step if part.step is None else part.step
+    solver = result.assembled.system.components[name].solver
+    how = f"{solver.method} " if solver is not None else ""
+    return Box(
+        name,
+        f"{source_of(result, name)}, {how}every {written(step)} s",
+        {port.name: with_unit(port.name, port.unit) for port in part.interface.of("input") if port.name in used},
+        {one: with_unit(one, ports[one].unit) for one in outputs if one in given or len(outputs) <= 6},
+    )

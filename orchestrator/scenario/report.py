@@ -1,0 +1,189 @@
+"""The report of a run: how its expectations turned out, its curves with what was asked of them, and what ran."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from fmus.files import sha256
+from orchestrator.crossing import Crossing
+from orchestrator.display.table import Cell
+from orchestrator.display.titles import with_unit
+from orchestrator.fmi.interface import Port
+from orchestrator.report import Band, Chart, Curve, Mark, Panel, Report, Section
+from orchestrator.report.chart import Style
+from orchestrator.results import versions
+from orchestrator.scenario import accounts
+from orchestrator.scenario.diagram import source_of, wiring_of
+from orchestrator.scenario.expectations import Above, Below, Expectation, Near
+from orchestrator.scenario.run import HEADERS, CaseState, ScenarioResult
+from orchestrator.scenario.scenario import Case
+from orchestrator.system import Endpoint, System
+from orchestrator.trace import FloatArray, Trace
+
+PLOTTED_CASES = 12
+OPEN_SIGNALS = 8  # of a case, that are seen without a click
+
+
+def interruption(result: ScenarioResult) -> str:
+    """Where a run was interrupted."""
+    last = [case for case in result.cases if case.state is not CaseState.NOT_RUN][-1]
+    done = last.state is CaseState.DONE
+    return f"interrupted after case {last.name}" if done else f"{last.how_far} of case {last.name}"
+
+
+def report(result: ScenarioResult) -> Report:
+    """The whole report; without curves of an interrupted run, which is to end at once."""
+    page = Report(result.scenario.title, result.scenario.description)
+    _verdict(page.section("Expectations"), result)
+    tell_units(page, result.crossings)
+    if not result.interrupted:
+        _draw(page.section("Traces"), result)
+    if result.system is not None:
+        section = page.section("System")
+        section.figure(wiring_of(result, result.system), "Components, their steps, and what is connected")
+        _parameters(section, result, result.system)
+    stepping = page.section("Step statistics")
+    stepping.paragraph(accounts.sentence_of(result))
+    stepping.table(accounts.HEADERS, accounts.rows_of(result))
+    _provenance(page.section("Provenance"), result)
+    return page
+
+
+def _verdict(section: Section, result: ScenarioResult) -> None:
+    if result.interrupted:
+        section.callout("warning", f"The run was {interruption(result)}.")
+    else:
+        section.callout("ok" if result.passed else "error", "All held." if result.passed else "Not all held.")
+    for case in result.cases:
+        if case.ended or case.state is CaseState.FAILED:
+            section.callout("warning", f"Case {case.name}: {case.error or case.ended}.")
+    for line in result.scenario.held:
+        section.callout("warning", f"{line}.")
+    section.table(HEADERS, result.rows())
+
+
+def tell_units(page: Report, crossings: Sequence[Crossing]) -> None:
+    """A section about what was converted, where something was; what is doubtful first."""
+    if not crossings:
+        return
+    section = page.section("Units")
+    for one in crossings:
+        if one.doubtful:
+            section.callout("warning", str(one))
+    sure = [(str(one),) for one in crossings if not one.doubtful]
+    if sure:
+        section.table(("how values got to their units",), sure)
+
+
+def _draw(section: Section, result: ScenarioResult) -> None:
+    """The curves of each case: what is judged first, then what else is recorded and what drives it."""
+    shown = [(case, made) for case, made in zip(result.scenario.cases, result.cases, strict=True) if made.result]
+    if len(shown) > PLOTTED_CASES:
+        section.paragraph(f"The first {PLOTTED_CASES} of {len(shown)} cases.")
+    for case, made in shown[:PLOTTED_CASES]:
+        panels = [*_signals(case, made.trace, result.system), *_inputs(result, made.trace)]
+        if not panels:
+            section.paragraph(f"Case {made.name} has recorded nothing.")
+            continue
+        section.figure(Chart(panels[:OPEN_SIGNALS]), made.name)
+        if rest := panels[OPEN_SIGNALS:]:
+            section.folded(f"{made.name}: {len(rest)} more signals").figure(Chart(rest), made.name)
+
+
+def _signals(case: Case, trace: Trace, system: System | None) -> Iterator[Panel]:
+    """A panel a recorded signal, with the references, tubes and limits that it is judged by."""
+    for name in dict.fromkeys([*(name for name in case.looked_at if name in trace.names), *trace.names]):
+        port = None if system is None else _port(system, name)
+        style: Style = "steps" if port is not None and port.stepwise else "line"
+        asked = [one for one in case.expected if isinstance(one, Expectation) and one.signal == name]
+        marks: list[Mark] = []
+        bands: list[Band] = []
+        curves = [Curve("run", trace.time, trace[name], style)]
+        for expected in asked:
+            _add_asked(expected, trace, curves, bands, marks)
+        yield Panel(with_unit(name, trace.unit(name)), curves, marks, bands)
+
+
+def _add_asked(expected: Expectation, trace: Trace, curves: list[Curve], bands: list[Band], marks: list[Mark]) -> None:
+    """What an expectation asks of a signal, as it is drawn."""
+    condition = expected.condition
+    first, last = (float(trace.time[i]) for i in (0, -1)) if len(trace) else (0.0, 0.0)
+    start = first if expected.after is None else max(expected.after, first)
+    stop = last if expected.before is None else min(expected.before, last)
+    if isinstance(condition, Below | Above):
+        word = "below" if isinstance(condition, Below) else "above"
+        marks.append(Mark(float(condition.limit), "y", f"{word} {float(condition.limit):g}", (start, stop)))
+    elif isinstance(condition, Near):
+        time, target = _target(condition, start, stop)
+        within = float(condition.within)
+        curves.append(Curve(condition.name or "target", time, target, tone="reference"))
+        bands.append(Band("tube", time, target - within, target + within))
+
+
+def _target(condition: Near, start: float, stop: float) -> tuple[FloatArray, FloatArray]:
+    """What a signal is to be near to from start to stop [s]."""
+    if not isinstance(condition.target, Trace):
+        return np.array([start, stop]), np.full(2, float(condition.target))
+    window = condition.target.between(start, stop)
+    (signal,) = window.signals.values()
+    return window.time, signal
+
+
+def _inputs(result: ScenarioResult, trace: Trace) -> Iterator[Panel]:
+    """A panel a stimulus that no record holds: what drove the system."""
+    for name, stimulus in sorted(result.scenario.stimuli.items()):
+        if name in trace.names or not len(trace):
+            continue
+        port = None if result.system is None else _port(result.system, name)
+        values = stimulus.values(trace.time, name)
+        yield Panel(with_unit(name, port.unit if port else None), [Curve("input", trace.time, values, "steps", 1)])
+
+
+def _port(system: System, name: str) -> Port | None:
+    endpoint = Endpoint.parse(name)
+    part = system.parts.get(endpoint.component)
+    return None if part is None else part.interface.ports.get(endpoint.variable)
+
+
+def _parameters(section: Section, result: ScenarioResult, system: System) -> None:
+    """All that can be set before a run: what it was, and what the FMU says by itself."""
+    cases = result.scenario.cases
+    rows: list[list[Cell]] = []
+    for component, part in system.parts.items():
+        for port in part.interface.ports.values():
+            name = f"{component}.{port.name}"
+            given = [{**case.values, **result.overrides}.get(name) for case in cases]
+            if port.causality not in ("parameter", "structuralParameter") and all(one is None for one in given):
+                continue
+            values = list(dict.fromkeys(port.start if one is None else one for one in given))
+            shown = ", ".join(_number(one) for one in values)
+            set_by = "file" if any(one is not None for one in given) else "FMU"
+            rows.append(
+                [name, shown, port.unit or "", "--set" if name in result.overrides else set_by, port.description]
+            )
+    if rows:
+        chosen = [row for row in rows if row[3] != "FMU"]
+        headers = ["variable", "value", "unit", "set by", "what it is"]
+        if chosen:
+            section.table(headers, chosen, caption="Parameters and start values that are set, in all cases")
+        if rest := [row for row in rows if row[3] == "FMU"]:
+            section.folded(f"{len(rest)} parameters keep what their FMUs say").table(headers, rest)
+
+
+def _number(value: Cell) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _provenance(section: Section, result: ScenarioResult) -> None:
+    """What was run from what."""
+    assembled = result.assembled
+    rows: list[list[Cell]] = [["scenario", result.scenario.path.name, sha256(result.scenario.path)]]
+    for name, file in assembled.files.items():
+        made = f"model {source_of(result, name)}" if name in assembled.built else file.name
+        rows.append([name, made, result.hashes.get(name)])
+    section.table(["what", "from", "SHA-256"], rows)
+    if result.overrides:
+        section.provenance({f"--set {name}": _number(value) for name, value in result.overrides.items()})
+    section.provenance(versions())

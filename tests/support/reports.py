@@ -1,0 +1,41 @@
+"""Reports with something of everything in them, and words as no one should write them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from orchestrator.report import Band, Chart, Curve, Mark, Panel, Point, Report, figures
+from orchestrator.report.wiring import Box, Wire, Wiring
+from orchestrator.trace import Trace
+
+EVIL = "<script>alert('x')</script><img src=x onerror=alert(1)>&\"</style>"
+
+
+def full_report(word: str) -> Report:
+    """A report whose every text is this word, with each kind of content and of figure."""
+    report = Report(word, word)
+    section = report.section(word)
+    section.paragraph(word)
+    section.callout("warning", word)
+    section.highlights([(word, word, word)])
+    section.provenance({word: word})
+    section.table([word, "n"], [[word, 1.0]], caption=word)
+    time = np.arange(50.0)
+    trace = Trace(time, {word: np.sin(time)}, {word: word})
+    section.figure(figures.overlay(trace, [(word, trace)]), caption=word)
+    section.figure(figures.overlays_grid([(word, trace, [(word, trace)])], word), caption=word)
+    section.figure(figures.residuals(time, trace[word], np.linspace(1, 0, 20), 0.2, word, word), caption=word)
+    section.figure(figures.frequency_response([(word, [1.0, 9.0], [1.0, 0.1])], [(word, [1.0, 9.0], [1.0, 0.2])], word))
+    section.figure(figures.points({word: ([1.0, 2.0], [1.0, 2.0])}, word, word))
+    section.figure(figures.bars({word: {word: 0.5}, "b": {word: -0.25}}, 0.4, word, word), caption=word)
+    section.figure(figures.correlation_heatmap([word, "b"], [[1.0, -0.4], [-0.4, 1.0]]), caption=word)
+    section.figure(figures.distribution(np.sin(np.arange(90.0)), word, word, {word: 0.1}), caption=word)
+    section.figure(figures.counts([(0.0, 1.0, 4), (1.0, 10.0, 0), (10.0, 100.0, 2)], word, word), caption=word)
+    marked = [Mark(1.0, "y", word), Mark(0.5, "x", word, wrong=True), Point(0.5, 1.0, word)]
+    tube = Band(word, [0.0, 1.0], [0.0, 0.0], [2.0, 2.0])
+    section.figure(Chart([Panel(word, [Curve(word, [0.0, 1.0], [1.0, 1.0])], marked, [tube])], x=word), word)
+    boxes = [Box(word, word, {word: word}, {word: word}), Box("b", word, {word: word}, {word: word}, outside=True)]
+    wires = [Wire((word, word), ("b", word), word), Wire(("b", word), (word, word), word)]
+    section.figure(Wiring(boxes, wires), word)
+    section.folded(word).figure(figures.overlay(trace), caption=word)
+    return report
