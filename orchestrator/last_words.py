@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import json
 import mmap
+import struct
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from time import monotonic
 
 SIZE = 1 << 16  # bytes; what does not fit is not said
-_ENDED, _CODE, _HEARD, _TEXT = 0, 1, 2, 8  # where things are
+_ENDED, _CODE, _HEARD, _SINCE, _PART, _TEXT = 0, 1, 2, 8, 16, 24  # where things are
 
 
 class LastWords:
@@ -49,6 +51,31 @@ class LastWords:
     def hear(self) -> None:
         """Say that a wish to end was heard."""
         self._memory[_HEARD] = min(255, self._memory[_HEARD] + 1)
+
+    @property
+    def part(self) -> int | None:
+        """The part of its work, such as a case of a scenario, that the process is at; None where it is at none."""
+        (number,) = struct.unpack_from("q", self._memory, _PART)
+        return number - 1 if number > 0 else None
+
+    @property
+    def part_since(self) -> float | None:
+        """When it has come to where it is, by the monotonic clock that all processes share [s]; None before."""
+        (since,) = struct.unpack_from("d", self._memory, _SINCE)
+        return float(since) or None
+
+    @contextmanager
+    def working_on(self, part: int) -> Iterator[None]:
+        """Be at a part of the work, by its number from 0, while the block lasts."""
+        self._come_to(part + 1)
+        try:
+            yield
+        finally:
+            self._come_to(0)
+
+    def _come_to(self, number: int) -> None:
+        struct.pack_into("d", self._memory, _SINCE, monotonic())  # first: who reads between takes it for younger
+        struct.pack_into("q", self._memory, _PART, number)
 
     def said(self, kind: str) -> list[str]:
         """What was said of a kind and not taken back."""

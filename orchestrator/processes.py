@@ -24,7 +24,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.context import BaseContext
 from multiprocessing.util import Finalize, get_temp_dir
 from pathlib import Path
-from time import perf_counter, sleep
+from time import monotonic, sleep
 from types import ModuleType, TracebackType
 from typing import Any, Generic, Self, TypeVar
 
@@ -42,6 +42,7 @@ _LONGEST = 70  # of a temporary folder's path; a socket's has some 35 bytes more
 _WORDS = "last words"  # file in the folder of a process
 _CLEANING = 15.0  # with one that was interrupted and cleans up [s]
 _LONG = 60.0  # without any answer [s]
+_LOOK = 0.05  # between two looks at what processes do [s]
 _STARTING = 120.0  # with one that has still to make its worker [s]
 
 
@@ -58,11 +59,21 @@ class Died:
         ending: how, in words: "died (SIGSEGV)", "died (exit code 1)", "gave no answer for 60 s".
         seconds: wall time since it was given the task [s].
         fmus: those that it had loaded, in words; empty where there were none.
+        part, part_seconds: the part of its work that it was at, where it has said so, and for how long [s].
+        ended_by_us: whether it was killed for what it did, or did not.
     """
 
     ending: str
     seconds: float
     fmus: str = ""
+    part: int | None = None
+    part_seconds: float = 0.0
+    ended_by_us: bool = False
+
+
+Watch = Callable[[int, int, LastWords, float], str]
+"""Why a process is to be killed, "" where it may go on: given the number of its task, its id, what it says, and since
+when it has the task, by the monotonic clock [s]."""
 
 
 def calling() -> Callable[[Callable[[], Any]], Any]:
@@ -84,6 +95,7 @@ class Processes(Generic[T, A]):
         fresh: whether each task gets a process of its own.
         patience: how long an answer may take before its process is killed [s]; None waits for ever.
         silence: what is logged once where it waits for ever, and nothing has come for a minute.
+        watch: asked all the time about those that work.
     """
 
     def __init__(
@@ -95,9 +107,10 @@ class Processes(Generic[T, A]):
         fresh: bool = False,
         patience: float | None = None,
         silence: str = "",
+        watch: Watch | None = None,
     ) -> None:
         self._make, self._count, self._fresh, self._patience = make, count, fresh, patience
-        self._silence = silence
+        self._silence, self._watch = silence, watch
         self._context = _context(modules)
         self._processes: list[_Child] = []
 
@@ -124,7 +137,7 @@ class Processes(Generic[T, A]):
             if self._silence and not wait([process.connection for process in busy], _LONG):
                 LOG.warning("%s", self._silence)
                 self._silence = ""
-            for process in _speaking(busy, self._patience):
+            for process in _speaking(busy, self._patience, self._watch):
                 answer = process.answer()
                 if answer is _Ready:
                     continue
@@ -160,9 +173,9 @@ class Processes(Generic[T, A]):
             process.dismiss()
             if not patience:
                 process.interrupt()
-        end = perf_counter() + patience + min(_CLEANING, self._patience or _CLEANING)  # one that hangs never cleans up
+        end = monotonic() + patience + min(_CLEANING, self._patience or _CLEANING)  # one that hangs never cleans up
         for process in self._processes:
-            process.stop(patience, max(0.0, end - perf_counter()))
+            process.stop(patience, max(0.0, end - monotonic()))
         self._processes = []
 
 
@@ -176,6 +189,7 @@ class _Child:
             target=_serve, args=(theirs, _life()[0], make, self._folder, _litter(), dict(os.environ)), daemon=False
         )
         self._begun, self._ready, self._silent = 0.0, False, ""
+        self._words: LastWords | None = None
         try:
             with _uninterrupted(), _without_main(make):
                 self._process.start()
@@ -198,7 +212,7 @@ class _Child:
 
     def send(self, task: Any) -> None:
         """Hand over a task; a process that is gone is noticed when its answer is read."""
-        self._begun = perf_counter()
+        self._begun = monotonic()
         with contextlib.suppress(OSError):
             self.connection.send(task)
 
@@ -207,13 +221,16 @@ class _Child:
         try:
             answer = self.connection.recv()
         except (EOFError, OSError):
-            fmus = culprits(LastWords(Path(self._folder, _WORDS)))
+            words = LastWords(Path(self._folder, _WORDS))
+            fmus, part = culprits(words), words.part
             self.stop(_PATIENCE)
             code = self._process.exitcode
             ending = signal.Signals(-code).name if code is not None and code < 0 else f"exit code {code}"
-            return Died(self._silent or f"died ({ending})", perf_counter() - self._begun, fmus)
+            seconds = monotonic() - self._begun
+            at_part = monotonic() - (words.part_since or self._begun)
+            return Died(self._silent or f"died ({ending})", seconds, fmus, part, at_part, bool(self._silent))
         if answer is _Ready:
-            self._begun, self._ready = perf_counter(), True
+            self._begun, self._ready = monotonic(), True
         if isinstance(answer, _Raised):
             answer.error.add_note(answer.trace)
             raise answer.error
@@ -221,12 +238,19 @@ class _Child:
 
     def left(self, patience: float) -> float:
         """How long its answer may still take [s]."""
-        return self._begun + (patience if self._ready else _STARTING) - perf_counter()
+        return self._begun + (patience if self._ready else _STARTING) - monotonic()
 
-    def give_up(self) -> None:
+    def give_up(self, reason: str = "") -> None:
         """Kill it: it owes an answer, and may be where nothing else ends it."""
-        self._silent = f"gave no answer for {perf_counter() - self._begun:.3g} s"
+        self._silent = reason or f"gave no answer for {monotonic() - self._begun:.3g} s"
         self._process.kill()
+
+    def look_after(self, watch: Watch, task: int) -> None:
+        """Kill it where `watch` has a reason."""
+        if self._ready and self.pid is not None and not self._silent:
+            self._words = self._words or LastWords(Path(self._folder, _WORDS))
+            if reason := watch(task, self.pid, self._words, self._begun):
+                self.give_up(reason)
 
     def dismiss(self) -> None:
         """Ask it to close its worker and end."""
@@ -292,14 +316,18 @@ def _context(modules: Sequence[str]) -> BaseContext:
     return context
 
 
-def _speaking(processes: Iterable[_Child], patience: float | None) -> list[_Child]:
+def _speaking(busy: Mapping[_Child, int], patience: float | None, watch: Watch | None) -> list[_Child]:
     """Those with an answer or an end to read, at least one; those that are silent for too long get an end."""
-    known = {process.connection: process for process in processes}
+    known = {process.connection: process for process in busy}
     while True:
         left = None if patience is None else max(0.0, min(process.left(patience) for process in known.values()))
+        if watch is not None:
+            left = _LOOK if left is None else min(left, _LOOK)
         if speaking := wait(list(known), left):
             return [known[connection] for connection in speaking if isinstance(connection, Connection)]
         for process in known.values():
+            if watch is not None:
+                process.look_after(watch, busy[process])
             if patience is not None and process.left(patience) <= 0:
                 process.give_up()
 

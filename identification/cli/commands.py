@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Union
 import typer
 
 from identification.cli import studies
-from orchestrator.cli import bridge, cache, can, references, root, scenarios, schemas, starting, tables, traces
+from orchestrator.cli import bridge, cache, can, references, root, scenarios, schemas, starting, suite, tables, traces
 
 if TYPE_CHECKING:
     from orchestrator.formats import Layout
@@ -29,6 +29,7 @@ app = typer.Typer(
 )
 app.add_typer(scenarios.app)
 app.add_typer(references.app)
+app.add_typer(suite.app)
 app.add_typer(studies.app)
 app.add_typer(schemas.app)
 app.add_typer(starting.app)

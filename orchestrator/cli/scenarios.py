@@ -1,22 +1,19 @@
-"""Commands that make FMUs and run scenarios: build, run, test; and info."""
+"""Commands that make FMUs and run scenarios: build, run; and info."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fmus.errors import InputError, InternalError
-from orchestrator.cli.tables import JUDGES
+from fmus.errors import InputError
 from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 from orchestrator.cli.traces import described
 from orchestrator.interrupts import whole
 
 if TYPE_CHECKING:
-    from orchestrator.batch.suite import Verdict
     from orchestrator.fmi.interface import Value
     from orchestrator.fmi.isolation import Isolation
 
@@ -154,69 +151,6 @@ def run(
         statistics = Listing(accounts.HEADERS, rows, "Step statistics, all cases")
         shown[1:1] = [statistics, accounts.sentence_of(result)]
     return Answer(document, shown, result.passed, failure=failure)
-
-
-@command(app)
-def test(
-    terminal: Terminal,
-    *,
-    paths: Annotated[
-        list[Path] | None, typer.Argument(help="Scenarios, studies with claims, and folders; scenarios/ by default.")
-    ] = None,
-    jobs: Annotated[int, typer.Option("-j", "--jobs", min=1, help="Scenarios run side by side.")] = 1,
-    junit: Annotated[Path | None, typer.Option(help="JUnit XML file to write.")] = None,
-    out: Out = None,
-    isolate: Isolate,
-) -> Answer:
-    """Run all scenarios, and all studies that state claims, under the paths: the regression suite.
-
-    Exit code 1 when an expectation fails, or a claim does not come out as its study states; 4 when a file met a fault
-    of servotwin, which ends that file alone.
-    """
-    from orchestrator.batch.junit import write_junit
-    from orchestrator.batch.procedure import outputs_of
-    from orchestrator.batch.suite import find_scenarios, run_suite
-
-    files = find_scenarios(paths or [Path("scenarios")], JUDGES, isolate.isolation())
-    finished: list[Path] = []
-    with terminal.bar("scenarios") as move:
-
-        def done(verdict: Verdict) -> None:
-            finished.append(verdict.file)
-            move(len(finished) / len(files), verdict.file.stem)
-
-        verdicts = run_suite(files, out or Path("out/test"), jobs, done)
-    if junit is not None:
-        write_junit(verdicts, junit)
-    rows = [
-        (str(verdict.file), "passed" if verdict.passed else "FAILED", f"{verdict.seconds:.1f}", verdict.why)
-        for verdict in verdicts
-    ]
-    said = [text for verdict in verdicts if (text := outputs_of(verdict.document))] if terminal.verbose else []
-    for verdict in verdicts if terminal.verbose >= 2 else ():
-        if verdict.fault:
-            terminal.say(verdict.fault)
-    held = all(verdict.passed for verdict in verdicts)
-    scenarios = [
-        {
-            "file": str(verdict.file),
-            "passed": verdict.passed,
-            "seconds": round(verdict.seconds, 3),
-            "error": verdict.error,
-            "result": verdict.document,
-        }
-        for verdict in verdicts
-    ]
-    table = Listing(("scenario", "verdict", "time [s]", "why"), rows)
-    return Answer({"passed": held, "scenarios": scenarios}, [*said, table], held, failure=_fault(verdicts))
-
-
-def _fault(verdicts: Sequence[Verdict]) -> InternalError | None:
-    """What ends a suite in which files met faults of ours; the others went on."""
-    files = [str(verdict.file) for verdict in verdicts if verdict.fault]
-    if not files:
-        return None
-    return InternalError(", ".join(files), "met a fault of servotwin", "run with -vv and report what that says")
 
 
 @command(app)

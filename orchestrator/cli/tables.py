@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from orchestrator.batch.suite import FileJudge
+    from orchestrator.batch.verdict import FileJudge
     from orchestrator.formats import Layout
 
 

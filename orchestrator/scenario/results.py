@@ -101,6 +101,7 @@ def _case(result: ScenarioResult, case: CaseResult) -> RunCaseDocument:
         "passed": case.passed,
         "error": str(case.error) if case.error else None,
         "checks": [{"text": check.text, "held": check.held, "found": check.found} for check in case.checks],
+        "seconds": round(case.seconds, 6),
     }
     if case.result is not None:
         document["trace"] = trace_file(result, case)

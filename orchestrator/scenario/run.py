@@ -8,13 +8,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 
 from fmus.errors import FmuError, PartialError, ScenarioError, ServotwinError, WiringError
 from fmus.files import sha256
-from orchestrator import formats
+from orchestrator import formats, last_words
 from orchestrator.assembly.assembly import Assembled, OpenSystem, assemble
 from orchestrator.assembly.whole_arrays import check_shapes, elements, shapes, written
 from orchestrator.crossing import Crossing, logged
@@ -73,6 +74,7 @@ class CaseResult:
 
     Attributes:
         file: where its record is; the result's trace then holds only what expectations look at.
+        seconds: wall time of its run and of its judgement [s].
     """
 
     name: str
@@ -81,6 +83,7 @@ class CaseResult:
     checks: tuple[Check, ...]
     file: Path | None = None
     state: CaseState = CaseState.DONE
+    seconds: float = 0.0
 
     @property
     def passed(self) -> bool:
@@ -183,6 +186,7 @@ def run_scenario(
     fmus: Path | None = None,
     keeping: Keeping | None = None,
     isolation: Isolation | None = None,
+    going_on: bool = False,
 ) -> ScenarioResult:
     """Run every case of a scenario, or of a scenario file, and judge it.
 
@@ -190,6 +194,7 @@ def run_scenario(
         overrides: component.variable -> value, or component.array -> nested lists, over those of the file.
         fmus: folder that keeps the FMUs that are built; a temporary one by default.
         isolation: how FMUs given as files are isolated, None where they are not.
+        going_on: whether a case in which an FMU fails, though none expects it, is one failed case, and others follow.
 
     Raises:
         InputError: the file or the system does not fit; nothing has run.
@@ -204,6 +209,7 @@ def run_scenario(
         fmus,
         keeping or Keeping(),
         isolation,
+        going_on,
     )
 
 
@@ -214,6 +220,7 @@ def _run(
     fmus: Path | None,
     keeping: Keeping,
     isolation: Isolation | None,
+    going_on: bool,
 ) -> ScenarioResult:
     if scenario.logger is not None and (keeping.every, keeping.stream) != (1, None):
         raise ScenarioError(
@@ -247,11 +254,15 @@ def _run(
                     LOG.warning("nothing is recorded, for there are no outputs; name other variables in `record`")
                 if scenario.record is None and simulation.texts:
                     LOG.warning("not recorded, for they are no numbers: %s", ", ".join(simulation.texts))
-                for number, case in enumerate(scenario.cases):
-                    values = {**case.values, **given}
-                    told = _part_of(progress, number, len(scenario.cases), case.name)
-                    cases.append(_run_case(scenario, number, simulation, values, stimuli, keeping, told))
-                    _go_on(scenario, cases, result)
+                for number, asked in enumerate(scenario.cases):
+                    values = {**asked.values, **given}
+                    told = _part_of(progress, number, len(scenario.cases), asked.name)
+                    begun = perf_counter()
+                    with last_words.own().working_on(number):
+                        case = _run_case(scenario, number, simulation, values, stimuli, keeping, told)
+                    cases.append(replace(case, seconds=perf_counter() - begun))
+                    if not going_on:
+                        _go_on(scenario, cases, result)
         except KeyboardInterrupt as stop:
             cases += _unfinished(scenario, len(cases), stop, keeping)
             if all(case.state is CaseState.NOT_RUN for case in cases):

@@ -12,10 +12,12 @@ import pytest
 from typer.testing import CliRunner
 
 from fmus.errors import InputError, ScenarioError
+from orchestrator.batch.discovery import Task, find_scenarios
 from orchestrator.batch.junit import write_junit
 from orchestrator.batch.procedure import run_procedure
-from orchestrator.batch.suite import Verdict, find_scenarios, run_suite
-from orchestrator.cli.scenarios import app
+from orchestrator.batch.suite import run_suite
+from orchestrator.batch.verdict import Verdict
+from orchestrator.cli.suite import app
 from orchestrator.results import FileDocument
 
 RUN = """
@@ -57,11 +59,11 @@ def test_a_file_is_judged_by_its_keys_and_one_side_of_a_bus_only_where_it_is_nam
         bus=bus,
         other="title: nothing",
     )
-    found = find_scenarios([tmp_path], {"claims": judge})
+    found = {task.file: task.judge for task in find_scenarios([tmp_path], {"claims": judge})}
     assert list(found) == [files[name] for name in ("claims", "run", "steps")]
     assert (found[files["claims"]], found[files["steps"]]) == (judge, run_procedure)
-    assert list(find_scenarios([files["bus"], files["bus"]], {})) == [files["bus"]]
-    assert files["claims"] not in find_scenarios([tmp_path], {})
+    assert [task.file for task in find_scenarios([files["bus"], files["bus"]], {})] == [files["bus"]]
+    assert files["claims"] not in [task.file for task in find_scenarios([tmp_path], {})]
 
 
 def test_what_is_nothing_for_the_suite_is_refused_where_it_is_named(tmp_path: Path) -> None:
@@ -79,9 +81,10 @@ def test_every_file_has_a_verdict_of_its_own_and_the_time_it_took(tmp_path: Path
     texts = ("break", "pass", "miss", "refuse", "crash")
     files = written(tmp_path, **{text: f"claims: {text}" for text in texts})
     told: list[Path] = []
-    judged = {files[text]: judge for text in texts}
+    judged = [Task(files[text], judge, Path("all", text)) for text in texts]
     verdicts = run_suite(judged, tmp_path / "out", 2, lambda verdict: told.append(verdict.file))
-    assert [verdict.file for verdict in verdicts] == list(judged) and sorted(told) == sorted(judged)
+    assert [verdict.file for verdict in verdicts] == [task.file for task in judged] == [files[text] for text in texts]
+    assert sorted(told) == sorted(files.values())
     assert [verdict.passed for verdict in verdicts] == [False, True, False, False, False]
     assert [verdict.error.partition(": ")[2].partition(";")[0] for verdict in verdicts] == [
         "KeyError: 'no such thing'",
@@ -100,7 +103,7 @@ def test_every_file_has_a_verdict_of_its_own_and_the_time_it_took(tmp_path: Path
 def test_a_fault_of_ours_fails_its_file_and_is_the_exit_code_when_all_are_done(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("orchestrator.cli.scenarios.JUDGES", {"claims": judge})
+    monkeypatch.setattr("orchestrator.cli.suite.JUDGES", {"claims": judge})
     files = written(tmp_path, a="claims: break", b="claims: pass")
     arguments = ["test", str(tmp_path), "--out", str(tmp_path / "out"), "--json", "-vv"]
     answer = CliRunner().invoke(app, arguments)
@@ -110,11 +113,37 @@ def test_a_fault_of_ours_fails_its_file_and_is_the_exit_code_when_all_are_done(
     assert "in judge" in answer.stderr and f"{files['a']}: met a fault of servotwin" in answer.stderr
 
 
-def test_junit_has_a_suite_a_file_and_tells_failures_from_errors(tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_read_is_one_that_fails(tmp_path: Path) -> None:
+    files = written(tmp_path, broken="title: [", run=RUN)
+    assert [task.file for task in find_scenarios([tmp_path], {})] == [files["broken"], files["run"]]
+    with pytest.raises(ScenarioError, match="is not YAML"):
+        find_scenarios([files["broken"]], {})
+
+
+def test_results_of_a_folder_lie_two_levels_deep_so_that_none_lies_in_another(tmp_path: Path) -> None:
+    for inside in ("arm", "arm/control", "arm/control/fine"):
+        (tmp_path / inside).mkdir()
+        written(tmp_path / inside, control=RUN)
+    written(tmp_path, top=RUN)
+    places = [str(task.place) for task in find_scenarios([tmp_path], {})]
+    assert places == ["arm.control.fine/control", "arm.control/control", "arm/control", f"{tmp_path.name}/top"]
+
+
+def test_two_files_that_would_write_one_folder_are_refused_with_both(tmp_path: Path) -> None:
+    for inside in ("a/x", "b/x"):
+        (tmp_path / inside).mkdir(parents=True)
+        written(tmp_path / inside, step=RUN)
+    with pytest.raises(ScenarioError, match=r"b/x/step\.yaml: would write .* x/step, and so would .*a/x/step\.yaml"):
+        find_scenarios([tmp_path / "a" / "x", tmp_path / "b" / "x"], {})
+    assert len(find_scenarios([tmp_path], {})) == 2
+
+
+def test_junit_tells_failures_from_errors_with_times_and_the_figure_of_each_check(tmp_path: Path) -> None:
     checks = [{"text": "y < 1", "held": False, "found": "largest 2"}, {"text": "y > 0", "held": True, "found": "1"}]
     cases = [
-        {"name": "a", "passed": True, "error": None, "checks": []},
-        {"name": "<b>", "passed": False, "error": None, "checks": checks},
+        {"name": "a", "passed": True, "error": None, "checks": [], "seconds": 0.25},
+        {"name": "<b>", "passed": False, "error": None, "checks": checks, "seconds": 0.5},
+        {"name": "c\0", "passed": False, "error": "the FMU broke", "checks": checks, "seconds": 0.125},
     ]
     document: FileDocument = {"title": "t", "passed": False, "out": "out", "cases": cases}  # type: ignore[typeddict-item]
     verdicts = [
@@ -122,9 +151,18 @@ def test_junit_has_a_suite_a_file_and_tells_failures_from_errors(tmp_path: Path)
         Verdict(Path("x/two.yaml"), 0.5, None, "two.yaml: is refused"),
     ]
     write_junit(verdicts, tmp_path / "junit.xml")
-    one, two = ET.parse(tmp_path / "junit.xml").getroot()
-    assert one.attrib == {"name": "x/one.yaml", "tests": "2", "failures": "1", "errors": "0", "time": "1.250"}
-    assert [entry.get("name") for entry in one] == ["a", "<b>"]
-    assert one[1][0].tag == "failure" and one[1][0].get("message") == "y < 1: largest 2"
+    root = ET.parse(tmp_path / "junit.xml").getroot()
+    one, two = root
+    counts = {"tests": "3", "failures": "1", "errors": "1", "time": "1.250"}
+    assert one.attrib == {"name": "x/one.yaml", **counts}
+    assert (root.get("tests"), root.get("failures"), root.get("errors"), root.get("time")) == ("4", "1", "2", "1.750")
+    assert {each.get("name"): each.get("value") for each in one[0]} == {"title": "t", "results": "out"}
+    a, b, c = one.findall("testcase")
+    assert [each.get("name") for each in (a, b, c)] == ["a", "<b>", "c\\x00"]
+    assert [each.get("time") for each in (a, b, c)] == ["0.250", "0.500", "0.125"]
+    assert {each.get("name"): each.get("value") for each in b.iter("property")} == {"y < 1": "largest 2", "y > 0": "1"}
+    (failure,) = b.findall("failure")
+    (error,) = c.findall("error")
+    assert (failure.get("message"), error.get("message")) == ("y < 1, found largest 2", "the FMU broke")
     assert two.get("errors") == "1" and two[0][0].tag == "error"
     assert two[0][0].get("message") == "two.yaml: is refused"

@@ -28,7 +28,8 @@ from fmus.packaging import targets
 from identification.cli import app
 from orchestrator import formats
 from orchestrator.assembly.assembly import ComponentSpec, OpenSystem, SystemSpec, assemble
-from orchestrator.batch import suite
+from orchestrator.batch.scenario_judge import ScenarioJudge
+from orchestrator.batch.suite import judged
 from orchestrator.engine import CycleSettings, Simulation, Timing
 from orchestrator.fmi.component import Component
 from orchestrator.fmi.file import FmuFile
@@ -429,9 +430,9 @@ def test_the_other_scenarios_of_a_suite_go_on(fmus: dict[int, Path], tmp_path: P
 
 def test_a_scenario_with_a_crash_fails_and_leaves_what_was_recorded(fmus: dict[int, Path], tmp_path: Path) -> None:
     path = write_scenario(tmp_path, fmus[2], mood=Mood.ABORT)
-    verdict = suite._judged(partial(suite._run_scenario, isolation=Isolation()), path, tmp_path / "out", permission())
-    assert not verdict.passed and verdict.document is None
-    assert "wheel: its FMU crashed (signal SIGABRT) in the step from t = 0.5 s by 0.01 s" in verdict.error
+    verdict = judged(ScenarioJudge(Isolation()), path, tmp_path / "out", permission())
+    assert not verdict.passed
+    assert "wheel: its FMU crashed (signal SIGABRT) in the step from t = 0.5 s by 0.01 s" in verdict.first_error
     assert formats.read(tmp_path / "out" / "run.parquet").trace.time[-1] == 0.5
 
 

@@ -1,0 +1,87 @@
+"""What the regression suite consists of: the files under some paths, who judges each, and where its results go."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from fmus.errors import ScenarioError
+from orchestrator.batch.procedure import run_procedure
+from orchestrator.batch.scenario_judge import ScenarioJudge
+from orchestrator.batch.verdict import FileJudge
+from orchestrator.scenario.schema import ScenarioBlock
+from orchestrator.yaml_file import keys, load
+
+
+@dataclass(frozen=True)
+class Task:
+    """A file of the suite, who judges it, and its results: two levels below the folder for all of them."""
+
+    file: Path
+    judge: FileJudge
+    place: Path
+
+
+def find_scenarios(paths: Sequence[Path], judges: Mapping[str, FileJudge], run: FileJudge | None = None) -> list[Task]:
+    """The files to be judged among and under these paths: YAML files with `run`, `procedure` or a key of `judges`, but
+    those with a `can` block only where they are named. A file that cannot be read is among them, too, and will fail.
+
+    Args:
+        judges: key at the top of a file that is neither a scenario nor a procedure -> who judges it.
+        run: who judges scenarios.
+
+    Raises:
+        ScenarioError: a path is not there, a file given by name is no such file, there is none at all, or two have
+            one folder for their results.
+    """
+    known: dict[str, FileJudge] = {"run": run or ScenarioJudge(), "procedure": run_procedure, **judges}
+    found: dict[Path, Task] = {}
+    for path in paths:
+        if path.is_file():
+            judge = _judge(keys(path), known, named=True)
+            if judge is None:
+                load(path, ScenarioBlock)  # says what is missing
+            found[path] = Task(path, judge or known["run"], Path(path.resolve().parent.name, path.stem))
+        elif path.is_dir():
+            found |= {task.file: task for task in _tasks(path, known)}
+        else:
+            raise ScenarioError(path, "no such file or folder", "check the path")
+    if not found:
+        raise ScenarioError(", ".join(map(str, paths)), "there is no scenario", "give a folder that holds some")
+    _refuse_shared_places(found.values())
+    return list(found.values())
+
+
+def _tasks(folder: Path, known: Mapping[str, FileJudge]) -> Iterator[Task]:
+    """Those of a folder."""
+    for file in sorted(folder.rglob("*.yaml")):
+        try:
+            judge = _judge(keys(file), known)
+        except ScenarioError:
+            judge = known["run"]  # it will say what is wrong with the file
+        if judge is not None:
+            inside = file.relative_to(folder).parent
+            group = ".".join(inside.parts) or folder.resolve().name
+            yield Task(file, judge, Path(group, file.stem))
+
+
+def _judge(found: Sequence[str], known: Mapping[str, FileJudge], named: bool = False) -> FileJudge | None:
+    """Who judges a file with these keys; nobody where it is not for the suite: one side of a bus needs the other."""
+    if "can" in found and not named:
+        return None
+    return next((known[key] for key in found if key in known), None)
+
+
+def _refuse_shared_places(tasks: Iterable[Task]) -> None:
+    """See that no two files would write one folder, also where upper and lower case are one."""
+    taken: dict[str, Path] = {}
+    for task in tasks:
+        place = str(task.place).casefold()
+        if place in taken:
+            raise ScenarioError(
+                task.file,
+                f"would write its results to {task.place}, and so would {taken[place]}",
+                "rename one, or test the folder that holds both",
+            )
+        taken[place] = task.file

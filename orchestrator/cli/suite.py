@@ -1,0 +1,146 @@
+"""The command that runs the regression suite: test."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from fmus.errors import InternalError
+from orchestrator.cli.scenarios import Isolate
+from orchestrator.cli.tables import JUDGES
+from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
+
+if TYPE_CHECKING:
+    from orchestrator.batch.limits import Limits
+    from orchestrator.batch.summary import Summary
+    from orchestrator.batch.verdict import Verdict
+
+app = typer.Typer()
+
+
+@dataclass(frozen=True)
+class Limited:
+    """What a case of a scenario, or a study, may take before it is killed, which fails it alone."""
+
+    time_limit: Annotated[
+        float | None, typer.Option("--time-limit", metavar="SECONDS", help="The longest a case may take.")
+    ] = None
+    memory_limit: Annotated[
+        float | None, typer.Option("--memory-limit", metavar="MB", help="The most memory that it may take.")
+    ] = None
+
+    def limits(self) -> Limits:
+        """As the suite takes them."""
+        from orchestrator.batch.limits import Limits
+
+        return Limits(self.time_limit, self.memory_limit)
+
+
+@dataclass(frozen=True)
+class Telling:
+    """Where verdicts are written to besides standard output."""
+
+    junit: Annotated[Path | None, typer.Option(metavar="FILE", help="JUnit XML file to write.")] = None
+    summary: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Markdown file to write, or to add to: a page about the suite.")
+    ] = None
+    github: Annotated[
+        bool, typer.Option("--github", help="Have GitHub show failures at their files, and the page with the job.")
+    ] = False
+
+    def tell(self, told: Summary) -> None:
+        """Write them."""
+        from orchestrator.batch.junit import write_junit
+        from orchestrator.batch.summary import annotations
+
+        if self.junit is not None:
+            write_junit(told.verdicts, self.junit)
+        page = os.environ.get("GITHUB_STEP_SUMMARY") if self.github else None
+        for file in filter(None, (self.summary, page)):
+            Path(file).parent.mkdir(parents=True, exist_ok=True)
+            with Path(file).open("a", encoding="utf-8") as opened:
+                opened.write(told.markdown())
+        if self.github:
+            for line in annotations(told.verdicts, Path(os.environ.get("GITHUB_WORKSPACE", "."))):
+                print(line, file=sys.stderr, flush=True)
+
+
+@command(app)
+def test(
+    terminal: Terminal,
+    *,
+    paths: Annotated[
+        list[Path] | None, typer.Argument(help="Scenarios, studies with claims, and folders; scenarios/ by default.")
+    ] = None,
+    jobs: Annotated[int, typer.Option("-j", "--jobs", min=1, help="Scenarios run side by side.")] = 1,
+    limited: Limited,
+    telling: Telling,
+    out: Out = None,
+    isolate: Isolate,
+) -> Answer:
+    """Run all scenarios, and all studies that state claims, under the paths: the regression suite.
+
+    Exit code 1 when an expectation fails, or a claim does not come out as its study states; 4 when a file met a fault
+    of servotwin, which ends that file alone.
+    """
+    from orchestrator.batch.discovery import find_scenarios
+    from orchestrator.batch.procedure import outputs_of
+    from orchestrator.batch.scenario_judge import ScenarioJudge
+    from orchestrator.batch.suite import run_suite
+    from orchestrator.batch.summary import HEADERS, Summary
+
+    limits = limited.limits()
+    tasks = find_scenarios(paths or [Path("scenarios")], JUDGES, ScenarioJudge(isolate.isolation()))
+    finished: list[Path] = []
+    begun = perf_counter()
+    with terminal.bar("scenarios") as move:
+
+        def done(verdict: Verdict) -> None:
+            finished.append(verdict.file)
+            move(len(finished) / len(tasks), verdict.file.stem)
+
+        verdicts = run_suite(tasks, out or Path("out/test"), jobs, done, limits)
+    summary = Summary(verdicts, perf_counter() - begun, jobs)
+    telling.tell(summary)
+    said = [text for verdict in verdicts if (text := outputs_of(verdict.document))] if terminal.verbose else []
+    for verdict in verdicts if terminal.verbose >= 2 else ():
+        if verdict.fault:
+            terminal.say(verdict.fault)
+    held = all(verdict.passed for verdict in verdicts)
+    table = Listing(HEADERS, summary.rows(all_files=terminal.verbose > 0))
+    shown = [*said, table, summary.sentence]
+    return Answer(_document(summary), shown, held, failure=_fault(verdicts))
+
+
+def _document(summary: Summary) -> dict[str, object]:
+    scenarios = [
+        {
+            "file": str(verdict.file),
+            "passed": verdict.passed,
+            "seconds": round(verdict.seconds, 3),
+            "error": verdict.first_error,
+            "result": verdict.document,
+        }
+        for verdict in summary.verdicts
+    ]
+    return {
+        "passed": all(verdict.passed for verdict in summary.verdicts),
+        "seconds": round(summary.seconds, 3),
+        "processes": summary.processes,
+        "scenarios": scenarios,
+    }
+
+
+def _fault(verdicts: Sequence[Verdict]) -> InternalError | None:
+    """What ends a suite in which files met faults of ours; the others went on."""
+    files = [str(verdict.file) for verdict in verdicts if verdict.fault]
+    if not files:
+        return None
+    return InternalError(", ".join(files), "met a fault of servotwin", "run with -vv and report what that says")
