@@ -100,7 +100,7 @@ class System:
         """
         place = place or str(endpoint)
         if endpoint.component not in self.parts:
-            raise WiringError(place, f"no component '{endpoint.component}'", _nearest(endpoint.component, self.parts))
+            raise WiringError(place, f"no component '{endpoint.component}'", nearest(endpoint.component, self.parts))
         ports = self.parts[endpoint.component].interface.ports
         if endpoint.variable in ports:
             return ports[endpoint.variable]
@@ -110,7 +110,7 @@ class System:
                 place, f"is an array of {size} elements", f"name one, as {element_names(str(endpoint), shape)[0]}"
             )
         problem = f"no variable '{endpoint.variable}' in '{endpoint.component}'"
-        raise WiringError(place, problem, _nearest(endpoint.variable, ports))
+        raise WiringError(place, problem, nearest(endpoint.variable, ports))
 
     def shape(self, endpoint: Endpoint) -> tuple[int, ...] | None:
         """Shape of the array at an endpoint, None where there is none."""
@@ -366,7 +366,8 @@ def with_article(noun: str) -> str:
     return f"an {noun}" if noun[0] in "aeioAEIO" else f"a {noun}"
 
 
-def _nearest(name: str, known: Iterable[str]) -> str:
+def nearest(name: str, known: Iterable[str]) -> str:
+    """A hint to the name that is nearly this one, or to those there are."""
     names = list(known)
     near = difflib.get_close_matches(name, names, n=1)
     if near:

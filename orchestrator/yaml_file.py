@@ -3,30 +3,22 @@
 from __future__ import annotations
 
 import difflib
-import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, StringConstraints, ValidationError
-from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
-from ruamel.yaml.events import AliasEvent, CollectionEndEvent, CollectionStartEvent, NodeEvent, ScalarEvent
-from ruamel.yaml.parser import RoundTripParser
 
 from fmus.errors import FmuFileError, ScenarioError, ServotwinError, TraceError, WiringError
-from fmus.files import absence
+from orchestrator.documents.parsing import one_line, parse
+from orchestrator.documents.parts import PART, document_of, place_of
 from orchestrator.rational import seconds
-
-LARGEST = 4 << 20
-LONGEST_NUMBER = 100  # digits
-DEEPEST = 50  # lists and maps inside each other
-_LONG_NUMBER = re.compile(r"[-+]?0?[xob]?[0-9a-fA-F_]+")
-_DATE = re.compile(r"\d{4}-\d\d?-\d\d?")
-
 
 # A key at the top that tells what a file is -> what that is, and the command that takes it.
 KINDS = {"method": ("study", "calibrate"), "procedure": ("procedure", "test"), "run": ("scenario", "run")}
@@ -36,6 +28,11 @@ class Block(BaseModel):
     """A part of a file: unknown keys are refused, values do not change."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+def may_be_partial(schema: dict[str, Any]) -> None:
+    """For editors: what a block needs may be said in another file that it is joined with."""
+    del schema["required"]
 
 
 def exact(value: Any) -> Fraction:
@@ -54,6 +51,14 @@ Seconds = Annotated[Fraction, BeforeValidator(exact, json_schema_input_type=floa
 Quantity = Annotated[str, StringConstraints(pattern=r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*[^\s0-9.].*$")]
 """A number with its unit, `90 deg`."""
 
+
+@dataclass(frozen=True)
+class FileWithSuffix:
+    """Marks a text that names a file where it ends so, and else something that is no file."""
+
+    suffix: str
+
+
 B = TypeVar("B", bound=Block)
 M = TypeVar("M", bound=Block)
 
@@ -64,7 +69,17 @@ def load(path: Path, schema: type[B]) -> B:
     Raises:
         ScenarioError: no such file, no YAML, or contents that do not fit.
     """
-    return _checked(path, _parse(path), schema)
+    return _checked(path, parse(path), schema)
+
+
+def load_joined(path: Path, schema: type[B]) -> tuple[B, tuple[Path, ...]]:
+    """The contents of a file, joined with the parts that it includes, as `schema`; and the files of these parts.
+
+    Raises:
+        ScenarioError: as `load`, or a part cannot be included.
+    """
+    document, parts = document_of(path, partial(_named_files, schema))
+    return _checked(path, document, schema), parts
 
 
 def load_as(path: Path, mark: type[M], choose: Callable[[M], type[B]]) -> B:
@@ -76,7 +91,7 @@ def load_as(path: Path, mark: type[M], choose: Callable[[M], type[B]]) -> B:
     Raises:
         ScenarioError: as `load`, or what `choose` raises.
     """
-    document = _parse(path)
+    document = parse(path)
     return _checked(path, document, choose(_checked(path, document, mark)))
 
 
@@ -89,6 +104,8 @@ def _checked(path: Path, document: Any, schema: type[B]) -> B:
 
 def _other_kind(path: Path, document: Any, schema: type[Block]) -> ScenarioError | None:
     """The complaint about a file that is sound, perhaps, but given to the wrong command."""
+    if PART in document:
+        return ScenarioError(path, "is a part of scenarios", "name it under `include` of one")
     mark = next((mark for mark in KINDS if mark in document), None)
     if mark is None or mark in schema.model_fields:
         return None
@@ -97,12 +114,12 @@ def _other_kind(path: Path, document: Any, schema: type[Block]) -> ScenarioError
 
 
 def keys(path: Path) -> list[str]:
-    """The keys at the top of a YAML file.
+    """The keys at the top of a YAML file, joined with the parts that it includes.
 
     Raises:
-        ScenarioError: no such file, or no YAML.
+        ScenarioError: no such file, no YAML, or a part cannot be included.
     """
-    return [str(key) for key in _parse(path)]
+    return [str(key) for key in document_of(path, lambda document: iter(()))[0]]
 
 
 def contents(path: Path) -> Any:
@@ -111,7 +128,7 @@ def contents(path: Path) -> Any:
     Raises:
         ScenarioError: no such file, or no YAML.
     """
-    return _parse(path)
+    return parse(path)
 
 
 @contextmanager
@@ -127,66 +144,6 @@ def naming(path: Path) -> Iterator[None]:
         raise error.within(path) from error
 
 
-def _parse(path: Path) -> Any:
-    if not path.is_file():
-        raise ScenarioError(path, absence(path), "check the path")
-    if path.stat().st_size > LARGEST:
-        raise ScenarioError(path, "is larger than 4 MiB", "move data into a trace file")
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        fix = "`servotwin info` tells what it is" if path.suffix not in (".yaml", ".yml") else "save it as UTF-8 text"
-        raise ScenarioError(path, f"cannot be read ({error})", fix) from error
-    try:
-        yaml = YAML(pure=True)  # libyaml is faster, but does not keep the line of each key
-        yaml.Parser = _CarefulParser
-        document = yaml.load(text)
-    except ScenarioError as error:
-        raise ScenarioError(f"{path}{error.place}", error.problem, error.fix) from None
-    except Exception as error:  # besides its own, the parser lets errors of int, datetime and the stack through
-        mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
-        place = f"{path}:{mark.line + 1}" if mark else str(path)
-        problem = getattr(error, "problem", None) or str(error) or type(error).__name__
-        raise ScenarioError(place, f"is not YAML ({_one_line(problem)})", "mend the line") from error
-    if not isinstance(document, CommentedMap):
-        raise ScenarioError(path, "holds no keys", "start with `title:`")
-    return document
-
-
-class _CarefulParser(RoundTripParser):
-    """Refuses on the way what `_refuse_exotic` does; places lack the file."""
-
-    depth = 0
-
-    def get_event(self) -> Any:
-        event = super().get_event()
-        self.depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
-        _refuse_exotic(event, self.depth)
-        return event
-
-
-def _refuse_exotic(event: Any, depth: int) -> None:
-    """Aliases and nesting can make a small file a long job, and tags name types that a scenario has no use for."""
-    place = f":{event.start_mark.line + 1}"
-    if depth > DEEPEST:
-        raise ScenarioError(place, f"is nested more than {DEEPEST} levels deep", "flatten it")
-    if isinstance(event, AliasEvent):
-        raise ScenarioError(place, "uses a YAML alias (*name)", "write the values out")
-    tag = getattr(event, "tag", None) if isinstance(event, NodeEvent) else None
-    if tag is not None:
-        raise ScenarioError(place, f"uses the YAML tag {_one_line(tag)}", "leave the tag out")
-    if not isinstance(event, ScalarEvent) or event.style is not None:
-        return
-    if len(event.value) > LONGEST_NUMBER and _LONG_NUMBER.fullmatch(event.value):
-        raise ScenarioError(place, f"holds a number of {len(event.value)} digits", "write a smaller one")
-    if _DATE.match(event.value):
-        raise ScenarioError(place, f"holds the date {_one_line(event.value)}", "put it in quotes")
-
-
-def _one_line(text: object) -> str:
-    return " ".join(str(text).split())[:200]
-
-
 def _complaint(path: Path, document: Any, schema: type[Block], error: ValidationError) -> ScenarioError:
     """The one thing to mend first: an unknown key, since it often is a required one misspelt, else the first; of what
     may be one thing or another the place that lies deepest."""
@@ -196,7 +153,8 @@ def _complaint(path: Path, document: Any, schema: type[Block], error: Validation
     deepest = max(beside, key=lambda number: len(places[number]))
     number = next((n for n, problem in enumerate(found) if problem["type"] == "extra_forbidden"), deepest)
     first, keys = found[number], places[number]
-    place = f"{path}:{_line(document, keys)}: {'.'.join(map(_one_line, keys))}"
+    stands = place_of(document, path, keys)
+    place = f"{stands.file}:{stands.line}: {'.'.join(map(one_line, keys))}"
     if first["type"] == "extra_forbidden":
         fields = _fields(schema, keys[:-1])
         known = list(fields)
@@ -208,7 +166,7 @@ def _complaint(path: Path, document: Any, schema: type[Block], error: Validation
             "unknown key",
             f"did you mean '{near[0]}'?" if near else f"known are {', '.join(known)}" if known else "remove it",
         )
-    message = _one_line(first["msg"].removeprefix("Value error, ").removeprefix("Assertion failed, "))
+    message = one_line(first["msg"].removeprefix("Value error, ").removeprefix("Assertion failed, "))
     return ScenarioError(place, message[:1].lower() + message[1:])
 
 
@@ -222,20 +180,6 @@ def _keys_in_file(document: Any, location: Sequence[Any], kind: str) -> list[Any
             node = node[key]
             keys.append(key)
     return [*keys, location[-1]] if kind == "missing" else keys
-
-
-def _line(document: Any, keys: list[Any]) -> int:
-    """Line (from 1) of the deepest of these keys that the file has."""
-    node, line = document, 1
-    for key in keys:
-        if isinstance(node, CommentedMap) and key in node:
-            line = node.lc.key(key)[0] + 1
-        elif isinstance(node, CommentedSeq) and isinstance(key, int) and key < len(node):
-            line = node.lc.item(key)[0] + 1
-        else:
-            break
-        node = node[key]
-    return line
 
 
 def _fields(schema: type[Block], keys: list[Any]) -> dict[str, Any]:
@@ -258,3 +202,31 @@ def _has(kind: Any, key: Any) -> bool:
 
 def _is_block(kind: Any) -> bool:
     return isinstance(kind, type) and issubclass(kind, Block)
+
+
+def _named_files(schema: type[Block], document: Any) -> Iterator[tuple[Any, Any]]:
+    """The places of a document, pairs of a map or list and a key of it, that name files: paths, in the schema."""
+    found = {(id(holder), key): (holder, key) for holder, key in _files_of(schema, {"": document}, "")}
+    yield from found.values()
+
+
+def _files_of(kind: Any, holder: Any, key: Any) -> Iterator[tuple[Any, Any]]:
+    """Those of the value of a map or list under this key, which is of this type."""
+    value, origin, arguments = holder[key], get_origin(kind), get_args(kind)
+    if isinstance(value, str):
+        suffixes = [mark.suffix for mark in arguments[1:] if isinstance(mark, FileWithSuffix)]
+        if kind is Path or any(map(value.endswith, suffixes)):
+            yield holder, key
+    if origin in (Union, UnionType, Annotated):
+        for argument in arguments:
+            yield from _files_of(argument, holder, key)
+    elif isinstance(value, Mapping) and _is_block(kind):
+        for name, field in kind.model_fields.items():
+            if (under := field.alias or name) in value:
+                yield from _files_of(field.annotation, value, under)
+    elif isinstance(value, Mapping) and origin is dict:
+        for inner in value:
+            yield from _files_of(arguments[1], value, inner)
+    elif isinstance(value, list) and origin is list:
+        for number in range(len(value)):
+            yield from _files_of(arguments[0], value, number)

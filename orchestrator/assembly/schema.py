@@ -6,9 +6,9 @@ import logging
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from fmus.errors import WiringError
 from fmus.modelling.model import Table
@@ -22,7 +22,7 @@ from orchestrator.formats.schema import LayoutBlock
 from orchestrator.solvers.base import SolverMethod, SolverSettings
 from orchestrator.system import FeedThrough
 from orchestrator.trace import Trace
-from orchestrator.yaml_file import Block, Seconds
+from orchestrator.yaml_file import Block, FileWithSuffix, Seconds, may_be_partial
 
 LOG = logging.getLogger("servotwin.recordings")
 
@@ -73,7 +73,7 @@ class SolverBlock(Block):
 class ComponentBlock(Block):
     """One component: a model of the library (or a model file), or an FMU file; and its values."""
 
-    model: str | None = None
+    model: Annotated[str, FileWithSuffix(".py")] | None = None
     fmu: Path | None = None
     parameters: Values = {}
     tables: dict[str, SignalFileBlock] = {}
@@ -120,6 +120,8 @@ class RunBlock(Block):
         tolerance: relative tolerance that FMUs with a solver of their own are told; none by default.
         tell_stop: whether FMUs are told when the run stops; some then refuse to go beyond it by a rounding error.
     """
+
+    model_config = ConfigDict(json_schema_extra=may_be_partial)
 
     stop: Seconds
     step: Seconds

@@ -10,8 +10,9 @@ from fmus.errors import ScenarioError
 from orchestrator.batch.procedure import run_procedure
 from orchestrator.batch.scenario_judge import ScenarioJudge
 from orchestrator.batch.verdict import FileJudge
+from orchestrator.documents.parts import PART
 from orchestrator.scenario.schema import ScenarioBlock
-from orchestrator.yaml_file import keys, load
+from orchestrator.yaml_file import keys, load_joined
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ def find_scenarios(paths: Sequence[Path], judges: Mapping[str, FileJudge], run: 
         if path.is_file():
             judge = _judge(keys(path), known, named=True)
             if judge is None:
-                load(path, ScenarioBlock)  # says what is missing
+                load_joined(path, ScenarioBlock)  # says what is missing
             found[path] = Task(path, judge or known["run"], Path(path.resolve().parent.name, path.stem))
         elif path.is_dir():
             found |= {task.file: task for task in _tasks(path, known)}
@@ -67,8 +68,9 @@ def _tasks(folder: Path, known: Mapping[str, FileJudge]) -> Iterator[Task]:
 
 
 def _judge(found: Sequence[str], known: Mapping[str, FileJudge], named: bool = False) -> FileJudge | None:
-    """Who judges a file with these keys; nobody where it is not for the suite: one side of a bus needs the other."""
-    if "can" in found and not named:
+    """Who judges a file with these keys; nobody where it is not for the suite: a part of scenarios, and where it is not
+    named, one side of a bus."""
+    if PART in found or ("can" in found and not named):
         return None
     return next((known[key] for key in found if key in known), None)
 

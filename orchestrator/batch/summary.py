@@ -69,7 +69,7 @@ class Summary:
         return "\n".join(lines) + "\n"
 
 
-def annotations(verdicts: Sequence[Verdict], below: Path) -> list[str]:
+def github_lines(verdicts: Sequence[Verdict], below: Path) -> list[str]:
     """What did not pass, as commands by which GitHub shows it at the files of a pull request.
 
     Args:

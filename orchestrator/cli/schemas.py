@@ -21,19 +21,25 @@ def _scenario() -> Any:
     return ScenarioBlock
 
 
+def _part() -> Any:
+    from orchestrator.scenario.schema import PartBlock
+
+    return PartBlock
+
+
 def _procedure() -> Any:
     from orchestrator.batch.procedure import ProcedureBlock
 
     return ProcedureBlock
 
 
-SCHEMAS |= {"scenario": _scenario, "procedure": _procedure}
+SCHEMAS |= {"scenario": _scenario, "part": _part, "procedure": _procedure}
 
 
 @command(app)
 def schema(
     terminal: Terminal,
-    kind: Annotated[str, typer.Argument(help="scenario, study or procedure.")],
+    kind: Annotated[str, typer.Argument(help="scenario, part, study or procedure.")],
     out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write it there.")] = None,
 ) -> Answer:
     """JSON Schema (draft 2020-12) of a kind of YAML file, with which editors complete and check it."""

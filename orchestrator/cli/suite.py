@@ -58,17 +58,17 @@ class Telling:
     def tell(self, told: Summary) -> None:
         """Write them."""
         from orchestrator.batch.junit import write_junit
-        from orchestrator.batch.summary import annotations
+        from orchestrator.batch.summary import github_lines
 
         if self.junit is not None:
             write_junit(told.verdicts, self.junit)
         page = os.environ.get("GITHUB_STEP_SUMMARY") if self.github else None
-        for file in filter(None, (self.summary, page)):
-            Path(file).parent.mkdir(parents=True, exist_ok=True)
-            with Path(file).open("a", encoding="utf-8") as opened:
+        for file in [Path(one) for one in (self.summary, page) if one]:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            with file.open("a", encoding="utf-8") as opened:
                 opened.write(told.markdown())
         if self.github:
-            for line in annotations(told.verdicts, Path(os.environ.get("GITHUB_WORKSPACE", "."))):
+            for line in github_lines(told.verdicts, Path(os.environ.get("GITHUB_WORKSPACE", "."))):
                 print(line, file=sys.stderr, flush=True)
 
 
@@ -115,7 +115,7 @@ def test(
             terminal.say(verdict.fault)
     held = all(verdict.passed for verdict in verdicts)
     table = Listing(HEADERS, summary.rows(all_files=terminal.verbose > 0))
-    shown = [*said, table, summary.sentence]
+    shown: list[Listing | str] = [*said, table, summary.sentence]
     return Answer(_document(summary), shown, held, failure=_fault(verdicts))
 
 

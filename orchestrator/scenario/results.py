@@ -37,6 +37,7 @@ class RunDocument(FileDocument):
     """What ran and how it went, as manifest.json holds it."""
 
     scenario: dict[str, str]
+    parts: dict[str, str]
     interrupted: bool
     overrides: dict[str, Value]
     units: list[CrossingDocument]
@@ -79,6 +80,7 @@ def document_of(result: ScenarioResult, overrides: Mapping[str, Value], folder: 
     return {
         "title": result.scenario.title,
         "scenario": {"file": result.scenario.path.name, "sha256": sha256(result.scenario.path)},
+        "parts": {file.name: sha256(file) for file in result.scenario.parts},
         "passed": result.passed,
         "interrupted": result.interrupted,
         "overrides": {**overrides, **result.overrides},

@@ -254,13 +254,13 @@ def _run(
                     LOG.warning("nothing is recorded, for there are no outputs; name other variables in `record`")
                 if scenario.record is None and simulation.texts:
                     LOG.warning("not recorded, for they are no numbers: %s", ", ".join(simulation.texts))
-                for number, asked in enumerate(scenario.cases):
-                    values = {**asked.values, **given}
-                    told = _part_of(progress, number, len(scenario.cases), asked.name)
+                for number, case in enumerate(scenario.cases):
+                    values = {**case.values, **given}
+                    told = _part_of(progress, number, len(scenario.cases), case.name)
                     begun = perf_counter()
                     with last_words.own().working_on(number):
-                        case = _run_case(scenario, number, simulation, values, stimuli, keeping, told)
-                    cases.append(replace(case, seconds=perf_counter() - begun))
+                        made = _run_case(scenario, number, simulation, values, stimuli, keeping, told)
+                    cases.append(replace(made, seconds=perf_counter() - begun))
                     if not going_on:
                         _go_on(scenario, cases, result)
         except KeyboardInterrupt as stop:

@@ -85,6 +85,7 @@ class Scenario:
         record: component.variable to be recorded, None for all outputs.
         can: how it is coupled to a CAN bus.
         notes: what was seen in the recordings that it takes, a line each.
+        parts: the files that it includes.
     """
 
     path: Path
@@ -98,6 +99,7 @@ class Scenario:
     cases: tuple[Case, ...]
     can: CanBlock | None = None
     notes: Sequence[str] = ()
+    parts: tuple[Path, ...] = ()
 
     @property
     def driven(self) -> tuple[str, ...]:

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
-from orchestrator.assembly.schema import RunBlock, SignalFileBlock, SystemBlock
+from orchestrator.assembly.schema import ComponentBlock, RunBlock, SignalFileBlock, SystemBlock
 from orchestrator.assembly.stimulus import Stimulus
 from orchestrator.assembly.whole_arrays import Values, elements, shapes
 from orchestrator.formats.schema import LayoutBlock
+from orchestrator.scenario import matrix
 from orchestrator.scenario.can_block import CanBlock
 from orchestrator.scenario.expectations import Above, Below, Expectation, Near, Refusal, Unread
 from orchestrator.scenario.references import Accepted, CaseReferences
 from orchestrator.scenario.scenario import Case, DataLogger, Scenario, file_stems
-from orchestrator.yaml_file import Block, Quantity, load, naming
+from orchestrator.system import nearest
+from orchestrator.yaml_file import Block, Quantity, load_joined, may_be_partial, naming
 
 
 class StimulusBlock(Block):
@@ -141,6 +147,8 @@ class ExpectationBlock(Block):
 class DataLoggerBlock(Block):
     """A data logger that samples the run; see `DataLogger`."""
 
+    model_config = ConfigDict(json_schema_extra=may_be_partial)
+
     signals: dict[str, str] = Field(min_length=1)
     every: float = Field(gt=0)
     jitter: float = Field(DataLogger.jitter, ge=0, lt=1)
@@ -148,23 +156,162 @@ class DataLoggerBlock(Block):
     seed: int = DataLogger.seed
 
 
-class CaseBlock(Block):
-    """A variant of the scenario: values that differ, and what must hold besides."""
+class VariantBlock(Block):
+    """What differs from the scenario: values, what must hold besides, components and connections that are added.
 
-    name: str
+    Attributes:
+        use: names of `sets` whose values it takes; later ones count, and `set` over all.
+        components: as those of a scenario, over those of the same name there; a case with any is run with a system of
+            its own.
+        connections: besides those of the scenario.
+    """
+
+    use: list[str] = []
     set: Values = {}
     expect: list[ExpectationBlock] = []
+    components: dict[str, ComponentBlock] = {}
+    connections: list[str] = []
+
+    def values(self, sets: Mapping[str, Values]) -> dict[str, Any]:
+        """component.variable -> value, of the sets that it uses and its own.
+
+        Raises:
+            ValueError: there is no such set.
+        """
+        if unknown := next((name for name in self.use if name not in sets), None):
+            raise ValueError(f"there is no set '{unknown}'; {nearest(unknown, sets)}")
+        given: dict[str, Any] = {}
+        for name in self.use:
+            given |= sets[name]
+        return given | self.set
+
+
+class CaseBlock(VariantBlock):
+    """A variant of the scenario with a name."""
+
+    name: str
+
+
+Level = int | float | bool | str
+Levels = Annotated[list[Level], Field(min_length=1)] | Annotated[dict[str, VariantBlock], Field(min_length=1)]
+
+
+class SelectionBlock(VariantBlock):
+    """Something for some cases of a matrix only.
+
+    Attributes:
+        where: axis -> level or levels; of axes that are not named all are meant.
+    """
+
+    where: dict[str, Level | list[Level]] = Field(min_length=1)
+
+
+class MatrixBlock(Block):
+    """Cases that are all combinations of the levels of some axes.
+
+    Attributes:
+        axes: name -> levels by name, each a variant; or component.variable -> list of its values.
+        name: of a case, with every `{axis}` in it, by default the levels with commas between them.
+        exclude: combinations that are left out, each as axis -> level or levels.
+        also: what goes for some combinations besides.
+    """
+
+    axes: dict[str, Levels] = Field(min_length=1)
+    name: str | None = None
+    exclude: list[dict[str, Level | list[Level]]] = []
+    also: list[SelectionBlock] = []
+
+    @model_validator(mode="after")
+    def _names_what_is_there(self) -> MatrixBlock:
+        axes = self._levels()
+        for one in (*self.exclude, *(block.where for block in self.also)):
+            matrix.check_selection(_selection(one), axes)
+        if self.name is not None:
+            matrix.check_template(self.name, axes)
+        self._combinations()
+        return self
+
+    def cases(self, sets: Mapping[str, Values]) -> list[CaseBlock]:
+        """All cases, the last axis changes fastest.
+
+        Raises:
+            ValueError: there is no such set, two axes set one variable, or what is for some cases fits none.
+        """
+        combined = self._combinations()
+        for block in self.also:
+            if not any(matrix.selects(_selection(block.where), one) for one in combined):
+                raise ValueError(f"no case of the matrix fits {block.where}; correct `where`")
+        return [self._case(one, sets) for one in combined]
+
+    def _combinations(self) -> list[matrix.Combination]:
+        return matrix.combinations(self._levels(), [_selection(one) for one in self.exclude])
+
+    def _levels(self) -> dict[str, list[str]]:
+        """axis -> names of its levels."""
+        return {axis: [str(level) for level in levels] for axis, levels in self.axes.items()}
+
+    def _case(self, one: matrix.Combination, sets: Mapping[str, Values]) -> CaseBlock:
+        values: dict[str, Any] = {}
+        parts = [self._variant(axis, level) for axis, level in one.items()]
+        for part in parts:
+            given = part.values(sets)
+            if twice := sorted(values.keys() & given):
+                raise ValueError(f"two axes of the matrix set {twice[0]}; leave it out of one")
+            values |= given
+        also = [block for block in self.also if matrix.selects(_selection(block.where), one)]
+        for block in also:
+            values |= block.values(sets)
+        parts += also
+        return CaseBlock(
+            name=matrix.named(self.name, one),
+            set=values,
+            expect=[block for part in parts for block in part.expect],
+            components={name: block for part in parts for name, block in part.components.items()},
+            connections=[line for part in parts for line in part.connections],
+        )
+
+    def _variant(self, axis: str, level: str) -> VariantBlock:
+        levels = self.axes[axis]
+        if isinstance(levels, dict):
+            return levels[level]
+        return VariantBlock(set={axis: next(value for value in levels if str(value) == level)})
+
+
+def _selection(where: Mapping[str, Level | list[Level]]) -> dict[str, list[str]]:
+    return {axis: [str(one) for one in (some if isinstance(some, list) else [some])] for axis, some in where.items()}
+
+
+def _parts_may_have_the_rest(schema: dict[str, Any]) -> None:
+    """For editors: with `include` a scenario itself needs nothing but its title."""
+    blocks: dict[str, type[Block]] = {"run": RunBlock, "recorder": DataLoggerBlock}
+    needed = {key: [n for n, one in block.model_fields.items() if one.is_required()] for key, block in blocks.items()}
+    schema["if"] = {"not": {"required": ["include"]}}
+    schema["then"] = {
+        "required": schema["required"],
+        "properties": {key: {"required": names} for key, names in needed.items()},
+    }
+    schema["required"] = ["title"]
+
+
+def _needs_nothing_but_its_name(schema: dict[str, Any]) -> None:
+    schema["required"] = ["part"]
 
 
 class ScenarioBlock(SystemBlock):
     """A scenario file.
 
     Attributes:
+        include: files with parts of scenarios that it is joined with, relative to it; what it says itself counts.
+        sets: name -> component.variable -> value, for cases that `use` them.
+        matrix: cases that are all combinations of some axes; those of `cases` come after them.
         own_noise: whether every case draws noise of its own: each `seed` that a component is given, and the case does
             not set, grows by 1000 from case to case.
         can: how it is coupled to a CAN bus; a plain run takes the safe values, as if nobody else were there.
     """
 
+    model_config = ConfigDict(json_schema_extra=_parts_may_have_the_rest)
+
+    include: list[Path] = []
     title: str
     description: str = ""
     stimuli: dict[str, StimulusBlock] = {}
@@ -173,15 +320,25 @@ class ScenarioBlock(SystemBlock):
     recorder: DataLoggerBlock | None = None
     own_noise: bool = False
     can: CanBlock | None = None
-    cases: list[CaseBlock] = Field(default_factory=lambda: [CaseBlock(name="run")], min_length=1)
+    sets: dict[str, Values] = {}
+    matrix: MatrixBlock | None = None
+    cases: Annotated[list[CaseBlock], Field(min_length=1)] | None = None
     expect: list[ExpectationBlock] = []
 
     @model_validator(mode="after")
     def _distinct_cases(self) -> ScenarioBlock:
-        names = [case.name for case in self.cases]
-        if len(set(names)) != len(names):
-            raise ValueError("two cases have one name")
+        names = [case.name for case in self.all_cases]
+        if twice := next((name for name, count in Counter(names).items() if count > 1), None):
+            raise ValueError(f"two cases have one name, {twice}")
         return self
+
+    @cached_property
+    def all_cases(self) -> list[CaseBlock]:
+        """Those of the matrix, and those that are written out, with the values of the sets that they use."""
+        if self.matrix is None and self.cases is None:
+            return [CaseBlock(name="run")]
+        written = [case.model_copy(update={"set": case.values(self.sets), "use": []}) for case in self.cases or ()]
+        return [*(self.matrix.cases(self.sets) if self.matrix else ()), *written]
 
     @model_validator(mode="after")
     def _one_source_each(self) -> ScenarioBlock:
@@ -202,7 +359,7 @@ class ScenarioBlock(SystemBlock):
         base, said = path.parent, list[str]()
         safe = {name: Stimulus(block.safe) for name, block in (self.can.receive if self.can else {}).items()}
         common = {id(block): block.expectation(base, said) for block in self.expect if not block.of_a_case}
-        names = [case.name for case in self.cases]
+        names = [case.name for case in self.all_cases]
         accepted = [
             CaseReferences(path, name, stem, references) for name, stem in zip(names, file_stems(names), strict=True)
         ]
@@ -225,7 +382,7 @@ class ScenarioBlock(SystemBlock):
                     ),
                     shapes(case.set),
                 )
-                for number, case in enumerate(self.cases)
+                for number, case in enumerate(self.all_cases)
             ),
             self.can,
             said,
@@ -240,6 +397,18 @@ class ScenarioBlock(SystemBlock):
         return values | {name: seed + 1000 * number for name, seed in seeds.items()}
 
 
+class PartBlock(ScenarioBlock):
+    """What editors check a part of scenarios by: it may have any key of one.
+
+    Attributes:
+        part: what it is, in words.
+    """
+
+    model_config = ConfigDict(json_schema_extra=_needs_nothing_but_its_name)
+
+    part: str
+
+
 def load_scenario(path: str | Path, references: bool = True) -> Scenario:
     """The scenario in a file, with the recordings that it names.
 
@@ -251,6 +420,6 @@ def load_scenario(path: str | Path, references: bool = True) -> Scenario:
         TraceError: a recording cannot be read.
     """
     file = Path(path)
-    block = load(file, ScenarioBlock)
+    block, parts = load_joined(file, ScenarioBlock)
     with naming(file):
-        return block.scenario(file, references)
+        return replace(block.scenario(file, references), parts=parts)

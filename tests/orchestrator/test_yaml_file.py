@@ -12,8 +12,9 @@ from pydantic import Field
 from ruamel.yaml import YAML
 
 from fmus.errors import ScenarioError
+from orchestrator.documents.parsing import LARGEST
 from orchestrator.scenario.schema import ScenarioBlock
-from orchestrator.yaml_file import LARGEST, Block, load
+from orchestrator.yaml_file import Block, load
 
 SCENARIO = Path(__file__).parents[2] / "scenarios" / "butterfly" / "sine.yaml"
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -275,7 +276,8 @@ def test_physical_modes_are_those_of_a_beam_with_its_end_clamped_or_pinned(
 
 
 def part(folder: Path, **cases: list[str]) -> None:
-    """Scenarios of these names with these cases only."""
+    """Scenarios of these names with these cases only, and the parts that they include."""
+    shutil.copytree(SCENARIOS / "parts", folder / "parts")
     for name, kept in cases.items():
         document = YAML(typ="safe", pure=True).load((SCENARIOS / f"{name}.yaml").read_text())
         document["cases"] = [case for case in document["cases"] if case["name"] in kept]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,7 @@ def records(tmp_path: Path) -> Path:
     scenario = YAML(typ="safe").load(SCENARIOS / "closed_loop.yaml")
     scenario["run"]["stop"] = 9
     scenario["cases"] = [case for case in scenario["cases"] if case["name"] in CASES]
+    shutil.copytree(SCENARIOS / "parts", tmp_path / "parts")
     YAML().dump(scenario, tmp_path / "short.yaml")
     write_run(run_scenario(tmp_path / "short.yaml"), {}, tmp_path / "records")
     return tmp_path / "records"

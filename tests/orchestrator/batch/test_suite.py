@@ -105,7 +105,7 @@ def test_a_fault_of_ours_fails_its_file_and_is_the_exit_code_when_all_are_done(
 ) -> None:
     monkeypatch.setattr("orchestrator.cli.suite.JUDGES", {"claims": judge})
     files = written(tmp_path, a="claims: break", b="claims: pass")
-    arguments = ["test", str(tmp_path), "--out", str(tmp_path / "out"), "--json", "-vv"]
+    arguments = [str(tmp_path), "--out", str(tmp_path / "out"), "--json", "-vv"]
     answer = CliRunner().invoke(app, arguments)
     document = json.loads(answer.stdout)
     assert answer.exit_code == 4 and [one["passed"] for one in document["scenarios"]] == [False, True]
@@ -126,7 +126,7 @@ def test_results_of_a_folder_lie_two_levels_deep_so_that_none_lies_in_another(tm
         written(tmp_path / inside, control=RUN)
     written(tmp_path, top=RUN)
     places = [str(task.place) for task in find_scenarios([tmp_path], {})]
-    assert places == ["arm.control.fine/control", "arm.control/control", "arm/control", f"{tmp_path.name}/top"]
+    assert places == ["arm.control/control", "arm.control.fine/control", "arm/control", f"{tmp_path.name}/top"]
 
 
 def test_two_files_that_would_write_one_folder_are_refused_with_both(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from orchestrator.batch.summary import MOST, SLOWEST, Summary, annotations
+from orchestrator.batch.summary import MOST, SLOWEST, Summary, github_lines
 from orchestrator.batch.verdict import Verdict
 from orchestrator.results import CheckDocument, FileDocument
 
@@ -50,7 +50,7 @@ def test_the_page_for_browsers_keeps_its_table_whatever_a_message_holds() -> Non
 
 def test_github_is_told_of_each_failed_case_at_its_file_and_of_nothing_else(tmp_path: Path) -> None:
     file = tmp_path / "x" / "a,b.yaml"
-    lines = annotations([verdict(str(file), True, False), verdict("fine.yaml", True)], tmp_path)
+    lines = github_lines([verdict(str(file), True, False), verdict("fine.yaml", True)], tmp_path)
     assert lines == [
         "::error file=x/a%2Cb.yaml,title=a%2C 1::y | z stays below 1, found largest 2%0A::error::",
     ]

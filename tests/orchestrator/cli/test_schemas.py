@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from identification.study import load_study
 from orchestrator.batch.procedure import ProcedureBlock
 from orchestrator.cli.tables import SCHEMAS
 from orchestrator.scenario.schema import ScenarioBlock
-from orchestrator.yaml_file import load
+from orchestrator.yaml_file import load, load_joined
 
 ROOT = Path(__file__).parents[3]
 SHIPPED = sorted((ROOT / "scenarios").rglob("*.yaml"))
@@ -38,6 +39,8 @@ WRONG: list[tuple[str, tuple[str | int, ...], Any]] = [  # a file, a place in it
     ("flexible_link/subspace.yaml", ("windows",), {"length": 1}),
     ("flexible_link/subspace.yaml", ("block",), 1),
     ("butterfly/bus/procedure.yaml", ("procedure", 0, "run"), []),
+    ("flexible_arm/control/pdpc.yaml", ("matrix", "axes", "payload"), []),
+    ("flexible_arm/control/pdpc.yaml", ("matrix", "also", 0, "were"), {"payload": "0 g"}),
 ]
 RIGHT: list[tuple[str, tuple[str | int, ...], Any]] = [
     ("butterfly/sine.yaml", ("run", "step"), "1/500"),
@@ -48,6 +51,7 @@ RIGHT: list[tuple[str, tuple[str | int, ...], Any]] = [
     ("butterfly/calibration.yaml", ("windows", "length"), "4"),
     ("butterfly/calibration.yaml", ("outputs", "hand.angle", "delay"), "1/500"),
     ("butterfly/calibration.yaml", ("outputs", "hand.angle", "delay"), 0.002),
+    ("butterfly/sine.yaml", ("matrix",), {"axes": {"drive.amplitude": [0.01, "20 mV"]}}),
 ]
 
 
@@ -85,11 +89,19 @@ def changed(name: str, place: tuple[str | int, ...], value: Any) -> tuple[Path, 
     return file, document
 
 
+def _write(document: dict[str, Any], shipped: Path, file: Path) -> None:
+    """A changed copy of a shipped file, with the parts that it includes beside it."""
+    parts = [shipped.parent / name for name in document.get("include", [])]
+    for part in parts:
+        shutil.copy(part, file.parent)
+    file.write_text(json.dumps(document | ({"include": [part.name for part in parts]} if parts else {})))
+
+
 def read(kind: str, file: Path) -> object:
     """The file as the commands read it."""
     if kind == "study":
         return load_study(file)
-    return load(file, ScenarioBlock if kind == "scenario" else ProcedureBlock)
+    return load_joined(file, ScenarioBlock) if kind == "scenario" else load(file, ProcedureBlock)
 
 
 def servotwin(*arguments: object) -> Result:
@@ -113,13 +125,14 @@ def test_a_schema_goes_into_a_file(tmp_path: Path) -> None:
 
 def test_an_unknown_kind_is_refused_with_those_there_are() -> None:
     answer = servotwin("schema", "poem")
-    assert answer.exit_code == 2 and "choose scenario or procedure or study" in answer.stderr
+    assert answer.exit_code == 2 and "choose scenario or part or procedure or study" in answer.stderr
 
 
 @pytest.mark.parametrize("file", SHIPPED, ids=lambda file: str(file.relative_to(ROOT / "scenarios")))
 def test_every_shipped_file_names_its_schema_and_fits_it(file: Path) -> None:
     keys = contents(file).keys()
-    assert kind_of(file) == ("study" if "method" in keys else "procedure" if "procedure" in keys else "scenario")
+    marks = {"method": "study", "procedure": "procedure", "part": "part"}
+    assert kind_of(file) == next((kind for mark, kind in marks.items() if mark in keys), "scenario")
     assert complaints(file, contents(file)) == []
 
 
@@ -129,7 +142,7 @@ def test_what_is_wrong_is_so_for_the_editor_and_for_the_command(
 ) -> None:
     file, document = changed(name, place, value)
     assert complaints(file, document)
-    (tmp_path / "wrong.yaml").write_text(json.dumps(document))
+    _write(document, file, tmp_path / "wrong.yaml")
     with pytest.raises(ScenarioError):
         read(kind_of(file), tmp_path / "wrong.yaml")
 
@@ -140,5 +153,5 @@ def test_what_is_right_is_so_for_the_editor_and_for_the_command(
 ) -> None:
     file, document = changed(name, place, value)
     assert complaints(file, document) == []
-    (tmp_path / "right.yaml").write_text(json.dumps(document))
+    _write(document, file, tmp_path / "right.yaml")
     read(kind_of(file), tmp_path / "right.yaml")
