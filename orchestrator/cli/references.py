@@ -33,12 +33,12 @@ def accept(
 
     The folder of results has a page with the curves and the references that were replaced.
     """
-    from orchestrator.batch.suite import find_scenarios
+    from orchestrator.batch.discovery import find_scenarios
     from orchestrator.comparison.acceptance import HEADERS, accept, document_of, drawn, rows
     from orchestrator.comparison.proposal import propose
     from orchestrator.results import check_target
 
-    files = list(find_scenarios(paths or [Path("scenarios")], {}))
+    files = [task.file for task in find_scenarios(paths or [Path("scenarios")], {})]
     if case is not None and len(files) != 1:
         raise InputError("--case", "is for one scenario", f"give one of {', '.join(map(str, files))}")
     folder = out or Path("out/accept")
