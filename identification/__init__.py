@@ -1,11 +1,12 @@
 """From recordings to parameters: calibration of FMUs, linear models, frequency responses.
 
-    from identification import calibrate, load_study, validate                  # studies, as the commands do them
+    from identification import calibrate, load_study, tune, validate            # studies, as the commands do them
     from identification import estimate, predict, subspace, frequency_response  # the methods on their own
 
 `calibrate` fits what a study leaves free and writes the result back into FMUs; `validate` judges a result on other
-recordings. `estimate` fits windows by free runs and `predict` runs them; `subspace` finds a linear model in records;
-`frequency_response` compares sines. What is named here is loaded when it is used.
+recordings; `tune` finds the values of a controller. `estimate` fits windows by free runs and `predict` runs them;
+`subspace` finds a linear model in records; `frequency_response` compares sines. What is named here is loaded when it is
+used.
 """
 
 from __future__ import annotations
@@ -16,13 +17,13 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from identification.calibrate import calibrate, validate
+    from identification.calibrate import calibrate, tune, validate
     from identification.output_error.estimator import estimate, predict
     from identification.signals.frequency_response import frequency_response
     from identification.study import load_study
     from identification.subspace.subspace import subspace
 
-__all__ = ["calibrate", "estimate", "frequency_response", "load_study", "predict", "subspace", "validate"]
+__all__ = ["calibrate", "estimate", "frequency_response", "load_study", "predict", "subspace", "tune", "validate"]
 
 _PLACES = {
     "calibrate": "calibrate",
@@ -31,6 +32,7 @@ _PLACES = {
     "load_study": "study",
     "predict": "output_error.estimator",
     "subspace": "subspace.subspace",
+    "tune": "calibrate",
     "validate": "calibrate",
 }
 

@@ -95,7 +95,37 @@ def calibrate(
         EstimationInterrupted, EstimationFailed: an interrupt or an FmuError came when something had been estimated; its
             `result` has that.
     """
+    return _found(_loaded(study, "calibrate"), data, progress, isolation)
+
+
+def tune(study: Study | str | Path, progress: Progress = silent) -> CalibratedStudy:
+    """Find what a study of tuning asks for: values of a controller for several plants at once.
+
+    Args:
+        study: a study file, or what `load_study` made of one.
+
+    Raises:
+        InputError: the study's parts do not fit together.
+        FmuError: the FMUs fail.
+    """
+    return _found(_loaded(study, "tune"), None, progress, None)
+
+
+def _loaded(study: Study | str | Path, command: str) -> Study:
+    """The study, which is one for this command.
+
+    Raises:
+        ScenarioError: it is for another.
+    """
     known = study if isinstance(study, Study) else load_study(study)
+    if known.method.command != command:
+        problem = f"is a study of the method '{known.block.method}'"
+        raise ScenarioError(known.file, problem, f"give it to `servotwin {known.method.command}`")
+    return known
+
+
+def _found(known: Study, data: str | Path | None, progress: Progress, isolation: Isolation | None) -> CalibratedStudy:
+    """What a study's method gives."""
     with naming(known.file):
         try:
             result = known.method.run(
@@ -117,16 +147,32 @@ def calibrate_study(
         FmuError: the FMUs fail.
         EstimationInterrupted, EstimationFailed: as in `calibrate`; what had been estimated is written.
     """
-    study = load_study(study_file)
+    study = _loaded(study_file, "calibrate")
     check_target(target, [study_file, *([data] if data is not None else [])])
     try:
-        found = calibrate(study, data, progress, isolation)
+        found = _found(study, data, progress, isolation)
     except STOPPED as stop:
         with whole(), naming(study_file):
             stop.result.write(target)
         raise
+    return _written(found, target, progress)
+
+
+def tune_study(study_file: Path, target: Path, progress: Progress) -> Summary:
+    """Tune and write the result folder; the summary comes back.
+
+    Raises:
+        InputError: the study or the target do not fit.
+        FmuError: the FMUs fail.
+    """
+    study = _loaded(study_file, "tune")
+    check_target(target, [study_file])
+    return _written(_found(study, None, progress, None), target, progress)
+
+
+def _written(found: CalibratedStudy, target: Path, progress: Progress) -> Summary:
     progress(1.0, "writing")
-    with naming(study_file):
+    with naming(found.study.file):
         found.write(target)
     return found.summary
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Generic, Literal, TypeVar
 
 from identification.recordings.schema import StudyBlock
 from identification.results import Summary
@@ -62,6 +62,7 @@ class Method(Generic[StudyType, ResultType]):
         summary: the result as `summary.json` holds it.
         report: the result as a page.
         calibrated: what of it is written for other tools; FMUs that are built for that go into the given folder.
+        command: of the command line, that its studies are for.
     """
 
     schema: type[StudyType]
@@ -69,3 +70,4 @@ class Method(Generic[StudyType, ResultType]):
     summary: Callable[[ResultType], Summary]
     report: Callable[[ResultType], Report]
     calibrated: Callable[[ResultType, Path], Calibrated]
+    command: Literal["calibrate", "tune"] = "calibrate"

@@ -1,4 +1,4 @@
-"""Commands that fit parameters and judge them: calibrate, validate."""
+"""Commands that find parameters and judge them: calibrate, validate, tune."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from identification.output_error.validate import ValidationSummary
     from identification.results import ClaimsSummary, FitsSummary, FitSummary, Summary, VerdictSummary
     from identification.subspace.summary import SubspaceSummary
+    from identification.tuning.summary import TuningSummary
 
 app = typer.Typer()
 
@@ -79,6 +80,38 @@ def validate(
     shown: list[Listing | str] = [*_fits(document["fit"]), *_remarks(document)]
     shown.append(f"report in {target / 'report.html'}")
     return _judged(document, document["verdict"], shown)
+
+
+@command(app)
+def tune(
+    terminal: Terminal,
+    study: Annotated[Path, typer.Argument(help="A study file of `method: tune`.")],
+    *,
+    out: Out = None,
+) -> Answer:
+    """A controller's values for several plants at once, written into its FMU, with summary.json and report.html.
+
+    Exit code 1 when no values hold all hard goals: those that miss least are shown, and the goals that bind.
+    """
+    from identification.calibrate import tune_study
+
+    folder = out or Path("out") / study.stem
+    with terminal.bar(study.stem) as move:
+        document = tune_study(study, folder, move)
+    shown: list[Listing | str] = [_parameters(document), _goals(cast("TuningSummary", document)), *_remarks(document)]
+    shown.append(f"FMUs in {folder / 'fmus'}, report in {folder / 'report.html'}")
+    return _judged(document, document.get("verdict"), shown)
+
+
+def _goals(document: TuningSummary) -> Listing:
+    """Each goal, its worst and best figure over the plants, and whether it is held."""
+    rows = []
+    for goal in document["goals"]:
+        found = [figure for figure in goal["figures"].values() if figure is not None]
+        span = f"{min(found):.4g} to {max(found):.4g}" if found else "-"
+        held = {True: "held", False: "missed", None: goal["kind"]}[goal["held"]]
+        rows.append((goal["goal"], span, held))
+    return Listing(("goal", "over the plants", ""), rows)
 
 
 def _judged(

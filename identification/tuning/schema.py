@@ -1,0 +1,238 @@
+"""The study file of a tuning: plants, a controller, how they are wired, what is asked, and how it is found."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from pydantic import Field, field_validator, model_validator
+
+from fmus.errors import WiringError
+from identification.linear.model import LinearModel
+from identification.recordings.schema import StudyBlock
+from identification.tuning.goals.goal import Over, Relative
+from identification.tuning.goals.table import MEASURES
+from identification.tuning.procedures.schema import DesignBlock
+from identification.tuning.sources.plants import CalibratedPlant, FmuPlant, GivenPlant, LinearPlant, PlantSpec
+from identification.tuning.study import GoalSpec, StepSpec, TuningStudy
+from orchestrator.assembly.assembly import link
+from orchestrator.assembly.schema import ComponentBlock
+from orchestrator.assembly.whole_arrays import Values, elements
+from orchestrator.yaml_file import Block, Quantity, Seconds
+
+Matrix = list[list[float]]
+Target = float | Quantity
+
+
+class MatricesBlock(Block):
+    """A linear model, x[k+1] = A x[k] + B u[k], y[k] = C x[k] + D u[k].
+
+    Attributes:
+        inputs, outputs: name -> unit, in the order of the columns of B and the rows of C.
+    """
+
+    A: Matrix
+    B: Matrix
+    C: Matrix
+    D: Matrix | None = None
+    sample_time: Seconds = Field(gt=0)
+    inputs: dict[str, str] = Field(min_length=1)
+    outputs: dict[str, str] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _shapes(self) -> MatricesBlock:
+        n, m, p = len(self.A), len(self.inputs), len(self.outputs)
+        for name, matrix, shape in (
+            ("A", self.A, (n, n)),
+            ("B", self.B, (n, m)),
+            ("C", self.C, (p, n)),
+            ("D", self.D, (p, m)),
+        ):
+            if matrix is not None and {len(matrix), *map(len, matrix)} != ({shape[0], shape[1]} if matrix else {0}):
+                raise ValueError(f"`{name}` is not {shape[0]} x {shape[1]}")
+            if matrix is not None and (len(matrix) != shape[0] or any(len(row) != shape[1] for row in matrix)):
+                raise ValueError(f"`{name}` is not {shape[0]} x {shape[1]}")
+        return self
+
+    def plant(self) -> LinearPlant:
+        """As a plain value."""
+        a, b, c = (np.array(matrix, dtype=float) for matrix in (self.A, self.B, self.C))
+        d = np.zeros((len(c), b.shape[1])) if self.D is None else np.array(self.D, dtype=float)
+        model = LinearModel(a, b, c, d, float(self.sample_time), tuple(self.inputs), tuple(self.outputs))
+        return LinearPlant(model, {**self.inputs, **self.outputs})
+
+
+class PlantBlock(Block):
+    """A plant: a linear model as an FMU or in matrices, or the result folder of the study that identified it."""
+
+    fmu: Path | None = None
+    parameters: Values = {}
+    calibrated: Path | None = None
+    matrices: MatricesBlock | None = None
+
+    @model_validator(mode="after")
+    def _one_source(self) -> PlantBlock:
+        if sum(source is not None for source in (self.fmu, self.calibrated, self.matrices)) != 1:
+            raise ValueError("give one of `fmu`, `calibrated` and `matrices`")
+        if self.parameters and self.fmu is None:
+            raise ValueError("`parameters` need an `fmu`")
+        return self
+
+    def plant(self, base: Path) -> PlantSpec:
+        """As a plain value; its files are relative to `base`."""
+        if self.fmu is not None:
+            return FmuPlant(base / self.fmu, elements(self.parameters))
+        if self.calibrated is not None:
+            return CalibratedPlant(base / self.calibrated)
+        assert self.matrices is not None
+        return GivenPlant(self.matrices.plant())
+
+
+class MeasureBlock(Block):
+    """A measure, and of what it is; see `goals.goal.Goal`.
+
+    Attributes:
+        of: a signal, `plant.position`.
+        opened: the connection at which the loop is opened.
+        disturbed: the plant's input to which a step is added.
+    """
+
+    measure: str
+    of: str | None = None
+    opened: str | None = None
+    disturbed: str | None = None
+    relative: Relative | None = None
+    weight: float = Field(GoalSpec.weight, gt=0)
+
+    @field_validator("measure")
+    @classmethod
+    def _known(cls, value: str) -> str:
+        if value not in MEASURES:
+            raise ValueError(f"'{value}' is no measure; there are {', '.join(MEASURES)}")
+        return value
+
+    @model_validator(mode="after")
+    def _fitting(self) -> MeasureBlock:
+        needs = MEASURES[self.measure].needs
+        taken = {"of": {"signal", "noise"}, "relative": {"signal"}, "disturbed": {"signal"}, "opened": {"opened"}}
+        for key, wanted in taken.items():
+            if getattr(self, key) is not None and not wanted & needs:
+                raise ValueError(f"`{key}` means nothing for '{self.measure}'; remove it")
+        return self
+
+
+class GoalBlock(MeasureBlock):
+    """A bound on a measure.
+
+    Attributes:
+        at_least, at_most: in the measure's unit, or with their own.
+        soft: whether to miss it is only a part of the objective, by `weight`.
+    """
+
+    at_least: Target | None = None
+    at_most: Target | None = None
+    soft: bool = False
+
+    @model_validator(mode="after")
+    def _bounded(self) -> GoalBlock:
+        if self.at_least is None and self.at_most is None:
+            raise ValueError("give `at_least` or `at_most`; what is to be small stands under `minimise`")
+        if "weight" in self.model_fields_set and not self.soft:
+            raise ValueError("`weight` belongs to a `soft` goal")
+        return self
+
+    def spec(self, place: str) -> GoalSpec:
+        """As a plain value."""
+        kept = (self.of, self.disturbed, self.relative)
+        return GoalSpec(
+            place, self.measure, self.at_least, self.at_most, self.weight, not self.soft, self.opened, *kept
+        )
+
+
+class TermBlock(MeasureBlock):
+    """A part of the objective: a measure, summed over the plants or taken at the worst of them."""
+
+    over: Over = "sum"
+
+    def spec(self, place: str) -> GoalSpec:
+        """As a plain value."""
+        kept = (self.of, self.disturbed, self.relative, self.over)
+        return GoalSpec(place, self.measure, None, None, self.weight, False, self.opened, *kept)
+
+
+class StepBlock(Block):
+    """The steps that responses answer to; see `study.StepSpec`."""
+
+    height: float = StepSpec.height
+    duration: Seconds = Field(StepSpec.duration, gt=0, validate_default=True)
+    disturbance: float = StepSpec.disturbance
+    band: float = Field(StepSpec.band, gt=0, lt=1)
+    limit: float | None = Field(StepSpec.limit, gt=0)
+
+    def spec(self) -> StepSpec:
+        """As a plain value."""
+        return StepSpec(self.height, self.limit, float(self.duration), self.disturbance, self.band)
+
+
+class TuneBlock(StudyBlock):
+    """A study that finds the values of a controller for several plants at once.
+
+    Attributes:
+        connections: between `plant` and `controller`, as in a scenario.
+        reference: the controller's input that tells where to go.
+        tracked: the plant's output that is to follow it; the loop is opened there for margins.
+        delay: computing delay, from a sample to the command that comes of it [s].
+        design: the procedure and its keys.
+    """
+
+    method: Literal["tune"]
+    controller: ComponentBlock
+    plants: dict[str, PlantBlock] = Field(min_length=1)
+    connections: list[str] = Field(min_length=1)
+    reference: str
+    tracked: str
+    delay: Seconds = Field(TuningStudy.delay, ge=0, validate_default=True)
+    step: StepBlock = StepBlock()
+    goals: list[GoalBlock] = []
+    minimise: list[TermBlock] = []
+    design: DesignBlock
+
+    @field_validator("connections")
+    @classmethod
+    def _arrows(cls, value: list[str]) -> list[str]:
+        for line in value:
+            try:
+                link(line)
+            except WiringError as error:
+                raise ValueError(f"{error.place}: {error.fix}") from error
+        return value
+
+    @model_validator(mode="after")
+    def _asked(self) -> TuneBlock:
+        if not (self.goals or self.minimise):
+            raise ValueError("asks for nothing; give `goals` or `minimise`")
+        return self
+
+    def study(self, base: Path) -> TuningStudy:
+        """The study as plain values; `base` is the folder of its file."""
+        return TuningStudy(
+            self.title,
+            self.controller.spec(base),
+            {name: block.plant(base) for name, block in self.plants.items()},
+            tuple(map(link, self.connections)),
+            self.reference,
+            self.tracked,
+            tuple(self._goals()),
+            self.design.procedure(),
+            self.step.spec(),
+            float(self.delay),
+            self.description,
+        )
+
+    def _goals(self) -> Iterator[GoalSpec]:
+        for number, goal in enumerate(self.goals):
+            yield goal.spec(f"goals.{number}")
+        for number, term in enumerate(self.minimise):
+            yield term.spec(f"minimise.{number}")

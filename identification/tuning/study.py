@@ -1,0 +1,80 @@
+"""What a study of tuning asks, as plain values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from identification.tuning.procedures.procedure import Procedure
+from identification.tuning.sources.plants import PlantSpec
+from orchestrator.assembly.assembly import ComponentSpec
+
+CONTROLLER, PLANT = "controller", "plant"
+"""How connections call the two."""
+
+
+@dataclass(frozen=True)
+class GoalSpec:
+    """A goal as the study names it; see `goals.goal.Goal`.
+
+    Attributes:
+        place: its key in the study, for messages.
+        opened: a connection.
+        of: component.variable, an output of the plant or an input of it.
+        disturbed: an input of the plant.
+    """
+
+    place: str
+    measure: str
+    lower: float | str | None = None
+    upper: float | str | None = None
+    weight: float = 1.0
+    hard: bool = True
+    opened: str | None = None
+    of: str | None = None
+    disturbed: str | None = None
+    relative: str | None = None
+    over: str = "sum"
+
+
+@dataclass(frozen=True)
+class StepSpec:
+    """The steps that responses answer to.
+
+    Attributes:
+        height: of the reference [its unit].
+        duration: [s].
+        disturbance: of what is added to an input of the plant [its unit].
+        band: part of the height within which a response has settled.
+        limit: of the command [its unit], which linear loops do not have; what counts as saturation.
+    """
+
+    height: float = 1.0
+    limit: float | None = None
+    duration: float = 5.0
+    disturbance: float = 1.0
+    band: float = 0.02
+
+
+@dataclass(frozen=True)
+class TuningStudy:
+    """A controller, the plants it is tuned for at once, and what is asked.
+
+    Attributes:
+        connections: (source, target) between `plant` and `controller`.
+        reference: the controller's input that tells where to go.
+        tracked: the plant's output that is to follow it.
+        delay: between a sample and the command that comes of it [s].
+    """
+
+    title: str
+    controller: ComponentSpec
+    plants: Mapping[str, PlantSpec]
+    connections: tuple[tuple[str, str], ...]
+    reference: str
+    tracked: str
+    goals: tuple[GoalSpec, ...]
+    procedure: Procedure
+    step: StepSpec = StepSpec()
+    delay: float = 0.0
+    description: str = ""

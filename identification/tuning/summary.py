@@ -1,0 +1,204 @@
+"""A tuning as `summary.json` holds it, and what of it is written: the controller with its values."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from typing_extensions import TypedDict
+
+from identification.method import Calibrated
+from identification.results import ParameterSummary, Summary, VerdictSummary, finite
+from identification.tuning.goals.goal import Goal
+from identification.tuning.goals.table import MEASURES
+from identification.tuning.procedures.problem import Judgement
+from identification.tuning.procedures.procedure import Descent
+from identification.tuning.study import CONTROLLER
+from identification.tuning.tuning import Tuning
+from orchestrator.results import versions
+
+
+class GoalSummary(TypedDict):
+    """A goal and its figures: plant -> value in `unit`, null where there is none.
+
+    Attributes:
+        kind: "hard", "soft" or "minimised".
+        held: whether all plants hold its bounds; null for what is minimised.
+        binding: plants at its bound, or that miss it most.
+    """
+
+    goal: str
+    measure: str
+    unit: str
+    kind: str
+    at_least: float | None
+    at_most: float | None
+    weight: float
+    figures: dict[str, float | None]
+    held: bool | None
+    binding: list[str]
+
+
+class LoopSummary(TypedDict):
+    """A plant's closed loop: the largest modulus of its poles, and all of them [re, im]."""
+
+    stable: bool
+    radius: float
+    poles: list[list[float]]
+
+
+class DescentSummary(TypedDict):
+    """Where a start of the search led."""
+
+    start: dict[str, float]
+    values: dict[str, float]
+    objective: float | None
+    feasible: bool
+    evaluations: int
+
+
+class TuningSummary(Summary):
+    """The summary of a tuning.
+
+    Attributes:
+        objective: at the values; null where a loop is unstable.
+        starts: of the search, and how many of them `agree` on the values.
+    """
+
+    feasible: bool
+    objective: float | None
+    goals: list[GoalSummary]
+    loops: dict[str, LoopSummary]
+    starts: list[DescentSummary]
+    agree: int
+
+
+def summary(result: Tuning) -> TuningSummary:
+    """The tuning as `summary.json` holds it."""
+    found = result.found
+    return {
+        "title": result.study.title,
+        "method": "tune",
+        "parameters": _parameters(result),
+        "feasible": found.feasible,
+        "objective": finite(found.best.objective),
+        "goals": goal_summaries(result),
+        "loops": _loops(result),
+        "starts": [_descent(descent) for descent in found.descents],
+        "agree": found.agreeing,
+        "fit": {},
+        "data": [],
+        "versions": versions(),
+        "warnings": result.remarks,
+        "verdict": verdict(result),
+    }
+
+
+def verdict(result: Tuning) -> VerdictSummary:
+    """Whether all hard goals are held, and if not by how much and which."""
+    found, names = result.found, result.problem.plants.names
+    hard = found.best.hard
+    base: VerdictSummary = {"at_least": None, "reached": None, "held": found.feasible, "converged": True, "said": ""}
+    if found.feasible:
+        said = f"all {len(hard)} hard goals are held by {len(names)} plants" if hard else ""
+        return {**base, "said": f"held: {said}" if said else ""}
+    if not found.best.stable:
+        unstable = ", ".join(names[j] for _, j in found.binding)
+        return {**base, "said": f"INFEASIBLE: no values make all loops stable; unstable with {unstable}"}
+    lines = []
+    for i in dict.fromkeys(i for i, _ in found.binding):
+        at = [j for goal, j in found.binding if goal == i]
+        figures = ", ".join(f"{found.best.figures[i, j]:.4g} with {names[j]}" for j in at)
+        lines.append(f"{words(found.best.goals[i])}: {figures}")
+    return {**base, "said": "INFEASIBLE: these values miss the goals least; what binds: " + "; ".join(lines)}
+
+
+def words(goal: Goal) -> str:
+    """A goal in words, `gain margin at least 10 dB`."""
+    unit = MEASURES[goal.measure].unit
+    shown = "" if unit in ("", "1") else f" {unit}"
+    text = goal.measure
+    if goal.signal is not None:
+        text += f" of {goal.signal.name}"
+    if goal.relative is not None:
+        text += f" over its {goal.relative}" if goal.relative == "peak" else " over the reference"
+    if goal.disturbed is not None:
+        text += " after a disturbance"
+    if goal.opened is not None:
+        text += f" at {goal.opened.name}"
+    for side, bound in (("at least", goal.lower), ("at most", goal.upper)):
+        text += "" if bound is None else f" {side} {bound:g}{shown}"
+    return text
+
+
+def goal_summaries(result: Tuning) -> list[GoalSummary]:
+    """All goals with their figures."""
+    best, names = result.found.best, result.problem.plants.names
+    return [_goal(best, i, names, [j for goal, j in result.found.binding if goal == i]) for i in range(len(best.goals))]
+
+
+def calibrated(result: Tuning, folder: Path) -> Calibrated:
+    """The controller's FMU with the study's values and those that were found."""
+    values = {f"{CONTROLLER}.{name}": value for name, value in result.found.best.values.items()}
+    units = {f"{CONTROLLER}.{name}": _unit(result, name) for name in result.found.best.values}
+    kept = {name: unit for name, unit in units.items() if unit != "1"}
+    return Calibrated(result.parts.built.calibrated(values), values, kept)
+
+
+def _goal(best: Judgement, number: int, names: tuple[str, ...], binding: list[int]) -> GoalSummary:
+    goal, figures = best.goals[number], best.figures[number]
+    missed = best.missed[number]
+    held = None if goal.minimised else bool(np.all(missed <= 1e-6))
+    return {
+        "goal": words(goal),
+        "measure": goal.measure,
+        "unit": MEASURES[goal.measure].unit,
+        "kind": "minimised" if goal.minimised else "hard" if goal.hard else "soft",
+        "at_least": goal.lower,
+        "at_most": goal.upper,
+        "weight": goal.weight,
+        "figures": {name: finite(float(value)) for name, value in zip(names, figures, strict=True)},
+        "held": held,
+        "binding": [names[j] for j in binding],
+    }
+
+
+def _loops(result: Tuning) -> dict[str, LoopSummary]:
+    loops = result.problem.trial(result.found.best.values).loops
+    found: dict[str, LoopSummary] = {}
+    for name, radius, poles in zip(loops.plants.names, loops.radius, loops.poles, strict=True):
+        shown = [[float(p.real), float(p.imag)] for p in poles if np.isfinite(p)]
+        found[name] = {
+            "stable": bool(radius < 1.0),
+            "radius": float(np.nan_to_num(radius, posinf=1e308)),
+            "poles": shown,
+        }
+    return found
+
+
+def _descent(descent: Descent) -> DescentSummary:
+    return {
+        "start": dict(descent.start),
+        "values": dict(descent.found.values),
+        "objective": finite(descent.found.objective),
+        "feasible": descent.found.feasible,
+        "evaluations": descent.evaluations,
+    }
+
+
+def _parameters(result: Tuning) -> dict[str, ParameterSummary]:
+    starts = result.found.starts
+    return {
+        f"{CONTROLLER}.{name}": {
+            "value": value,
+            "std": None,
+            "ci95": None,
+            "unit": _unit(result, name),
+            "start": starts.get(name),
+        }
+        for name, value in result.found.best.values.items()
+    }
+
+
+def _unit(result: Tuning, name: str) -> str:
+    return result.parts.interface.ports[name].unit or "1"
