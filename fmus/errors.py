@@ -28,13 +28,15 @@ from typing import Any, Self
 
 
 class ServotwinError(Exception):
-    """`place` is a file or component.variable; `fix` says what to do about it."""
+    """`place` is a file or component.variable; `fix` says what to do about it. The whole is one line, whatever names
+    from outside hold."""
 
     exit_code = 2
 
     def __init__(self, place: object, problem: str, fix: str = "") -> None:
         self.place, self.problem, self.fix = str(place), problem, fix
-        super().__init__(f"{place}: {problem}" + (f"; {fix}" if fix else ""))
+        message = f"{place}: {problem}" + (f"; {fix}" if fix else "")
+        super().__init__(" ".join(line.strip() for line in message.splitlines() if line.strip()))
 
     def within(self, place: object) -> Self:
         """The same error, with a place before its own."""

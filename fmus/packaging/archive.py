@@ -54,7 +54,7 @@ def read(path: Path) -> dict[str, bytes]:
     with opened(path) as archive:
         try:
             return {info.filename: archive.read(info) for info in archive.infolist() if not info.is_dir()}
-        except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError) as error:
+        except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, UnicodeError) as error:
             raise FmuFileError(path, f"cannot be unpacked ({error})", "export the FMU again") from error
 
 
@@ -68,7 +68,7 @@ def opened(path: Path) -> zipfile.ZipFile:
         raise FmuFileError(path, absence(path), "check the path")
     try:
         archive = zipfile.ZipFile(path)
-    except (zipfile.BadZipFile, OSError) as error:
+    except (zipfile.BadZipFile, OSError, UnicodeError) as error:
         raise FmuFileError(path, f"is not a zip archive ({error})", "export the FMU again") from error
     for info in archive.infolist():
         parts = info.filename.replace("\\", "/").split("/")

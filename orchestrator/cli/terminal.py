@@ -232,7 +232,7 @@ def _fail(error: ServotwinError, terminal: Terminal, met: Exception | None = Non
     """Leave with an error; `met` is the exception behind it, by default itself."""
     if terminal.verbose >= 2:
         _err().print(_traceback(met or error))
-    _err().print(plain(" ".join(f"servotwin: {error}".split("\n"))), style="red", soft_wrap=True, markup=False)
+    _err().print(plain(f"servotwin: {error}"), style="red", soft_wrap=True, markup=False)
     raise typer.Exit(error.exit_code) from None
 
 

@@ -69,3 +69,9 @@ def test_a_failure_with_a_result_comes_back_as_the_failure_alone() -> None:
         if issubclass(kind, PartialError):
             error = pickle.loads(pickle.dumps(kind(FmuError("place", "problem", "fix"), object())))
             assert type(error) is FmuError and str(error) == "place: problem; fix"
+
+
+def test_an_error_is_one_line_whatever_names_from_outside_hold() -> None:
+    error = ServotwinError("a\nb", "holds\r\n\n  two\u2028three", "mend\vit").within("out\x85side")
+    assert str(error) == "out side: a b: holds two three; mend it"
+    assert (error.place, error.problem) == ("out\x85side: a\nb", "holds\r\n\n  two\u2028three")

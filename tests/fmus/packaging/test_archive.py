@@ -117,6 +117,20 @@ def test_damaged_contents_are_refused(tmp_path: Path) -> None:
     assert "cannot be unpacked" in refusal(path)
 
 
+def test_names_that_are_not_in_the_encoding_they_claim_are_refused(tmp_path: Path) -> None:
+    for place in (b"PK\x03\x04", b"PK\x01\x02"):  # beside the contents, and in the table of contents
+        path = tmp_path / "names.fmu"
+        archive.write(path, {"modelDescription.xml": b"<x/>"})
+        content = bytearray(path.read_bytes())
+        start = content.index(place)
+        flags, name = (6, 30) if place[2] == 3 else (8, 46)
+        content[start + flags + 1] |= 0x08
+        content[start + name : start + name + 2] = b"\xed\xff"
+        path.write_bytes(content)
+        with pytest.raises(FmuFileError, match="decode"):
+            archive.read(path)
+
+
 def test_an_encrypted_file_is_refused(tmp_path: Path) -> None:
     path = zipped(tmp_path / "a.fmu", "a")
     content = bytearray(path.read_bytes())
