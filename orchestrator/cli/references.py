@@ -34,11 +34,14 @@ def accept(
     The folder of results has a page with the curves and the references that were replaced.
     """
     from orchestrator.batch.discovery import find_scenarios
-    from orchestrator.comparison.acceptance import HEADERS, accept, document_of, drawn, rows
+    from orchestrator.batch.scenario_judge import ScenarioJudge
+    from orchestrator.comparison.acceptance import HEADERS, accept, document_of, drawn, rows, size
     from orchestrator.comparison.proposal import propose
     from orchestrator.results import check_target
 
-    files = [task.file for task in find_scenarios(paths or [Path("scenarios")], {})]
+    judge = ScenarioJudge()
+    tasks = find_scenarios(paths or [Path("scenarios")], {}, judge)
+    files = [task.file for task in tasks if task.judge is judge]
     if case is not None and len(files) != 1:
         raise InputError("--case", "is for one scenario", f"give one of {', '.join(map(str, files))}")
     folder = out or Path("out/accept")
@@ -60,11 +63,11 @@ def accept(
     word = "would be written" if dry else "written"
     for new in made:
         why = f" ({new.why})" if new.why else ""
-        shown.append(f"{new.file}: {new.change}{why}{f', {word}' if new in chosen else ''}")
+        shown.append(f"{new.file}: {new.change}{why}{f', {word} ({size(new)})' if new in chosen else ''}")
     for proposal in proposals:
         shown += [f"warning: {proposal.scenario}: {line}" for line in proposal.doubts]
         shown += [f"unused: {file}, which no case asks for" for file in proposal.unused]
-    shown.append(f"curves in {folder / 'report.html'}")
+    shown.append(f"curves in {folder / 'report.html'}" if made else "no case asks for `reference: accepted`")
     document = document_of(proposals, set() if dry else {new.file for new in chosen})
     for failure in failures[1:]:
         terminal.say(str(failure))
@@ -96,6 +99,9 @@ def compare(
     within: Annotated[
         list[str] | None, typer.Option(metavar="SIGNAL=VALUE", help="Tolerance of one signal: 0.1, or '0.1 deg'.")
     ] = None,
+    pair: Annotated[
+        list[str] | None, typer.Option(metavar="SIGNAL=SIGNAL", help="A signal of A, and what it is called in B.")
+    ] = None,
     stop: Annotated[float | None, typer.Option(metavar="SECONDS", help="Of FMUs alone, over their own.")] = None,
     step: Annotated[float | None, typer.Option(metavar="SECONDS", help="Of FMUs alone, over their own.")] = None,
     out: Out = None,
@@ -111,7 +117,8 @@ def compare(
     from orchestrator.comparison.sides import Setting, side
     from orchestrator.results import check_target, result_folder, versions, write_json
 
-    tolerance = Tolerance(absolute, relative, dict(_signal_value(text) for text in within or []))
+    tolerance = Tolerance(absolute, relative, dict(_halves("--within", text) for text in within or []))
+    names = dict(_halves("--pair", text)[::-1] for text in pair or [])
     setting = Setting(scenario, component, case, stop, step)
     if out is not None:
         check_target(out, [path for path in (Path(one), Path(other)) if path.exists()])
@@ -119,7 +126,7 @@ def compare(
     for given in (one, other):
         with terminal.bar(given) as move:
             sides.append(side(given, setting, move))
-    found = compared(sides[0], sides[1], tolerance)
+    found = compared(sides[0], sides[1].renamed(names), tolerance)
     files = [Path(given) for given in (one, other)]
     fmus = all(file.suffix.lower() == ".fmu" for file in files)
     interface = differences(files[0], files[1]) if fmus else []
@@ -136,8 +143,8 @@ def compare(
     return Answer(document, shown, found.agree)
 
 
-def _signal_value(text: str) -> tuple[str, str]:
+def _halves(option: str, text: str) -> tuple[str, str]:
     name, equals, value = (part.strip() for part in text.partition("="))
     if not equals:
-        raise InputError(f"--within {text}", "has no value", "write SIGNAL=VALUE")
+        raise InputError(f"{option} {text}", "has no value", "write SIGNAL=...")
     return name, value

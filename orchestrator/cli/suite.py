@@ -14,6 +14,7 @@ import typer
 
 from fmus.errors import InternalError
 from orchestrator.cli.scenarios import Isolate
+from orchestrator.cli.selection import Chosen
 from orchestrator.cli.tables import JUDGES
 from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 
@@ -80,6 +81,7 @@ def test(
         list[Path] | None, typer.Argument(help="Scenarios, studies with claims, and folders; scenarios/ by default.")
     ] = None,
     jobs: Annotated[int, typer.Option("-j", "--jobs", min=1, help="Scenarios run side by side.")] = 1,
+    chosen: Chosen,
     limited: Limited,
     telling: Telling,
     out: Out = None,
@@ -91,13 +93,15 @@ def test(
     of servotwin, which ends that file alone.
     """
     from orchestrator.batch.discovery import find_scenarios
+    from orchestrator.batch.history import remember
     from orchestrator.batch.procedure import outputs_of
     from orchestrator.batch.scenario_judge import ScenarioJudge
     from orchestrator.batch.suite import run_suite
     from orchestrator.batch.summary import HEADERS, Summary
 
-    limits = limited.limits()
-    tasks = find_scenarios(paths or [Path("scenarios")], JUDGES, ScenarioJudge(isolate.isolation()))
+    limits, folder = limited.limits(), out or Path("out/test")
+    found = find_scenarios(paths or [Path("scenarios")], JUDGES, ScenarioJudge(isolate.isolation()))
+    tasks = chosen.of(found, folder, terminal)
     finished: list[Path] = []
     begun = perf_counter()
     with terminal.bar("scenarios") as move:
@@ -106,7 +110,8 @@ def test(
             finished.append(verdict.file)
             move(len(finished) / len(tasks), verdict.file.stem)
 
-        verdicts = run_suite(tasks, out or Path("out/test"), jobs, done, limits)
+        verdicts = run_suite(tasks, folder, jobs, done, limits)
+    remember({verdict.file: verdict.passed for verdict in verdicts}, folder)
     summary = Summary(verdicts, perf_counter() - begun, jobs)
     telling.tell(summary)
     said = [text for verdict in verdicts if (text := outputs_of(verdict.document))] if terminal.verbose else []

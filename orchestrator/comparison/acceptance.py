@@ -14,6 +14,7 @@ from orchestrator.comparison.documents import PartingDocument, documents_of
 from orchestrator.comparison.proposal import Change, NewReference, Proposal
 from orchestrator.display import characters
 from orchestrator.display.titles import with_unit
+from orchestrator.interrupts import whole
 from orchestrator.report import Chart, Curve, Panel, Report, Section
 from orchestrator.report.content import CalloutKind
 from orchestrator.results import result_folder, versions, write_json
@@ -72,7 +73,8 @@ def accept(proposals: Sequence[Proposal], out: Path, every: bool = False, write:
         write_json(folder / "manifest.json", document_of(proposals, written))
         page(proposals, written).write(folder / "report.html")
     if write:
-        atomic_writes({new.file: new.content for new in chosen})
+        with whole():
+            atomic_writes({new.file: new.content for new in chosen})
     return chosen
 
 
@@ -124,6 +126,11 @@ def rows(new: NewReference) -> Iterator[tuple[str, str, str, str, str, str]]:
         )
 
 
+def size(new: NewReference) -> str:
+    """How much of the run it holds, in words."""
+    return f"{len(new.kept):,} of {len(new.run):,} samples, {len(new.content):,} bytes"
+
+
 def drawn(new: NewReference) -> Iterator[str]:
     """A drawing, in characters, of each signal that parts from the old reference."""
     for one in new.partings:
@@ -153,7 +160,7 @@ def _show(section: Section, new: NewReference, written: bool) -> None:
     kind: CalloutKind = "warning" if new.change in (Change.OTHER, Change.UNFIT) else "ok"
     done = "written" if written else "not written"
     section.callout(kind, f"Case {new.case}: {new.change}{f', {new.why}' if new.why else ''}; {done}.")
-    section.paragraph(f"{new.file}: {len(new.kept)} of {len(new.run)} samples, {len(new.content):,} bytes.")
+    section.paragraph(f"{new.file}: {size(new)}.")
     if new.partings:
         section.table(HEADERS, list(rows(new)))
     panels = [Panel(with_unit(name, new.run.unit(name)), list(_curves(new, name))) for name in new.run.names]

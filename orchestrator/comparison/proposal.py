@@ -220,7 +220,7 @@ def _provenance(
     return {
         "scenario": scenario.name,
         "case": case.name,
-        "by": getpass.getuser(),
+        "by": _user(),
         "at": datetime.now(UTC).isoformat(timespec="seconds"),
         "platform": host_name(),
         "versions": versions(),
@@ -229,6 +229,14 @@ def _provenance(
         "tolerances": dict(tolerances),
         "replaces": sha256(file) if file.exists() else "",
     }
+
+
+def _user() -> str:
+    """Who runs this, as far as the system knows."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):  # a number without a name, as in containers
+        return "unknown"
 
 
 def _hashes(scenario: Path) -> dict[str, str]:

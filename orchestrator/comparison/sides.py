@@ -59,6 +59,18 @@ class Side:
     cases: Mapping[str, Trace]
     notes: tuple[str, ...] = field(default=())
 
+    def renamed(self, names: Mapping[str, str]) -> Side:
+        """The side with signals under other names (its own -> the other's).
+
+        Raises:
+            InputError: it has no such signal.
+        """
+        known = dict.fromkeys(name for trace in self.cases.values() for name in trace.names)
+        unknown = [name for name in names if name not in known]
+        if unknown:
+            raise InputError(self.name, f"has no signal '{unknown[0]}'", f"it holds {', '.join(known)}")
+        return replace(self, cases={case: trace.renamed(names) for case, trace in self.cases.items()})
+
 
 def _packed(target: str) -> Callable[[Scenario, Path], Scenario]:
     def way(scenario: Scenario, folder: Path) -> Scenario:

@@ -9,12 +9,16 @@ from numpy.typing import NDArray
 
 from orchestrator.trace import FloatArray, Trace
 
+Rows = NDArray[np.int64]
+LONG = 64  # samples of a segment
+
 
 def decimated(trace: Trace, tolerances: Mapping[str, float]) -> Trace:
     """Samples of the trace that lines join within the tolerances at every other one.
 
     Where a line between two kept samples is off, the sample where it is off most is kept, too, until none is (Douglas,
-    Peucker, The Canadian Cartographer 10(2), 1973), all segments at once.
+    Peucker, The Canadian Cartographer 10(2), 1973), all segments at once; where that is near one end of a long segment
+    its middle, too.
 
     Args:
         tolerances: signal -> largest distance [unit of the signal], for every signal.
@@ -23,16 +27,32 @@ def decimated(trace: Trace, tolerances: Mapping[str, float]) -> Trace:
         return trace
     kept = np.zeros(len(trace), dtype=bool)
     kept[[0, -1]] = True
-    while True:
+    left = np.arange(1, len(trace) - 1)  # samples whose segment was off
+    while len(left):
         rows = np.flatnonzero(kept)
-        excess = np.max([_excess(trace, name, rows, tolerances[name]) for name in trace.names], axis=0)
-        off = np.flatnonzero(excess > 0)
-        if not len(off):
-            return trace.rows(kept)
-        segment = np.searchsorted(rows, off)
-        order = np.lexsort((-excess[off], segment))
-        _, first = np.unique(segment[order], return_index=True)
-        kept[off[order[first]]] = True
+        excess = np.max([_excess(trace, name, rows, left, tolerances[name]) for name in trace.names], axis=0)
+        begins = np.flatnonzero(np.diff(np.searchsorted(rows, left), prepend=-1))  # of segments among those left
+        worst = np.maximum.reduceat(excess, begins)
+        widths = np.diff(begins, append=len(left))
+        place = np.repeat(np.arange(len(begins)), widths)
+        _, first = np.unique(place[hits := np.flatnonzero(excess == worst[place])], return_index=True)
+        found = left[hits[first[worst > 0]]]
+        kept[found] = True
+        kept[_middles(rows, found)] = True
+        left = left[(worst > 0)[place]]
+        left = left[~kept[left]]
+    return trace.rows(kept)
+
+
+def _middles(rows: Rows, found: Rows) -> Rows:
+    """The middles of long segments between `rows` whose sample in `found` is near an end: else a curve that dies away
+    would be divided sample by sample."""
+    end = np.searchsorted(rows, found)
+    start, stop = rows[end - 1], rows[end]
+    near = np.minimum(found - start, stop - found) < (stop - start) / 4
+    lopsided = near & (stop - start > LONG)
+    middles: Rows = (start[lopsided] + stop[lopsided]) // 2
+    return middles
 
 
 def rounded(trace: Trace, tolerances: Mapping[str, float]) -> Trace:
@@ -53,10 +73,10 @@ def _rounded(values: FloatArray, tolerance: float) -> FloatArray:
     return found
 
 
-def _excess(trace: Trace, name: str, rows: NDArray[np.int64], tolerance: float) -> FloatArray:
-    """By how much lines between the samples in `rows` are farther from each (K,) than the tolerance, relative to it."""
+def _excess(trace: Trace, name: str, rows: Rows, some: Rows, tolerance: float) -> FloatArray:
+    """By how much lines between the samples in `rows` are farther from `some` than the tolerance, relative to it."""
     values = trace[name]
-    distance = np.abs(values - np.interp(trace.time, trace.time[rows], values[rows]))
+    distance = np.abs(values[some] - np.interp(trace.time[some], trace.time[rows], values[rows]))
     with np.errstate(over="ignore"):
         excess: FloatArray = (distance - tolerance) / (tolerance or 1.0)
     return excess

@@ -17,6 +17,7 @@ from orchestrator import formats
 from orchestrator.comparison.comparison import Tolerance, compare
 from orchestrator.comparison.fmu_side import differences
 from orchestrator.comparison.sides import WAYS, Side
+from orchestrator.scenario.run import run_scenario
 from orchestrator.scenario.schema import load_scenario
 from orchestrator.trace import Trace
 
@@ -146,6 +147,16 @@ def test_what_cannot_be_compared_is_refused_in_a_line(
     names = {"swing": swing, "folder": tmp_path, "recording": recording}
     answer = compared(*(text.format(**names) for text in arguments), code=2)
     assert said in answer["said"] and "Traceback" not in answer["said"]
+
+
+def test_another_tools_recording_is_compared_under_its_own_names(swing: Path, tmp_path: Path) -> None:
+    result = run_scenario(swing).cases[0].trace
+    other = tmp_path / "other.csv"
+    degrees = Trace(result.time, {"phi": np.degrees(result["hand.angle"])}, {"phi": "deg"}, "other")
+    formats.write(degrees, other)
+    arguments = (swing, other, "--case", "high")
+    assert compared(*arguments, "--pair", "hand.angle=phi")["agree"]
+    assert "has no signal 'psi'; it holds phi" in compared(*arguments, "--pair", "hand.angle=psi", code=2)["said"]
 
 
 def test_a_folder_of_results_names_only_its_own_traces(tmp_path: Path, swing: Path) -> None:

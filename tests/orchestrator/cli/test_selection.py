@@ -1,0 +1,63 @@
+"""`servotwin test` runs what failed last time, or what a change touches, and says so."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from identification.cli import app
+
+SCENARIO = """
+title: A source
+components:
+  source: {{model: excitation, parameters: {{amplitude: 1.0}}}}
+run: {{stop: 1, step: 0.1}}
+expect:
+  - {{signal: source.signal, below: {limit}}}
+"""
+
+
+@pytest.fixture
+def suite(tmp_path: Path) -> Path:
+    folder = tmp_path / "suite"
+    folder.mkdir()
+    for name, limit in (("good", 2), ("bad", -2), ("worse", -3)):
+        (folder / f"{name}.yaml").write_text(SCENARIO.format(limit=limit))
+    return folder
+
+
+def verdicts(suite: Path, *options: str, code: int = 0) -> dict[str, Any]:
+    arguments = ["test", str(suite), "--out", str(suite.parent / "out"), "--json", *options]
+    answer = CliRunner().invoke(app, arguments)
+    assert answer.exit_code == code, answer.output
+    document: dict[str, Any] = json.loads(answer.stdout) if code < 2 else {"said": answer.stderr}
+    return document | {"names": [Path(one["file"]).stem for one in document.get("scenarios", [])]}
+
+
+@pytest.mark.slow
+def test_what_failed_last_time_is_run_until_it_passes(suite: Path) -> None:
+    assert "run without --failed first" in verdicts(suite, "--failed", code=2)["said"]
+    assert verdicts(suite, code=1)["names"] == ["bad", "good", "worse"]
+    (suite / "bad.yaml").write_text(SCENARIO.format(limit=3))
+    assert verdicts(suite, "--failed", code=1)["names"] == ["bad", "worse"]
+    assert verdicts(suite, "--failed", code=1)["names"] == ["worse"]
+    (suite / "worse.yaml").write_text(SCENARIO.format(limit=3))
+    assert verdicts(suite, "--failed")["names"] == ["worse"]
+    nothing = verdicts(suite, "--failed")
+    assert nothing["names"] == [] and nothing["passed"]
+
+
+@pytest.mark.slow
+def test_what_a_change_touches_is_run(suite: Path) -> None:
+    for arguments in (["init", "-q"], ["add", "."], ["commit", "-q", "-m", "begin"]):
+        identity = ["-c", "user.name=a", "-c", "user.email=a@b", "-c", "commit.gpgsign=false"]
+        subprocess.run(["git", "-C", str(suite), *identity, *arguments], check=True, capture_output=True)
+    assert verdicts(suite, "--changed", "HEAD")["names"] == []
+    (suite / "good.yaml").write_text(SCENARIO.format(limit=3))
+    assert verdicts(suite, "--changed", "HEAD")["names"] == ["good"]
+    assert "git says" in verdicts(suite, "--changed", "nowhere", code=2)["said"]
