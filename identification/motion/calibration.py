@@ -68,9 +68,17 @@ class MotionCalibration:
         }
 
     @property
+    def off_orbit(self) -> float | None:
+        """How far the motions' last amplitude is off the wanted one, over that; None where no controller is named."""
+        if self.orbit is None:
+            return None
+        return float(np.mean([motion.amplitude for motion in self.motions])) / self.orbit.amplitude - 1
+
+    @property
     def warnings(self) -> list[str]:
         """What a reader of the figures must know."""
-        unseen = [f"{way}: {why}" for way, why in self.refused.items()]
+        reasons = dict.fromkeys(self.refused.values())
+        unseen = [f"{', '.join(w for w, why in self.refused.items() if why == reason)}: {reason}" for reason in reasons]
         return [*self.taken.remarks, *unseen, *recording_warnings(self.recorded)]
 
 
@@ -227,4 +235,4 @@ def _orbit(study: MotionStudy, system: System, values: Mapping[str, object]) -> 
                 f"{amplitude:g} rad asks for the {which} equilibrium's energy, {energy:g} J, which Lemma 8 excludes",
                 "ask for an oscillation between 0 and pi rad",
             )
-    return Orbit(model, _number(system, values, f"{study.controller}.gain"), target)
+    return Orbit(model, _number(system, values, f"{study.controller}.gain"), amplitude, target)

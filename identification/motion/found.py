@@ -20,10 +20,11 @@ FOREIGN = 0.05  # of the voltage, rms, that a controller may be off before it co
 
 @dataclass(frozen=True)
 class Orbit:
-    """What an energy controller is set to: its model, gain [V s/(rad J)] and E* [J]."""
+    """What an energy controller is set to: its model, gain [V s/(rad J)], amplitude [rad] and with it E* [J]."""
 
     model: Values
     gain: float
+    amplitude: float
     target: float
 
 

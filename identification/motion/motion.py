@@ -63,6 +63,11 @@ class Motion(ReadOnlyArrays):
             raise IdentificationError(self.name, "does not swing to and fro", "record an oscillation of some periods")
         return float(2 * (self.time[turns[-1]] - self.time[turns[0]]) / (len(turns) - 1))
 
+    @property
+    def amplitude(self) -> float:
+        """Half of the range of the angle over the last three periods [rad]."""
+        return 0.5 * float(np.ptp(self.angle[self.time > self.time[-1] - 3 * self.period]))
+
 
 def recorded_motion(
     trace: Trace,

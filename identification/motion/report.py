@@ -36,15 +36,18 @@ def report(result: MotionCalibration) -> Report:
 
 def _overview(section: Section, result: MotionCalibration) -> None:
     found, tube = summary(result), result.tube
+    shown: list[tuple[str, Cell, str]] = []
     if tube is not None:
         error = "free run error"
-        section.highlights(
-            [
-                (f"{error}, generic", f"{tube.error('generic'):.3g} rad", f"rms over {tube.spec.periods:g} periods"),
-                (f"{error}, recalibrated", f"{tube.error(result.study.take):.3g} rad", "the same windows"),
-                ("times smaller", f"{tube.improvement(result.study.take):.3g}", ""),
-            ]
-        )
+        shown = [
+            (f"{error}, generic", f"{tube.error('generic'):.3g} rad", f"rms over {tube.spec.periods:g} periods"),
+            (f"{error}, recalibrated", f"{tube.error(result.study.take):.3g} rad", "the same windows"),
+            ("times smaller", f"{tube.improvement(result.study.take):.3g}", ""),
+        ]
+    if result.orbit is not None and result.off_orbit is not None:
+        remark = f"of {result.orbit.amplitude:g} rad"
+        shown.append(("amplitude of the recorded motion", f"{100 * result.off_orbit:+.1f} %", remark))
+    section.highlights(shown)
     verdict_callout(section, found["verdict"])
     for warning in result.warnings:
         section.callout("warning", warning)

@@ -45,6 +45,14 @@ class FreeRunsSummary(TypedDict):
     windows: dict[str, dict[str, float]]
 
 
+class OrbitSummary(TypedDict):
+    """The amplitude that the controller was asked for, what each motion came to [rad], and how far off that is."""
+
+    wanted: float
+    reached: dict[str, float]
+    off: float
+
+
 class MotionSummary(Summary):
     """The summary of a recalibration near a motion.
 
@@ -52,6 +60,7 @@ class MotionSummary(Summary):
         found: way -> what it gave; refused: way -> why it gave nothing.
         intervals: what those of the energy balance come from; null without one.
         indistinct: what the motions cannot tell apart.
+        orbit: null where the study names no controller.
         free_runs: null where none were asked for.
     """
 
@@ -59,6 +68,7 @@ class MotionSummary(Summary):
     refused: dict[str, str]
     intervals: str | None
     indistinct: list[str]
+    orbit: OrbitSummary | None
     free_runs: FreeRunsSummary | None
 
 
@@ -77,6 +87,7 @@ def summary(result: MotionCalibration) -> MotionSummary:
         "refused": dict(result.refused),
         "intervals": result.balance.method if result.balance else None,
         "indistinct": list(taken.remarks),
+        "orbit": _orbit(result),
         "free_runs": _free_runs(tube) if tube else None,
         "fit": {
             "train": fits or {"median": None, "traces": {}},
@@ -112,6 +123,13 @@ def _entry(one: EstimatedValue, start: float | None = None, truth: float | None 
     return entry
 
 
+def _orbit(result: MotionCalibration) -> OrbitSummary | None:
+    if result.orbit is None or result.off_orbit is None:
+        return None
+    reached = {motion.name: motion.amplitude for motion in result.motions}
+    return {"wanted": result.orbit.amplitude, "reached": reached, "off": result.off_orbit}
+
+
 def _free_runs(tube: Tube) -> FreeRunsSummary:
     others = [name for name in tube.judged if name != "generic"]
     return {
@@ -125,21 +143,27 @@ def _free_runs(tube: Tube) -> FreeRunsSummary:
 
 def motion_verdict(result: MotionCalibration) -> VerdictSummary:
     """Whether the recalibrated model runs as much better in the tube as the study asks for, and if not, why."""
-    tube = result.tube
+    tube, take = result.tube, result.study.take
     at_least = tube.spec.at_least if tube else None
-    if tube is None:
-        return {"at_least": None, "reached": None, "held": True, "converged": True, "said": ""}
-    reached, take = tube.improvement(result.study.take), result.study.take
-    held = at_least is None or reached >= at_least
+    reached = tube.improvement(take) if tube else None
+    held = at_least is None or (reached is not None and reached >= at_least)
+    said = [] if tube is None else [_said(tube, take, held)]
+    if tube is not None and not held:
+        said.append(_why(result, tube))
+    if result.orbit is not None and result.off_orbit is not None:
+        said.append(f"the motion is {100 * result.off_orbit:+.1f} % off the {result.orbit.amplitude:g} rad asked for")
+    found = None if reached is None else finite(reached)
+    return {"at_least": at_least, "reached": found, "held": held, "converged": True, "said": "; ".join(said)}
+
+
+def _said(tube: Tube, take: str, held: bool) -> str:
     said = (
         f"free runs of {tube.spec.periods:g} periods are off by {tube.error('generic'):.3g} rad rms with the generic "
-        f"model and {tube.error(take):.3g} rad with the recalibrated one, {reached:.3g} times less"
+        f"model and {tube.error(take):.3g} rad with the recalibrated one, {tube.improvement(take):.3g} times less"
     )
-    if at_least is not None:
-        said = f"{'held' if held else 'MISSED'}: {said}, at least {at_least:g} asked for"
-    if not held:
-        said = f"{said}; {_why(result, tube)}"
-    return {"at_least": at_least, "reached": finite(reached), "held": held, "converged": True, "said": said}
+    if tube.spec.at_least is None:
+        return said
+    return f"{'held' if held else 'MISSED'}: {said}, at least {tube.spec.at_least:g} asked for"
 
 
 def _why(result: MotionCalibration, tube: Tube) -> str:

@@ -103,6 +103,10 @@ class ComponentBlock(Block):
         solver = SolverSettings(**dict(self.solver)) if self.solver else None
         return ComponentSpec(source, parameters, (), self.step, self.feed_through, solver)
 
+    def replaced(self, file: Path) -> ComponentBlock:
+        """The same with an FMU in its place, which has its values in it."""
+        return self.model_copy(update={"model": None, "fmu": file.resolve(), "parameters": {}, "tables": {}})
+
 
 class CyclesBlock(Block):
     """How cycles of direct feed-through are iterated."""

@@ -18,9 +18,8 @@ from orchestrator.bridge.mapping import Coupling, coupled
 from orchestrator.bridge.session import Course
 from orchestrator.bridge.signals.outputs import SentMessage
 from orchestrator.can import frame_time
-from orchestrator.can.database.bus import LogDatabase, load_all
-from orchestrator.can.database.database import Database
-from orchestrator.can.database.sources import ALL, DatabaseFiles, paths
+from orchestrator.can.database.database import load as load_database
+from orchestrator.can.database.database import merged
 from orchestrator.can.live.bus import BusSettings
 from orchestrator.crossing import Crossing, logged
 from orchestrator.engine import Run, Simulation
@@ -42,11 +41,11 @@ class BridgeJob:
 
     Attributes:
         stand_in: whether it is the machine: it then goes on whatever becomes of bus and peers, and is not judged.
-        others: buses that it is coupled to, too; channels are numbered in this order, `bus` is 0.
         case: of the scenario, the first by default.
         overrides: component.variable -> value, over those of the file.
         duration: by default the scenario's, or for a stand-in until told to end [s].
         every: communication steps from one row of the record to the next.
+        fmus: component -> FMU file in its place.
     """
 
     scenario: Path
@@ -56,17 +55,7 @@ class BridgeJob:
     overrides: Mapping[str, Value | list[Any]] = field(default_factory=dict)
     duration: Fraction | None = None
     every: int = 1
-    others: tuple[BusSettings, ...] = ()
-
-    @property
-    def buses(self) -> tuple[BusSettings, ...]:
-        """All buses, by their numbers."""
-        return self.bus, *self.others
-
-    @property
-    def places(self) -> str:
-        """How messages name them."""
-        return " and ".join(bus.place for bus in self.buses)
+    fmus: Mapping[str, Path] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -98,11 +87,11 @@ def prepared(job: BridgeJob) -> Iterator[PreparedBridge]:
     Raises:
         InputError: something does not fit: the file, a name, a unit, a period, a value.
     """
-    scenario = load_scenario(job.scenario)
+    scenario = load_scenario(job.scenario, fmus=job.fmus)
     can = _can_block(scenario)
-    given = _databases(can, scenario.path.parent)
-    known = load_all(given, can.encoding)
-    databases = [_database(known, number, scenario.path) for number in range(len(job.buses))]
+    given = can.database if isinstance(can.database, list) else [can.database]
+    files = tuple(scenario.path.parent / file for file in given)
+    database = merged([load_database(file, encoding=can.encoding) for file in files])
     step = scenario.timing.step
     with (
         naming(job.scenario),
@@ -111,9 +100,8 @@ def prepared(job: BridgeJob) -> Iterator[PreparedBridge]:
     ):
         check_shapes(opened.system, shapes(job.overrides))
         overrides = typed(opened.system, elements(job.overrides))
-        coupling = coupled(can, opened.system, databases, step, job.bus.data_bitrate is not None)
-        for number, bus in enumerate(job.buses):
-            _check_bus(bus, [message for message in coupling.sent if message.place.number == number], step)
+        coupling = coupled(can, opened.system, database, step, job.bus.data_bitrate is not None)
+        _check_bus(job.bus, coupling.sent, step)
         scenario, crossed = in_units_of(opened.system, scenario)
         crossings = logged([*opened.system.crossings, *crossed, *coupling.crossings])
         case = _case(scenario, job.case)
@@ -121,36 +109,10 @@ def prepared(job: BridgeJob) -> Iterator[PreparedBridge]:
             course, first = _course(job, scenario, simulation, coupling)
             values = {**case.values, **overrides}
             run = Run(values, first, scenario.recorded(simulation.outputs), record_every=job.every)
-            assembled, files = opened.assembled, tuple(paths(given))
+            assembled = opened.assembled
             yield PreparedBridge(
-                scenario,
-                case,
-                files,
-                tuple(known.notes),
-                assembled,
-                simulation,
-                coupling,
-                run,
-                course,
-                crossings,
+                scenario, case, files, database.notes, assembled, simulation, coupling, run, course, crossings
             )
-
-
-def _databases(can: CanBlock, folder: Path) -> DatabaseFiles:
-    """The files of its databases."""
-    given = can.database
-    by_channel = given if isinstance(given, dict) else {ALL: given}
-    return {
-        str(channel): [folder / file for file in (files if isinstance(files, list) else [files])]
-        for channel, files in by_channel.items()
-    }
-
-
-def _database(known: LogDatabase, number: int, path: Path) -> Database:
-    database = known.of(number, "")
-    if database is None:
-        raise ScenarioError(f"{path}: can.database", f"has none of channel {number}", f"name one, or one of `{ALL}`")
-    return database
 
 
 def _can_block(scenario: Scenario) -> CanBlock:

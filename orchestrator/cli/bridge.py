@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fmus.errors import InputError
-from orchestrator.cli.can import Adapter, Channels, Interfaces
-from orchestrator.cli.scenarios import Overrides, overrides
+from orchestrator.cli.can import Adapter, BusInterface, Channel, for_each
+from orchestrator.cli.scenarios import Fmus, Overrides, files, overrides
 from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 from orchestrator.interrupts import whole
 
@@ -34,34 +33,34 @@ class CouplingOptions:
 
     case: Annotated[str | None, typer.Option("--case", help="The case to take; the first by default.")] = None
     set_: Overrides = None
+    fmu: Fmus = None
     duration: Annotated[
         float | None, typer.Option("--duration", min=0.0, metavar="SECONDS", help="How long to go on.")
     ] = None
     stride: Annotated[int, typer.Option(min=1, metavar="N", help="Record every N-th step only.")] = 1
 
-    def job(self, scenario: Path, buses: Sequence[BusSettings], endless: bool) -> BridgeJob:
-        """The scenario on these buses."""
+    def job(self, scenario: Path, bus: BusSettings, endless: bool) -> BridgeJob:
+        """The scenario on this bus."""
         from orchestrator.bridge.preparation import BridgeJob
         from orchestrator.rational import seconds
 
         duration = None if self.duration is None else seconds(self.duration, "--duration")
-        bus, *others = buses
-        values = overrides(self.set_)
-        return BridgeJob(scenario, bus, endless, self.case, values, duration, self.stride, tuple(others))
+        values, fmus = overrides(self.set_), files(self.fmu)
+        return BridgeJob(scenario, bus, endless, self.case, values, duration, self.stride, fmus)
 
 
 @command(app)
 def bridge(
     terminal: Terminal,
     scenario: ScenarioFile,
-    interface: Interfaces,
-    channel: Channels,
+    interface: BusInterface,
+    channel: Channel,
     adapter: Adapter,
     coupling: CouplingOptions,
     out: Out = None,
 ) -> Answer:
-    """Couple a scenario to buses in real time; exit code 1 when an expectation fails."""
-    job = coupling.job(scenario, adapter.buses(interface, channel), endless=False)
+    """Couple a scenario to a bus in real time; exit code 1 when an expectation fails."""
+    job = coupling.job(scenario, adapter.bus(interface, channel), endless=False)
     coupled, folder = _coupled(job, out or Path("out") / scenario.stem, terminal)
     return _answer(coupled, folder, coupled.ending.stopped)
 
@@ -71,16 +70,11 @@ def bench(
     terminal: Terminal,
     scenario: ScenarioFile,
     *,
-    interface: Annotated[
-        list[str] | None, typer.Option("--interface", help="As of `can record`; none with --serve.")
-    ] = None,
-    channel: Annotated[
-        list[str] | None, typer.Option("--channel", help="What the interface calls the bus; repeatable.")
-    ] = None,
+    interface: Annotated[str | None, typer.Option("--interface", help="As of `can record`; none with --serve.")] = None,
+    channel: Annotated[str | None, typer.Option("--channel", help="What the interface calls the bus.")] = None,
     adapter: Adapter,
     serve: Annotated[
-        list[Path] | None,
-        typer.Option("--serve", metavar="DIR", help="Make a bus: serial adapters (slcan) DIR/0, 1, ...; repeatable."),
+        Path | None, typer.Option("--serve", metavar="DIR", help="Make a bus: serial adapters (slcan) DIR/0, 1, ...")
     ] = None,
     ports: Annotated[int, typer.Option(min=2, help="With --serve: how many; this bench is on DIR/0.")] = 3,
     coupling: CouplingOptions,
@@ -90,22 +84,21 @@ def bench(
     from orchestrator.can.slcan.hub import hub_process
 
     with ExitStack() as stack:
-        if not serve:
-            if not interface or not channel:
+        if serve is None:
+            if interface is None or channel is None:
                 raise InputError("bench", "has no bus", "give --interface and --channel, or --serve")
-            buses = adapter.buses(interface, channel)
-        elif interface or channel:
+            bus = adapter.bus(interface, channel)
+        elif interface is not None or channel is not None:
             raise InputError("--serve", "makes a bus of its own", "leave out --interface and --channel")
         else:
+            rate = for_each("--bitrate", adapter.bitrate or [500_000], 1)[0]
             data_rate = adapter.data_bitrate or 2_000_000
-            own = replace(adapter, bitrate=adapter.bitrate or [500_000], data_bitrate=data_rate if adapter.fd else None)
-            buses = own.buses(["slcan"], [str(folder / "0") for folder in serve])
-            for folder, bus in zip(serve, buses, strict=True):
-                assert bus.bitrate is not None
-                stack.enter_context(hub_process(folder, ports, bus.bitrate, data_rate))
-        job = coupling.job(scenario, buses, endless=True)
-        coupled, results = _coupled(job, out or Path("out") / f"{scenario.stem}_bench", terminal)
-    return _answer(coupled, results, coupled.interrupted)
+            own = replace(adapter, bitrate=[rate], data_bitrate=data_rate if adapter.fd else None)
+            bus = own.bus("slcan", str(serve / "0"))
+            stack.enter_context(hub_process(serve, ports, rate, data_rate))
+        job = coupling.job(scenario, bus, endless=True)
+        coupled, folder = _coupled(job, out or Path("out") / f"{scenario.stem}_bench", terminal)
+    return _answer(coupled, folder, coupled.interrupted)
 
 
 def _coupled(job: BridgeJob, folder: Path, terminal: Terminal) -> tuple[BridgeResult, Path]:
@@ -125,7 +118,7 @@ def _coupled(job: BridgeJob, folder: Path, terminal: Terminal) -> tuple[BridgeRe
         coupled = couple(
             job,
             near,
-            lambda *_: terminal.say(f"{job.scenario.stem} is on {job.places}"),
+            lambda *_: terminal.say(f"{job.scenario.stem} is on {job.bus.place}"),
             move,
             lambda: rescue(job.scenario, near, folder),
         )

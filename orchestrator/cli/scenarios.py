@@ -22,6 +22,10 @@ app = typer.Typer()
 Overrides = Annotated[
     list[str] | None, typer.Option("--set", metavar="COMP.PARAM=VALUE", help="Over the file's values.")
 ]
+Fmus = Annotated[
+    list[str] | None,
+    typer.Option("--fmu", metavar="COMP=FILE", help="An FMU in place of a component, values and all."),
+]
 
 
 @dataclass(frozen=True)
@@ -108,6 +112,7 @@ def run(
     *,
     out: Out = None,
     set_: Overrides = None,
+    fmu: Fmus = None,
     stride: Annotated[int, typer.Option(min=1, metavar="N", help="Record, and judge, every N-th step only.")] = 1,
     stream: Annotated[bool, typer.Option("--stream", help="Write the record to its file while running.")] = False,
     isolate: Isolate,
@@ -119,6 +124,7 @@ def run(
     from orchestrator.scenario.report import interruption
     from orchestrator.scenario.results import LOG_FILE, document_of, write_run
     from orchestrator.scenario.run import HEADERS, Keeping, ScenarioFailed, ScenarioInterrupted, run_scenario
+    from orchestrator.scenario.schema import load_scenario
 
     values, isolation, folder = overrides(set_), isolate.isolation(), out or Path("out") / scenario.stem
     check_target(folder)
@@ -126,7 +132,8 @@ def run(
     with terminal.bar(scenario.stem) as move, aside(folder) as near:
         keeping = Keeping(stride, near if stream else None, near / LOG_FILE)
         try:
-            result = run_scenario(scenario, values, move, keeping=keeping, isolation=isolation)
+            loaded = load_scenario(scenario, fmus=files(fmu))
+            result = run_scenario(loaded, values, move, keeping=keeping, isolation=isolation)
         except ScenarioInterrupted as stop:
             result = stop.result
         except ScenarioFailed as error:
@@ -162,6 +169,17 @@ def info(
 
     document = about(file)
     return Answer(document, list(described(document)))
+
+
+def files(texts: list[str] | None) -> dict[str, Path]:
+    """What the options --fmu say: component -> file."""
+    named = {}
+    for text in texts or []:
+        component, separator, file = text.partition("=")
+        if not (component and separator and file):
+            raise InputError(f"--fmu {text}", "is not COMP=FILE", "write --fmu controller=out/fmus/controller.fmu")
+        named[component] = Path(file)
+    return named
 
 
 def overrides(texts: list[str] | None) -> dict[str, Value | list[Any]]:

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, model_validator
 
+from fmus.errors import ScenarioError
 from orchestrator.assembly.schema import ComponentBlock, RunBlock, SignalFileBlock, SystemBlock
 from orchestrator.assembly.stimulus import Stimulus
 from orchestrator.assembly.whole_arrays import Values, elements, shapes
@@ -347,6 +348,21 @@ class ScenarioBlock(SystemBlock):
             raise ValueError(f"{twice[0]} has two sources, a stimulus and a signal of the bus")
         return self
 
+    def with_fmus(self, fmus: Mapping[str, Path]) -> ScenarioBlock:
+        """The same with these FMU files in place of components.
+
+        Raises:
+            ScenarioError: there is no such component or file.
+        """
+        for name, file in fmus.items():
+            if name not in self.components:
+                known = ", ".join(self.components)
+                raise ScenarioError(f"--fmu {name}", "no such component", f"there are {known}")
+            if not file.is_file():
+                raise ScenarioError(f"--fmu {name}", f"no file {file}", "give an FMU that is there")
+        replaced = {name: self.components[name].replaced(file) for name, file in fmus.items()}
+        return self.model_copy(update={"components": {**self.components, **replaced}})
+
     def scenario(self, path: Path, references: bool = True) -> Scenario:
         """The scenario of the file at `path`, to which the paths in it are relative, with all that it reads.
 
@@ -409,11 +425,12 @@ class PartBlock(ScenarioBlock):
     part: str
 
 
-def load_scenario(path: str | Path, references: bool = True) -> Scenario:
+def load_scenario(path: str | Path, references: bool = True, fmus: Mapping[str, Path] | None = None) -> Scenario:
     """The scenario in a file, with the recordings that it names.
 
     Args:
         references: whether its accepted references are read; what is to be replaced need not be fit for it.
+        fmus: component -> FMU file that takes its place, with the values in it and none of the component's.
 
     Raises:
         ScenarioError: no such file, or it does not fit.
@@ -422,4 +439,4 @@ def load_scenario(path: str | Path, references: bool = True) -> Scenario:
     file = Path(path)
     block, parts = load_joined(file, ScenarioBlock)
     with naming(file):
-        return replace(block.scenario(file, references), parts=parts)
+        return replace(block.with_fmus(fmus or {}).scenario(file, references), parts=parts)
