@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import numpy as np
-import plotly.graph_objects as go
 
 from identification.motion.calibration import MotionCalibration
+from identification.motion.motion import Motion
 from identification.motion.results import summary
 from identification.motion.tube import Tube
 from identification.output_error.calibration import Judged
 from identification.recordings.units import unit_documents
 from identification.results import data_summary, parameter_rows, provenance, verdict_callout
-from orchestrator.display import look
-from orchestrator.display.curves import TimeCurve, stacked
 from orchestrator.display.table import Cell
-from orchestrator.display.thinning import thin
 from orchestrator.report import Report, Section, figures
+from orchestrator.report.chart import HEIGHT, Chart, Curve, Panel
 from orchestrator.trace import FloatArray, Trace
 
 SHOWN = 4  # recordings that are drawn
+LEAST = 1e-12  # energy that a logarithmic axis shows [J]
 
 
 def report(result: MotionCalibration) -> Report:
@@ -63,29 +62,25 @@ def _overview(section: Section, result: MotionCalibration) -> None:
 
 def _motion(section: Section, result: MotionCalibration) -> None:
     """The motions in the plane of angle and speed, and how their invariant decays (Eq. 114)."""
-    figure = go.Figure()
-    for number, motion in enumerate(result.motions[:SHOWN]):
-        name, line = look.plain(motion.name), {"color": look.colour(number), "width": 1}
-        figure.add_scatter(x=motion.angle, y=motion.speed, mode="lines", name=name, line=line)
-    figure.update_xaxes(title_text="angle from the equilibrium [rad]")
-    figure.update_yaxes(title_text="speed [rad/s]")
-    section.figure(look.styled(figure, 480), "The motions, and the orbit that they come to")
+    shown = result.motions[:SHOWN]
+    orbits = [Curve(motion.name, motion.angle, motion.speed, colour=n) for n, motion in enumerate(shown)]
+    plane = Chart([Panel("speed [rad/s]", orbits)], x="angle from the equilibrium [rad]", height=2 * HEIGHT)
+    section.figure(plane, "The motions, and the orbit that they come to")
     values = result.taken.values
-    p1, p3 = values["p1"], values["p3"]
-    curves: list[tuple[str, FloatArray, FloatArray]] = []
-    for motion in result.motions[:SHOWN]:
-        energy = motion.invariant(p1, p3, 0.0)
-        last = motion.time > motion.time[-1] - 3 * motion.period
-        curves.append((motion.name, motion.action, np.abs(energy - float(np.mean(energy[last])))))
-    decay = go.Figure()
-    for number, (name, action, error) in enumerate(curves):
-        x, y = thin(action, np.maximum(error, 1e-12))
-        decay.add_scatter(
-            x=x, y=y, mode="lines", name=look.plain(name), line={"color": look.colour(number), "width": 1}
-        )
-    decay.update_xaxes(title_text="integral of the squared speed [rad^2/s]")
-    decay.update_yaxes(title_text="energy off the orbit's [J]", type="log")
-    section.figure(look.styled(decay, 420), "The recalibrated invariant: a line while Eq. 114 holds, then noise")
+    decays = [
+        Curve(motion.name, motion.action, _off_its_orbit(motion, values["p1"], values["p3"]), colour=n)
+        for n, motion in enumerate(shown)
+    ]
+    panel = Panel("energy off the orbit's [J]", decays, log=True)
+    decay = Chart([panel], x="integral of the squared speed [rad^2/s]", height=2 * HEIGHT)
+    section.figure(decay, "The recalibrated invariant: a line while Eq. 114 holds, then noise")
+
+
+def _off_its_orbit(motion: Motion, p1: float, p3: float) -> FloatArray:
+    """(K,) size of the invariant of Eq. 110 about the mean energy of the last three periods [J]."""
+    energy = motion.invariant(p1, p3, 0.0)
+    last = motion.time > motion.time[-1] - 3 * motion.period
+    return np.maximum(np.abs(energy - float(np.mean(energy[last]))), LEAST)
 
 
 def _free_runs(section: Section, tube: Tube, take: str) -> None:
@@ -120,9 +115,9 @@ def _balance(section: Section, result: MotionCalibration) -> None:
         f"{len(balance.errors)} stretches differ, and what is common to all of them (play, say) is in none.",
     }
     section.callout("ok" if balance.method == "noise" else "warning", said[balance.method])
-    windows = []
-    for number, name in enumerate(dict.fromkeys(balance.recordings)):
+    panels = []
+    for number, name in enumerate([*dict.fromkeys(balance.recordings)][:SHOWN]):
         own = [n for n, recording in enumerate(balance.recordings) if recording == name]
         time, error = (np.concatenate([parts[n] for n in own]) for parts in (balance.times, balance.errors))
-        windows.append((name, [TimeCurve(name, time, error, look.colour(number), 1.0)]))
-    section.figure(stacked(windows[:SHOWN], legend=False), "What the balance leaves over, over p1 [rad^2/s^2]")
+        panels.append(Panel(name, [Curve(name, time, error, colour=number)]))
+    section.figure(Chart(panels, legend=False), "What the balance leaves over, over p1 [rad^2/s^2]")
