@@ -39,6 +39,7 @@ ENDURANCE = {
     "loop_endurance": "what 100,000 lives of an FMU and 1,000,000 resets leave behind",
     "can_bridge": "deadlines and lost frames in ten minutes",
     "can_wire": "two full buses of 1 Mbit/s recorded for five minutes",
+    "faults": "200 random faults of bridges and benches, seen by a foreign peer",
     "interruptions": "500 commands interrupted at random moments: what is lost or left",
 }
 
