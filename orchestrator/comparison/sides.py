@@ -6,19 +6,16 @@ A side is a folder of results, a recording, a scenario, an FMU, or a way to run 
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
 
-from pydantic import ConfigDict, TypeAdapter, ValidationError
-from typing_extensions import TypedDict
-
 from fmus.errors import InputError, ScenarioError
 from orchestrator import formats
 from orchestrator.assembly.assembly import assemble
 from orchestrator.comparison.fmu_side import alone, with_component
+from orchestrator.comparison.result_traces import traces
 from orchestrator.engine import Engine
 from orchestrator.fmi.isolation import scratch
 from orchestrator.progress import Progress, silent
@@ -74,6 +71,8 @@ class Side:
 
 def _packed(target: str) -> Callable[[Scenario, Path], Scenario]:
     def way(scenario: Scenario, folder: Path) -> Scenario:
+        if all(component.fmu is not None for component in scenario.system.components.values()):
+            raise InputError(scenario.path, f"has no model that could be packed as {target}", "its components are FMUs")
         return replace(scenario, system=assemble(scenario.system, folder, scenario.driven, target).system)
 
     return way
@@ -112,7 +111,11 @@ def side(given: str, setting: Setting, progress: Progress = silent) -> Side:
     if not path.exists():
         raise InputError(given, "is neither there nor one of " + ", ".join(WAYS), "check the path")
     if path.is_dir():
-        return _results(path, setting)
+        cases = {name: trace for name, trace in traces(path).items() if setting.case in (None, name)}
+        if not cases:
+            which = f" of case {setting.case}" if setting.case else ""
+            raise InputError(path, f"holds no trace{which}", "give a folder that `run` or `test` wrote")
+        return Side(given, {name: formats.read(file).trace for name, file in cases.items()})
     if path.suffix.lower() == ".fmu":
         if setting.scenario is None:
             trace, notes = alone(path, setting.stop, setting.step)
@@ -149,42 +152,3 @@ def _traces(result: ScenarioResult) -> dict[str, Trace]:
 def _endings(result: ScenarioResult) -> tuple[str, ...]:
     refused = [f"case {case.name}: {case.error}" for case in result.cases if case.error is not None]
     return (*refused, *(f"case {case.name}: {case.ended}" for case in result.cases if case.ended))
-
-
-class _CaseEntry(TypedDict, total=False):
-    """What a comparison reads of a case in a manifest."""
-
-    __pydantic_config__ = ConfigDict(extra="ignore")  # type: ignore[misc]
-    name: str
-    trace: str
-
-
-class _Manifest(TypedDict):
-    __pydantic_config__ = ConfigDict(extra="ignore")  # type: ignore[misc]
-    cases: list[_CaseEntry]
-
-
-def _results(folder: Path, setting: Setting) -> Side:
-    """The traces of a run's folder of results."""
-    file = folder / "manifest.json"
-    try:
-        manifest = TypeAdapter(_Manifest).validate_python(json.loads(file.read_text(encoding="utf-8")))
-    except (OSError, ValueError, ValidationError, RecursionError):
-        raise InputError(
-            folder, "holds no manifest.json of a run", "give a folder that `servotwin run` wrote"
-        ) from None
-    named = {case["name"]: case["trace"] for case in manifest["cases"] if "name" in case and "trace" in case}
-    chosen = {name: trace for name, trace in named.items() if setting.case in (None, name)}
-    if not chosen:
-        raise InputError(
-            folder, "holds no trace" + (f" of case {setting.case}" if setting.case else ""), "run it again"
-        )
-    return Side(str(folder), {name: formats.read(_inside(folder, trace)).trace for name, trace in chosen.items()})
-
-
-def _inside(folder: Path, name: str) -> Path:
-    """A file of the folder, and of no other."""
-    file = folder / name
-    if Path(name).name != name:
-        raise InputError(folder, f"names the trace '{name}', which is not in it", "run it again")
-    return file

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
-from orchestrator.trace import FloatArray, Trace
+from orchestrator.trace import BoolArray, FloatArray, Trace
 
 Rows = NDArray[np.int64]
 LONG = 64  # samples of a segment
 
 
-def decimated(trace: Trace, tolerances: Mapping[str, float]) -> Trace:
+def decimated(trace: Trace, tolerances: Mapping[str, float], hold: Collection[str] = ()) -> Trace:
     """Samples of the trace that lines join within the tolerances at every other one.
 
     Where a line between two kept samples is off, the sample where it is off most is kept, too, until none is (Douglas,
@@ -22,12 +22,22 @@ def decimated(trace: Trace, tolerances: Mapping[str, float]) -> Trace:
 
     Args:
         tolerances: signal -> largest distance [unit of the signal], for every signal.
+        hold: signals that keep each value until their next sample, also where samples are left out.
     """
     if len(trace) <= 2:
         return trace
     kept = np.zeros(len(trace), dtype=bool)
     kept[[0, -1]] = True
-    left = np.arange(1, len(trace) - 1)  # samples whose segment was off
+    for name in hold:
+        kept[_steps(trace[name], tolerances[name])] = True
+    lines = trace.select(name for name in trace.names if name not in hold)
+    return trace.rows(_joined(lines, kept, tolerances) if lines.names else kept)
+
+
+def _joined(trace: Trace, kept: BoolArray, tolerances: Mapping[str, float]) -> BoolArray:
+    """(K,) which samples are kept: those of `kept`, and as many more as lines need."""
+    kept = kept.copy()
+    left = np.flatnonzero(~kept)  # samples whose segment was off
     while len(left):
         rows = np.flatnonzero(kept)
         excess = np.max([_excess(trace, name, rows, left, tolerances[name]) for name in trace.names], axis=0)
@@ -41,7 +51,17 @@ def decimated(trace: Trace, tolerances: Mapping[str, float]) -> Trace:
         kept[_middles(rows, found)] = True
         left = left[(worst > 0)[place]]
         left = left[~kept[left]]
-    return trace.rows(kept)
+    return kept
+
+
+def _steps(values: FloatArray, tolerance: float) -> list[int]:
+    """Where a value is farther from the one that was kept last than the tolerance."""
+    steps, last = [0], float(values[0])
+    for row, value in enumerate(values.tolist()):
+        if abs(value - last) > tolerance:
+            steps.append(row)
+            last = value
+    return steps
 
 
 def _middles(rows: Rows, found: Rows) -> Rows:

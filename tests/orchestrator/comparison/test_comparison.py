@@ -149,6 +149,22 @@ def test_what_cannot_be_compared_is_refused_in_a_line(
     assert said in answer["said"] and "Traceback" not in answer["said"]
 
 
+def test_the_folders_of_two_suites_are_compared_scenario_by_scenario(swing: Path, tmp_path: Path) -> None:
+    for suite, angle in (("before", "0.2"), ("after", "0.21")):
+        swing.write_text(SWING.replace("0.2", angle))
+        out = tmp_path / suite / "swings" / "swing"
+        assert CliRunner().invoke(app, ["run", str(swing), "--out", str(out)]).exit_code == 0
+    found = compared(tmp_path / "before", tmp_path / "after", code=1)
+    assert [case["name"] for case in found["cases"]] == ["swings/swing: high", "swings/swing: low"]
+    assert found["first"]["case"] == "swings/swing: low"
+
+
+def test_a_scenario_of_fmus_alone_has_nothing_to_be_packed(swing: Path, tmp_path: Path) -> None:
+    build("pendulum", tmp_path / "hand.fmu")
+    swing.write_text(SWING.replace("model: pendulum", "fmu: hand.fmu"))
+    assert "has no model that could be packed" in compared("native", "python", "--scenario", swing, code=2)["said"]
+
+
 def test_another_tools_recording_is_compared_under_its_own_names(swing: Path, tmp_path: Path) -> None:
     result = run_scenario(swing).cases[0].trace
     other = tmp_path / "other.csv"

@@ -18,17 +18,23 @@ def trace(**signals: list[float]) -> Trace:
     return Trace(np.cumsum(1.0 + np.arange(count) % 3), {name: np.array(values) for name, values in signals.items()})
 
 
-@given(VALUES, st.randoms(use_true_random=False), st.floats(0, 1e5), st.floats(0, 1e5))
-def test_lines_between_what_is_kept_are_within_the_tolerance_of_every_sample_of_every_signal(
-    values: list[float], random: object, one: float, other: float
+@given(
+    VALUES,
+    st.randoms(use_true_random=False),
+    st.floats(0, 1e5),
+    st.floats(0, 1e5),
+    st.sets(st.sampled_from(["a", "b"])),
+)
+def test_lines_or_steps_between_what_is_kept_are_within_the_tolerance_of_every_sample_of_every_signal(
+    values: list[float], random: object, one: float, other: float, hold: set[str]
 ) -> None:
     shuffled = values.copy()
     random.shuffle(shuffled)  # type: ignore[attr-defined]
     full, tolerances = trace(a=values, b=shuffled), {"a": one, "b": other}
-    few = decimated(full, tolerances)
+    few = decimated(full, tolerances, hold)
     assert set(few.time) <= set(full.time) and few.time[[0, -1]].tolist() == full.time[[0, -1]].tolist()
     for name, tolerance in tolerances.items():
-        assert np.max(np.abs(few.resampled(full.time)[name] - full[name])) <= tolerance * (1 + 1e-12) + 1e-9
+        assert np.max(np.abs(few.resampled(full.time, hold)[name] - full[name])) <= tolerance * (1 + 1e-12) + 1e-9
 
 
 def test_a_line_keeps_its_ends_and_a_corner_its_corner() -> None:
@@ -36,6 +42,12 @@ def test_a_line_keeps_its_ends_and_a_corner_its_corner() -> None:
     time = np.arange(100.0)
     assert decimated(Trace(time, {"a": 2 * time}), {"a": 1e-9}).time.tolist() == [0.0, 99.0]
     assert decimated(Trace(time, {"a": np.array(corner)}), {"a": 1e-9}).time.tolist() == [0.0, 50.0, 99.0]
+
+
+def test_a_signal_that_is_held_keeps_its_steps_and_nothing_between() -> None:
+    time = np.arange(100.0)
+    steps = Trace(time, {"a": np.floor(time / 25)})
+    assert decimated(steps, {"a": 0.5}, ["a"]).time.tolist() == [0.0, 25.0, 50.0, 75.0, 99.0]
 
 
 def test_a_sine_takes_about_the_samples_that_its_curvature_asks_for() -> None:
