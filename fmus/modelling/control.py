@@ -5,6 +5,7 @@ From then on an integral that begins where this needs it, or an offset that fade
 travels inside every Python FMU.
 """
 
+import math
 from typing import Any
 
 from . import ops
@@ -34,6 +35,10 @@ FRICTION = (
     parameter("compensation_voltage", "V", 0.7, "Height of the compensation of dry friction", minimum=0),
     parameter("error_band", "V", 0.05, "Error below which there is no compensation; 0: always", minimum=0),
     parameter("speed_band", "V", 0.05, "Speed below which there is no compensation; 0: always", minimum=0),
+    parameter(
+        "waking_band", "V", 0.0, "Error below which a compensation that rests stays away; 0: as above", minimum=0
+    ),
+    parameter("speed_cutoff", "Hz", 0.0, "Of a low-pass of the measured speed; 0: none", minimum=0),
 )
 UNIT_OF_GAINS = (
     parameter("gains", "1", 1, "What the gains give per volt", minimum=1, maximum=len(GAINS), choices=GAINS),
@@ -53,6 +58,12 @@ STATES = (
     State("was_enabled", 1.0, sampled=True, description="Whether the controller was enabled at the last sample"),
 )
 INTEGRAL = State("integral", 0.0, "V", sampled=True, description="Part of the command that the integral gives")
+OF_FRICTION = (
+    State("compensation", 0.0, "V", sampled=True),
+    State("resting", 0.0, sampled=True, description="Whether the compensation rests"),
+    State("smooth_speed", 0.0, "V", sampled=True, description="Speed behind its low-pass"),
+    State("reference_before", 0.0, "V", sampled=True, description="Reference at the last sample"),
+)
 OFFSET = State("offset", 0.0, "V", sampled=True, description="What fades after the controller was enabled")
 
 
@@ -108,8 +119,28 @@ def side(effort: Any) -> Any:
     return ops.where(effort < 0, -1.0, 1.0)
 
 
-def compensation(sign: Any, error: Any, speed: Any, p: Any) -> Any:
-    """Against dry friction [V], with this sign: zero while both error and speed lie within their bands (Eq. 4-8)."""
-    full = p.compensation_voltage * sign
-    slow = ops.where(ops.absolute(speed) < p.speed_band, 0.0, full)
-    return ops.where(ops.absolute(error) < p.error_band, slow, full)
+def smooth_speed(x: Any, u: Any, p: Any) -> Any:
+    """The measured speed [V] behind a low-pass of one pole, or as it is."""
+    kept = ops.where(p.speed_cutoff > 0, ops.exp(-2 * math.pi * p.speed_cutoff * p.sample_time), 0.0)
+    return u.speed + kept * (x.smooth_speed - u.speed)
+
+
+def compensated(effort: Any, error: Any, speed: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+    """New values of STATES, OF_FRICTION and OFFSET, where to an effort [V] comes a compensation of its sign (Eq. 4-6).
+
+    The compensation rests while both error and speed lie within their bands (Eq. 4-8), and then for as long as the
+    error stays below `waking_band` and the reference where it is.
+    """
+    arrived = ops.both(ops.absolute(error) < p.error_band, ops.absolute(speed) < p.speed_band)
+    close = ops.both(x.resting > 0.5, ops.absolute(error) < p.waking_band)
+    asleep = ops.both(close, ops.absolute(u.reference - x.reference_before) <= 0)
+    resting = ops.where(arrived, 1.0, ops.where(asleep, 1.0, 0.0))
+    compensation = ops.where(resting > 0.5, 0.0, p.compensation_voltage * side(effort))
+    fading_offset = offset(effort + compensation, u.manual, x, u, p)
+    return command(effort + compensation + fading_offset, u.manual, x, u, p) | {
+        "compensation": compensation,
+        "resting": resting,
+        "smooth_speed": speed,
+        "reference_before": u.reference,
+        "offset": fading_offset,
+    }

@@ -177,6 +177,7 @@ def outputs(t, x, u, p):
         "tip_acceleration": at_tip(hub, modal, p),
         "friction_torque": rubbing,
         "stop_torque": stop_torque(x, p),
+        "gear_twist": x.motor_angle - x.angle,
     }
 
 
@@ -250,6 +251,9 @@ MODEL = Model(
         output("tip_acceleration", "m/s2", "Acceleration of the tip across the beam"),
         output("motor_angle", "rad", "Angle of the motor's side of the gear; the hub's with a rigid gear"),
         output("motor_speed", "rad/s", "Angular velocity of the motor's side of the gear"),
+        output(
+            "gear_twist", "rad", "Lead of the motor's side of the gear; beyond half of the play its teeth are in touch"
+        ),
         output("friction_torque", "N.m", "Torque of friction against the motion"),
         output("stop_torque", "N.m", "Torque of an end stop on the hub"),
         output("stop_time", "s", "How long an end stop was touched so far; 0 as long as none ever was"),

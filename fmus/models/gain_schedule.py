@@ -30,12 +30,10 @@ def at(payload, payloads, values):
 def update(t, x, u, p):
     payload = followed(x, u, p)
     kp, kd, ks = (at(payload, p.payloads, values) for values in (p.kp, p.kd, p.ks))
-    error = u.reference - u.position
-    effort = control.in_volts(kp * error - kd * u.speed - ks * u.strain, p)
-    compensation = control.compensation(control.side(effort), error, u.speed, p)
-    offset = control.offset(effort + compensation, u.manual, x, u, p)
-    given = {"effort": effort, "compensation": compensation, "offset": offset, "scheduled_payload": payload}
-    return control.command(effort + compensation + offset, u.manual, x, u, p) | given
+    error, speed = u.reference - u.position, control.smooth_speed(x, u, p)
+    effort = control.in_volts(kp * error - kd * speed - ks * u.strain, p)
+    given = {"effort": effort, "scheduled_payload": payload}
+    return control.compensated(effort, error, speed, x, u, p) | given
 
 
 def rising(t, x, u, p):
@@ -74,7 +72,7 @@ def gain_schedule(points):
         states=(
             *control.STATES,
             State("effort", 0.0, "V", sampled=True),
-            State("compensation", 0.0, "V", sampled=True),
+            *control.OF_FRICTION,
             State("scheduled_payload", "payload_start", "kg", sampled=True),
             control.OFFSET,
         ),

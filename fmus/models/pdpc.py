@@ -4,19 +4,18 @@
     voltage = effort + compensation   (Eq. 4-6), within the limit
 
 The compensation has a constant height and the effort's sign; within its bands of error and speed there is none
-(Eq. 4-8). Bands of 0 make it unconditional, which hunts at the set-point.
+(Eq. 4-8). Bands of 0 make it unconditional, which hunts at the set-point. With play in the gear every hit takes the
+speed out of its band: `waking_band` keeps the compensation away until the error has grown, and `speed_cutoff` keeps the
+hits out of the effort.
 """
 
 from . import Model, State, control, output
 
 
 def update(t, x, u, p):
-    error = u.reference - u.position
-    effort = control.in_volts(p.kp * error - p.kd * u.speed - p.ks * u.strain, p)
-    compensation = control.compensation(control.side(effort), error, u.speed, p)
-    offset = control.offset(effort + compensation, u.manual, x, u, p)
-    given = {"effort": effort, "compensation": compensation, "offset": offset}
-    return control.command(effort + compensation + offset, u.manual, x, u, p) | given
+    error, speed = u.reference - u.position, control.smooth_speed(x, u, p)
+    effort = control.in_volts(p.kp * error - p.kd * speed - p.ks * u.strain, p)
+    return control.compensated(effort, error, speed, x, u, p) | {"effort": effort}
 
 
 MODEL = Model(
@@ -38,7 +37,7 @@ MODEL = Model(
     states=(
         *control.STATES,
         State("effort", 0.0, "V", sampled=True),
-        State("compensation", 0.0, "V", sampled=True),
+        *control.OF_FRICTION,
         control.OFFSET,
     ),
     update=update,

@@ -71,3 +71,29 @@ def test_conditional_compensation_rests_where_unconditional_hunts() -> None:
         residual.append(float(np.std(trace["arm.middle_strain"][trace.time > 5])))
     conditional, unconditional = residual
     assert conditional < unconditional / 3
+
+
+def compensations(errors: list[float], speeds: list[float], references: list[float] | None = None) -> list[float]:
+    """The compensation after each sample, with a band that it wakes beyond."""
+    reference = references or [0.0] * len(errors)
+    position = [wanted - error for wanted, error in zip(reference, errors, strict=True)]
+    inputs = {"reference": reference, "position": position, "speed": speeds, "strain": [0.0] * len(errors)}
+    return sampled(PDPC, {"waking_band": 0.1}, ["compensation"], inputs)[:, 0].tolist()
+
+
+def test_a_compensation_that_rests_is_woken_by_an_error_and_not_by_a_hit() -> None:
+    assert compensations([0.06, 0.04, 0.09, 0.09, 0.11, 0.09], [0.0, 0.0, -0.3, 0.0, 0.0, 0.0]) == [
+        *(0.7, 0.0, 0.0, 0.0, 0.7, 0.7)
+    ]
+
+
+def test_a_compensation_that_rests_is_woken_by_a_new_reference() -> None:
+    assert compensations([0.0, 0.06, 0.06], [0.0] * 3, [0.0, 0.06, 0.06]) == [0.0, 0.7, 0.7]
+
+
+def test_the_low_pass_of_the_speed_lets_through_what_its_pole_says() -> None:
+    speed = np.repeat(0.3, 50)
+    inputs = {"reference": np.zeros(50), "position": np.zeros(50), "speed": speed, "strain": np.zeros(50)}
+    found = sampled(PDPC, {"speed_cutoff": 10.0}, ["effort"], inputs)[:, 0]
+    expected = -4.2664 * 0.3 * (1 - np.exp(-2 * np.pi * 10 / 300 * np.arange(1, 51)))
+    assert found == pytest.approx(expected, rel=1e-12)
