@@ -119,6 +119,16 @@ def side(effort: Any) -> Any:
     return ops.where(effort < 0, -1.0, 1.0)
 
 
+def arrived(error: Any, speed: Any, p: Any) -> Any:
+    """Whether both lie within the bands in which there is no compensation (Eq. 4-8)."""
+    return ops.both(ops.absolute(error) < p.error_band, ops.absolute(speed) < p.speed_band)
+
+
+def compensation(sign: Any, error: Any, speed: Any, p: Any) -> Any:
+    """Against dry friction [V], with this sign: zero where the arm has arrived (Eq. 4-8)."""
+    return ops.where(arrived(error, speed, p), 0.0, p.compensation_voltage * sign)
+
+
 def smooth_speed(x: Any, u: Any, p: Any) -> Any:
     """The measured speed [V] behind a low-pass of one pole, or as it is."""
     kept = ops.where(p.speed_cutoff > 0, ops.exp(-2 * math.pi * p.speed_cutoff * p.sample_time), 0.0)
@@ -131,14 +141,13 @@ def compensated(effort: Any, error: Any, speed: Any, x: Any, u: Any, p: Any) -> 
     The compensation rests while both error and speed lie within their bands (Eq. 4-8), and then for as long as the
     error stays below `waking_band` and the reference where it is.
     """
-    arrived = ops.both(ops.absolute(error) < p.error_band, ops.absolute(speed) < p.speed_band)
     close = ops.both(x.resting > 0.5, ops.absolute(error) < p.waking_band)
     asleep = ops.both(close, ops.absolute(u.reference - x.reference_before) <= 0)
-    resting = ops.where(arrived, 1.0, ops.where(asleep, 1.0, 0.0))
-    compensation = ops.where(resting > 0.5, 0.0, p.compensation_voltage * side(effort))
-    fading_offset = offset(effort + compensation, u.manual, x, u, p)
-    return command(effort + compensation + fading_offset, u.manual, x, u, p) | {
-        "compensation": compensation,
+    resting = ops.where(arrived(error, speed, p), 1.0, ops.where(asleep, 1.0, 0.0))
+    added = ops.where(resting > 0.5, 0.0, p.compensation_voltage * side(effort))
+    fading_offset = offset(effort + added, u.manual, x, u, p)
+    return command(effort + added + fading_offset, u.manual, x, u, p) | {
+        "compensation": added,
         "resting": resting,
         "smooth_speed": speed,
         "reference_before": u.reference,
