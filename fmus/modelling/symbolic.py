@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
@@ -95,15 +95,21 @@ def feed_through(model: Model) -> dict[str, tuple[str, ...]]:
     return direct
 
 
-def symbols_in(*expressions: sympy.Basic) -> set[sympy.Basic]:
-    """Symbols that occur; shared parts are looked through once, which SymPy's own `free_symbols` does not."""
-    waiting, seen = list(expressions), set(expressions)
+def symbols_in(*expressions: sympy.Basic, but: Iterable[sympy.Basic] = ()) -> set[sympy.Basic]:
+    """Symbols that occur; shared parts are looked through once, which SymPy's own `free_symbols` does not.
+
+    Args:
+        but: expressions that are not looked through.
+    """
+    beyond = set(but)
+    waiting = [expression for expression in expressions if expression not in beyond]
+    seen = {*waiting, *beyond}
     while waiting:
         for part in waiting.pop().args:
             if part not in seen:
                 seen.add(part)
                 waiting.append(part)
-    return {part for part in seen if part.is_Symbol}
+    return {part for part in seen - beyond if part.is_Symbol}
 
 
 def _free_name(model: Model) -> str:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import textwrap
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import reduce
 
@@ -52,11 +52,13 @@ class Dialect:
         symbols: C of each symbol.
         tables: names of the tables, in the order of the C array `tables`.
         references: place in the C array `v` of each symbol that is an element of an array.
+        computed: C of expressions whose values are there already.
     """
 
     symbols: Mapping[sympy.Symbol, str]
     tables: Sequence[str] = ()
     references: Mapping[sympy.Symbol, int] = field(default_factory=dict)
+    computed: Mapping[sympy.Basic, str] = field(default_factory=dict)
 
 
 def statements(place: str, dialect: Dialect, roots: Sequence[sympy.Basic]) -> tuple[list[str], list[str]]:
@@ -77,6 +79,33 @@ def statements(place: str, dialect: Dialect, roots: Sequence[sympy.Basic]) -> tu
         raise ModelError(place, f"uses '{unknown}', which has no counterpart in C", "use only fmus.ops") from None
 
 
+def computed_from(symbols: Iterable[sympy.Basic], roots: Iterable[sympy.Basic]) -> list[sympy.Basic]:
+    """The largest numbers in these expressions that hold no other symbols, each once, in their order."""
+    allowed, found = set(symbols), dict[sympy.Basic, None]()
+    within: dict[sympy.Basic, bool] = {}
+
+    def is_within(node: sympy.Basic) -> bool:
+        if node not in within:
+            operands = list(_operands(node))
+            within[node] = all([*map(is_within, operands)]) if operands else not node.is_Symbol or node in allowed
+        return within[node]
+
+    def visit(node: sympy.Basic) -> None:
+        if node.is_Atom or node in found:
+            return
+        if is_within(node) and not isinstance(node, Boolean):
+            found[node] = None
+        elif node not in seen:
+            seen.add(node)
+            for operand in _operands(node):
+                visit(operand)
+
+    seen = set[sympy.Basic]()
+    for root in roots:
+        visit(root)
+    return list(found)
+
+
 def literal(value: float) -> str:
     """A double of C with every bit."""
     text = repr(float(value))
@@ -94,7 +123,8 @@ class _Writer:
         self.lines: list[str] = []
         self._tables, self._uses, self._references = list(dialect.tables), uses, dialect.references
         self._vectors: dict[tuple[sympy.Basic, ...], str] = {}
-        self._texts: dict[sympy.Basic, Text] = {symbol: (name, _ATOM) for symbol, name in dialect.symbols.items()}
+        known = {**dialect.symbols, **dialect.computed}
+        self._texts: dict[sympy.Basic, Text] = {node: (name, _ATOM) for node, name in known.items()}
 
     def prepare(self, node: sympy.Basic) -> None:
         """Give names to what is used twice or too long, children first."""

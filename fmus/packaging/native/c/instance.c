@@ -151,7 +151,9 @@ static void evaluate_rates(Instance *it)
     Snapshot *s = &it->now;
     if (s->valid & RATES_VALID)
         return;
-    model_derivatives(s->time, s->values, it->tables, &s->values[FIRST_RATE]);
+    double constants[N_CONSTANTS + 1];
+    model_constants(s->values, constants);
+    model_derivatives(s->time, s->values, it->tables, constants, &s->values[FIRST_RATE]);
     s->valid |= RATES_VALID;
 }
 
@@ -223,23 +225,23 @@ static Status prepare(Instance *it, double time)
     return STATUS_OK;
 }
 
-static void runge_kutta(Instance *it, double t, double h)
+static void runge_kutta(Instance *it, const double *constants, double t, double h)
 {
     double *v = it->now.values;
     double start[N_CONTINUOUS + 1], k1[N_CONTINUOUS + 1], k2[N_CONTINUOUS + 1], k3[N_CONTINUOUS + 1],
         k4[N_CONTINUOUS + 1];
     for (int i = 0; i < N_CONTINUOUS; i++)
         start[i] = v[model_continuous[i]];
-    model_derivatives(t, v, it->tables, k1);
+    model_derivatives(t, v, it->tables, constants, k1);
     for (int i = 0; i < N_CONTINUOUS; i++)
         v[model_continuous[i]] = start[i] + 0.5 * h * k1[i];
-    model_derivatives(t + 0.5 * h, v, it->tables, k2);
+    model_derivatives(t + 0.5 * h, v, it->tables, constants, k2);
     for (int i = 0; i < N_CONTINUOUS; i++)
         v[model_continuous[i]] = start[i] + 0.5 * h * k2[i];
-    model_derivatives(t + 0.5 * h, v, it->tables, k3);
+    model_derivatives(t + 0.5 * h, v, it->tables, constants, k3);
     for (int i = 0; i < N_CONTINUOUS; i++)
         v[model_continuous[i]] = start[i] + h * k3[i];
-    model_derivatives(t + h, v, it->tables, k4);
+    model_derivatives(t + h, v, it->tables, constants, k4);
     for (int i = 0; i < N_CONTINUOUS; i++)
         v[model_continuous[i]] = start[i] + h / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]);
 }
@@ -252,8 +254,10 @@ static Status integrate(Instance *it, double time, double duration)
     const double inner = duration / count;
     if (!(count <= MOST_INNER_STEPS))
         return failure(it, "a step of %g s needs %g inner steps", duration, count);
+    double constants[N_CONSTANTS + 1];
+    model_constants(it->now.values, constants);
     for (double i = 0; i < count; i++)
-        runge_kutta(it, time + i * inner, inner);
+        runge_kutta(it, constants, time + i * inner, inner);
     return STATUS_OK;
 }
 

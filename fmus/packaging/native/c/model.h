@@ -32,8 +32,11 @@ extern const int model_continuous[N_CONTINUOUS + 1];   /* value references of th
 extern const double model_nominals[N_CONTINUOUS + 1];
 extern const char *const model_tables[N_TABLES + 1];
 
-/* Rates of the continuous states, in the order of `model_continuous`. */
-void model_derivatives(double t, const double *v, const Table *tables, double *rates);
+/* What the rates need of parameters alone; it is the same until one of them is set. */
+void model_constants(const double *v, double *c);
+
+/* Rates of the continuous states, in the order of `model_continuous`; `c` are their constants. */
+void model_derivatives(double t, const double *v, const Table *tables, const double *c, double *rates);
 
 /* New values of the sampled states, written into v. */
 void model_update(double t, double *v, const Table *tables);

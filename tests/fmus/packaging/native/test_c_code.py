@@ -170,3 +170,18 @@ def test_a_string_arrives_in_c_as_it_is(tmp_path: Path) -> None:
     (tmp_path / "say.c").write_text(f"#include <stdio.h>\nint main(void) {{ fputs({c_code.string(text)}, stdout); }}")
     subprocess.run(["cc", "-std=c99", "-trigraphs", "say.c", "-o", "say"], cwd=tmp_path, check=True)
     assert subprocess.run([tmp_path / "say"], capture_output=True, check=True).stdout.decode() == text
+
+
+def test_what_depends_on_some_symbols_alone_is_found_whole_and_once() -> None:
+    with sympy.evaluate(False):
+        root = sympy.sqrt(a * 2) * b + sympy.sin(a) * (b - sympy.sqrt(a * 2)) + a * b
+        assert c_code.computed_from([a], [root, sympy.sqrt(a * 2)]) == [sympy.sqrt(a * 2), sympy.sin(a)]
+        assert c_code.computed_from([a, b], [root, b]) == [root]
+        assert c_code.computed_from([], [a > b]) == []
+
+
+def test_what_is_computed_already_is_taken_by_its_name() -> None:
+    with sympy.evaluate(False):
+        root = sympy.sqrt(a) * b
+        dialect = c_code.Dialect({b: "b"}, computed={sympy.sqrt(a): "c[0]"})
+    assert c_code.statements("here", dialect, [root]) == ([], ["c[0] * b"])
