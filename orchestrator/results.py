@@ -26,11 +26,21 @@ _JUNK = {".DS_Store", "Thumbs.db", "desktop.ini"}  # that file managers leave
 
 
 class CheckDocument(TypedDict):
-    """How an expectation or a claim turned out."""
+    """How an expectation or a claim turned out; see `orchestrator.scenario.expectations.Check`.
+
+    Attributes:
+        needed: whether the case fails where it did not hold, which it does by default.
+    """
 
     text: str
     held: bool
     found: str
+    figure: NotRequired[float]
+    margin: NotRequired[float]
+    unit: NotRequired[str]
+    needed: NotRequired[bool]
+    doubt: NotRequired[str]
+    parts: NotRequired[list[CheckDocument]]
 
 
 class CaseDocument(TypedDict):

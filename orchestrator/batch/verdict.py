@@ -56,5 +56,6 @@ def reasons(case: CaseDocument) -> list[str]:
     """Why a case has not passed: its error, or each check that did not hold with what was found."""
     if case["error"]:
         return [case["error"]]
-    missed = [f"{check['text']}, found {check['found']}" for check in case["checks"] if not check["held"]]
+    failed = [check for check in case["checks"] if not check["held"] and check.get("needed", True)]
+    missed = [f"{check['text']}, found {check['found']}" for check in failed]
     return missed or ["did not run to its end"]

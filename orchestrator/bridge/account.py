@@ -33,6 +33,12 @@ class BusAccount(TrafficReport):
     seconds: float
     deadlines: Deadlines
 
+    @property
+    def counts(self) -> dict[str, int]:
+        """What expectations may ask of it."""
+        lost = self.dropped + self.no_room + self.unsent + self.skipped
+        return {"frames lost": lost, "late steps": self.deadlines.late}
+
     def document(self) -> dict[str, Any]:
         """For the manifest."""
         bus = self.bus

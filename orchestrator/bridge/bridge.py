@@ -30,7 +30,7 @@ from orchestrator.progress import Progress, silent
 from orchestrator.realtime.background import Background
 from orchestrator.realtime.pacing import quiet
 from orchestrator.realtime.stopping import Stop, stop_requests
-from orchestrator.scenario.expectations import Check, Expectation, Refusal
+from orchestrator.scenario.expectations import Check, Expected, Ran
 from orchestrator.scenario.run import CaseResult, CaseState, Keeping, ScenarioResult
 from orchestrator.trace import Trace
 
@@ -101,7 +101,7 @@ def couple(
             seconds=round(ending.elapsed, 6),
             deadlines=session.deadlines,
         )
-        judged = _judged(job, system, result, ending, file)
+        judged = _judged(job, system, result, ending, account, file)
         return BridgeResult(job, judged, account, ending, ending.stopped and stop.interrupted)
 
 
@@ -160,7 +160,9 @@ def _warn(line: str) -> None:
     LOG.warning("%s", line)
 
 
-def _judged(job: BridgeJob, system: PreparedBridge, result: Result, ending: Ending, file: Path) -> ScenarioResult:
+def _judged(
+    job: BridgeJob, system: PreparedBridge, result: Result, ending: Ending, account: BusAccount, file: Path
+) -> ScenarioResult:
     """The scenario's result with this case alone; judged where it came to its end and is no stand-in."""
     case = system.case
     expected = () if job.stand_in else case.expected
@@ -168,7 +170,8 @@ def _judged(job: BridgeJob, system: PreparedBridge, result: Result, ending: Endi
     names = system.run.record or ()
     looked_at = {} if job.stand_in else case.looked_at
     result = replace(result, trace=_read(file, job.every, tuple(names), looked_at, result))
-    checks = () if early else tuple(_check(expectation, result.trace) for expectation in expected)
+    ran = Ran(result.trace, None, result, case=case.name, bus=account.counts)
+    checks = () if early else tuple(_check(one, ran) for one in expected)
     state = CaseState.INTERRUPTED if early else CaseState.DONE
     judged = CaseResult(case.name, result, ending.failure, checks, file if file.exists() else None, state)
     keeping = Keeping(job.every, file.parent)
@@ -176,10 +179,10 @@ def _judged(job: BridgeJob, system: PreparedBridge, result: Result, ending: Endi
     return ScenarioResult(system.scenario, system.assembled, (judged,), keeping, early, system.crossings, given)
 
 
-def _check(expectation: Expectation | Refusal, trace: Trace) -> Check:
+def _check(expected: Expected, ran: Ran) -> Check:
     """How it turned out; one that looks beyond the record has not held, and what there is is kept."""
     try:
-        return expectation.check(trace, None)
+        return expected.check(ran)
     except ServotwinError as error:
         return Check(error.place, False, error.problem)
 

@@ -23,7 +23,8 @@ from orchestrator.progress import Progress, silent
 from orchestrator.results import versions
 from orchestrator.scenario import references
 from orchestrator.scenario.decimation import decimated, rounded
-from orchestrator.scenario.expectations import Expectation, Unread
+from orchestrator.scenario.expectations import Expected, OnSignal
+from orchestrator.scenario.expectations.reference import Against
 from orchestrator.scenario.run import CaseResult, ScenarioResult, run_scenario
 from orchestrator.scenario.scenario import Case, Scenario
 from orchestrator.scenario.schema import load_scenario
@@ -98,7 +99,7 @@ def propose(
         FmuError: an FMU fails.
     """
     scenario = load_scenario(path, references=False)
-    unused = references.unused(path, (asked.file for case in scenario.cases for asked in _asked(case).values()))
+    unused = references.unused(path, (asked.reference.file for case in scenario.cases for _, asked in _asked(case)))
     if only is not None and only not in (names := [case.name for case in scenario.cases]):
         raise ScenarioError(path, f"has no case '{only}'", f"its cases are {', '.join(names)}")
     chosen = [case for case in scenario.cases if _asked(case) and only in (None, case.name)]
@@ -111,23 +112,23 @@ def propose(
     return Proposal(path, scenario.title, made, unused, list(_doubts(result)))
 
 
-def _asked(case: Case) -> dict[int, Unread]:
-    """What a case asks of accepted references, by its place among the expectations."""
-    return {
-        number: expected.condition
-        for number, expected in enumerate(case.expected)
-        if isinstance(expected, Expectation) and isinstance(expected.condition, Unread)
-    }
+def _asked(case: Case) -> list[tuple[str, Against]]:
+    """Signals, and what a case asks of accepted references of them."""
+    return [pair for expected in case.expected for pair in _against(expected)]
 
 
-def _tolerances(case: Case) -> dict[Path, dict[str, float]]:
-    """file -> signal -> the smallest distance that the case allows [unit of the signal]."""
+def _against(expected: Expected) -> list[tuple[str, Against]]:
+    """Signals of an expectation that are held against accepted references, and how."""
+    found = [(leaf.signal, leaf.condition) for leaf in expected.leaves if isinstance(leaf, OnSignal)]
+    return [(name, one) for name, one in found if isinstance(one, Against) and one.reference.accepted]
+
+
+def _tolerances(case: Case, run: Trace) -> dict[Path, dict[str, float]]:
+    """file -> signal -> the smallest distance from the run that the case allows [unit of the signal]."""
     found: dict[Path, dict[str, float]] = {}
-    for number, condition in _asked(case).items():
-        expected = case.expected[number]
-        assert isinstance(expected, Expectation)
-        signals = found.setdefault(condition.file, {})
-        signals[expected.signal] = min(float(condition.within), signals.get(expected.signal, np.inf))
+    for signal, condition in _asked(case):
+        signals = found.setdefault(condition.reference.file, {})
+        signals[signal] = min(condition.precision(run[signal]), signals.get(signal, np.inf))
     return found
 
 
@@ -137,9 +138,10 @@ def _made(scenario: Scenario, case: Case, result: CaseResult, hashes: Mapping[st
         raise FmuError(place, f"gives no reference, for it failed ({result.error})", "mend the run first")
     if result.ended:
         raise ScenarioError(place, f"gives no reference, for {result.ended}", "mend the run first")
-    for file, tolerances in _tolerances(case).items():
-        run = result.trace.select(tolerances)
-        _check_finite(run, place)
+    asked = result.trace.select(dict.fromkeys(signal for signal, _ in _asked(case)))
+    _check_finite(asked, place)
+    for file, tolerances in _tolerances(case, asked).items():
+        run = asked.select(tolerances)
         kept = _compact(run, tolerances)
         old, why = _old(file, scenario.path)
         found = [] if old is None else _held_against(run, old, tolerances)
@@ -251,7 +253,6 @@ def _hashes(scenario: Path) -> dict[str, str]:
 
 def _doubts(result: ScenarioResult) -> Iterator[str]:
     for case, run in zip(result.scenario.cases, result.cases, strict=True):
-        asked = _asked(case)
-        for number, check in enumerate(run.checks):
-            if number not in asked and not check.held:
+        for expected, check in zip(case.expected, run.checks, strict=True):
+            if not _against(expected) and not check.held:
                 yield f"case {case.name}: {check.text} does not hold ({check.found})"

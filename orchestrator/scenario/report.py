@@ -16,11 +16,13 @@ from orchestrator.report.chart import Style
 from orchestrator.results import versions
 from orchestrator.scenario import accounts
 from orchestrator.scenario.diagram import source_of, wiring_of
-from orchestrator.scenario.expectations import Above, Below, Expectation, Near
+from orchestrator.scenario.expectations import OnSignal
+from orchestrator.scenario.expectations.limits import Above, Below, Near
+from orchestrator.scenario.expectations.reference import Against
 from orchestrator.scenario.run import HEADERS, CaseState, ScenarioResult
 from orchestrator.scenario.scenario import Case
 from orchestrator.system import Endpoint, System
-from orchestrator.trace import FloatArray, Trace
+from orchestrator.trace import Trace
 
 PLOTTED_CASES = 12
 OPEN_SIGNALS = 8  # of a case, that are seen without a click
@@ -97,7 +99,8 @@ def _signals(case: Case, trace: Trace, system: System | None) -> Iterator[Panel]
     for name in dict.fromkeys([*(name for name in case.looked_at if name in trace.names), *trace.names]):
         port = None if system is None else _port(system, name)
         style: Style = "steps" if port is not None and port.stepwise else "line"
-        asked = [one for one in case.expected if isinstance(one, Expectation) and one.signal == name]
+        leaves = [leaf for expected in case.expected for leaf in expected.leaves]
+        asked = [one for one in leaves if isinstance(one, OnSignal) and one.signal == name]
         marks: list[Mark] = []
         bands: list[Band] = []
         curves = [Curve("run", trace.time, trace[name], style)]
@@ -106,7 +109,7 @@ def _signals(case: Case, trace: Trace, system: System | None) -> Iterator[Panel]
         yield Panel(with_unit(name, trace.unit(name)), curves, marks, bands)
 
 
-def _add_asked(expected: Expectation, trace: Trace, curves: list[Curve], bands: list[Band], marks: list[Mark]) -> None:
+def _add_asked(expected: OnSignal, trace: Trace, curves: list[Curve], bands: list[Band], marks: list[Mark]) -> None:
     """What an expectation asks of a signal, as it is drawn."""
     condition = expected.condition
     first, last = (float(trace.time[i]) for i in (0, -1)) if len(trace) else (0.0, 0.0)
@@ -116,19 +119,20 @@ def _add_asked(expected: Expectation, trace: Trace, curves: list[Curve], bands: 
         word = "below" if isinstance(condition, Below) else "above"
         marks.append(Mark(float(condition.limit), "y", f"{word} {float(condition.limit):g}", (start, stop)))
     elif isinstance(condition, Near):
-        time, target = _target(condition, start, stop)
-        within = float(condition.within)
-        curves.append(Curve(condition.name or "target", time, target, tone="reference"))
+        time, target, within = np.array([start, stop]), np.full(2, float(condition.target)), float(condition.within)
+        curves.append(Curve("target", time, target, tone="reference"))
         bands.append(Band("tube", time, target - within, target + within))
-
-
-def _target(condition: Near, start: float, stop: float) -> tuple[FloatArray, FloatArray]:
-    """What a signal is to be near to from start to stop [s]."""
-    if not isinstance(condition.target, Trace):
-        return np.array([start, stop]), np.full(2, float(condition.target))
-    window = condition.target.between(start, stop)
-    (signal,) = window.signals.values()
-    return window.time, signal
+    elif isinstance(condition, Against):
+        if condition.reference.trace is None or not start < stop:
+            return
+        window = condition.reference.trace.between(start, stop)
+        (values,) = window.signals.values()
+        curves.append(Curve(condition.reference.name, window.time, values, tone="reference"))
+        if (asked := expected.tube(trace)) is not None:
+            bands.append(Band("tube", asked[0], *asked[1]))
+    elif start < stop and (asked := expected.tube(trace)) is not None:
+        bounds = [bound for bound in asked[1] if np.any(np.isfinite(bound))]
+        curves.extend(Curve("bound", asked[0], bound, tone="reference") for bound in bounds)
 
 
 def _inputs(result: ScenarioResult, trace: Trace) -> Iterator[Panel]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,8 +12,9 @@ from fmus.files import sha256
 from orchestrator import formats
 from orchestrator.crossing import CrossingDocument, documents_of
 from orchestrator.fmi.interface import Value
-from orchestrator.results import CaseDocument, FileDocument, result_folder, versions, write_json
+from orchestrator.results import CaseDocument, CheckDocument, FileDocument, result_folder, versions, write_json
 from orchestrator.scenario import accounts
+from orchestrator.scenario.expectations import Check
 from orchestrator.scenario.report import report
 from orchestrator.scenario.run import CaseResult, ScenarioResult, nonfinite
 from orchestrator.scenario.scenario import file_stems
@@ -27,6 +29,7 @@ class RunCaseDocument(CaseDocument):
     ended: NotRequired[str]
     nonfinite: NotRequired[dict[str, int]]
     trace: NotRequired[str]
+    processor: NotRequired[float]
     warnings: NotRequired[dict[str, int]]
     stepping: NotRequired[dict[str, str | int | float]]
     statistics: NotRequired[dict[str, accounts.ShareDocument]]
@@ -96,16 +99,33 @@ def document_of(result: ScenarioResult, overrides: Mapping[str, Value], folder: 
     }
 
 
+def document_of_check(check: Check) -> CheckDocument:
+    """How an expectation turned out, as plain values: figures that are numbers, and what is out of the ordinary."""
+    document: CheckDocument = {"text": check.text, "held": check.held, "found": check.found}
+    if check.figure is not None and math.isfinite(check.figure):
+        document |= {"figure": check.figure, "unit": check.unit}
+    if check.margin is not None and math.isfinite(check.margin):
+        document["margin"] = check.margin
+    if not check.needed:
+        document["needed"] = False
+    if check.doubt:
+        document["doubt"] = check.doubt
+    if check.parts:
+        document["parts"] = [document_of_check(part) for part in check.parts]
+    return document
+
+
 def _case(result: ScenarioResult, case: CaseResult) -> RunCaseDocument:
     document: RunCaseDocument = {
         "name": case.name,
         "state": str(case.state),
         "passed": case.passed,
         "error": str(case.error) if case.error else None,
-        "checks": [{"text": check.text, "held": check.held, "found": check.found} for check in case.checks],
+        "checks": [document_of_check(check) for check in case.checks],
         "seconds": round(case.seconds, 6),
     }
     if case.result is not None:
+        document["processor"] = round(case.processor, 6)
         document["trace"] = trace_file(result, case)
         document["warnings"] = dict(case.result.warnings)
         if case.ended:

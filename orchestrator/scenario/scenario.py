@@ -15,7 +15,7 @@ from orchestrator.assembly.stimulus import Stimulus
 from orchestrator.engine import Timing
 from orchestrator.fmi.interface import Value
 from orchestrator.scenario.can_block import CanBlock
-from orchestrator.scenario.expectations import Expectation, Refusal
+from orchestrator.scenario.expectations import Expected
 from orchestrator.trace import Trace
 
 
@@ -61,18 +61,18 @@ class Case:
 
     name: str
     values: Mapping[str, Value] = field(default_factory=dict)
-    expected: tuple[Expectation | Refusal, ...] = ()
+    expected: tuple[Expected, ...] = ()
     arrays: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
 
     @property
     def may_be_refused(self) -> bool:
         """Whether it is expected that the run ends in an error."""
-        return any(isinstance(expected, Refusal) for expected in self.expected)
+        return any(expected.refuses for expected in self.expected)
 
     @property
     def looked_at(self) -> dict[str, None]:
         """The signals that expectations look at."""
-        return {expected.signal: None for expected in self.expected if isinstance(expected, Expectation)}
+        return {signal: None for expected in self.expected for signal in expected.signals}
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,8 @@ from orchestrator.assembly.whole_arrays import Values, elements, shapes
 from orchestrator.formats.schema import LayoutBlock
 from orchestrator.scenario import matrix
 from orchestrator.scenario.can_block import CanBlock
-from orchestrator.scenario.expectations import Above, Below, Expectation, Near, Refusal, Unread
-from orchestrator.scenario.references import Accepted, CaseReferences
+from orchestrator.scenario.expectations.schema import ExpectationBlock
+from orchestrator.scenario.references import CaseReferences
 from orchestrator.scenario.scenario import Case, DataLogger, Scenario, file_stems
 from orchestrator.system import nearest
 from orchestrator.yaml_file import Block, Quantity, load_joined, may_be_partial, naming
@@ -71,78 +71,6 @@ class StimulusBlock(Block):
             self.ends == "hold",
             base / self.file,
         )
-
-
-class ExpectationBlock(Block):
-    """A condition on one recorded variable between two times, or on the failure of the run.
-
-    Exactly one of `near` (with `within`), `below`, `above`, `reference` (with `within`) and `refused` is given;
-    numbers are in the signal's unit, or have their own: `90 deg`. `reference: accepted` is the one that `servotwin
-    accept` keeps of the case, `accepted per platform` that of this kind of machine.
-    """
-
-    signal: str | None = None
-    after: float | None = None
-    before: float | None = None
-    near: float | Quantity | None = None
-    reference: SignalFileBlock | Accepted | None = None
-    within: Annotated[float, Field(ge=0)] | Quantity | None = None
-    below: float | Quantity | None = None
-    above: float | Quantity | None = None
-    refused: str | None = None
-
-    @model_validator(mode="after")
-    def _one_kind(self) -> ExpectationBlock:
-        kinds = [kind for kind in ("near", "reference", "below", "above", "refused") if getattr(self, kind) is not None]
-        if len(kinds) != 1:
-            raise ValueError("give one of near, reference, below, above, refused")
-        if (self.within is None) != (kinds[0] not in ("near", "reference")):
-            raise ValueError("`within` goes with `near` and `reference`")
-        if isinstance(self.within, str) and self.within.strip().startswith("-"):
-            raise ValueError("`within` must not be negative")
-        if (self.signal is None) != (kinds[0] == "refused"):
-            raise ValueError("`signal` goes with everything but `refused`")
-        return self
-
-    @property
-    def of_a_case(self) -> bool:
-        """Whether it is another one in each case, for it has a reference of each."""
-        return isinstance(self.reference, str)
-
-    def expectation(
-        self, base: Path, said: list[str] | None = None, accepted: CaseReferences | None = None
-    ) -> Expectation | Refusal:
-        """What must hold; the reference's file is relative to `base`, and what is to be known of it added to `said`.
-
-        Args:
-            accepted: the references that are kept of the case.
-        """
-        if self.refused is not None:
-            return Refusal(self.refused)
-        assert self.signal is not None
-        if isinstance(self.reference, str):
-            assert accepted is not None and self.within is not None
-            return Expectation(self.signal, self._accepted(self.reference, accepted), self.after, self.before)
-        return Expectation(self.signal, self._condition(base, said), self.after, self.before)
-
-    def _accepted(self, kind: Accepted, accepted: CaseReferences) -> Near | Unread:
-        assert self.signal is not None and self.within is not None
-        trace = accepted.trace(kind, self.signal)
-        if trace is None:
-            return Unread(accepted.file(kind), self.within, accepted.scenario)
-        return Near(trace, self.within, "its reference")
-
-    def _condition(self, base: Path, said: list[str] | None = None) -> Below | Above | Near:
-        if self.below is not None:
-            return Below(self.below)
-        if self.above is not None:
-            return Above(self.above)
-        assert self.within is not None
-        if isinstance(self.reference, SignalFileBlock):
-            name = f"{self.reference.signal} of {self.reference.file.name}"
-            return Near(self.reference.trace(base, said), self.within, name, self.reference.given)
-        assert self.near is not None
-        return Near(self.near, self.within)
 
 
 class DataLoggerBlock(Block):
@@ -374,7 +302,7 @@ class ScenarioBlock(SystemBlock):
         """
         base, said = path.parent, list[str]()
         safe = {name: Stimulus(block.safe) for name, block in (self.can.receive if self.can else {}).items()}
-        common = {id(block): block.expectation(base, said) for block in self.expect if not block.of_a_case}
+        common = {id(block): block.expectations(base, said) for block in self.expect if not block.of_a_case}
         names = [case.name for case in self.all_cases]
         accepted = [
             CaseReferences(path, name, stem, references) for name, stem in zip(names, file_stems(names), strict=True)
@@ -393,8 +321,9 @@ class ScenarioBlock(SystemBlock):
                     case.name,
                     self._values(number) | elements(case.set),
                     tuple(
-                        common[id(block)] if id(block) in common else block.expectation(base, said, accepted[number])
+                        expected
                         for block in (*self.expect, *case.expect)
+                        for expected in common.get(id(block)) or block.expectations(base, said, accepted[number])
                     ),
                     shapes(case.set),
                 )

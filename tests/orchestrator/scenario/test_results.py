@@ -64,7 +64,9 @@ def test_the_manifest_says_what_went_in_and_how_it_went(tmp_path: Path) -> None:
     assert document["passed"] is False
     (case,) = document["cases"]
     assert case["trace"] == "run.parquet" and (tmp_path / "out" / case["trace"]).is_file()
-    assert case["checks"] == [{"text": "hand.angle stays below 0.4", "held": False, "found": "largest 0.5 rad"}]
+    (check,) = case["checks"]
+    assert (check["text"], check["held"], check["found"]) == ("hand.angle stays below 0.4", False, "largest 0.5 rad")
+    assert (check["figure"], check["unit"], check["margin"]) == (0.5, "rad", pytest.approx(-0.1))
     assert case["statistics"]["hand"]["calls"] == 20 and case["statistics"]["hand"]["seconds"] > 0
     assert "servotwin" in document["versions"] and document["fmus"] == {"hand": "model"}
     assert document == document_of(result, {"hand.inertia": 0.01}, tmp_path / "out")

@@ -14,13 +14,13 @@ from pydantic import ValidationError
 
 from fmus.errors import FmuError, ScenarioError, TraceError
 from orchestrator import formats
-from orchestrator.scenario.expectations import Check
+from orchestrator.scenario.expectations import Check, Ran
 from orchestrator.scenario.schema import ExpectationBlock
 from orchestrator.trace import Trace
 
 
 def check(fields: dict[str, Any], trace: Trace | None, error: FmuError | None = None, base: Path = Path()) -> Check:
-    return ExpectationBlock(**fields).expectation(base).check(trace, error)
+    return ExpectationBlock(**fields).expectation(base).check(Ran(trace, error))
 
 
 def ramp(**signals: Any) -> Trace:
@@ -151,7 +151,7 @@ REFERENCE = {"file": "a.csv", "signal": "b"}
         ({"signal": "y"}, "give one of near, reference, below, above, refused"),
         ({"signal": "y", "below": 1, "above": 0}, "give one of near, reference, below, above, refused"),
         ({"signal": "y", "near": 1}, "`within` goes with `near` and `reference`"),
-        ({"signal": "y", "reference": REFERENCE}, "`within` goes with `near` and `reference`"),
+        ({"signal": "y", "reference": REFERENCE}, "`reference` goes with one of within, funnel"),
         ({"signal": "y", "below": 1, "within": 1}, "`within` goes with `near` and `reference`"),
         ({"below": 1}, "`signal` goes with everything but `refused`"),
         ({"signal": "y", "refused": "x"}, "`signal` goes with everything but `refused`"),

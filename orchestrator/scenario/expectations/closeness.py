@@ -1,0 +1,75 @@
+"""How close a signal comes to a reference over a whole window: one figure and its bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Self
+
+from orchestrator.fmi.interface import Port
+from orchestrator.measures import correlation_lag, fit, largest_deviation, nrmse
+from orchestrator.scenario.expectations.base import Judgement, Wiring
+from orchestrator.scenario.expectations.figure import Bounds
+from orchestrator.scenario.expectations.quantities import Dimension
+from orchestrator.scenario.expectations.reference import Against
+from orchestrator.trace import FloatArray
+
+Measure = Callable[[FloatArray, FloatArray, FloatArray, bool], tuple[float, str]]
+"""Stamps (K,) [s], values (K,), reference (K,), whether they hold -> the figure, and what is to be said besides."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A figure of closeness: what it is called, what it is, between which values it always lies, and how it is told."""
+
+    words: str
+    dimension: Dimension
+    lowest: float
+    highest: float
+    measure: Measure
+
+
+def _deviation(t: FloatArray, y: FloatArray, r: FloatArray, hold: bool) -> tuple[float, str]:
+    deviation, when = largest_deviation(t, y, r)
+    return deviation, f", at {when:.6g} s"
+
+
+def _lag(t: FloatArray, y: FloatArray, r: FloatArray, hold: bool) -> tuple[float, str]:
+    lag, correlation = correlation_lag(t, y, r)
+    return abs(lag), f" {'later' if lag > 0 else 'earlier'}, then correlated by {correlation:.4g}"
+
+
+KINDS: Mapping[str, Kind] = {
+    "nrmse": Kind("NRMSE", Dimension.SHARE, 0.0, float("inf"), lambda t, y, r, hold: (nrmse(t, y, r, hold), "")),
+    "fit": Kind("FIT", Dimension.SHARE, float("-inf"), 1.0, lambda t, y, r, hold: (fit(t, y, r, hold), "")),
+    "deviation": Kind("largest deviation", Dimension.DISTANCE, 0.0, float("inf"), _deviation),
+    "lag": Kind("lag", Dimension.TIME, 0.0, float("inf"), _lag),
+}
+
+
+@dataclass(frozen=True)
+class Close(Against):
+    """A figure of closeness to the reference lies between bounds.
+
+    Attributes:
+        kind: a name in `KINDS`.
+    """
+
+    kind: str
+    bounds: Bounds
+
+    def __str__(self) -> str:
+        return f"has {KINDS[self.kind].words} {self.bounds.asked} to {self.reference.name}"
+
+    def brought(self, place: str, port: Port, wiring: Wiring) -> Self:
+        bounds = self.bounds.bounds_in(place, KINDS[self.kind].dimension, port)
+        return replace(super().brought(place, port, wiring), bounds=bounds)
+
+    def compared(self, time: FloatArray, values: FloatArray, hold: bool) -> Judgement:
+        kind = KINDS[self.kind]
+        figure, more = kind.measure(time, values, self.reference.at(time, hold), hold)
+        return self.bounds.judgement(kind.words, figure, kind.dimension, more)
+
+    def doubt(self, time: FloatArray, values: FloatArray, hold: bool) -> str:
+        kind = KINDS[self.kind]
+        return self.bounds.doubt_of(kind.words, kind.lowest, kind.highest)

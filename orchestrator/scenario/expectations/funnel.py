@@ -1,0 +1,83 @@
+"""A tube about a reference, open in value and in time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from orchestrator.fmi.interface import Port
+from orchestrator.measures import Tolerance, funnel
+from orchestrator.scenario.expectations.base import Judgement, Tube, Wiring
+from orchestrator.scenario.expectations.figure import shown
+from orchestrator.scenario.expectations.limits import inside
+from orchestrator.scenario.expectations.quantities import Distance, Share, Time, brought
+from orchestrator.scenario.expectations.reference import Tubed
+from orchestrator.trace import FloatArray
+from orchestrator.yaml_file import Block
+
+
+class FunnelBlock(Block):
+    """How far a signal may be from its reference, in value and in time; what is given for the value adds up.
+
+    Attributes:
+        value: absolute [unit of the signal].
+        relative: share of the reference's amount there.
+        of_range: share of the reference's range.
+        time: by how much it may come earlier or later [s]; or each by itself: `leading`, `lagging`.
+    """
+
+    value: Distance = 0.0
+    relative: Share = Field(0.0, ge=0)
+    of_range: Share = Field(0.0, ge=0)
+    time: Time | None = Field(None, ge=0)
+    leading: Time | None = Field(None, ge=0)
+    lagging: Time | None = Field(None, ge=0)
+
+    @model_validator(mode="after")
+    def _open(self) -> Self:
+        if self.time is not None and (self.leading is not None or self.lagging is not None):
+            raise ValueError("give `time`, or `leading` and `lagging`")
+        if str(self.value).strip().startswith("-"):
+            raise ValueError("`value` must not be negative")
+        if not self.model_fields_set:
+            raise ValueError("give `value`, `relative`, `of_range`, `time`, `leading` or `lagging`")
+        return self
+
+    @property
+    def tolerance(self) -> Tolerance:
+        """As plain numbers, when it is brought."""
+        either = self.time or 0.0
+        return Tolerance(
+            float(self.value), self.relative, self.of_range, self.leading or either, self.lagging or either
+        )
+
+
+@dataclass(frozen=True)
+class Funnel(Tubed):
+    """Every sample lies in a tube about the reference, open in value and in time."""
+
+    block: FunnelBlock
+
+    def __str__(self) -> str:
+        given = self.block
+        parts = [f"{shown(given.value)}"] if given.value else []
+        parts += [f"{given.relative:.3g} of its amount"] if given.relative else []
+        parts += [f"{given.of_range:.3g} of its range"] if given.of_range else []
+        early, late = given.leading or given.time or 0.0, given.lagging or given.time or 0.0
+        times = f", {early:g} s early to {late:g} s late" if early or late else ""
+        return f"stays in a funnel of {' + '.join(parts) or '0'}{times} about {self.reference.name}"
+
+    def brought(self, place: str, port: Port, wiring: Wiring) -> Self:
+        return replace(super().brought(place, port, wiring), block=brought(self.block, place, port))
+
+    def compared(self, time: FloatArray, values: FloatArray, hold: bool) -> Judgement:
+        return inside(time, values, self.about(time, hold))
+
+    def about(self, time: FloatArray, hold: bool) -> Tube:
+        return funnel(time, self.reference.samples.time, self.reference.values, self.block.tolerance, hold)
+
+    def precision(self, values: FloatArray) -> float:
+        return float(self.block.tolerance.widths(values, float(np.ptp(values))).min()) or super().precision(values)

@@ -1,0 +1,97 @@
+"""An expectation of one recorded signal: a condition on its samples between two times."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from fmus.errors import ScenarioError
+from orchestrator.scenario.expectations.base import Check, Condition, Expected, Judgement, Ran, Tube, Wiring
+from orchestrator.trace import FloatArray, Trace
+
+
+@dataclass(frozen=True)
+class OnSignal(Expected):
+    """A condition on one recorded variable between two times [s]; None is the run's begin or end.
+
+    Attributes:
+        hold: whether it keeps each value until its next sample.
+    """
+
+    signal: str
+    condition: Condition
+    after: float | None = None
+    before: float | None = None
+    hold: bool = False
+
+    def __str__(self) -> str:
+        times = {"after": self.after, "before": self.before}
+        between = [f"{word} {time:g} s" for word, time in times.items() if time is not None]
+        return " ".join([self.signal, str(self.condition), *between])
+
+    @property
+    def place(self) -> str:
+        """What messages name."""
+        return f"expect {self.signal}"
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        return (self.signal,)
+
+    @property
+    def drawn(self) -> Mapping[str, int]:
+        return {self.signal: self.condition.draws} if self.condition.draws else {}
+
+    def brought(self, wiring: Wiring) -> Self:
+        port = wiring.port(self.signal, self.place)
+        return replace(self, condition=self.condition.brought(self.place, port, wiring), hold=port.stepwise)
+
+    def check_covered(self, instants: FloatArray) -> None:
+        after, before = (-np.inf if self.after is None else self.after, np.inf if self.before is None else self.before)
+        looked_at = instants[(instants >= after) & (instants <= before)]
+        if len(looked_at):
+            self.condition.check_covered(self.place, looked_at)
+
+    def check(self, ran: Ran) -> Check:
+        if ran.trace is None:
+            return Check(str(self), False, str(ran.error))
+        window = self.window(ran.trace)
+        time, values = window.time, window[self.signal]
+        bad = np.flatnonzero(~np.isfinite(values))
+        if len(bad) and not self.condition.takes_nonfinite:
+            return Check(str(self), False, f"{values[bad[0]]:g} at {time[bad[0]]:g} s")
+        draws = [self.window(trace) for trace in ran.draws if self.condition.draws]
+        judgement = self.condition.judged(time, values, self.hold, draws)
+        return self._checked(judgement, window.unit(self.signal) or "1", self.condition.doubt(time, values, self.hold))
+
+    def tube(self, trace: Trace) -> tuple[FloatArray, Tube] | None:
+        """Stamps (K,) [s], and between which bounds the signal may be there; None where the condition has none."""
+        time = self.window(trace).time
+        tube = self.condition.tube(time, self.hold)
+        return None if tube is None else (time, tube)
+
+    def window(self, trace: Trace) -> Trace:
+        """The samples that it looks at.
+
+        Raises:
+            ScenarioError: there are none.
+            TraceError: the signal was not recorded.
+        """
+        start = trace.time[0] if self.after is None else self.after
+        stop = trace.time[-1] if self.before is None else self.before
+        window = trace.select([self.signal]).between(start, stop)
+        if not len(window):
+            raise ScenarioError(
+                self.place, f"there is no sample from {start:g} to {stop:g} s", "correct `after` and `before`"
+            )
+        return window
+
+    def _checked(self, judgement: Judgement, unit: str, doubt: str) -> Check:
+        name = judgement.dimension.written(unit)
+        found = f"{judgement.found} {name}".strip() if judgement.figure is not None else judgement.found
+        return Check(
+            str(self), judgement.held, f"{found}{judgement.more}", judgement.figure, judgement.margin, name, doubt=doubt
+        )

@@ -1,0 +1,203 @@
+"""What a signal is compared with: a reference, in its file and in the unit of the signal; and whether it follows it."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import ClassVar, Self
+
+import numpy as np
+
+from fmus.errors import ScenarioError, TraceError
+from orchestrator.assembly.schema import SignalFileBlock
+from orchestrator.assembly.stimulus import brought as trace_brought
+from orchestrator.crossing import NOTHING_GIVEN, Given
+from orchestrator.fmi.interface import Port
+from orchestrator.formats.schema import LayoutBlock
+from orchestrator.scenario.expectations.base import Condition, Judgement, Tube, Wiring
+from orchestrator.scenario.expectations.figure import shown
+from orchestrator.scenario.expectations.limits import within
+from orchestrator.scenario.expectations.quantities import Number
+from orchestrator.trace import FloatArray, Trace
+from orchestrator.yaml_file import Block
+
+
+class ReferenceBlock(Block):
+    """A signal of a trace file that a signal is compared with.
+
+    Attributes:
+        signal: by default the name of what is compared with it.
+        factor, offset: variable = factor * signal + offset, over what their units say.
+        layout: how the file is laid out, where it does not tell.
+    """
+
+    file: Path
+    signal: str | None = None
+    factor: float | None = None
+    offset: float | None = None
+    layout: LayoutBlock = LayoutBlock()
+
+    def reference(self, signal: str, base: Path, said: list[str] | None) -> Reference:
+        """The reference for a signal; the file is relative to `base`, and what is to be known of it added to `said`."""
+        block = SignalFileBlock(**{**dict(self), "signal": self.signal or signal})
+        return Reference(
+            block.trace(base, said), f"{block.signal} of {block.file.name}", base / block.file, block.given
+        )
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What a signal is compared with.
+
+    Attributes:
+        trace: with one signal; None where it is not there, or to be replaced: then nothing holds.
+        name: in words.
+        file: where it is, or is to be.
+        given: what it is converted by, over its unit, until it is brought.
+        accepted: whether it is one that `servotwin accept` keeps of a case.
+        missing: what to do where it is not there.
+    """
+
+    trace: Trace | None
+    name: str
+    file: Path
+    given: Given = NOTHING_GIVEN
+    accepted: bool = False
+    missing: str = ""
+
+    def brought(self, place: str, port: Port, wiring: Wiring) -> Reference:
+        """The same in the unit of a variable.
+
+        Raises:
+            WiringError: its unit does not fit.
+        """
+        if self.trace is None:
+            return self
+        trace, how = trace_brought(self.trace, place, port, self.given)
+        wiring.crossings.append(how)
+        return replace(self, trace=trace, given=NOTHING_GIVEN)
+
+    def check_covered(self, place: str, instants: FloatArray) -> None:
+        """See that it lasts as long as these instants (K,) [s], and has a number all along.
+
+        Raises:
+            ScenarioError: it is shorter.
+            TraceError: it has none somewhere.
+        """
+        trace = self.trace
+        if trace is None:
+            return
+        if not trace.covers(instants[0], instants[-1]):
+            covered = f"{trace.time[0]:g} to {trace.time[-1]:g} s" if len(trace) else "nothing"
+            raise ScenarioError(
+                place,
+                f"{self.name} covers {covered}, not {instants[0]:g} to {instants[-1]:g} s",
+                "say from when to when it is compared with `after` and `before`",
+            )
+        bad = np.flatnonzero(~np.isfinite(self.values))
+        if len(bad):
+            raise TraceError(
+                f"{place}: {self.name}",
+                f"is {self.values[bad[0]]:g} at {trace.time[bad[0]]:g} s ({len(bad)} like it)",
+                "take a reference whose samples are all numbers",
+            )
+
+    @property
+    def samples(self) -> Trace:
+        """The trace, which is there."""
+        assert self.trace is not None
+        return self.trace
+
+    @property
+    def values(self) -> FloatArray:
+        """(N,) its samples."""
+        (values,) = self.samples.signals.values()
+        return values
+
+    def at(self, time: FloatArray, hold: bool) -> FloatArray:
+        """(K,) its values at these stamps (K,) [s].
+
+        Raises:
+            TraceError: it does not cover them.
+        """
+        (values,) = self.samples.resampled(time, self.samples.names if hold else ()).signals.values()
+        return values
+
+
+@dataclass(frozen=True)
+class Against(Condition):
+    """A condition against a reference."""
+
+    reference: Reference
+
+    def brought(self, place: str, port: Port, wiring: Wiring) -> Self:
+        return replace(self, reference=self.reference.brought(place, port, wiring))
+
+    def check_covered(self, place: str, instants: FloatArray) -> None:
+        self.reference.check_covered(place, instants)
+
+    def judged(self, time: FloatArray, values: FloatArray, hold: bool, draws: Sequence[Trace]) -> Judgement:
+        if self.reference.trace is None:
+            return Judgement(False, self.reference.missing)
+        return self.compared(time, values, hold)
+
+    @abstractmethod
+    def compared(self, time: FloatArray, values: FloatArray, hold: bool) -> Judgement:
+        """As `judged`, with a reference that is there."""
+
+    def precision(self, values: FloatArray) -> float:
+        """How far a reference made of values (K,) may be from them without a word [unit of the signal]."""
+        return 1e-3 * float(np.ptp(values))
+
+
+@dataclass(frozen=True)
+class Tubed(Against):
+    """A condition that a tube about the reference tells."""
+
+    @abstractmethod
+    def about(self, time: FloatArray, hold: bool) -> Tube:
+        """The tube at these stamps (K,) [s]."""
+
+    def tube(self, time: FloatArray, hold: bool) -> Tube | None:
+        return None if self.reference.trace is None else self.about(time, hold)
+
+    def doubt(self, time: FloatArray, values: FloatArray, hold: bool) -> str:
+        if self.reference.trace is None:
+            return ""
+        return too_wide(self.about(time, hold), self.reference.at(time, hold))
+
+
+@dataclass(frozen=True)
+class Follows(Tubed):
+    """No sample is farther than `within` from the reference [unit of the signal]."""
+
+    takes_nonfinite: ClassVar[bool] = True
+    within: Number
+
+    def __str__(self) -> str:
+        return f"follows {self.reference.name} within {shown(self.within)}"
+
+    def brought(self, place: str, port: Port, wiring: Wiring) -> Self:
+        width = port.quantity(place, self.within, difference=True) if isinstance(self.within, str) else self.within
+        return replace(super().brought(place, port, wiring), within=width)
+
+    def compared(self, time: FloatArray, values: FloatArray, hold: bool) -> Judgement:
+        return within(values, self.reference.at(time, hold), float(self.within))
+
+    def about(self, time: FloatArray, hold: bool) -> Tube:
+        target = self.reference.at(time, hold)
+        return target - float(self.within), target + float(self.within)
+
+    def precision(self, values: FloatArray) -> float:
+        return float(self.within)
+
+
+def too_wide(band: Tube, reference: FloatArray) -> str:
+    """That a tube holds whatever stays within the range of its reference (K,), where it does; else ""."""
+    lower, upper = band
+    least, most = float(reference.min()), float(reference.max())
+    if least == most or lower.max() > least or upper.min() < most:
+        return ""
+    return f"cannot fail for a signal between {least:.4g} and {most:.4g}: the tube is wider than the reference's range"

@@ -1,0 +1,144 @@
+"""Figures of a response: where it ends, how fast, how far beyond, what is left; times count from `after`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar, Literal
+
+from pydantic import Field
+
+from orchestrator import measures
+from orchestrator.fmi.interface import Port
+from orchestrator.scenario.expectations.base import Condition, Judgement, Wiring
+from orchestrator.scenario.expectations.figure import Figure
+from orchestrator.scenario.expectations.quantities import Dimension, Distance, Level, Share, Time, brought
+from orchestrator.trace import FloatArray, Trace
+from orchestrator.yaml_file import Block
+
+
+class FinalValue(Figure):
+    """Mean over the last seconds.
+
+    Attributes:
+        over: how many [s]; 0 takes the last sample.
+    """
+
+    words: ClassVar[str] = "final value"
+    dimension: ClassVar[Dimension] = Dimension.LEVEL
+    lowest: ClassVar[float] = float("-inf")
+    over: Time = Field(0.0, ge=0)
+
+    def figure(self, time: FloatArray, values: FloatArray, hold: bool) -> float:
+        return measures.final_value(time, values, self.over, hold)
+
+
+class SteadyError(Figure):
+    """Distance of the final value from a target.
+
+    Attributes:
+        over: as in `FinalValue` [s].
+    """
+
+    words: ClassVar[str] = "steady error"
+    dimension: ClassVar[Dimension] = Dimension.DISTANCE
+    target: Level
+    over: Time = Field(0.0, ge=0)
+
+    def figure(self, time: FloatArray, values: FloatArray, hold: bool) -> float:
+        return abs(measures.steady_error(time, values, float(self.target), self.over, hold))
+
+
+class SettlingTime(Figure):
+    """Time until the signal stays within `band` of the target.
+
+    Attributes:
+        band: half the width [unit of the signal].
+    """
+
+    words: ClassVar[str] = "settling time"
+    dimension: ClassVar[Dimension] = Dimension.TIME
+    target: Level
+    band: Distance
+
+    def figure(self, time: FloatArray, values: FloatArray, hold: bool) -> float | None:
+        return measures.settling_time(time, values, float(self.target), float(self.band), hold)
+
+
+class ResidualRms(Figure):
+    """Root of the mean square distance from the target once the signal has settled, as in `SettlingTime`."""
+
+    words: ClassVar[str] = "residual rms"
+    dimension: ClassVar[Dimension] = Dimension.DISTANCE
+    target: Level
+    band: Distance
+
+    def figure(self, time: FloatArray, values: FloatArray, hold: bool) -> float | None:
+        return measures.residual_rms(time, values, float(self.target), float(self.band), hold)
+
+
+class RiseTime(Figure):
+    """Time from `low` to `high` of the way to the target.
+
+    Attributes:
+        start: of the way; by default the first sample.
+    """
+
+    words: ClassVar[str] = "rise time"
+    dimension: ClassVar[Dimension] = Dimension.TIME
+    target: Level
+    start: Level | None = None
+    low: Share = Field(0.1, ge=0, lt=1)
+    high: Share = Field(0.9, gt=0, le=1)
+
+    def figure(self, time: FloatArray, values: FloatArray, hold: bool) -> float | None:
+        start = float(values[0] if self.start is None else self.start)
+        return measures.rise_time(time, values, start, float(self.target), self.low, self.high, hold)
+
+
+class Overshoot(Figure):
+    """How far the signal goes beyond the target, as a share of the way there.
+
+    Attributes:
+        start: of the way; by default the first sample.
+    """
+
+    words: ClassVar[str] = "overshoot"
+    dimension: ClassVar[Dimension] = Dimension.SHARE
+    target: Level
+    start: Level | None = None
+
+    def figure(self, time: FloatArray, values: FloatArray, hold: bool) -> float:
+        start = float(values[0] if self.start is None else self.start)
+        return measures.overshoot(time, values, start, float(self.target))
+
+
+class Peak(Figure):
+    """Largest distance of a sample from a value."""
+
+    words: ClassVar[str] = "peak"
+    dimension: ClassVar[Dimension] = Dimension.DISTANCE
+    about: Level = 0.0
+
+    def figure(self, time: FloatArray, values: FloatArray, hold: bool) -> float:
+        return measures.peak(time, values, float(self.about))[0]
+
+
+class Monotone(Block, Condition):
+    """The signal only rises, or only falls.
+
+    Attributes:
+        slack: how far it may go back all the same [unit of the signal].
+    """
+
+    direction: Literal["rising", "falling"]
+    slack: Distance = 0.0
+
+    def __str__(self) -> str:
+        return f"is {self.direction} but for {self.slack}" if self.slack else f"is {self.direction}"
+
+    def brought(self, place: str, port: Port, wiring: Wiring) -> Monotone:
+        return brought(self, place, port)
+
+    def judged(self, time: FloatArray, values: FloatArray, hold: bool, draws: Sequence[Trace]) -> Judgement:
+        back = measures.retreat(time, values, self.direction == "falling")
+        return Judgement(back <= float(self.slack), f"goes back by {back:.4g}", back, float(self.slack) - back)

@@ -1,0 +1,158 @@
+"""Every kind of expectation holds of what it should, fails for a copy that is broken, and says by which figure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from orchestrator import formats
+from orchestrator.scenario.expectations.schema import AGAINST, FIGURES, ExpectationBlock
+from orchestrator.trace import FloatArray, Trace
+from tests.support.expecting import asked
+
+TIME = np.linspace(0.0, 10.0, 2001)
+DECAY = np.exp(-0.4 * TIME)
+STEP = 1.0 - DECAY * (np.cos(3.0 * TIME) + 0.4 / 3.0 * np.sin(3.0 * TIME))  # overshoots by exp(-0.4 pi / 3)
+SINE = 2.0 * np.sin(2 * math.pi * TIME)
+LAG = 1.0 - np.exp(-TIME)
+MODES = np.where(TIME < 3, 1.0, np.where(TIME < 6, 3.0, 2.0))
+CLIPPED = np.clip(SINE, -1.0, 1.0)
+
+# kind -> what is asked, of which signal, and a copy of it that is broken.
+KINDS: dict[str, tuple[dict[str, Any], FloatArray, FloatArray]] = {
+    "below": ({"below": 1.7}, STEP, 1.1 * STEP),
+    "above": ({"above": -1e-9}, STEP, STEP - 0.1),
+    "near": ({"near": 1.0, "within": 0.03, "after": 9}, STEP, 1.05 * STEP),
+    "range": (
+        {"range": [{"to": 2, "below": 1.7}, {"to": 4, "below": [1.5, 1.2], "above": [0.5, 0.8]}, {"below": 1.2}]},
+        STEP,
+        STEP + 0.5 * (np.abs(TIME - 3.8) < 0.1),
+    ),
+    "final_value": ({"final_value": {"near": 1.0, "within": "2 %", "over": 1}}, STEP, 0.95 * STEP),
+    "steady_error": ({"steady_error": {"target": 1.0, "over": 1, "at_most": 0.02}}, STEP, 0.95 * STEP),
+    "settling_time": ({"settling_time": {"target": 1, "band": 0.05, "at_most": 8}}, STEP, STEP + 0.1 * (TIME > 9)),
+    "rise_time": ({"rise_time": {"target": 1, "at_most": 2.3}}, LAG, 1 - np.exp(-TIME / 1.1)),
+    "overshoot": ({"overshoot": {"target": 1, "at_most": "66 %"}}, STEP, 1.02 * STEP),
+    "residual_rms": (
+        {"residual_rms": {"target": 1, "band": 0.1, "at_most": 0.04}},
+        STEP,
+        STEP + 0.08 * np.sin(40 * TIME) * (TIME > 5),
+    ),
+    "peak": ({"peak": {"about": 0.5, "at_most": "1.2 rad"}}, STEP, 1.1 * STEP),
+    "monotone": ({"monotone": "rising"}, LAG, LAG - 0.01 * (np.abs(TIME - 5) < 0.01)),
+    "rms": ({"rms": {"near": 2 / math.sqrt(2), "within": 0.01}}, SINE, 1.02 * SINE),
+    "iae": ({"iae": {"target": 1, "at_most": "1.01 rad.s"}}, LAG, 1 - np.exp(-TIME / 1.1)),
+    "ise": ({"ise": {"target": 1, "at_most": 0.51}}, LAG, 1 - np.exp(-TIME / 1.1)),
+    "itae": ({"itae": {"target": 1, "at_most": 1.01}}, LAG, 1 - np.exp(-TIME / 1.1)),
+    "effort": ({"effort": {"at_most": 20.1}}, SINE, 1.01 * SINE),
+    "frequency": ({"frequency": {"near": "1 Hz", "within": "0.01 Hz"}}, SINE, 2 * np.sin(6.4 * TIME)),
+    "damping": ({"damping": {"near": 0.4 / math.hypot(0.4, 3), "within": 0.01}}, STEP, np.exp(-0.3 * TIME) * SINE),
+    "distortion": (
+        {"distortion": {"frequency": "1 Hz", "at_most": 0.01}},
+        SINE,
+        SINE + 0.05 * np.sin(6 * math.pi * TIME),
+    ),
+    "limit_cycle": ({"limit_cycle": {"amplitude": {"near": 2, "within": 0.05}}}, SINE, DECAY * SINE),
+    "crossings": (
+        {"crossings": {"level": 0.5, "direction": "up", "times": [0.08333, 1.08333], "within": "1 ms"}, "before": 2},
+        0.5 * SINE,
+        np.sin(2 * math.pi * (TIME - 0.005)),
+    ),
+    "saturations": ({"saturations": {"low": -1, "high": 1, "count": 20}}, CLIPPED, 0.9 * CLIPPED),
+    "saturated": ({"saturated": {"low": -1, "high": 1, "at_most": 0.7}}, CLIPPED, np.clip(4 * SINE, -1, 1)),
+    "mode_changes": ({"mode_changes": {"modes": [1, 3, 2]}}, MODES, np.where(TIME < 6, MODES, 3.0)),
+    "within": ({"within": 0.01}, STEP, STEP + 0.02 * (TIME > 9)),
+    "funnel": ({"funnel": {"value": 0.01, "lagging": "20 ms"}}, STEP, np.interp(TIME - 0.04, TIME, STEP)),
+    "nrmse": ({"nrmse": {"at_most": "1 %"}}, STEP, 1.03 * STEP),
+    "fit": ({"fit": {"at_least": 0.95}}, STEP, 1.05 * STEP),
+    "deviation": ({"deviation": {"at_most": 0.01}}, STEP, STEP + 0.02 * (TIME > 9)),
+    "lag": ({"lag": {"at_most": "10 ms"}}, STEP, np.interp(TIME - 0.04, TIME, STEP)),
+}
+
+
+def trace(values: FloatArray) -> Trace:
+    return Trace(TIME, {"y": values}, {"y": "rad"}, "run")
+
+
+@pytest.fixture
+def ask(tmp_path: Path) -> Callable[[str, FloatArray], Any]:
+    def ask(kind: str, values: FloatArray) -> Any:
+        fields, good, _ = KINDS[kind]
+        if kind in AGAINST:
+            formats.write(trace(good), tmp_path / "reference.csv")
+            fields = {"reference": {"file": "reference.csv"}, **fields}
+        return asked({"signal": "y", **fields}, trace(values), tmp_path)
+
+    return ask
+
+
+def test_each_kind_of_a_signal_is_in_the_table() -> None:
+    assert set(KINDS) == {"near", "below", "above", *FIGURES, *AGAINST}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_kind_holds_of_a_good_signal_and_fails_for_a_broken_copy(kind: str, ask: Callable[..., Any]) -> None:
+    _, good, broken = KINDS[kind]
+    held, failed = ask(kind, good), ask(kind, broken)
+    assert held.held, held
+    assert not failed.held, failed
+    assert held.margin is None or held.margin >= 0
+    assert failed.margin is None or failed.margin < 0
+    assert not held.doubt and failed.found
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_sample_that_is_no_number_lets_no_kind_hold(kind: str, ask: Callable[..., Any]) -> None:
+    values = KINDS[kind][1].copy()
+    values[len(values) // 2 if KINDS[kind][0].get("after") is None else -1] = math.nan
+    if KINDS[kind][0].get("before") is not None:
+        values[3] = math.nan
+    assert not ask(kind, values).held
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_kind_says_in_words_what_is_asked(kind: str, ask: Callable[..., Any]) -> None:
+    text = ask(kind, KINDS[kind][1]).text
+    assert text.startswith("y ") and "None" not in text and "=" not in text
+
+
+@pytest.mark.parametrize(
+    ("fields", "found", "unit"),
+    [
+        ({"settling_time": {"target": 1, "band": 0.05, "at_most": "7400 ms"}}, "settling time 7.449", "s"),
+        ({"overshoot": {"target": 1, "at_most": "70 %"}}, "overshoot 0.6578", ""),
+        ({"iae": {"target": 1, "at_most": "1000 mrad.s"}}, "IAE 1.597", "rad.s"),
+        ({"ise": {"target": 1, "at_most": "10000 deg2.s"}}, "ISE", "rad2.s"),
+        ({"peak": {"at_most": "90 deg"}}, "peak 1.658 rad", "rad"),
+        ({"frequency": {"at_most": "0.5 Hz"}}, "dominant frequency 3 rad/s", "rad/s"),
+    ],
+)
+def test_figures_have_units_of_their_own_and_bounds_any_that_fit(fields: dict[str, Any], found: str, unit: str) -> None:
+    check = asked({"signal": "y", **fields}, trace(STEP))
+    assert check.found.startswith(found)
+    assert check.unit == unit
+
+
+def test_a_held_signal_is_judged_by_its_steps() -> None:
+    coarse = Trace(np.array([0.0, 1.0, 2.0]), {"y": np.array([2.0, 0.0, 0.0])}, {}, "coarse")
+    iae = {"signal": "y", "iae": {"at_most": 9}}
+    assert asked(iae, coarse).figure == 1.0
+    assert asked(iae, coarse, discrete=True).figure == 2.0
+
+
+def test_several_signals_are_asked_the_same_each(tmp_path: Path) -> None:
+    both = Trace(TIME, {"a": STEP, "b": 2 * STEP}, {}, "run")
+    formats.write(both, tmp_path / "reference.parquet")
+    block = ExpectationBlock(
+        signals=["a", "b"], reference={"file": "reference.parquet"}, funnel={"of_range": "1 %"}, after=1, before=9
+    )
+    one, other = block.expectations(tmp_path)
+    assert [str(one), str(other)] == [
+        f"{name} stays in a funnel of 0.01 of its range about {name} of reference.parquet after 1 s before 9 s"
+        for name in "ab"
+    ]
