@@ -7,6 +7,7 @@ tuning sets them as goals.
 """
 
 from orchestrator.measures.closeness import correlation_lag, fit, largest_deviation, nrmse
+from orchestrator.measures.ensemble import Membership, membership
 from orchestrator.measures.events import changes, crossings, saturated_share, saturations
 from orchestrator.measures.funnel import Tolerance, funnel
 from orchestrator.measures.harmonics import harmonic_amplitudes, total_harmonic_distortion
@@ -27,6 +28,7 @@ from orchestrator.measures.response import (
 
 __all__ = [
     "LimitCycle",
+    "Membership",
     "Oscillation",
     "Parting",
     "Tolerance",
@@ -45,6 +47,7 @@ __all__ = [
     "largest_deviation",
     "limit_cycle",
     "mean",
+    "membership",
     "nrmse",
     "overshoot",
     "partings",

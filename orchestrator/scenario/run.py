@@ -27,6 +27,7 @@ from orchestrator.fmi.said import kept
 from orchestrator.formats import parquet
 from orchestrator.interrupts import requested
 from orchestrator.progress import Progress, silent
+from orchestrator.scenario.draws import drawn
 from orchestrator.scenario.expectations import Check, Expected, Ran
 from orchestrator.scenario.scenario import Case, Scenario
 from orchestrator.scenario.schema import load_scenario
@@ -322,13 +323,15 @@ def _run_case(
 ) -> CaseResult:
     case, file = scenario.cases[number], keeping.file(number)
     result, error, state = None, None, CaseState.DONE
-    begun = process_time()
+    begun, spent, draws = process_time(), 0.0, {}
     try:
         run = Run(values, stimuli, scenario.recorded(simulation.outputs), record_every=keeping.every)
         if file is None:
             result = simulation.execute(run, progress)
         else:
             result = _streamed(simulation, run, progress, file, case.looked_at)
+        spent = process_time() - begun
+        draws = drawn(simulation, run, case)
     except ServotwinError as failure:
         if requested():  # an FMU's answer to an interrupt
             raise KeyboardInterrupt from failure
@@ -340,9 +343,8 @@ def _run_case(
             if not isinstance(error, FmuError):
                 raise error from failure
             state = CaseState.FAILED
-    spent = process_time() - begun
     trace = result.trace if result is not None and error is None else None
-    ran = Ran(trace, error, result, spent, case.name)
+    ran = Ran(trace, error, result, spent, case.name, draws=draws)
     checks = tuple(_checked(expected, ran) for expected in case.expected)
     made = CaseResult(case.name, result, error, checks, file, state, processor=spent)
     for check in checks:

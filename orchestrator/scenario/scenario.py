@@ -15,7 +15,7 @@ from orchestrator.assembly.stimulus import Stimulus
 from orchestrator.engine import Timing
 from orchestrator.fmi.interface import Value
 from orchestrator.scenario.can_block import CanBlock
-from orchestrator.scenario.expectations import Expected
+from orchestrator.scenario.expectations import Draws, Expected
 from orchestrator.trace import Trace
 
 
@@ -68,6 +68,11 @@ class Case:
     def may_be_refused(self) -> bool:
         """Whether it is expected that the run ends in an error."""
         return any(expected.refuses for expected in self.expected)
+
+    @property
+    def drawn(self) -> list[tuple[str, Draws]]:
+        """The signals that expectations want to see with other noise, and how often."""
+        return [wanted for expected in self.expected for wanted in expected.drawn]
 
     @property
     def looked_at(self) -> dict[str, None]:

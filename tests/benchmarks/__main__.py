@@ -24,6 +24,7 @@ BENCH = {
     "calibration_speed": "the calibration from the real recordings; a step of a Python FMU",
     "window_overhead": "a window of a calibration beside its stepping",
     "many_runs": "1,000 runs of energy control",
+    "judging": "a million samples judged by a funnel about a reference",
     "can_codec": "CAN frames to a trace and back, beside cantools",
     "can_logs": "BLF and text logs to frames and traces beside python-can and cantools, and memory",
     "can_wire": "frames over serial ports, relayed, received and recorded",

@@ -53,6 +53,18 @@ class Check:
 
 
 @dataclass(frozen=True)
+class Draws:
+    """Runs that differ by their noise alone.
+
+    Attributes:
+        vary: components whose seeds differ from run to run; all that are given one where none is named.
+    """
+
+    count: int
+    vary: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class Ran:
     """What there is of a run to be judged.
 
@@ -62,7 +74,7 @@ class Ran:
         processor: processor time that this process took for it [s], where that is known.
         case: its name.
         bus: counts of what happened on a bus, by name; None where there was none.
-        draws: traces of like runs with other noise, of the signals that expectations want so.
+        draws: components whose seeds vary -> traces of like runs with other noise, of the signals that are wanted so.
     """
 
     trace: Trace | None
@@ -71,7 +83,7 @@ class Ran:
     processor: float | None = None
     case: str = ""
     bus: Mapping[str, int] | None = None
-    draws: Sequence[Trace] = ()
+    draws: Mapping[tuple[str, ...], Sequence[Trace]] = field(default_factory=dict)
 
 
 @dataclass
@@ -101,9 +113,9 @@ class Expected(ABC):
         return False
 
     @property
-    def drawn(self) -> Mapping[str, int]:
-        """component.variable -> of how many runs with other noise it wants to see it, besides the run itself."""
-        return {}
+    def drawn(self) -> tuple[tuple[str, Draws], ...]:
+        """component.variable that it wants to see with other noise, and how often."""
+        return ()
 
     @property
     def leaves(self) -> tuple[Expected, ...]:
@@ -145,6 +157,7 @@ class Judgement:
         found: in words, without the unit.
         dimension: of the figure.
         more: what is to be said besides, after the unit.
+        doubt: as in `Check`.
     """
 
     held: bool
@@ -153,6 +166,7 @@ class Judgement:
     margin: float | None = None
     dimension: Dimension = Dimension.DISTANCE
     more: str = ""
+    doubt: str = ""
 
 
 class Condition(ABC):
@@ -162,9 +176,9 @@ class Condition(ABC):
     """Whether it can judge samples that are NaN or infinite; else it does not hold of them."""
 
     @property
-    def draws(self) -> int:
+    def draws(self) -> Draws | None:
         """Runs with other noise that it wants to see, besides the run itself."""
-        return 0
+        return None
 
     def brought(self, place: str, port: Port, wiring: Wiring) -> Self:
         """As in `Expected`, for the variable that it is asked of."""
@@ -188,7 +202,3 @@ class Condition(ABC):
     def tube(self, time: FloatArray, hold: bool) -> Tube | None:
         """Between which bounds samples at these stamps (K,) [s] may be, to be drawn; None where it has none."""
         return None
-
-    def doubt(self, time: FloatArray, values: FloatArray, hold: bool) -> str:
-        """Why it can hardly fail, "" where it can."""
-        return ""

@@ -68,8 +68,4 @@ class Close(Against):
     def compared(self, time: FloatArray, values: FloatArray, hold: bool) -> Judgement:
         kind = KINDS[self.kind]
         figure, more = kind.measure(time, values, self.reference.at(time, hold), hold)
-        return self.bounds.judgement(kind.words, figure, kind.dimension, more)
-
-    def doubt(self, time: FloatArray, values: FloatArray, hold: bool) -> str:
-        kind = KINDS[self.kind]
-        return self.bounds.doubt_of(kind.words, kind.lowest, kind.highest)
+        return self.bounds.judgement(kind.words, figure, kind.dimension, more, kind.lowest, kind.highest)

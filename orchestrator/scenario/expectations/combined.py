@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Self
 
-from orchestrator.scenario.expectations.base import Check, Expected, Ran, Wiring
+from orchestrator.scenario.expectations.base import Check, Draws, Expected, Ran, Wiring
 from orchestrator.trace import FloatArray
 
 
@@ -40,9 +39,8 @@ class AtLeast(Expected):
         return tuple(leaf for part in self.parts for leaf in part.leaves)
 
     @property
-    def drawn(self) -> Mapping[str, int]:
-        wanted = [(signal, count) for part in self.parts for signal, count in part.drawn.items()]
-        return {signal: max(count for name, count in wanted if name == signal) for signal, _ in wanted}
+    def drawn(self) -> tuple[tuple[str, Draws], ...]:
+        return tuple(wanted for part in self.parts for wanted in part.drawn)
 
     def brought(self, wiring: Wiring) -> Self:
         return replace(self, parts=tuple(part.brought(wiring) for part in self.parts))

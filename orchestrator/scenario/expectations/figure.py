@@ -62,13 +62,20 @@ class Bounds(Block):
             sides.append(float(self.within) - abs(figure - float(self.near)))
         return min(sides)
 
-    def judgement(self, words: str, figure: float, dimension: Dimension, more: str = "") -> Judgement:
-        """What the bounds say of a figure of that name."""
-        margin = self.margin(figure)
-        return Judgement(margin >= 0, f"{words} {figure:.4g}", figure, margin, dimension, more)
+    def judgement(
+        self,
+        words: str,
+        figure: float,
+        dimension: Dimension,
+        more: str = "",
+        lowest: float = -np.inf,
+        highest: float = np.inf,
+    ) -> Judgement:
+        """What the bounds say of a figure of that name, which always lies between two values."""
+        margin, doubt = self.margin(figure), self._doubt(words, lowest, highest)
+        return Judgement(margin >= 0, f"{words} {figure:.4g}", figure, margin, dimension, more, doubt)
 
-    def doubt_of(self, words: str, lowest: float, highest: float) -> str:
-        """That a figure which always lies between two values cannot leave the bounds; "" where it can."""
+    def _doubt(self, words: str, lowest: float, highest: float) -> str:
         if self.margin(lowest) >= 0 and self.margin(highest) >= 0:
             above = f" or above {highest:g}" if highest < np.inf else ""
             return f"cannot fail: {words} is never below {lowest:g}{above}"
@@ -111,10 +118,7 @@ class Figure(Bounds, Condition):
         figure = self.figure(time, values, hold)
         if figure is None:
             return Judgement(False, f"no {self.words}")
-        return self.judgement(self.words, figure, self.dimension)
-
-    def doubt(self, time: FloatArray, values: FloatArray, hold: bool) -> str:
-        return self.doubt_of(self.words, self.lowest, np.inf)
+        return self.judgement(self.words, figure, self.dimension, lowest=self.lowest)
 
 
 def shown(value: Number) -> str:

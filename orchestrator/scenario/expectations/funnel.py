@@ -14,7 +14,7 @@ from orchestrator.scenario.expectations.base import Judgement, Tube, Wiring
 from orchestrator.scenario.expectations.figure import shown
 from orchestrator.scenario.expectations.limits import inside
 from orchestrator.scenario.expectations.quantities import Distance, Share, Time, brought
-from orchestrator.scenario.expectations.reference import Tubed
+from orchestrator.scenario.expectations.reference import Tubed, too_wide
 from orchestrator.trace import FloatArray
 from orchestrator.yaml_file import Block
 
@@ -74,10 +74,13 @@ class Funnel(Tubed):
         return replace(super().brought(place, port, wiring), block=brought(self.block, place, port))
 
     def compared(self, time: FloatArray, values: FloatArray, hold: bool) -> Judgement:
-        return inside(time, values, self.about(time, hold))
+        tube = self.about(time, hold)
+        return replace(inside(time, values, tube), doubt=too_wide(tube, self.reference.during(time)))
 
     def about(self, time: FloatArray, hold: bool) -> Tube:
         return funnel(time, self.reference.samples.time, self.reference.values, self.block.tolerance, hold)
 
     def precision(self, values: FloatArray) -> float:
-        return float(self.block.tolerance.widths(values, float(np.ptp(values))).min()) or super().precision(values)
+        tolerance = self.block.tolerance
+        least = tolerance.width(float(np.ptp(values))) + tolerance.relative * float(np.min(np.abs(values)))
+        return least or super().precision(values)

@@ -189,5 +189,6 @@ class OnRun(Expected):
         found = kind.read(ran, self.bounds)
         if isinstance(found, str):
             return Check(str(self), found == NO_BUS, found, needed=not kind.only_told)
-        answer = self.bounds.judgement(kind.words, found, kind.dimension)
-        return Check(str(self), answer.held, answer.found, answer.figure, answer.margin, needed=not kind.only_told)
+        answer = self.bounds.judgement(kind.words, found, kind.dimension, lowest=0.0)
+        needed = not kind.only_told
+        return Check(str(self), answer.held, answer.found, answer.figure, answer.margin, "", needed, answer.doubt)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 
 from fmus.errors import ScenarioError
-from orchestrator.scenario.expectations.base import Check, Condition, Expected, Judgement, Ran, Tube, Wiring
+from orchestrator.scenario.expectations.base import Check, Condition, Draws, Expected, Judgement, Ran, Tube, Wiring
 from orchestrator.trace import FloatArray, Trace
 
 
@@ -42,8 +41,8 @@ class OnSignal(Expected):
         return (self.signal,)
 
     @property
-    def drawn(self) -> Mapping[str, int]:
-        return {self.signal: self.condition.draws} if self.condition.draws else {}
+    def drawn(self) -> tuple[tuple[str, Draws], ...]:
+        return () if self.condition.draws is None else ((self.signal, self.condition.draws),)
 
     def brought(self, wiring: Wiring) -> Self:
         port = wiring.port(self.signal, self.place)
@@ -63,9 +62,9 @@ class OnSignal(Expected):
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad) and not self.condition.takes_nonfinite:
             return Check(str(self), False, f"{values[bad[0]]:g} at {time[bad[0]]:g} s")
-        draws = [self.window(trace) for trace in ran.draws if self.condition.draws]
-        judgement = self.condition.judged(time, values, self.hold, draws)
-        return self._checked(judgement, window.unit(self.signal) or "1", self.condition.doubt(time, values, self.hold))
+        wanted = self.condition.draws
+        draws = [] if wanted is None else [self.window(trace) for trace in ran.draws.get(wanted.vary, ())]
+        return self._checked(self.condition.judged(time, values, self.hold, draws), window.unit(self.signal) or "1")
 
     def tube(self, trace: Trace) -> tuple[FloatArray, Tube] | None:
         """Stamps (K,) [s], and between which bounds the signal may be there; None where the condition has none."""
@@ -89,9 +88,9 @@ class OnSignal(Expected):
             )
         return window
 
-    def _checked(self, judgement: Judgement, unit: str, doubt: str) -> Check:
+    def _checked(self, judgement: Judgement, unit: str) -> Check:
         name = judgement.dimension.written(unit)
         found = f"{judgement.found} {name}".strip() if judgement.figure is not None else judgement.found
-        return Check(
-            str(self), judgement.held, f"{found}{judgement.more}", judgement.figure, judgement.margin, name, doubt=doubt
-        )
+        told = f"{found}{judgement.more}"
+        figure, margin, doubt = judgement.figure, judgement.margin, judgement.doubt
+        return Check(str(self), judgement.held, told, figure, margin, name, doubt=doubt)

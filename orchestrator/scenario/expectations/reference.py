@@ -116,6 +116,11 @@ class Reference:
         (values,) = self.samples.signals.values()
         return values
 
+    def during(self, time: FloatArray) -> FloatArray:
+        """Its samples from the first to the last of these stamps (K,) [s]."""
+        first, last = np.searchsorted(self.samples.time, [time[0], time[-1]])
+        return self.values[max(int(first) - 1, 0) : int(last) + 1]
+
     def at(self, time: FloatArray, hold: bool) -> FloatArray:
         """(K,) its values at these stamps (K,) [s].
 
@@ -163,11 +168,6 @@ class Tubed(Against):
     def tube(self, time: FloatArray, hold: bool) -> Tube | None:
         return None if self.reference.trace is None else self.about(time, hold)
 
-    def doubt(self, time: FloatArray, values: FloatArray, hold: bool) -> str:
-        if self.reference.trace is None:
-            return ""
-        return too_wide(self.about(time, hold), self.reference.at(time, hold))
-
 
 @dataclass(frozen=True)
 class Follows(Tubed):
@@ -184,7 +184,8 @@ class Follows(Tubed):
         return replace(super().brought(place, port, wiring), within=width)
 
     def compared(self, time: FloatArray, values: FloatArray, hold: bool) -> Judgement:
-        return within(values, self.reference.at(time, hold), float(self.within))
+        target = self.reference.at(time, hold)
+        return replace(within(values, target, float(self.within)), doubt=too_wide(self.about(time, hold), target))
 
     def about(self, time: FloatArray, hold: bool) -> Tube:
         target = self.reference.at(time, hold)

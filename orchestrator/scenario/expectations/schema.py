@@ -10,11 +10,10 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from orchestrator.scenario.expectations import on_run
-from orchestrator.scenario.expectations.base import Condition, Expected
+from orchestrator.scenario.expectations.base import Condition, Draws, Expected
 from orchestrator.scenario.expectations.closeness import KINDS as CLOSE
 from orchestrator.scenario.expectations.closeness import Close
 from orchestrator.scenario.expectations.combined import AtLeast
-from orchestrator.scenario.expectations.criteria import Effort, Iae, Ise, Itae, Rms
 from orchestrator.scenario.expectations.events import Crossings, InOrder, ModeChanges, Saturated, Saturations
 from orchestrator.scenario.expectations.figure import Bounds
 from orchestrator.scenario.expectations.funnel import Funnel, FunnelBlock
@@ -22,17 +21,24 @@ from orchestrator.scenario.expectations.limits import Above, Below, Near, Pieces
 from orchestrator.scenario.expectations.on_run import CountBlock, OnRun, ProcessorTimeBlock, Refusal
 from orchestrator.scenario.expectations.on_signal import OnSignal
 from orchestrator.scenario.expectations.oscillation import Damping, Distortion, DominantFrequency, LimitCycle
+from orchestrator.scenario.expectations.quantities import Share
 from orchestrator.scenario.expectations.reference import Follows, Reference, ReferenceBlock
 from orchestrator.scenario.expectations.response import (
+    Effort,
     FinalValue,
+    Iae,
+    Ise,
+    Itae,
     Monotone,
     Overshoot,
     Peak,
     ResidualRms,
     RiseTime,
+    Rms,
     SettlingTime,
     SteadyError,
 )
+from orchestrator.scenario.expectations.stochastic import MOST_SEEDS, BandBlock, InBand, Often
 from orchestrator.scenario.references import Accepted, CaseReferences
 from orchestrator.yaml_file import Block, Quantity
 
@@ -42,7 +48,7 @@ FIGURES = (
     *("monotone", "rms", "iae", "ise", "itae", "effort", "frequency", "damping", "distortion", "limit_cycle"),
     *("crossings", "saturations", "saturated", "mode_changes"),
 )
-AGAINST = ("within", "funnel", *CLOSE)
+AGAINST = ("within", "funnel", *CLOSE, "band")
 TOGETHER = ("all", "any", "some", "warn", "in_order")
 WITHOUT_SIGNAL = ("refused", *on_run.KINDS, *TOGETHER)
 
@@ -120,7 +126,9 @@ class ExpectationBlock(Block):
         near, within: no sample is farther than `within` from a value, or from the reference.
         reference: a signal of a trace file, or `accepted`, the one that `servotwin accept` keeps of the case, or
             `accepted per platform`, that of this kind of machine; one of `within`, `funnel`, `nrmse`, `fit`,
-            `deviation` and `lag` says how close it is.
+            `deviation`, `lag` and `band` says how close it is.
+        seeds, share, vary: it holds in that share of so many more runs that differ by the seeds of components, of these
+            or of all that are given one.
         refused: words of the error that the run ends in.
         range: bounds piece by piece, each `to` a time.
         warnings, steps, iterations, real_time_factor, processor_time, frames_lost, late_steps: of the run.
@@ -146,6 +154,11 @@ class ExpectationBlock(Block):
     fit: Bounds | None = None
     deviation: Bounds | None = None
     lag: Bounds | None = None
+    band: BandBlock | None = None
+
+    seeds: int | None = Field(None, ge=1, le=MOST_SEEDS)
+    share: Share | None = Field(None, gt=0, le=1)
+    vary: list[str] | None = Field(None, min_length=1)
 
     final_value: FinalValue | None = None
     steady_error: SteadyError | None = None
@@ -200,9 +213,19 @@ class ExpectationBlock(Block):
             raise ValueError("`signal` goes with everything but `refused`, the run and what is made of others")
         if self.signal is not None and self.signals is not None:
             raise ValueError("give `signal` or `signals`")
+        self._check_draws(kinds[0])
         if kinds[0] in WITHOUT_SIGNAL and kinds[0] != "in_order" and self._given(("after", "before")):
             raise ValueError(f"`after` and `before` do not go with `{kinds[0]}`")
         return self
+
+    def _check_draws(self, kind: str) -> None:
+        """See that what differs from run to run is said where it has a meaning."""
+        if (self.seeds is None) != (self.share is None):
+            raise ValueError("`seeds` and `share` go together")
+        if self.vary is not None and self.seeds is None:
+            raise ValueError("`vary` goes with `seeds`")
+        if self.seeds is not None and (kind in WITHOUT_SIGNAL or self.band is not None):
+            raise ValueError("`seeds` go with what is asked of a signal; `band` has `seeds` of its own")
 
     @property
     def of_a_case(self) -> bool:
@@ -224,7 +247,7 @@ class ExpectationBlock(Block):
         names = self.signals or ([] if self.signal is None else [self.signal])
         if not names:
             return (self._of_the_run(base) or self._of_others(sources),)
-        return tuple(OnSignal(name, self._condition(name, sources), self.after, self.before) for name in names)
+        return tuple(OnSignal(name, self._drawn(name, sources), self.after, self.before) for name in names)
 
     def expectation(
         self, base: Path, said: list[str] | None = None, accepted: CaseReferences | None = None
@@ -235,6 +258,12 @@ class ExpectationBlock(Block):
 
     def _given(self, names: Sequence[str]) -> list[str]:
         return [name for name in names if getattr(self, name) is not None]
+
+    def _drawn(self, signal: str, sources: Sources) -> Condition:
+        condition = self._condition(signal, sources)
+        if self.seeds is None or self.share is None:
+            return condition
+        return Often(condition, Draws(self.seeds, tuple(self.vary or ())), self.share)
 
     def _condition(self, signal: str, sources: Sources) -> Condition:
         if self.reference is not None:
@@ -259,6 +288,8 @@ class ExpectationBlock(Block):
             return Follows(reference, self.within)
         if self.funnel is not None:
             return Funnel(reference, self.funnel)
+        if self.band is not None:
+            return InBand(reference, self.band)
         (name,) = self._given(tuple(CLOSE))
         return Close(reference, name, getattr(self, name))
 

@@ -118,3 +118,18 @@ def test_a_bad_reference_or_tolerance_is_refused() -> None:
     for bad in (-1.0, math.nan, math.inf):
         with pytest.raises(TraceError, match="tolerance: lagging is"):
             Tolerance(1.0, lagging=bad)
+
+
+@pytest.mark.parametrize("hold", [False, True])
+@pytest.mark.parametrize("uneven", [False, True])
+@pytest.mark.parametrize("lag", [0.0, 0.004, 3.0])
+def test_a_long_signal_has_the_tube_that_each_of_its_instants_has(hold: bool, uneven: bool, lag: float) -> None:
+    rng = np.random.default_rng(4)
+    t = np.arange(40_000) * 1e-3
+    s = np.sort(np.append(rng.uniform(0.0, t[-1], 30_000), [0.0, t[-1]])) if uneven else t
+    r = np.cumsum(rng.standard_normal(len(s)))
+    tolerance = Tolerance(0.1, 0.01, 0.0, lag, 2 * lag)
+    lower, upper = funnel(t, s, r, tolerance, hold)
+    for row in range(0, len(t), 997):
+        alone = funnel(t[row : row + 1], s, r, tolerance, hold)
+        assert (lower[row], upper[row]) == pytest.approx((alone[0][0], alone[1][0]), rel=1e-6, abs=1e-6)

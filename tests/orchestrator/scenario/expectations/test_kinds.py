@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fmus.errors import ScenarioError, TraceError, WiringError
 from orchestrator import formats
 from orchestrator.scenario.expectations.schema import AGAINST, FIGURES, ExpectationBlock
 from orchestrator.trace import FloatArray, Trace
@@ -92,7 +93,7 @@ def ask(tmp_path: Path) -> Callable[[str, FloatArray], Any]:
 
 
 def test_each_kind_of_a_signal_is_in_the_table() -> None:
-    assert set(KINDS) == {"near", "below", "above", *FIGURES, *AGAINST}
+    assert set(KINDS) == {"near", "below", "above", *FIGURES, *AGAINST} - {"band"}
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -156,3 +157,64 @@ def test_several_signals_are_asked_the_same_each(tmp_path: Path) -> None:
         f"{name} stays in a funnel of 0.01 of its range about {name} of reference.parquet after 1 s before 9 s"
         for name in "ab"
     ]
+
+
+@pytest.mark.parametrize(
+    ("fields", "doubt"),
+    [
+        ({"funnel": {"value": 3}}, "cannot fail for a signal between"),
+        ({"funnel": {"value": 0.01, "time": 20}}, "cannot fail for a signal between"),
+        ({"within": 3}, "cannot fail for a signal between"),
+        ({"nrmse": {"at_least": 0}}, "cannot fail: NRMSE is never below 0"),
+        ({"fit": {"at_most": 1}}, "cannot fail: FIT is never below -inf or above 1"),
+        ({"fit": {"at_most": 0.9}}, ""),
+        ({"funnel": {"value": 0.5}}, ""),
+    ],
+)
+def test_a_tolerance_that_cannot_fail_is_told(fields: dict[str, Any], doubt: str, tmp_path: Path) -> None:
+    formats.write(trace(STEP), tmp_path / "reference.csv")
+    check = asked({"signal": "y", "reference": {"file": "reference.csv"}, **fields}, trace(STEP), tmp_path)
+    assert check.doubt.startswith(doubt) and bool(check.doubt) == bool(doubt)
+
+
+def test_a_figure_that_is_never_negative_is_doubted_where_nothing_else_is_asked() -> None:
+    assert asked({"signal": "y", "rms": {"at_least": 0}}, trace(STEP)).doubt == "cannot fail: rms is never below 0"
+    assert not asked({"signal": "y", "rms": {"at_least": 0.1}}, trace(STEP)).doubt
+
+
+def test_a_constant_reference_is_no_reason_for_doubt(tmp_path: Path) -> None:
+    formats.write(trace(np.ones_like(TIME)), tmp_path / "reference.csv")
+    fields = {"signal": "y", "reference": {"file": "reference.csv"}, "within": 0.1}
+    assert not asked(fields, trace(np.ones_like(TIME)), tmp_path).doubt
+
+
+@pytest.mark.parametrize("kind", [{"within": 1}, {"funnel": {"value": 1}}, {"fit": {"at_least": 0}}])
+@pytest.mark.parametrize(
+    ("reference", "error", "problem"),
+    [
+        (Trace(TIME, {"z": STEP}, {"z": "rad"}), TraceError, "has no signal 'y'"),
+        (Trace(TIME, {"y": STEP}, {"y": "kg"}), WiringError, "kg does not fit rad"),
+        (Trace(TIME[:100], {"y": STEP[:100]}, {"y": "rad"}), ScenarioError, r"covers 0 to 0\.495 s, not 0 to 10 s"),
+        (Trace(TIME, {"y": np.where(TIME == 5, np.nan, STEP)}, {"y": "rad"}), TraceError, "is nan at 5 s"),
+    ],
+)
+def test_a_reference_of_another_signal_unit_or_time_or_without_a_number_is_refused(
+    kind: dict[str, Any], reference: Trace, error: type[Exception], problem: str, tmp_path: Path
+) -> None:
+    formats.write(reference, tmp_path / "reference.parquet")
+    fields = {"signal": "y", "reference": {"file": "reference.parquet"}, **kind}
+    with pytest.raises(error, match=problem):
+        asked(fields, trace(STEP), tmp_path)
+
+
+def test_a_reference_in_another_unit_or_with_a_factor_is_converted(tmp_path: Path) -> None:
+    degrees = Trace(TIME, {"y": np.degrees(STEP), "half": STEP / 2}, {"y": "deg", "half": "rad"})
+    formats.write(degrees, tmp_path / "reference.parquet")
+    for reference in ({}, {"signal": "half", "factor": 2}):
+        fields = {
+            "signal": "y",
+            "reference": {"file": "reference.parquet", **reference},
+            "funnel": {"value": "1e-4 deg"},
+        }
+        assert asked(fields, trace(STEP), tmp_path).held
+    assert not asked({**fields, "funnel": {"value": "1e-4 deg"}}, trace(STEP + 1e-5), tmp_path).held
