@@ -2,21 +2,23 @@
 // Draws the charts of a report. Their numbers lie in the page in parts that are inflated when they are looked at; long
 // columns bring the extremes of their stretches along (levels), so that no view of many samples misses a peak.
 (() => {
-  const PART = 16384; // samples of a part
-  const RAW = 65536; // samples in view up to which all are drawn
+  const PART = 8192; // samples of a part
+  const RAW = 32768; // samples in view up to which all are drawn
   const [LEFT, RIGHT, TOP, GAP, AXIS] = [68, 14, 22, 12, 30]; // around panels [px]
   const [root, print] = [document.documentElement, matchMedia("print")];
   const DASHES = [[], [8, 3], [2, 3], [10, 3, 2, 3], [16, 4], [5, 2, 1, 2, 1, 2]];
-  const SIGNS = { "-": "−", "e+": "e" };
   const limited = (value, low, high) => Math.min(Math.max(value, low), high);
-  const short = (value, digits) => String(Number(value.toPrecision(digits)) + 0).replace(/-|e\+/g, (c) => SIGNS[c]);
+  const short = (value, digits) => String(Number(value.toPrecision(digits)) + 0).replace("e+", "e").replaceAll("-", "−");
 
   async function inflated(text) {
-    const packed = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
-    const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
-    const sorted = new Uint8Array(await new Response(stream).arrayBuffer());
+    const packed = Uint8Array.fromBase64?.(text) ?? Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+    const { writable, readable } = new DecompressionStream("deflate"), writer = writable.getWriter();
+    writer.write(packed);
+    writer.close();
+    const sorted = new Uint8Array(await new Response(readable).arrayBuffer());
     const [bytes, count] = [new Uint8Array(sorted.length), sorted.length / 4];
-    for (let i = 0; i < sorted.length; i++) bytes[4 * (i % count) + Math.floor(i / count)] = sorted[i];
+    for (let byte = 0; byte < 4; byte++)
+      for (let i = 0; i < count; i++) bytes[4 * i + byte] = sorted[byte * count + i];
     return new Float32Array(bytes.buffer);
   }
 
@@ -186,7 +188,13 @@
       this.drawAxes(g, panel, number === this.panels.length - 1);
       g.save();
       g.clip(new Path2D(`M${LEFT} ${top}H${this.width - RIGHT}V${bottom}H${LEFT}Z`));
-      for (const [lower, upper] of bands) this.drawBand(g, y, lower.drawn, upper.drawn);
+      g.fillStyle = this.colour("band");
+      for (const [{ drawn: lower }, { drawn: upper }] of bands) {
+        g.beginPath();
+        for (let i = 0; i < upper.length; i += 3) g.lineTo(upper[i], y.px(upper[i + 2]));
+        for (let i = lower.length - 3; i >= 0; i -= 3) g.lineTo(lower[i], y.px(lower[i + 1]));
+        g.fill();
+      }
       for (const mark of panel.marks) this.drawMark(g, panel, mark);
       for (const [one, found] of curves) this.drawCurve(g, y, one, found.drawn);
       g.restore();
@@ -240,14 +248,6 @@
         if (style === "stems") line(g, [drawn[i], y.px(0)], [drawn[i], y.px(drawn[i + 1])]);
         if (!Number.isNaN(drawn[i + 1])) sign(g, style, drawn[i], y.px(drawn[i + 1]));
       }
-    }
-
-    drawBand(g, y, lower, upper) {
-      g.fillStyle = this.colour("band");
-      g.beginPath();
-      for (let i = 0; i < upper.length; i += 3) g.lineTo(upper[i], y.px(upper[i + 2]));
-      for (let i = lower.length - 3; i >= 0; i -= 3) g.lineTo(lower[i], y.px(lower[i + 1]));
-      g.fill();
     }
 
     drawMark(g, { top, bottom, y }, mark) {
@@ -373,7 +373,8 @@
   }
 
   const columns = JSON.parse(document.getElementById("columns").textContent).map((head, i) => new Column(head, i));
-  const charts = new Map([...document.querySelectorAll(".chart")].map((host) => [host, new Chart(host)]));
+  const hosts = [...document.querySelectorAll(".chart")];
+  for (const host of hosts) host.chart = new Chart(host);
   const near = new Set(); // charts at or near what is seen of the page
   let waiting = false;
 
@@ -383,18 +384,16 @@
     waiting = true;
   }
 
-  const all = () => charts.forEach((chart) => chart.draw());
+  const all = () => hosts.forEach(({ chart }) => chart.draw());
   const paper = (on) => () => all(root.classList.toggle("paper", on));
-  const met = ({ target, isIntersecting }) => {
-    near[isIntersecting ? "add" : "delete"](charts.get(target));
-    if (isIntersecting) charts.get(target).draw();
+  const met = ({ target: { chart }, isIntersecting }) => {
+    near[isIntersecting ? "add" : "delete"](chart);
+    if (isIntersecting) chart.draw();
   };
   const eyes = new IntersectionObserver((entries) => entries.forEach(met), { rootMargin: "400px" });
-  const sizes = new ResizeObserver((entries) => entries.forEach(({ target }) => charts.get(target).draw()));
-  for (const host of charts.keys()) [eyes, sizes].forEach((observer) => observer.observe(host));
-  addEventListener("DOMContentLoaded", redrawn);
-  addEventListener("load", () => columns.forEach((one) => one.levels.length || one.ready(0, one.count - 1)));
+  const sizes = new ResizeObserver((all) => all.forEach(({ target: { chart } }) => near.has(chart) && chart.draw()));
+  for (const host of hosts) [eyes, sizes].forEach((observer) => observer.observe(host));
   for (const query of [matchMedia("(prefers-color-scheme: dark)"), print]) query.addEventListener("change", all);
-  addEventListener("beforeprint", paper(true));
-  addEventListener("afterprint", paper(false));
+  [onbeforeprint, onafterprint] = [paper(true), paper(false)];
+  onload = () => redrawn(columns.forEach((one) => one.levels.length || one.ready(0, one.count - 1))); // also for paper
 })();

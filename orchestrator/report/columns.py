@@ -18,9 +18,9 @@ from numpy.typing import ArrayLike
 
 from orchestrator.trace import FloatArray
 
-PART = 1 << 14  # samples that are inflated together; chart.js has the same number
-RAW = 1 << 16  # samples in view up to which all of them are drawn; chart.js has the same number
-STRETCH = 64  # of a level, that give their extremes to the next
+PART = 1 << 13  # samples that are inflated together; chart.js has the same number
+RAW = 1 << 15  # samples in view up to which all of them are drawn; chart.js has the same number
+STRETCH = 32  # of a level, that give their extremes to the next
 MOST = 11_000_000  # samples of a report: where there are more, columns give extremes alone
 EVEN = 1e-6  # of a step, to which instants are even
 

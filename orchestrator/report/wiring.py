@@ -14,8 +14,9 @@ from orchestrator.report.columns import Columns
 
 LETTER = 6.7  # width of a letter, on average [px]
 LINE = 19  # of text, and from port to port [px]
-HEAD, APART, CHANNEL, LANE = 46, 26, 54, 12  # of boxes, between them up and across, between wires below them [px]
+HEAD, APART, CHANNEL, LANE = 60, 26, 50, 12  # of boxes, between them up and across, between wires below them [px]
 AIR = 14  # around all [px]
+SMALLEST = 0.75  # to what share of its size it shrinks to fit a page
 
 
 @dataclass(frozen=True)
@@ -23,13 +24,15 @@ class Box:
     """A component, or what drives one.
 
     Attributes:
-        about: what it is made of, and how often it steps.
+        about: what it is made of.
+        rate: how often it steps.
         inputs, outputs: ports with their units, as they are shown.
         outside: whether it stands for something outside of the system, such as a stimulus.
     """
 
     name: str
     about: str
+    rate: str
     inputs: Mapping[str, str]
     outputs: Mapping[str, str]
     outside: bool = False
@@ -37,7 +40,8 @@ class Box:
     @property
     def width(self) -> float:
         left, right = (max(map(len, ports.values()), default=0) for ports in (self.inputs, self.outputs))
-        return LETTER * max(len(self.name) * 1.15, len(self.about) * 0.92, left + right + 3) + 24
+        longest = max(1.15 * len(self.name), 0.92 * len(self.about), 0.92 * len(self.rate), left + right + 2.0)
+        return LETTER * longest + 22
 
     @property
     def height(self) -> float:
@@ -96,7 +100,8 @@ class Wiring:
         )
         return (
             f'<div class="table" tabindex="0"><svg class="wiring" role="img" aria-label="{said}" width="{width:.0f}" '
-            f'height="{height:.0f}" viewBox="0 0 {width:.0f} {height:.0f}">{"".join(paths)}{shapes}</svg></div>'
+            f'style="min-width:{SMALLEST * width:.0f}px" viewBox="0 0 {width:.0f} {height:.0f}">'
+            f"{''.join(paths)}{shapes}</svg></div>"
         )
 
 
@@ -182,6 +187,7 @@ def _shape(placed: _Placed) -> str:
     texts = [
         f'<text class="name" x="{x + box.width / 2:.1f}" y="{y + 19:.1f}">{escape(box.name)}</text>',
         f'<text class="about" x="{x + box.width / 2:.1f}" y="{y + 36:.1f}">{escape(box.about)}</text>',
+        f'<text class="about" x="{x + box.width / 2:.1f}" y="{y + 50:.1f}">{escape(box.rate)}</text>',
     ]
     for ports, output in ((box.inputs, False), (box.outputs, True)):
         for name, shown in ports.items():

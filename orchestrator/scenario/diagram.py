@@ -17,7 +17,9 @@ from orchestrator.trace import Trace
 def wiring_of(result: ScenarioResult, system: System) -> Wiring:
     """Components with their steps, what drives them, and what is connected."""
     driven = dict(sorted(result.scenario.stimuli.items()))
-    sources = [Box(_source(name), _about(stimulus), {}, {"y": ""}, outside=True) for name, stimulus in driven.items()]
+    sources = [
+        Box(_source(name), _about(stimulus), "", {}, {"y": ""}, outside=True) for name, stimulus in driven.items()
+    ]
     wires = [Wire((_source(name), "y"), _ends(Endpoint.parse(name)), "stimulus") for name in driven]
     wires += [Wire(_ends(link.source), _ends(link.target), _conversion(link)) for link in system.connections]
     return Wiring([*sources, *(_box(result, system, name, wires) for name in system.parts)], wires)
@@ -62,7 +64,8 @@ def _box(result: ScenarioResult, system: System, name: str, wires: list[Wire]) -
     how = f"{solver.method} " if solver is not None else ""
     return Box(
         name,
-        f"{source_of(result, name)}, {how}every {written(step)} s",
+        source_of(result, name),
+        f"{how}every {written(step)} s",
         {port.name: with_unit(port.name, port.unit) for port in part.interface.of("input") if port.name in used},
         {one: with_unit(one, ports[one].unit) for one in outputs if one in given or len(outputs) <= 6},
     )

@@ -23,6 +23,7 @@ BENCH = {
     "subspace_speed": "subspace identification beside other tools",
     "calibration_speed": "the calibration from the real recordings; a step of a Python FMU",
     "window_overhead": "a window of a calibration beside its stepping",
+    "reports": "size of reports, first paint and zooms in Chromium",
     "many_runs": "1,000 runs of energy control",
     "judging": "a million samples judged by a funnel about a reference",
     "can_codec": "CAN frames to a trace and back, beside cantools",

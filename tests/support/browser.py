@@ -66,11 +66,12 @@ def browsing() -> Iterator[Browser]:
 
 @contextmanager
 def opened(
-    browser: Browser, file: Path, scheme: Literal["light", "dark"] = "light", width: int = 1200
+    browser: Browser, file: Path, scheme: Literal["light", "dark"] = "light", script: str = ""
 ) -> Iterator[Seen]:
-    """A file, opened as by a double click."""
-    context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)
+    """A file, opened as by a double click; `script` runs before its own."""
+    context = browser.new_context(viewport={"width": 1200, "height": 900}, color_scheme=scheme)
     page = context.new_page()
+    page.add_init_script(script)
     seen = Seen(page)
     page.on("console", lambda message: seen.complaints.append(message.text))
     page.on("pageerror", lambda error: seen.complaints.append(str(error)))

@@ -34,7 +34,10 @@ def full_report(word: str) -> Report:
     marked = [Mark(1.0, "y", word), Mark(0.5, "x", word, wrong=True), Point(0.5, 1.0, word)]
     tube = Band(word, [0.0, 1.0], [0.0, 0.0], [2.0, 2.0])
     section.figure(Chart([Panel(word, [Curve(word, [0.0, 1.0], [1.0, 1.0])], marked, [tube])], x=word), word)
-    boxes = [Box(word, word, {word: word}, {word: word}), Box("b", word, {word: word}, {word: word}, outside=True)]
+    boxes = [
+        Box(word, word, word, {word: word}, {word: word}),
+        Box("b", word, "", {word: word}, {word: word}, outside=True),
+    ]
     wires = [Wire((word, word), ("b", word), word), Wire(("b", word), (word, word), word)]
     section.figure(Wiring(boxes, wires), word)
     section.folded(word).figure(figures.overlay(trace), caption=word)
