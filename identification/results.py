@@ -17,8 +17,9 @@ from orchestrator.crossing import CrossingDocument
 from orchestrator.display.table import Cell
 from orchestrator.fmi.interface import Value
 from orchestrator.marks import WORDS, Kind, Mark
-from orchestrator.report import Section
+from orchestrator.report import Section, figures
 from orchestrator.report.content import CalloutKind
+from orchestrator.report.intervals import Interval
 from orchestrator.results import versions
 
 STUDY = "study.yaml"
@@ -255,9 +256,26 @@ def parameter_rows(parameters: Mapping[str, ParameterSummary]) -> tuple[list[str
     return ["parameter", *(["true"] if known else []), "start", "estimate", "± 95 %", "unit"], rows
 
 
-def _half(entry: ParameterSummary) -> float | None:
+def draw_parameters(section: Section, parameters: Mapping[str, ParameterSummary], caption: str) -> None:
+    """The parameter table, and the intervals of those that have one."""
+    section.table(*parameter_rows(parameters), caption=caption)
+    rows = [
+        Interval(name, entry["value"], ends, entry["unit"], entry.get("truth"))
+        for name, entry in parameters.items()
+        if (ends := _ends(entry)) is not None
+    ]
+    if rows:
+        section.figure(figures.intervals(rows), "95 % intervals, each in percent of its estimate")
+
+
+def _ends(entry: ParameterSummary) -> tuple[float, float] | None:
     low, high = entry["ci95"] or (None, None)
-    return None if low is None or high is None else (high - low) / 2
+    return None if low is None or high is None else (low, high)
+
+
+def _half(entry: ParameterSummary) -> float | None:
+    ends = _ends(entry)
+    return None if ends is None else (ends[1] - ends[0]) / 2
 
 
 def provenance(section: Section, data: Iterable[TraceSummary], units: Sequence[CrossingDocument] = ()) -> None:

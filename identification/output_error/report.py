@@ -11,11 +11,11 @@ from identification.estimation.validation import whiteness
 from identification.output_error.calibration import Calibration, Judged
 from identification.output_error.results import summary
 from identification.output_error.windows import FreeRunWindow
-from identification.results import data_summary, parameter_rows, provenance, verdict_callout
+from identification.results import data_summary, draw_parameters, provenance, verdict_callout
 from identification.signals.frequency_response import fit_sine, frequency_point
 from identification.signals.processing import dominant_frequency
 from orchestrator.crossing import documents_of
-from orchestrator.report import Report, Section, figures
+from orchestrator.report import Chart, Curve, Panel, Report, Section, figures
 from orchestrator.trace import FloatArray, Trace
 
 SHOWN = 12  # windows in the grid of overlays
@@ -59,8 +59,7 @@ def _overview(section: Section, calibration: Calibration) -> None:
     verdict_callout(section, found["verdict"])
     for warning in calibration.warnings:
         section.callout("warning", warning)
-    headers, rows = parameter_rows(found["parameters"])
-    section.table(headers, rows, caption="Estimates with half of their 95 % intervals")
+    draw_parameters(section, found["parameters"], "Estimates with half of their 95 % intervals")
     groups = {"fitted": calibration.train} | ({} if validation is None else {"unseen": validation})
     fits(section, groups, target)
 
@@ -166,6 +165,12 @@ def _uncertainty(section: Section, calibration: Calibration) -> None:
     for combination in (*seen.unseen, *seen.weak):
         section.callout("warning", combination.message)
     section.figure(figures.correlation_heatmap(seen.names, seen.correlation), "Correlation of the estimates")
+    directions = np.arange(1.0, len(seen.singular_values) + 1)
+    strengths = Curve("singular value", directions, np.asarray(seen.singular_values), "dots")
+    section.figure(
+        Chart([Panel("singular value", [strengths], log=True)], x="direction of the parameters"),
+        "Singular values of the scaled Jacobian: a direction far below the others is hardly seen in the data",
+    )
     section.table(
         ["direction", "singular value"],
         [[i + 1, float(v)] for i, v in enumerate(seen.singular_values)],

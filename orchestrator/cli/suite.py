@@ -92,6 +92,7 @@ def test(
     Exit code 1 when an expectation fails, or a claim does not come out as its study states; 4 when a file met a fault
     of servotwin, which ends that file alone.
     """
+    from orchestrator.batch import index
     from orchestrator.batch.discovery import find_scenarios
     from orchestrator.batch.history import remember
     from orchestrator.batch.procedure import outputs_of
@@ -100,6 +101,7 @@ def test(
     from orchestrator.batch.summary import HEADERS, Summary
 
     limits, folder = limited.limits(), out or Path("out/test")
+    index.check_place(folder)
     found = find_scenarios(paths or [Path("scenarios")], JUDGES, ScenarioJudge(isolate.isolation()))
     tasks = chosen.of(found, folder, terminal)
     finished: list[Path] = []
@@ -114,13 +116,14 @@ def test(
     remember({verdict.file: verdict.passed for verdict in verdicts}, folder)
     summary = Summary(verdicts, perf_counter() - begun, jobs)
     telling.tell(summary)
+    page = index.write_index(summary, folder)
     said = [text for verdict in verdicts if (text := outputs_of(verdict.document))] if terminal.verbose else []
     for verdict in verdicts if terminal.verbose >= 2 else ():
         if verdict.fault:
             terminal.say(verdict.fault)
     held = all(verdict.passed for verdict in verdicts)
     table = Listing(HEADERS, summary.rows(all_files=terminal.verbose > 0))
-    shown: list[Listing | str] = [*said, table, summary.sentence]
+    shown: list[Listing | str] = [*said, table, summary.sentence, f"all reports from {page} on"]
     return Answer(_document(summary), shown, held, failure=_fault(verdicts))
 
 

@@ -34,6 +34,7 @@ PAGE = Template("""<!doctype html>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <meta name="color-scheme" content="light dark">
+<meta name="generator" content="servotwin">
 <meta http-equiv="Content-Security-Policy" content="default-src 'none'; script-src 'unsafe-inline';
  style-src 'unsafe-inline'; img-src data: blob:; form-action 'none'; base-uri 'none'">
 <title>$title</title>
@@ -148,6 +149,12 @@ class Report:
             InputError: the place cannot be written.
         """
         return atomic_write(path, self.render().encode())
+
+
+def is_ours(page: Path) -> bool:
+    """Whether a file is a page that was made here."""
+    with page.open("rb") as file:
+        return b'<meta name="generator" content="servotwin">' in file.read(1000)
 
 
 def _section(section: Section, number: int, columns: Columns) -> str:

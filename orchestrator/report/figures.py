@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from orchestrator.display.titles import with_unit
 from orchestrator.report.chart import HEIGHT, Band, Chart, Curve, Mark, Panel
 from orchestrator.report.drawings import Bars, Correlations, Grid, Stack
+from orchestrator.report.intervals import Interval, Intervals
 from orchestrator.trace import FloatArray, Trace
 
 Response = tuple[str, ArrayLike, ArrayLike]  # label, angular frequency (N,) [rad/s], magnitude (N,)
@@ -93,6 +94,11 @@ def bars(
 def correlation_heatmap(names: Sequence[str], matrix: ArrayLike) -> Correlations:
     """Correlation coefficients (N, N) between N estimates."""
     return Correlations(names, np.asarray(matrix, dtype=float))
+
+
+def intervals(rows: Sequence[Interval]) -> Intervals:
+    """Estimates with their intervals, each on a scale of its own, and where they are true where that is known."""
+    return Intervals(rows)
 
 
 def distribution(
