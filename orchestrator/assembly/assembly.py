@@ -19,7 +19,8 @@ from fmus.packaging import targets
 from orchestrator.assembly.stimulus import Stimulus
 from orchestrator.assembly.whole_arrays import check_shapes
 from orchestrator.crossing import logged, quantity
-from orchestrator.engine import Result, Simulation, Timing
+from orchestrator.engine import Engine, Profile, Result, Simulation, Timing
+from orchestrator.engine.profile import Watched
 from orchestrator.fmi.component import Component
 from orchestrator.fmi.exchange_slave import ExchangeSlave
 from orchestrator.fmi.file import FmuFile, Kind
@@ -173,11 +174,14 @@ class OpenSystem:
             self._stack.close()
             raise
 
-    def simulation(self, timing: Timing, isolation: Isolation | None = None) -> Simulation:
+    def simulation(
+        self, timing: Timing, isolation: Isolation | None = None, profile: Profile | None = None
+    ) -> Simulation:
         """A simulation of fresh instances, closed with this system.
 
         Args:
             isolation: how FMUs that were not made from our models are isolated, None where they are not.
+            profile: what takes note of every step, which the loop in Python then does.
         """
         components: dict[str, Component] = {}
         for name, file in self._files.items():
@@ -187,7 +191,10 @@ class OpenSystem:
             else:
                 components[name] = IsolatedSlave(make, file, name, isolation)
             self._stack.callback(components[name].close)
-        return Simulation(self.system, components, timing)
+        if profile is None:
+            return Simulation(self.system, components, timing)
+        watched = {name: Watched(component, profile) for name, component in components.items()}
+        return Simulation(self.system, watched, replace(timing, engine=Engine.PYTHON))
 
     def run(
         self,

@@ -115,10 +115,14 @@ def run(
     fmu: Fmus = None,
     stride: Annotated[int, typer.Option(min=1, metavar="N", help="Record, and judge, every N-th step only.")] = 1,
     stream: Annotated[bool, typer.Option("--stream", help="Write the record to its file while running.")] = False,
+    profile: Annotated[
+        bool, typer.Option("--profile", help="Write profile.json, all steps as a trace for Perfetto or Chrome.")
+    ] = False,
     isolate: Isolate,
 ) -> Answer:
     """Run one scenario; exit code 1 when an expectation fails."""
     from orchestrator.crossing import notes
+    from orchestrator.engine import Profile
     from orchestrator.results import aside, check_target
     from orchestrator.scenario import accounts
     from orchestrator.scenario.report import interruption
@@ -130,7 +134,7 @@ def run(
     check_target(folder)
     failure: ScenarioFailed | None = None
     with terminal.bar(scenario.stem) as move, aside(folder) as near:
-        keeping = Keeping(stride, near if stream else None, near / LOG_FILE)
+        keeping = Keeping(stride, near if stream else None, near / LOG_FILE, Profile() if profile else None)
         try:
             loaded = load_scenario(scenario, fmus=files(fmu))
             result = run_scenario(loaded, values, move, keeping=keeping, isolation=isolation)

@@ -4,6 +4,7 @@ from orchestrator.engine.account import Account, Share, shares
 from orchestrator.engine.compiled import Engine
 from orchestrator.engine.live import LiveRun
 from orchestrator.engine.plan import REFUSED, CycleSettings, Order, Plan, make_plan
+from orchestrator.engine.profile import Profile
 from orchestrator.engine.recording import Sink
 from orchestrator.engine.simulation import Interrupted, Result, Run, RunFailed, Simulation, Timing
 
@@ -16,6 +17,7 @@ __all__ = [
     "LiveRun",
     "Order",
     "Plan",
+    "Profile",
     "Result",
     "Run",
     "RunFailed",

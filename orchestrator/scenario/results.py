@@ -20,6 +20,7 @@ from orchestrator.scenario.run import CaseResult, ScenarioResult, nonfinite
 from orchestrator.scenario.scenario import file_stems
 
 LOG_FILE = "fmu.log"
+PROFILE = "profile.json"
 
 
 class RunCaseDocument(CaseDocument):
@@ -53,7 +54,8 @@ class RunDocument(FileDocument):
 
 
 def write_run(result: ScenarioResult, overrides: Mapping[str, Value], target: Path) -> None:
-    """Write the folder of a run: `<case>.parquet` (or, of a recorder, `<case>.csv`), manifest.json, report.html."""
+    """Write the folder of a run: `<case>.parquet` (or, of a recorder, `<case>.csv`), manifest.json, report.html;
+    and profile.json where there is one."""
     with result_folder(target, [result.scenario.path, *result.assembled.files.values()]) as folder:
         for case in result.cases:
             if case.result is not None and case.file is not None:
@@ -63,7 +65,10 @@ def write_run(result: ScenarioResult, overrides: Mapping[str, Value], target: Pa
         if (log := said(result)) is not None:
             shutil.copyfile(log, folder / LOG_FILE)
         write_json(folder / "manifest.json", document_of(result, overrides, target))
-        report(result).write(folder / "report.html")
+        with result.keeping.span("write the report"):
+            report(result).write(folder / "report.html")
+        if result.keeping.profile is not None:
+            write_json(folder / PROFILE, result.keeping.profile.document())
 
 
 def said(result: ScenarioResult) -> Path | None:

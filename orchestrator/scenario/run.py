@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
@@ -20,7 +20,7 @@ from orchestrator.assembly.assembly import Assembled, OpenSystem, assemble
 from orchestrator.assembly.whole_arrays import check_shapes, elements, shapes, written
 from orchestrator.crossing import Crossing, logged
 from orchestrator.display.table import table
-from orchestrator.engine import Interrupted, Result, Run, RunFailed, Simulation
+from orchestrator.engine import Interrupted, Profile, Result, Run, RunFailed, Simulation
 from orchestrator.fmi.interface import Value, Written
 from orchestrator.fmi.isolation import Isolation, scratch
 from orchestrator.fmi.said import kept
@@ -45,11 +45,17 @@ class Keeping:
         every: communication steps from one row to the next.
         stream: folder of a Parquet file a case, written while it runs; None keeps the record in memory.
         log: file that takes all that FMUs say.
+        profile: what takes note of every step.
     """
 
     every: int = 1
     stream: Path | None = None
     log: Path | None = None
+    profile: Profile | None = None
+
+    def span(self, name: str) -> AbstractContextManager[None]:
+        """What has a block noted, where anything is."""
+        return nullcontext() if self.profile is None else self.profile.span(name)
 
     def file(self, number: int) -> Path | None:
         """Where the record of the case with this number is written while it runs."""
@@ -231,7 +237,8 @@ def _run(
         )
     with naming(scenario.path), kept(keeping.log), scratch(isolation) as folder:
         given = elements(overrides)
-        assembled = assemble(scenario.system.given(given), fmus or folder, scenario.driven)
+        with keeping.span("build FMUs"):
+            assembled = assemble(scenario.system.given(given), fmus or folder, scenario.driven)
         cases: list[CaseResult] = []
         crossings: tuple[Crossing, ...] = ()
         system: System | None = None
@@ -242,7 +249,10 @@ def _run(
             return ScenarioResult(scenario, assembled, done, keeping, interrupted, crossings, given, system, hashes)
 
         try:
-            with OpenSystem(assembled) as opened, opened.simulation(scenario.timing, isolation) as simulation:
+            with (
+                OpenSystem(assembled) as opened,
+                opened.simulation(scenario.timing, isolation, keeping.profile) as simulation,
+            ):
                 system = opened.system
                 check_shapes(opened.system, shapes(overrides))
                 given = typed(opened.system, given)
@@ -261,7 +271,7 @@ def _run(
                     values = {**case.values, **given}
                     told = _part_of(progress, number, len(scenario.cases), case.name)
                     begun = perf_counter()
-                    with last_words.own().working_on(number):
+                    with last_words.own().working_on(number), keeping.span(f"case {case.name}"):
                         made = _run_case(scenario, number, simulation, values, stimuli, keeping, told)
                     cases.append(replace(made, seconds=perf_counter() - begun))
                     if not going_on:

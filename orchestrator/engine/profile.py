@@ -1,0 +1,139 @@
+"""What a run spent its time on, event by event, as viewers of traces show it (Perfetto, chrome://tracing).
+
+Components are watched from outside: each step, with the values written before it and read after it, is an event on the
+track of its component. The compiled loop has no place to look from, so a watched run is stepped by the one in Python.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from time import perf_counter_ns
+from typing import Any, NamedTuple
+
+from orchestrator.fmi.component import Component
+from orchestrator.fmi.interface import Value
+
+MOST = 200_000  # events of steps that are kept, some 20 MB as a file
+RUN = "run"  # the track of what is no component's
+
+
+class Event(NamedTuple):
+    """What happened on a track, from when and how long [ns], and up to which time of the simulation [s]."""
+
+    track: str
+    name: str
+    begun: int
+    spent: int
+    until: float | None = None
+
+
+@dataclass
+class Profile:
+    """Events in the order in which they ended; of steps the first `MOST`.
+
+    Attributes:
+        left_out: steps that came after them.
+    """
+
+    events: list[Event] = field(default_factory=list)
+    left_out: int = 0
+    _steps: int = 0
+
+    @contextmanager
+    def span(self, name: str) -> Iterator[None]:
+        """Have the block be an event of the run."""
+        begun = perf_counter_ns()
+        try:
+            yield
+        finally:
+            self.events.append(Event(RUN, name, begun, perf_counter_ns() - begun))
+
+    def step(self, track: str, begun: int, until: float) -> None:
+        """Take note of a step that ends now."""
+        self._steps += 1
+        if self._steps > MOST:
+            self.left_out += 1
+        else:
+            self.events.append(Event(track, "step", begun, perf_counter_ns() - begun, until))
+
+    def document(self) -> dict[str, Any]:
+        """The events in the format of Chrome's traces; times in µs from the first one on."""
+        first = min((event.begun for event in self.events), default=0)
+        tracks = dict.fromkeys([RUN, *(event.track for event in self.events)])
+        numbers = {track: number for number, track in enumerate(tracks, 1)}
+        told: list[dict[str, Any]] = [
+            {"ph": "M", "name": "thread_name", "pid": 1, "tid": number, "args": {"name": track}}
+            for track, number in numbers.items()
+        ]
+        told.append({"ph": "M", "name": "process_name", "pid": 1, "args": {"name": "servotwin"}})
+        told += [_told(event, numbers[event.track], first) for event in self.events]
+        return {"traceEvents": told, "displayTimeUnit": "ns", "otherData": {"steps left out": self.left_out}}
+
+
+def _told(event: Event, number: int, first: int) -> dict[str, Any]:
+    times = {"ts": (event.begun - first) / 1000, "dur": event.spent / 1000}
+    until = {} if event.until is None else {"args": {"until [s]": event.until}}
+    return {"ph": "X", "name": event.name, "cat": "step" if until else "run", "pid": 1, "tid": number, **times, **until}
+
+
+class Watched:
+    """A component whose steps go to a profile: from the inputs that it is given to the outputs that are read."""
+
+    def __init__(self, component: Component, profile: Profile) -> None:
+        self._component, self._profile = component, profile
+        self.name, self.interface = component.name, component.interface
+        self._begun = 0
+        self._until: float | None = None
+
+    @property
+    def warnings(self) -> int:
+        """Number of warnings its FMU returned."""
+        return getattr(self._component, "warnings", 0)
+
+    def write(self, values: Sequence[float]) -> None:
+        self._begun = perf_counter_ns()
+        self._component.write(values)
+
+    def step(self, time: float, duration: float) -> None:
+        self._begun = self._begun or perf_counter_ns()
+        self._component.step(time, duration)
+        self._until = time + duration
+
+    def read(self) -> Sequence[float]:
+        values = self._component.read()
+        if self._until is not None:
+            self._profile.step(self.name, self._begun, self._until)
+        self._begun, self._until = 0, None
+        return values
+
+    def set(self, values: Mapping[str, Value]) -> None:
+        self._component.set(values)
+
+    def begin(self, start: float, stop: float | None, tolerance: float | None = None) -> None:
+        self._component.begin(start, stop, tolerance)
+
+    def bind(self, inputs: Sequence[str], outputs: Sequence[str]) -> None:
+        self._component.bind(inputs, outputs)
+
+    def run(self) -> None:
+        self._component.run()
+
+    def save(self) -> Any:
+        return self._component.save()
+
+    def restore(self, state: Any) -> None:
+        self._component.restore(state)
+
+    def drop(self, state: Any) -> None:
+        self._component.drop(state)
+
+    def terminate(self) -> None:
+        self._component.terminate()
+
+    def reset(self) -> bool:
+        return self._component.reset()
+
+    def close(self) -> None:
+        self._component.close()
