@@ -239,16 +239,9 @@ class Trace:
 
     def plot(self) -> go.Figure:
         """A plotly figure with a window a signal above each other."""
-        from orchestrator.display import look  # noqa: PLC0415 - plotly loads slowly
-        from orchestrator.display.curves import TimeCurve, stacked  # noqa: PLC0415
+        from orchestrator.display.curves import stacked  # noqa: PLC0415 - plotly loads slowly
 
-        return stacked(
-            [
-                (look.with_unit(name, self.unit(name)), [TimeCurve(name, self.time, values, look.colour(0), 1.3)])
-                for name, values in self.signals.items()
-            ],
-            legend=False,
-        )
+        return stacked([(name, self.unit(name), self.time, values) for name, values in self.signals.items()])
 
     def rows(self, rows: slice | BoolArray) -> Trace:
         """Some of the samples."""

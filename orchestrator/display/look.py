@@ -1,8 +1,4 @@
-"""The one look of all figures.
-
-Text, axes and grid take their colours from the page's style sheet, which knows light and dark; the
-colours here are those of the data and are readable on both.
-"""
+"""The look of the figures that notebooks show; it is readable on light and on dark paper."""
 
 from __future__ import annotations
 
@@ -61,8 +57,3 @@ def plain(text: str) -> str:
 def with_unit(name: str, unit: str | None) -> str:
     """The title of an axis, as plotly shows it."""
     return plain(titles.with_unit(name, unit))
-
-
-def colour(number: int) -> str:
-    """The colour of the curve with this number, from 0."""
-    return COLOURS[number % len(COLOURS)]

@@ -40,6 +40,16 @@ class Paragraph:
 
 
 @dataclass(frozen=True)
+class Heading:
+    """The heading of a part of a section."""
+
+    text: str
+
+    def html(self, key: str, columns: Columns) -> str:
+        return f"<h3>{escape(self.text)}</h3>"
+
+
+@dataclass(frozen=True)
 class Callout:
     """A sentence that must not be overlooked."""
 

@@ -24,6 +24,7 @@ from orchestrator.report.content import (
     Facts,
     Figure,
     Folded,
+    Heading,
     Highlights,
     Paragraph,
 )
@@ -68,6 +69,10 @@ class Section:
     def paragraph(self, text: str) -> None:
         """Running text."""
         self.content.append(Paragraph(text))
+
+    def subheading(self, text: str) -> None:
+        """The heading of a part of the section."""
+        self.content.append(Heading(text))
 
     def callout(self, kind: CalloutKind, text: str) -> None:
         """A sentence in a box: "ok", "warning" or "error"."""

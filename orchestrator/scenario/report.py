@@ -11,7 +11,7 @@ from orchestrator.crossing import Crossing
 from orchestrator.display.table import Cell
 from orchestrator.display.titles import with_unit
 from orchestrator.fmi.interface import Port
-from orchestrator.report import Band, Chart, Curve, Mark, Panel, Report, Section
+from orchestrator.report import Band, Chart, Curve, Mark, Panel, Report, Section, figures
 from orchestrator.report.chart import Style
 from orchestrator.results import versions
 from orchestrator.scenario import accounts
@@ -46,9 +46,7 @@ def report(result: ScenarioResult) -> Report:
         section = page.section("System")
         section.figure(wiring_of(result, result.system), "Components, their steps, and what is connected")
         _parameters(section, result, result.system)
-    stepping = page.section("Step statistics")
-    stepping.paragraph(accounts.sentence_of(result))
-    stepping.table(accounts.HEADERS, accounts.rows_of(result))
+    _stepping(page.section("Step statistics"), result)
     _provenance(page.section("Provenance"), result)
     return page
 
@@ -64,6 +62,25 @@ def _verdict(section: Section, result: ScenarioResult) -> None:
     for line in result.scenario.held:
         section.callout("warning", f"{line}.")
     section.table(HEADERS, result.rows())
+
+
+def _stepping(section: Section, result: ScenarioResult) -> None:
+    """Whose time the steps took, how often cycles were iterated, and what FMUs have warned of."""
+    section.paragraph(accounts.sentence_of(result))
+    rows = accounts.rows_of(result)
+    section.table(accounts.HEADERS, rows)
+    if rows:
+        shares = {name: percent for name, *_, percent in rows}
+        section.figure(figures.bars({"share": shares}, quantity="Share of the time", unit="%"))
+    told = [(case.name, case.result) for case in result.cases if case.result is not None]
+    if any(made.iterations for _, made in told):
+        iterations = [(name, made.iterations, made.iterations / max(made.account.steps, 1)) for name, made in told]
+        section.table(["case", "iterations of cycles", "a step"], iterations)
+    warned = [(name, part, count) for name, made in told for part, count in made.warnings.items() if count]
+    if warned:
+        section.table(["case", "component", "warnings of its FMU"], warned)
+    if result.keeping.profile is not None:
+        section.paragraph("Each step is in profile.json, a trace for Perfetto or the browser's own viewer.")
 
 
 def tell_units(page: Report, crossings: Sequence[Crossing]) -> None:
@@ -89,9 +106,11 @@ def _draw(section: Section, result: ScenarioResult) -> None:
         if not panels:
             section.paragraph(f"Case {made.name} has recorded nothing.")
             continue
-        section.figure(Chart(panels[:OPEN_SIGNALS]), made.name)
+        if len(result.cases) > 1:
+            section.subheading(made.name)
+        section.figure(Chart(panels[:OPEN_SIGNALS]), f"Case {made.name}")
         if rest := panels[OPEN_SIGNALS:]:
-            section.folded(f"{made.name}: {len(rest)} more signals").figure(Chart(rest), made.name)
+            section.folded(f"{made.name}: {len(rest)} more signals").figure(Chart(rest), f"Case {made.name}")
 
 
 def _signals(case: Case, trace: Trace, system: System | None) -> Iterator[Panel]:

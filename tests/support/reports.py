@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import json
+from html.parser import HTMLParser
+from typing import Any
+
 import numpy as np
 
 from orchestrator.report import Band, Chart, Curve, Mark, Panel, Point, Report, figures
@@ -11,10 +15,39 @@ from orchestrator.trace import Trace
 EVIL = "<script>alert('x')</script><img src=x onerror=alert(1)>&\"</style>"
 
 
+class Page(HTMLParser):
+    """Tags, attributes and visible words of a page, and what its scripts are given."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.links: list[str] = []
+        self.words = ""
+        self.charts: list[dict[str, Any]] = []
+        self._inside = ""
+        self.feed(html)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.links += [value or "" for name, value in attrs if name in ("src", "href", "action", "data", "srcset")]
+        self._inside = tag if tag in ("script", "style") else ""
+        self._is_chart = ("type", "application/json") in attrs and ("id", "columns") not in attrs
+
+    def handle_endtag(self, tag: str) -> None:
+        self._inside = ""
+
+    def handle_data(self, data: str) -> None:
+        if not self._inside:
+            self.words += data
+        elif self._is_chart:
+            self.charts.append(json.loads(data))
+
+
 def full_report(word: str) -> Report:
     """A report whose every text is this word, with each kind of content and of figure."""
     report = Report(word, word)
     section = report.section(word)
+    section.subheading(word)
     section.paragraph(word)
     section.callout("warning", word)
     section.highlights([(word, word, word)])

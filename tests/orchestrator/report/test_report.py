@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from html.parser import HTMLParser
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -22,35 +21,7 @@ from orchestrator.report import Chart, Report, figures
 from orchestrator.report.drawings import Grid
 from orchestrator.report.plot import plot_traces
 from orchestrator.trace import Trace
-from tests.support.reports import EVIL, full_report
-
-
-class Page(HTMLParser):
-    """Tags, attributes and visible words of a page, and what its scripts are given."""
-
-    def __init__(self, html: str) -> None:
-        super().__init__()
-        self.tags: list[str] = []
-        self.links: list[str] = []
-        self.words = ""
-        self.charts: list[dict[str, Any]] = []
-        self._inside = ""
-        self.feed(html)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append(tag)
-        self.links += [value or "" for name, value in attrs if name in ("src", "href", "action", "data", "srcset")]
-        self._inside = tag if tag in ("script", "style") else ""
-        self._is_chart = ("type", "application/json") in attrs and ("id", "columns") not in attrs
-
-    def handle_endtag(self, tag: str) -> None:
-        self._inside = ""
-
-    def handle_data(self, data: str) -> None:
-        if not self._inside:
-            self.words += data
-        elif self._is_chart:
-            self.charts.append(json.loads(data))
+from tests.support.reports import EVIL, Page, full_report
 
 
 def oscillation(count: int = 9000) -> Trace:

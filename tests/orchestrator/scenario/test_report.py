@@ -1,0 +1,137 @@
+"""The report of a run shows what was asked of it, what drove it, and from what it ran."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fmus.files import sha256
+from orchestrator.formats import write
+from orchestrator.report import Chart, Mark
+from orchestrator.report.content import Content, DataTable, Figure, Folded
+from orchestrator.report.document import Report
+from orchestrator.report.wiring import Wiring
+from orchestrator.scenario.report import OPEN_SIGNALS, report
+from orchestrator.scenario.run import ScenarioResult, run_scenario
+from orchestrator.trace import Trace
+from tests.support.reports import EVIL, Page
+
+SCENARIO = """
+title: A swing
+components:
+  motor: {model: dc_motor, step: 0.02}
+  hand: {model: pendulum, parameters: {angle_start: 0.5}}
+connections: [motor.torque -> hand.torque, hand.speed -> motor.speed]
+stimuli: {motor.voltage: {file: voltage.csv, signal: voltage}}
+run: {stop: 1, step: 0.01}
+expect:
+  - {signal: hand.angle, after: 0.5, below: 1.2}
+  - {signal: hand.speed, near: 0, within: 40}
+  - {signal: hand.energy, reference: {file: energy.csv, signal: energy}, within: 5}
+"""
+
+
+def ran(folder: Path, text: str = SCENARIO) -> ScenarioResult:
+    time = np.linspace(0, 1, 101)
+    write(Trace(time, {"voltage": 0.01 * np.sin(9 * time)}, {"voltage": "V"}), folder / "voltage.csv")
+    write(Trace(time, {"energy": 0.0 * time}, {"energy": "J"}), folder / "energy.csv")
+    (folder / "swing.yaml").write_text(text)
+    return run_scenario(folder / "swing.yaml")
+
+
+def contents(page: Report, heading: str) -> list[Content]:
+    [section] = [section for section in page.sections if section.heading == heading]
+    return section.content
+
+
+def charts(page: Report) -> list[Chart]:
+    drawn = [piece.drawing for piece in contents(page, "Traces") if isinstance(piece, Figure)]
+    return [one for one in drawn if isinstance(one, Chart)]
+
+
+def test_limits_tubes_and_references_are_drawn_with_the_signals_that_they_judge(tmp_path: Path) -> None:
+    [chart] = charts(report(ran(tmp_path)))
+    panels = {panel.title: panel for panel in chart.panels}
+    assert list(panels)[:3] == ["hand.angle [rad]", "hand.speed [rad/s]", "hand.energy [J]"]
+    [limit] = panels["hand.angle [rad]"].marks
+    assert isinstance(limit, Mark)
+    assert (limit.axis, limit.value, limit.label, limit.span) == ("y", 1.2, "below 1.2", (0.5, 1.0))
+    for title, width in (("hand.speed [rad/s]", 40), ("hand.energy [J]", 5)):
+        [tube] = panels[title].bands
+        assert np.all(np.asarray(tube.lower) == -width) and np.all(np.asarray(tube.upper) == width)
+        _, reference = panels[title].curves
+        assert reference.tone == "reference" and not np.any(np.asarray(reference.y))
+
+
+def test_every_sample_is_drawn_and_what_drove_the_system_is_below(tmp_path: Path) -> None:
+    result = ran(tmp_path)
+    [chart] = charts(report(result))
+    for panel in chart.panels[:-1]:
+        name = panel.title.split(" [")[0]
+        assert np.array_equal(np.asarray(panel.curves[0].y), result.cases[0].trace[name])
+    driven = chart.panels[-1]
+    assert (driven.title, driven.curves[0].label) == ("motor.voltage [V]", "input")
+    assert np.allclose(driven.curves[0].y, 0.01 * np.sin(9 * np.linspace(0, 1, 101)))
+
+
+def test_signals_beyond_the_first_ones_are_a_click_away_and_none_is_lost(tmp_path: Path) -> None:
+    many = "\n".join(f"  p{number}: {{model: pendulum}}" for number in range(4))
+    text = f"title: Many\ncomponents:\n{many}\nrun: {{stop: 0.1, step: 0.01}}\n"
+    result = ran(tmp_path, text)
+    page = report(result)
+    [first] = charts(page)
+    [folded] = [piece for piece in contents(page, "Traces") if isinstance(piece, Folded)]
+    [rest] = [piece.drawing for piece in folded.content if isinstance(piece, Figure)]
+    assert isinstance(rest, Chart)
+    assert len(first.panels) == OPEN_SIGNALS
+    titles = [panel.title.split(" [")[0] for panel in (*first.panels, *rest.panels)]
+    assert sorted(titles) == sorted(result.cases[0].trace.names)
+
+
+def test_the_wiring_has_steps_units_and_what_drives_it(tmp_path: Path) -> None:
+    pieces = contents(report(ran(tmp_path)), "System")
+    [wiring] = [piece.drawing for piece in pieces if isinstance(piece, Figure) and isinstance(piece.drawing, Wiring)]
+    boxes = {box.name: box for box in wiring.boxes}
+    assert (boxes["motor"].about, boxes["motor"].rate) == ("dc_motor", "every 0.02 s")
+    assert boxes["hand"].rate == "every 0.01 s"
+    assert boxes["motor"].outputs["torque"] == "torque [N.m]"
+    assert boxes["→ motor.voltage"].outside and boxes["→ motor.voltage"].about == "voltage.csv"
+    assert {(wire.source, wire.target) for wire in wiring.wires} == {
+        (("→ motor.voltage", "y"), ("motor", "voltage")),
+        (("motor", "torque"), ("hand", "torque")),
+        (("hand", "speed"), ("motor", "speed")),
+    }
+
+
+def test_parameters_say_who_set_them(tmp_path: Path) -> None:
+    ran(tmp_path)
+    page = report(run_scenario(tmp_path / "swing.yaml", {"hand.inertia": 0.002}))
+    pieces = contents(page, "System")
+    [table] = [piece for piece in pieces if isinstance(piece, DataTable)]
+    rows = {str(row[0]): row[1:4] for row in table.rows}
+    assert rows["hand.angle_start"] == ["0.5", "rad", "file"]
+    assert rows["hand.inertia"] == ["0.002", "kg.m2", "--set"]
+    [folded] = [piece for piece in pieces if isinstance(piece, Folded)]
+    [others] = [piece for piece in folded.content if isinstance(piece, DataTable)]
+    assert {row[3] for row in others.rows} == {"FMU"} and "motor.torque_gain" in {row[0] for row in others.rows}
+
+
+def test_what_ran_is_told_by_its_hash(tmp_path: Path) -> None:
+    result = ran(tmp_path)
+    [table, *_] = [piece for piece in contents(report(result), "Provenance") if isinstance(piece, DataTable)]
+    rows = {str(row[0]): row[1:] for row in table.rows}
+    assert rows["scenario"] == ["swing.yaml", sha256(tmp_path / "swing.yaml")]
+    assert rows["motor"] == ["model dc_motor", result.hashes["motor"]] and len(result.hashes["motor"]) == 64
+
+
+@pytest.mark.parametrize("name", ["<b>", "a & b", "</script><script>alert(1)</script>", 'quo"te', EVIL])
+def test_names_from_files_are_no_markup(tmp_path: Path, name: str) -> None:
+    plain, hostile = (
+        Page(report(ran(tmp_path, f"{SCENARIO}cases: [{{name: {json.dumps(word)}}}, {{name: other}}]\n")).render())
+        for word in ("plain", name)
+    )
+    assert hostile.tags == plain.tags
+    assert hostile.words.count(name) == plain.words.count("plain") > 3
