@@ -9,6 +9,7 @@ from typing import Any
 
 from fmus.errors import InputError
 from orchestrator.bridge.bridge import BridgeResult
+from orchestrator.can.frames import moment
 from orchestrator.formats.arrows import SUFFIX
 from orchestrator.report import Report, Section, figures
 from orchestrator.results import result_folder, versions, write_json
@@ -87,8 +88,24 @@ def _bus(bridged: BridgeResult, section: Section) -> None:
         section.callout("error", str(bridged.ending.failure))
     for line in account.remarks()[1:]:
         section.callout("warning", line)
-    section.table(["direction", "message", "frames", "frames/s"], account.traffic())
+    traffic, seconds = account.traffic(), max(account.seconds, 1e-9)
+    counts = [("received", account.received.frames), ("sent", account.frames)]
+    section.highlights([(f"frames {way}", count, f"{count / seconds:.4g} a second") for way, count in counts])
+    section.table(["direction", "message", "frames", "frames/s"], traffic)
+    rates = {way: {name: rate for by, name, _, rate in traffic if by == way} for way, _ in counts}
+    if any(rates.values()):
+        section.figure(figures.bars({way: own for way, own in rates.items() if own}, quantity="Frames a second"))
+    if account.losses:
+        lost = [(moment(loss.stamp), loss.why, loss.seconds) for loss in account.losses]
+        section.table(["bus lost at", "why", "back after [s]"], lost, caption=f"{account.loss_count} times in all.")
     watchdog = account.watchdog
+    if watchdog.messages:
+        peers = [
+            (name, peer.frames, peer.first, peer.silence, peer.silences, peer.at_safe_values)
+            for name, peer in watchdog.messages.items()
+        ]
+        headers = ["message of a peer", "frames", "first [s]", "silent after [s]", "silences", "at safe values [s]"]
+        section.table(headers, peers)
     if watchdog.events:
         rows = [(event.time, event.name, event.kind) for event in watchdog.events[:EVENTS]]
         section.table(["time [s]", "of", "event"], rows, caption=f"{watchdog.event_count} events in all.")

@@ -4,7 +4,7 @@
 (() => {
   const PART = 8192; // samples of a part
   const RAW = 32768; // samples in view up to which all are drawn
-  const [LEFT, RIGHT, TOP, GAP, AXIS] = [68, 14, 22, 12, 30]; // around panels [px]
+  const [LEFT, RIGHT, TOP, GAP, AXIS] = [68, 22, 22, 12, 30]; // around panels [px]
   const [root, print] = [document.documentElement, matchMedia("print")];
   const DASHES = [[], [8, 3], [2, 3], [10, 3, 2, 3], [16, 4], [5, 2, 1, 2, 1, 2]];
   const limited = (value, low, high) => Math.min(Math.max(value, low), high);
@@ -119,6 +119,7 @@
     };
     const first = rising ? Math.max(xs.index(scale.from), 0) : 0;
     const last = rising ? Math.min(xs.index(scale.to) + 1, ys.count - 1) : ys.count - 1;
+    found.samples = last - first;
     if ((last - first < RAW || !ys.levels.length) && xs.ready(first, last) && ys.ready(first, last)) {
       for (let i = first; i <= last; i++) put(xs.at(i), ys.at(i), ys.at(i));
       return found;
@@ -196,7 +197,7 @@
         g.fill();
       }
       for (const mark of panel.marks) this.drawMark(g, panel, mark);
-      for (const [one, found] of curves) this.drawCurve(g, y, one, found.drawn);
+      for (const [one, found] of curves) this.drawCurve(g, y, one, found);
       g.restore();
     }
 
@@ -236,14 +237,14 @@
       g.fillText(title, LEFT, top - 9, right - LEFT);
     }
 
-    drawCurve(g, y, { tone, colour, style }, drawn) {
+    drawCurve(g, y, { tone, colour, style }, { drawn, samples }) {
       g.setLineDash({ measured: [], reference: [5, 4] }[tone] ?? DASHES[colour % 6]);
       g.strokeStyle = g.fillStyle = this.colour(tone === "data" ? `c${colour % 6}` : tone);
       [g.lineWidth, g.lineJoin] = [tone === "measured" ? 3.2 : 1.5, "round"];
       const joined = style === "line" || style === "steps";
       if (joined) trace(g, y, drawn, style === "steps");
       g.setLineDash([]);
-      if (joined && (tone !== "data" || drawn.length / 3 > this.width / 8)) return; // else each sample gets its dot
+      if (joined && (tone !== "data" || samples > this.width / 8)) return; // else each sample gets its dot
       for (let i = 0; i < drawn.length; i += 3) {
         if (style === "stems") line(g, [drawn[i], y.px(0)], [drawn[i], y.px(drawn[i + 1])]);
         if (!Number.isNaN(drawn[i + 1])) sign(g, style, drawn[i], y.px(drawn[i + 1]));

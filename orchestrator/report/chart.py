@@ -127,7 +127,8 @@ class Chart:
         log_x: whether that is logarithmic; what is not positive is then left out.
         equal: whether a unit is as long on both axes, as in a complex plane.
         height: of a panel [px].
-        x_range: what is shown at first; None shows everything.
+        x_range: what is shown at first; None shows everything. A plane then has 0, or the middle of its panel's range,
+            in its middle.
         legend: whether it has one; None is where it tells more than the titles of the panels do.
     """
 
@@ -183,7 +184,7 @@ class Chart:
             "equal": self.equal,
             "height": self.height,
             "range": self.x_range or self._extent(),
-            "upright": _upright(self.panels[0]) if self.equal else None,
+            "upright": self._upright() if self.equal else None,
             "legend": self._named() if self.legend is None else self.legend,
             "panels": [_panel(panel, columns) for panel in self.panels],
         }
@@ -193,12 +194,26 @@ class Chart:
         return any(len(panel.curves) + len(panel.bands) > 1 for panel in self.panels)
 
     def _extent(self) -> tuple[float, float]:
-        """All of the horizontal axis that holds something, a little more in a plane."""
+        """All of the horizontal axis that holds something, a little more in a plane and around signs."""
         low, high = _ends(self.panels, "x", self.log_x)
         if low == high:
             slack = max(abs(low), 1.0) / 2
             return (low / 2, high * 2) if self.log_x else (low - slack, high + slack)
-        slack = 0.05 * (high - low) if self.equal else 0.0
+        signs = any(curve.style not in ("line", "steps") for panel in self.panels for curve in panel.curves)
+        if self.log_x:
+            return (low / (high / low) ** 0.03, high * (high / low) ** 0.03) if signs else (low, high)
+        slack = (0.05 if self.equal else 0.03 if signs else 0.0) * (high - low)
+        return low - slack, high + slack
+
+    def _upright(self) -> tuple[float, float]:
+        """All of the vertical axis of a plane that holds something, a little more; with an `x_range`, which says how
+        large it is, only the middle."""
+        panel = self.panels[0]
+        if self.x_range is not None:
+            middle = sum(panel.range) / 2 if panel.range else 0.0
+            return middle, middle
+        low, high = panel.range or _ends([panel], "y", False)
+        slack = 0.05 * (high - low)
         return low - slack, high + slack
 
 
@@ -209,13 +224,6 @@ def key_of(drawn: Curve | Band) -> str:
     number = drawn.colour % COLOURS
     kind = {"line": "joined", "steps": "joined"}.get(drawn.style, drawn.style)
     return f'<i class="key {kind} {f"k{number}" if drawn.tone == "data" else drawn.tone}"></i>'
-
-
-def _upright(panel: Panel) -> tuple[float, float]:
-    """All of the vertical axis of a plane that holds something, a little more."""
-    low, high = panel.range or _ends([panel], "y", False)
-    slack = 0.05 * (high - low)
-    return low - slack, high + slack
 
 
 def _ends(panels: Sequence[Panel], axis: Literal["x", "y"], log: bool) -> tuple[float, float]:

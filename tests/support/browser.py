@@ -43,7 +43,7 @@ class Seen:
         """Zoom a chart from one share of its horizontal axis to another."""
         box = self.page.locator(".chart canvas").nth(number).bounding_box()
         assert box is not None
-        left, width = box["x"] + 68, box["width"] - 68 - 14
+        left, width = box["x"] + 68, box["width"] - 68 - 22
         up = box["y"] + 60
         self.page.mouse.move(left + start * width, up)
         self.page.mouse.down()

@@ -112,7 +112,7 @@ def test_the_value_at_the_pointer_is_that_of_the_nearest_sample(browser: Browser
         seen.view()
         box = seen.page.locator("canvas").bounding_box()
         assert box is not None
-        seen.page.mouse.move(box["x"] + 68 + 0.42 * (box["width"] - 82), box["y"] + 60)
+        seen.page.mouse.move(box["x"] + 68 + 0.42 * (box["width"] - 90), box["y"] + 60)
         assert "a [rad]: 104" in seen.page.locator(".readout").inner_text()
 
 
@@ -136,7 +136,7 @@ def test_a_plane_shows_all_of_a_curve_with_equal_units_on_both_axes(browser: Bro
         assert [lowest, highest] == pytest.approx([-3, 3], abs=1e-3)
         box = seen.page.locator("canvas").bounding_box()
         assert box is not None
-        assert (view["to"] - view["from"]) / (box["width"] - 82) == pytest.approx(6.6 / (400 - 34), rel=0.02)
+        assert (view["to"] - view["from"]) / (box["width"] - 90) == pytest.approx(6.6 / (400 - 34), rel=0.02)
 
 
 def test_samples_that_are_none_leave_a_gap(browser: Browser, tmp_path: Path) -> None:
@@ -152,7 +152,7 @@ def inked(seen: Seen, share: float) -> bool:
     found: bool = seen.page.evaluate(
         """share => {
             const canvas = document.querySelector("canvas"), sharp = canvas.width / canvas.clientWidth;
-            const x = Math.round((68 + share * (canvas.clientWidth - 82)) * sharp);
+            const x = Math.round((68 + share * (canvas.clientWidth - 90)) * sharp);
             const { data } = canvas.getContext("2d").getImageData(x, 0, 1, canvas.height);
             for (let i = 0; i < data.length; i += 4)
                 if (data[i + 3] > 200 && data[i + 2] - data[i] > 100) return true;
