@@ -20,6 +20,7 @@ BENCH = {
     "startup": "processor time of commands, with a cache of built FMUs and without; Ctrl-C",
     "coverage_frequency": "how often the 95 % intervals of the resonance study hold the truth",
     "coverage_time": "how often those of output error do",
+    "coverage_motion": "how often those of a recalibration near a motion do",
     "subspace_speed": "subspace identification beside other tools",
     "calibration_speed": "the calibration from the real recordings; a step of a Python FMU",
     "window_overhead": "a window of a calibration beside its stepping",

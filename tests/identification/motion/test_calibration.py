@@ -138,3 +138,21 @@ def test_dry_friction_goes_where_a_component_takes_it(recordings: Path, tmp_path
     scale = 2.96 / 2.466
     assert found.parameters["hand.coulomb_friction_positive"]["value"] == pytest.approx(scale * 3.2e-3, rel=0.2)
     assert found.parameters["hand.coulomb_friction_negative"]["value"] == pytest.approx(scale * 6.2e-3, rel=0.2)
+
+
+def test_a_generic_model_that_is_near_already_misses_the_target_and_the_reason_is_told(
+    recordings: Path, tmp_path: Path, found: CalibratedStudy
+) -> None:
+    known = {name: found.summary["parameters"][f"controller.{name}"]["value"] for name in ("p1", "p2", "p3", "p4")}
+
+    def change(block: Block) -> None:
+        block.pop("controller")
+        parameters(block, "controller").update(known)
+        parameters(block, "motor").update(torque_gain=known["p4"])
+        hand = {"inertia": known["p1"], "viscous_friction": known["p2"], "gravity_torque": known["p3"]}
+        parameters(block, "hand").update(hand)
+
+    verdict = calibrate(study(tmp_path, change), recordings).summary["verdict"]
+    assert not verdict["held"]
+    assert verdict["reached"] == pytest.approx(1, rel=0.01)
+    assert "MISSED" in verdict["said"] and "the generic model was near the motion already" in verdict["said"]
