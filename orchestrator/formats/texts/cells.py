@@ -10,7 +10,7 @@ from typing import Literal
 from fmus.errors import TraceError
 from orchestrator.formats.layout import Decimal
 
-Kind = Literal["number", "grouped", "flag", "stamp", "text", "missing"]
+Kind = Literal["number", "grouped", "flag", "stamp", "date", "text", "missing"]
 
 MISSING = ("-", "--", "---", "n.a.", "n/a", "na", "nan", "-nan", "null", "none", "#n/a", "#nv", "?", "")
 STAMP = (
@@ -19,6 +19,9 @@ STAMP = (
     r"\s*(?P<half>[AaPp]\.?[Mm]\.?)?\s*(?P<zone>Z|UTC|[+-]\d{2}:?\d{2})?\s*$"
 )
 _STAMP = re.compile(STAMP)
+_DATE = re.compile(
+    r"\d{4}(?P<mark>[-/.])\d{1,2}(?P=mark)\d{1,2}|\d{1,2}(?P<sign>[-/.])(\d{1,2}|[A-Za-z]{3})(?P=sign)(\d{4}|\d{2})"
+)
 _ANY_NUMBER = re.compile(r"[+-]?(\d([\d.,']*\d)?[.,]?|[.,]\d+)([eE][+-]?\d+)?")
 _UNSURE = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}")
 _PLAIN: dict[Decimal, re.Pattern[str]] = {
@@ -34,7 +37,14 @@ _GROUPED: dict[Decimal, re.Pattern[str]] = {
 def is_value(cell: str) -> bool:
     """Whether a cell may be a sample, whatever its decimal point."""
     text = cell.strip()
-    return bool(_ANY_NUMBER.fullmatch(text) or _STAMP.match(text) or text.lower() in (*MISSING, "inf", "-inf"))
+    words = (*MISSING, "inf", "-inf")
+    return bool(_ANY_NUMBER.fullmatch(text) or _STAMP.match(text) or _DATE.fullmatch(text) or text.lower() in words)
+
+
+def is_time_of_day(cell: str) -> bool:
+    """Whether a cell holds a time without a date."""
+    found = _STAMP.match(cell)
+    return found is not None and not found["a"]
 
 
 def kind(cell: str, decimal: Decimal) -> Kind:
@@ -48,6 +58,8 @@ def kind(cell: str, decimal: Decimal) -> Kind:
         return "grouped"
     if text.lower() in ("true", "false"):
         return "flag"
+    if _DATE.fullmatch(text):
+        return "date"
     return "stamp" if _STAMP.match(text) else "text"
 
 
@@ -57,7 +69,8 @@ def decimal_mark(cells: Iterable[str], separator: str, place: Path) -> Decimal:
     Raises:
         TraceError: they do not tell, such as 1,234 alone.
     """
-    numbers = [cell for cell in map(str.strip, cells) if set(cell) & set(".,") and _ANY_NUMBER.fullmatch(cell)]
+    marked = [cell for cell in map(str.strip, cells) if set(cell) & set(".,") and not _DATE.fullmatch(cell)]
+    numbers = [cell for cell in marked if _ANY_NUMBER.fullmatch(cell)]
     told = {mark for cell in numbers if (mark := _mark(cell))}
     unsure = next((cell for cell in numbers if "," in cell or separator == ";"), None)
     if len(told) > 1:

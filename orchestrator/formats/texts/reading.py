@@ -16,7 +16,7 @@ from fmus.errors import TraceError
 from orchestrator.formats.arrow import numbers
 from orchestrator.formats.layout import Choice, Columns, Layout, choose
 from orchestrator.formats.recording import Recording, excerpt
-from orchestrator.formats.texts.cells import MISSING, kind
+from orchestrator.formats.texts.cells import MISSING, is_time_of_day, kind
 from orchestrator.formats.texts.encoding import first_lines
 from orchestrator.formats.texts.grid import SEPARATORS, Grid, grid
 from orchestrator.formats.texts.stamps import seconds
@@ -52,7 +52,9 @@ def read_text(file: BinaryIO, layout: Layout, path: Path) -> Recording:
         units_line=seen.units_line,
     )
     choice = choose(told, _columns(seen), path)
-    table = _table(file, seen, encoding, choice)
+    stamped = seen.kinds[choice.time] == "stamp"
+    dates = _dates_beside(seen, choice.time) if stamped else None
+    table = _table(file, seen, encoding, choice, dates)
     guessed = [f"its text is {encoding}"] if layout.encoding is None and not encoding.startswith("utf-8") else []
 
     def column(number: int) -> FloatArray:
@@ -60,9 +62,20 @@ def read_text(file: BinaryIO, layout: Layout, path: Path) -> Recording:
             return _ungrouped(table[str(number)], seen.decimal, path)
         return numbers(table[str(number)])
 
-    stamped = seen.kinds[choice.time] == "stamp"
-    stamps = seconds(table[str(choice.time)], layout.dates, layout.time_zone, path) if stamped else None
-    return choice.recording(column, "", stamps, [*guessed, *seen.notes])
+    texts = table[str(choice.time)]
+    notes = [*guessed, *seen.notes]
+    if dates is not None:
+        texts = compute.binary_join_element_wise(compute.utf8_trim_whitespace(table[str(dates)]), texts, " ")
+        notes.append(f"its dates are those of column {seen.names[dates] if seen.names else dates}")
+    stamps = seconds(texts, layout.dates, layout.time_zone, path) if stamped else None
+    return choice.recording(column, "", stamps, notes)
+
+
+def _dates_beside(seen: Grid, time: int) -> int | None:
+    """The column with the dates of times of day; None where they have theirs, or it is not sure which it is."""
+    dates = [number for number, held in enumerate(seen.kinds) if held == "date"]
+    times = [row[time] for row in seen.head if kind(row[time], seen.decimal) == "stamp"]
+    return dates[0] if len(dates) == 1 and all(map(is_time_of_day, times)) else None
 
 
 def _columns(seen: Grid) -> Columns:
@@ -73,15 +86,17 @@ def _columns(seen: Grid) -> Columns:
         ]
 
     useless = {number: "text" for number, held in enumerate(seen.kinds) if held == "text"}
+    stamped = [number for number, held in enumerate(seen.kinds) if held == "stamp"]
+    taken = [_dates_beside(seen, number) for number in stamped]
+    useless |= {n: "" if n in taken else "dates" for n, held in enumerate(seen.kinds) if held == "date"}
     if seen.names:
         useless |= {n: "" for n, held in enumerate(seen.kinds) if held == "missing" and not seen.names[n]}
-    stamped = [number for number, held in enumerate(seen.kinds) if held == "stamp"]
     return Columns(len(seen.kinds), seen.names, seen.units, useless, stamped, head)
 
 
-def _table(file: BinaryIO, seen: Grid, encoding: str, choice: Choice) -> Any:
+def _table(file: BinaryIO, seen: Grid, encoding: str, choice: Choice, dates: int | None) -> Any:
     names = [str(number) for number in range(len(seen.kinds))]
-    wanted = [names[number] for number in choice.wanted]
+    wanted = [names[number] for number in sorted({*choice.wanted, *([] if dates is None else [dates])})]
     reading = csv.ReadOptions(
         column_names=names, skip_rows=seen.skipped, use_threads=False, encoding=encoding.replace("utf-8-sig", "utf8")
     )

@@ -180,6 +180,36 @@ def test_what_may_be_read_two_ways_is_asked_for(
         assert read(path, replace(Layout(), **fix)).trace["a"].tolist() == values  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize(
+    ("text", "start"),
+    [
+        ("Date;Time;speed\n31.12.2023;23:59:59,5;1,5\n01.01.2024;00:00:00,25;2,5\n", "2023-12-31T23:59:59.5"),
+        ("Time,Date,speed\n23:59:59.500,2023-12-31,1.5\n00:00:00.250,2024-01-01,2.5\n", "2023-12-31T23:59:59.5"),
+        ("12/31/2023\t11:59:59.5 PM\t1.5\n01/01/2024\t12:00:00.25 AM\t2.5\n", "2023-12-31T23:59:59.5"),
+        ("2023-12-31 23:59:59.5 1.5\n2024-01-01 00:00:00.25 2.5\n", "2023-12-31T23:59:59.5"),
+        ("Date,Time,speed\n31-Dec-2023,23:59:59.5,1.5\n01-Jan-2024,00:00:00.25,2.5\n", "2023-12-31T23:59:59.5"),
+    ],
+)
+def test_dates_in_a_column_of_their_own_are_those_of_the_times(tmp_path: Path, text: str, start: str) -> None:
+    recording = read(written(tmp_path, text))
+    assert recording.trace.time.tolist() == [0.0, 0.75]
+    assert next(iter(recording.trace.signals.values())).tolist() == [1.5, 2.5]
+    assert recording.start == pandas.Timestamp(start).timestamp()
+    assert any(note.startswith("its dates are those of column ") for note in recording.notes)
+    assert recording.layout is not None and read(recording.path, recording.layout).trace.time.tolist() == [0.0, 0.75]
+
+
+def test_dates_that_belong_to_no_times_are_left_out_and_told(tmp_path: Path) -> None:
+    recording = read(written(tmp_path, "time,day,speed\n0,2024-01-01,1.5\n1,2024-01-01,2.5\n"))
+    assert list(recording.trace.signals) == ["speed"]
+    assert "column 'day' holds dates and is left out" in recording.notes
+    two = read(
+        written(tmp_path, "Time,made,seen,v\n10:00:00,2024-01-01,2024-01-02,1\n10:00:01,2024-01-01,2024-01-02,2\n")
+    )
+    assert two.start is None and two.trace.time.tolist() == [0.0, 1.0]
+    assert [note for note in two.notes if "holds dates and is left out" in note]
+
+
 def test_marks_of_thousands_are_taken_out(tmp_path: Path) -> None:
     path = written(tmp_path, "time;a;b\n0;1.234,5;1\n1;-12,25;2\n2;1.000.000;3\n")
     trace = read(path).trace
