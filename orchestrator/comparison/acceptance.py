@@ -63,19 +63,30 @@ def accept(proposals: Sequence[Proposal], out: Path, every: bool = False, write:
     _check_owners(proposals)
     made = [new for proposal in proposals for new in proposal.references]
     chosen = [new for new in made if every or new.change is not Change.SAME]
-    with result_folder(out, [new.scenario for new in made]) as folder:
-        for new in chosen if write else ():
-            if new.file.exists():
-                kept = folder / "replaced" / new.file.parent.name / new.file.name
-                kept.parent.mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(new.file, kept)
-        written = {new.file for new in chosen} if write else set()
-        write_json(folder / "manifest.json", document_of(proposals, written))
-        page(proposals, written).write(folder / "report.html")
-    if write:
+    _leave(out, proposals, chosen if write else [])
+    if not write:
+        return chosen
+    try:
         with whole():
             atomic_writes({new.file: new.content for new in chosen})
+    except InputError:
+        _leave(out, proposals, [])  # which says that none is written
+        raise
     return chosen
+
+
+def _leave(out: Path, proposals: Sequence[Proposal], chosen: Sequence[NewReference]) -> None:
+    """The folder of results, with what the chosen references replace."""
+    written = {new.file for new in chosen}
+    with result_folder(out, [proposal.scenario for proposal in proposals]) as folder:
+        for number, proposal in enumerate(proposals, 1):
+            for new in proposal.references:
+                if new.file in written and new.file.exists():
+                    kept = folder / "replaced" / f"{number}_{proposal.scenario.stem}" / new.file.name
+                    kept.parent.mkdir(parents=True, exist_ok=True)
+                    shutil.copyfile(new.file, kept)
+        write_json(folder / "manifest.json", document_of(proposals, written))
+        page(proposals, written).write(folder / "report.html")
 
 
 def _check_owners(proposals: Sequence[Proposal]) -> None:
@@ -134,7 +145,7 @@ def size(new: NewReference) -> str:
 def drawn(new: NewReference) -> Iterator[str]:
     """A drawing, in characters, of each signal that parts from the old reference."""
     for one in new.partings:
-        if one.beyond and new.old is not None:
+        if one.beyond and new.old is not None and new.change is not Change.SAME:
             old, run, name = new.old, new.run, one.signal
             title = f"{new.case}: {name} [{one.unit or '1'}]"
             yield characters.plot(title, (old.time, old[name]), (run.time, run[name]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import getpass
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -24,6 +24,7 @@ from orchestrator.results import versions
 from orchestrator.scenario import references
 from orchestrator.scenario.decimation import decimated, rounded
 from orchestrator.scenario.expectations import Expected, OnSignal
+from orchestrator.scenario.expectations.base import Ran
 from orchestrator.scenario.expectations.reference import Against
 from orchestrator.scenario.run import CaseResult, ScenarioResult, run_scenario
 from orchestrator.scenario.scenario import Case, Scenario
@@ -112,23 +113,23 @@ def propose(
     return Proposal(path, scenario.title, made, unused, list(_doubts(result)))
 
 
-def _asked(case: Case) -> list[tuple[str, Against]]:
-    """Signals, and what a case asks of accepted references of them."""
+def _asked(case: Case) -> list[tuple[OnSignal, Against]]:
+    """What a case expects of signals against accepted references, and how it compares each."""
     return [pair for expected in case.expected for pair in _against(expected)]
 
 
-def _against(expected: Expected) -> list[tuple[str, Against]]:
-    """Signals of an expectation that are held against accepted references, and how."""
-    found = [(leaf.signal, leaf.condition) for leaf in expected.leaves if isinstance(leaf, OnSignal)]
-    return [(name, one) for name, one in found if isinstance(one, Against) and one.reference.accepted]
+def _against(expected: Expected) -> list[tuple[OnSignal, Against]]:
+    """The parts of an expectation that hold a signal against an accepted reference, and how."""
+    found = [(leaf, leaf.condition) for leaf in expected.leaves if isinstance(leaf, OnSignal)]
+    return [(leaf, one) for leaf, one in found if isinstance(one, Against) and one.reference.accepted]
 
 
 def _tolerances(case: Case, run: Trace) -> dict[Path, dict[str, float]]:
     """file -> signal -> the smallest distance from the run that the case allows [unit of the signal]."""
     found: dict[Path, dict[str, float]] = {}
-    for signal, condition in _asked(case):
+    for leaf, condition in _asked(case):
         signals = found.setdefault(condition.reference.file, {})
-        signals[signal] = min(condition.precision(run[signal]), signals.get(signal, np.inf))
+        signals[leaf.signal] = min(condition.precision(run[leaf.signal]), signals.get(leaf.signal, np.inf))
     return found
 
 
@@ -138,22 +139,27 @@ def _made(scenario: Scenario, case: Case, result: CaseResult, hashes: Mapping[st
         raise FmuError(place, f"gives no reference, for it failed ({result.error})", "mend the run first")
     if result.ended:
         raise ScenarioError(place, f"gives no reference, for {result.ended}", "mend the run first")
-    asked = result.trace.select(dict.fromkeys(signal for signal, _ in _asked(case)))
+    asked = result.trace.select(dict.fromkeys(leaf.signal for leaf, _ in _asked(case)))
+    hold = {leaf.signal for leaf, _ in _asked(case) if leaf.hold}
     _check_finite(asked, place)
     for file, tolerances in _tolerances(case, asked).items():
         run = asked.select(tolerances)
-        kept = _compact(run, tolerances)
+        kept = _compact(run, tolerances, hold & tolerances.keys())
         old, why = _old(file, scenario.path)
-        found = [] if old is None else _held_against(run, old, tolerances)
+        found = [] if old is None else _held_against(run, old, tolerances, hold)
         if old is not None:
             why = _others(run, old)
         content = references.content(kept, _provenance(scenario.path, case, file, run, tolerances, hashes))
-        change = _change(file, old, found, why)
+        change = Change.OTHER
+        if old is None:
+            change = Change.UNFIT if file.exists() else Change.NEW
+        elif not why and _holds(case, result.trace, file, old):
+            change = Change.SAME
         yield NewReference(scenario.path, case.name, file, run, kept, old, change, found, why, content)
 
 
-def _compact(run: Trace, tolerances: Mapping[str, float]) -> Trace:
-    few = decimated(run, {name: OFF * tolerance for name, tolerance in tolerances.items()})
+def _compact(run: Trace, tolerances: Mapping[str, float], hold: Collection[str]) -> Trace:
+    few = decimated(run, {name: OFF * tolerance for name, tolerance in tolerances.items()}, hold)
     return rounded(few, {name: ROUND * tolerance for name, tolerance in tolerances.items()})
 
 
@@ -182,10 +188,10 @@ def _old(file: Path, scenario: Path) -> tuple[Trace | None, str]:
     return trace, ""
 
 
-def _held_against(run: Trace, old: Trace, tolerances: Mapping[str, float]) -> list[Parting]:
+def _held_against(run: Trace, old: Trace, tolerances: Mapping[str, float], hold: Collection[str]) -> list[Parting]:
     both = {name: tolerances[name] for name in run.names if name in old.names and old.unit(name) == run.unit(name)}
     covered = run.between(old.time[0], old.time[-1])
-    return partings(covered, old.resampled(covered.time), both) if both and len(covered) else []
+    return partings(covered, old.resampled(covered.time, hold), both) if both and len(covered) else []
 
 
 def _others(run: Trace, old: Trace) -> str:
@@ -205,10 +211,14 @@ def _others(run: Trace, old: Trace) -> str:
     return f"the old one is {'; '.join(words)}" if words else ""
 
 
-def _change(file: Path, old: Trace | None, found: Sequence[Parting], why: str) -> Change:
-    if old is None:
-        return Change.UNFIT if file.exists() else Change.NEW
-    return Change.OTHER if why or any(one.beyond for one in found) else Change.SAME
+def _holds(case: Case, run: Trace, file: Path, old: Trace) -> bool:
+    """Whether a run holds all that the case asks of it against an old reference."""
+    for leaf, condition in _asked(case):
+        if condition.reference.file == file:
+            reference = replace(condition.reference, trace=old.select([leaf.signal]))
+            if not replace(leaf, condition=replace(condition, reference=reference)).check(Ran(run)).held:
+                return False
+    return True
 
 
 def _provenance(

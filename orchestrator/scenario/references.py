@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -62,17 +62,21 @@ class CaseReferences:
         scenario: the file.
         stem: name of the case in names of files.
         read: whether they are read; what is to be replaced need not be fit for it.
+        asked: takes the files that expectations ask for.
     """
 
     scenario: Path
     case: str
     stem: str
     read: bool = True
+    asked: set[Path] = field(default_factory=set)
 
     def file(self, kind: Accepted) -> Path:
         """Where that of this kind is, or would be."""
         platform = f".{compiler.host_name()}" if kind == "accepted per platform" else ""
-        return folder_of(self.scenario) / f"{self.stem}{platform}.parquet"
+        file = folder_of(self.scenario) / f"{self.stem}{platform}.parquet"
+        self.asked.add(file)
+        return file
 
     def trace(self, kind: Accepted, signal: str) -> Trace | None:
         """The reference of a signal; None where there is no file, or it is not to be read.

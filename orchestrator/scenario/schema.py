@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -19,10 +20,12 @@ from orchestrator.formats.schema import LayoutBlock
 from orchestrator.scenario import matrix
 from orchestrator.scenario.can_block import CanBlock
 from orchestrator.scenario.expectations.schema import ExpectationBlock
-from orchestrator.scenario.references import CaseReferences
+from orchestrator.scenario.references import CaseReferences, unused
 from orchestrator.scenario.scenario import Case, DataLogger, Scenario, file_stems
 from orchestrator.system import nearest
 from orchestrator.yaml_file import Block, Quantity, load_joined, may_be_partial, naming
+
+LOG = logging.getLogger("servotwin.scenario")
 
 
 class StimulusBlock(Block):
@@ -307,6 +310,21 @@ class ScenarioBlock(SystemBlock):
         accepted = [
             CaseReferences(path, name, stem, references) for name, stem in zip(names, file_stems(names), strict=True)
         ]
+        cases = tuple(
+            Case(
+                case.name,
+                self._values(number) | elements(case.set),
+                tuple(
+                    expected
+                    for block in (*self.expect, *case.expect)
+                    for expected in common.get(id(block)) or block.expectations(base, said, accepted[number])
+                ),
+                shapes(case.set),
+            )
+            for number, case in enumerate(self.all_cases)
+        )
+        if references:
+            said += _tell_unused(path, [file for one in accepted for file in one.asked])
         return Scenario(
             path,
             self.title,
@@ -316,19 +334,7 @@ class ScenarioBlock(SystemBlock):
             {name: block.stimulus(base, said) for name, block in self.stimuli.items()} | safe,
             None if self.record is None else tuple(self.record),
             DataLogger(**dict(self.recorder)) if self.recorder else None,
-            tuple(
-                Case(
-                    case.name,
-                    self._values(number) | elements(case.set),
-                    tuple(
-                        expected
-                        for block in (*self.expect, *case.expect)
-                        for expected in common.get(id(block)) or block.expectations(base, said, accepted[number])
-                    ),
-                    shapes(case.set),
-                )
-                for number, case in enumerate(self.all_cases)
-            ),
+            cases,
             self.can,
             said,
         )
@@ -340,6 +346,14 @@ class ScenarioBlock(SystemBlock):
             return values
         seeds = {name: seed for name, seed in values.items() if name.endswith(".seed") and isinstance(seed, int)}
         return values | {name: seed + 1000 * number for name, seed in seeds.items()}
+
+
+def _tell_unused(scenario: Path, asked: Sequence[Path]) -> list[str]:
+    """A line about each accepted reference that is there and not asked for, which is logged, too."""
+    lines = [f"{file}: no case asks for this reference" for file in unused(scenario, asked)]
+    for line in lines:
+        LOG.warning("%s", line)
+    return lines
 
 
 class PartBlock(ScenarioBlock):

@@ -17,6 +17,7 @@ from identification.cli import app
 from orchestrator import formats
 from orchestrator.formats import parquet
 from orchestrator.scenario import references
+from orchestrator.scenario.expectations import OnSignal
 from orchestrator.scenario.run import run_scenario
 from orchestrator.trace import Trace
 
@@ -30,6 +31,17 @@ expect:
 cases:
   - {name: high}
   - {name: low, set: {hand.angle_start: 0.2}}
+"""
+
+SAMPLED = """
+title: A sampled source
+components:
+  source: {model: excitation, parameters: {amplitude: 1.0, frequency: 1.0}}
+  channel: {model: daq, parameters: {sample_time: 0.05}}
+connections: [source.signal -> channel.signal]
+run: {stop: 2, step: 0.001}
+expect:
+  - {signal: channel.measured, reference: accepted, within: 1.0e-3}
 """
 
 
@@ -89,6 +101,37 @@ def test_only_what_differs_is_written_and_with_all_the_rest_too(swing: Path) -> 
     assert changes(accept(swing, "--all")) == {"high": ("agrees", True), "low": ("agrees", True)}
 
 
+def test_what_differs_is_what_the_expectation_says(swing: Path) -> None:
+    edit(swing, "within: 1.0e-3}", "nrmse: {at_most: 0.05}, after: 0.2}")
+    accept(swing)
+    edit(swing, "angle_start: 1.0", "angle_start: 1.01")
+    document = accept(swing)
+    assert changes(document)["high"] == ("agrees", False)
+    assert document["references"][0]["signals"][0]["largest"] == pytest.approx(0.01, rel=0.1)
+    edit(swing, "angle_start: 1.01", "angle_start: 1.2")
+    assert not run_scenario(swing).passed
+    assert changes(accept(swing))["high"] == ("differs", True)
+
+
+def test_signals_that_are_held_are_kept_as_steps(swing: Path) -> None:
+    swing.write_text(SAMPLED)
+    accept(swing)
+    run = run_scenario(swing)
+    assert run.passed
+    trace, _ = references.read(reference(swing, "run"))
+    (condition,) = (expected.leaves[0] for expected in run.scenario.cases[0].expected)
+    assert isinstance(condition, OnSignal) and condition.hold
+    full = run.cases[0].trace
+    kept = trace.resampled(full.time, hold=trace.names)["channel.measured"]
+    assert len(trace) < len(full) / 5 and np.max(np.abs(kept - full["channel.measured"])) <= 0.05 * 1e-3
+
+
+def test_references_that_no_case_asks_for_are_told_by_a_run_too(swing: Path) -> None:
+    accept(swing)
+    edit(swing, "name: low", "name: high-up")
+    assert run_scenario(swing).scenario.notes == [f"{reference(swing, 'low')}: no case asks for this reference"]
+
+
 def test_one_case_is_accepted_alone(swing: Path) -> None:
     accept(swing, "--case", "low")
     assert not reference(swing).exists() and reference(swing, "low").exists()
@@ -106,7 +149,7 @@ def test_a_reference_says_where_it_is_from_and_what_it_replaces(swing: Path) -> 
     assert provenance["sha256"]["swing.yaml"] == sha256(swing)
     assert provenance["sha256"].keys() == {"swing.yaml", "model pendulum"}
     assert provenance["samples"] == 501 and len(trace) < 150
-    assert sha256(swing.parent / "out" / "replaced" / "swing" / "high.parquet") == first
+    assert sha256(swing.parent / "out" / "replaced" / "1_swing" / "high.parquet") == first
 
 
 def test_the_lines_of_a_reference_are_within_a_twentieth_of_the_tolerance_of_the_run(swing: Path) -> None:
@@ -201,6 +244,8 @@ def test_a_full_disk_leaves_every_reference_as_it_was(swing: Path, monkeypatch: 
     monkeypatch.setattr(fmu_files, "_write", full)
     assert "No space left on device" in accept(swing, code=2)["said"]
     assert {file: file.read_bytes() for file in reference(swing).parent.iterdir()} == before
+    told = json.loads((swing.parent / "out" / "manifest.json").read_text())
+    assert [one["written"] for one in told["references"]] == [False, False]
 
 
 def test_one_of_a_platform_is_kept_beside_those_of_others(swing: Path) -> None:
