@@ -104,16 +104,18 @@ def test(
     index.check_place(folder)
     found = find_scenarios(paths or [Path("scenarios")], JUDGES, ScenarioJudge(isolate.isolation()))
     tasks = chosen.of(found, folder, terminal)
-    finished: list[Path] = []
+    passed: dict[Path, bool] = {}
     begun = perf_counter()
     with terminal.bar("scenarios") as move:
 
         def done(verdict: Verdict) -> None:
-            finished.append(verdict.file)
-            move(len(finished) / len(tasks), verdict.file.stem)
+            passed[verdict.file] = verdict.passed
+            move(len(passed) / len(tasks), verdict.file.stem)
 
-        verdicts = run_suite(tasks, folder, jobs, done, limits)
-    remember({verdict.file: verdict.passed for verdict in verdicts}, folder)
+        try:
+            verdicts = run_suite(tasks, folder, jobs, done, limits)
+        finally:  # what an interrupt has left is known, too
+            remember(passed, folder)
     summary = Summary(verdicts, perf_counter() - begun, jobs)
     telling.tell(summary)
     page = index.write_index(summary, folder)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import subprocess
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,9 @@ import pytest
 from typer.testing import CliRunner
 
 from identification.cli import app
+from orchestrator.batch.discovery import Task
+from orchestrator.batch.history import failed
+from orchestrator.batch.verdict import Verdict
 
 SCENARIO = """
 title: A source
@@ -50,6 +54,21 @@ def test_what_failed_last_time_is_run_until_it_passes(suite: Path) -> None:
     assert verdicts(suite, "--failed")["names"] == ["worse"]
     nothing = verdicts(suite, "--failed")
     assert nothing["names"] == [] and nothing["passed"]
+
+
+def test_what_an_interrupted_suite_has_found_is_known_the_next_time(
+    suite: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(
+        tasks: Sequence[Task], out: Path, jobs: int, done: Callable[[Verdict], None], limits: object
+    ) -> list[Verdict]:
+        done(Verdict(tasks[0].file, 0.1, None, "failed"))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("orchestrator.batch.suite.run_suite", interrupted)
+    verdicts(suite, code=130)
+    files = [suite / f"{name}.yaml" for name in ("bad", "good", "worse")]
+    assert failed(files, suite.parent / "out") == files[:1]
 
 
 @pytest.mark.slow
