@@ -51,10 +51,12 @@ def _guess(data: bytes) -> str:
 
     sample = b"\n".join(_foreign(data))[:SAMPLE]
     escaped = re.search(rb"[\x80-\xff]\\", sample)  # a backslash there is half of a Japanese or Chinese character
-    if not escaped and set(b"".join(_RUNS.findall(sample)).decode("cp1252", "replace")) <= WESTERN:
+    runs = _RUNS.findall(sample)
+    if not escaped and set(b"".join(runs).decode("cp1252", "replace")) <= WESTERN and _fits(data, "cp1252"):
         return "cp1252"
-    if _fits(sample, "gb2312") and all(0xA1 <= lead <= 0xA9 for run in _RUNS.findall(sample) for lead in run[::2]):
-        return "gb18030"  # China's signs for units, as that for degrees Celsius
+    units = all(0xA1 <= lead <= 0xA9 for run in runs for lead in run[::2])  # China's, as that for degrees Celsius
+    if units and _fits(sample, "gb2312") and _fits(data, "gb18030"):
+        return "gb18030"
     found = {match.encoding: match for match in from_bytes(sample, cp_isolation=list(GUESSES))}
     ranked = sorted(found, key=lambda name: _rank(name, found[name].chaos, sample))
     return next((name for name in ranked if _fits(data, name)), "latin-1")
