@@ -8,18 +8,20 @@ import numpy as np
 
 from fmus.files import sha256
 from orchestrator.crossing import Crossing
-from orchestrator.display.table import Cell
+from orchestrator.display.table import Cell, text
 from orchestrator.display.titles import with_unit
 from orchestrator.fmi.interface import Port
 from orchestrator.report import Band, Chart, Curve, Mark, Panel, Report, Section, figures
 from orchestrator.report.chart import Style
+from orchestrator.report.checks import Checks, Row
+from orchestrator.report.content import CalloutKind
 from orchestrator.results import versions
 from orchestrator.scenario import accounts
 from orchestrator.scenario.diagram import source_of, wiring_of
-from orchestrator.scenario.expectations import OnSignal
+from orchestrator.scenario.expectations import Check, OnSignal
 from orchestrator.scenario.expectations.limits import Above, Below, Near
 from orchestrator.scenario.expectations.reference import Against
-from orchestrator.scenario.run import HEADERS, CaseState, ScenarioResult
+from orchestrator.scenario.run import CaseResult, CaseState, ScenarioResult
 from orchestrator.scenario.scenario import Case
 from orchestrator.system import Endpoint, System
 from orchestrator.trace import Trace
@@ -61,7 +63,28 @@ def _verdict(section: Section, result: ScenarioResult) -> None:
             section.callout("warning", f"Case {case.name}: {case.error or case.ended}.")
     for line in result.scenario.held:
         section.callout("warning", f"{line}.")
-    section.table(HEADERS, result.rows())
+    rows = [row for case in result.cases for row in _checks(case)]
+    section.content.append(Checks(("case", "expectation", "found", "margin"), rows))
+    for case in result.cases:
+        for check in case.checks:
+            if check.doubt:
+                section.callout("warning", f"Case {case.name}: {check.text}: {check.doubt}.")
+
+
+def _checks(case: CaseResult) -> Iterator[Row]:
+    """A row a check, its parts below it; one that says how far the case came where it has none."""
+    if not case.checks:
+        yield Row("ok" if case.passed else "error", case.name, "–", case.how_far)
+    for check in case.checks:
+        yield from _check(case.name, check, 0)
+
+
+def _check(case: str, check: Check, depth: int) -> Iterator[Row]:
+    kind: CalloutKind = "ok" if check.held else "error" if check.needed else "warning"
+    margin = None if check.margin is None else f"{text(float(f'{check.margin:.3g}'))} {check.unit}".strip()
+    yield Row(kind, case, check.text, check.found, margin, depth)
+    for part in check.parts:
+        yield from _check(case, part, depth + 1)
 
 
 def _stepping(section: Section, result: ScenarioResult) -> None:
