@@ -14,10 +14,18 @@ from orchestrator.crossing import documents_of
 from orchestrator.results import versions
 
 
+class CovarianceSummary(TypedDict):
+    """Covariance of the free parameters, in the product of their units; null beside one that is not determined."""
+
+    parameters: list[str]
+    matrix: list[list[float | None]]
+
+
 class UncertaintySummary(TypedDict):
     """How the intervals came about, and which parameters the data cannot tell apart, or hardly."""
 
     method: str
+    covariance: CovarianceSummary
     white_residuals: bool
     singular_values: list[float]
     unseen: list[str]
@@ -57,6 +65,10 @@ def summary(calibration: Calibration) -> OutputErrorSummary:
         },
         "uncertainty": {
             "method": found.uncertainty.method,
+            "covariance": {
+                "parameters": list(found.free),
+                "matrix": [[finite(float(value)) for value in row] for row in found.covariance],
+            },
             "white_residuals": found.uncertainty.is_white,
             "singular_values": found.identifiability.singular_values.tolist(),
             "unseen": [combination.message for combination in found.identifiability.unseen],

@@ -10,7 +10,7 @@ import numpy as np
 
 from fmus import library
 from fmus.errors import IdentificationError, WiringError
-from fmus.modelling.model import Model
+from fmus.modelling.model import Model, start_values
 from identification.built_system import BuiltSystem
 from identification.linear.model import UNIT_CIRCLE, LinearModel
 from identification.tuning.goals.goal import Goal, Over, Relative, Signal, StepTest
@@ -20,10 +20,11 @@ from identification.tuning.loops.wiring import Path, Wiring
 from identification.tuning.procedures.problem import Controller, Problem
 from identification.tuning.sources.model_controller import ModelController
 from identification.tuning.sources.plants import LinearPlant
+from identification.tuning.sources.system_plant import SystemPlant
 from identification.tuning.study import CONTROLLER, PLANT, GoalSpec, TuningStudy
 from orchestrator.assembly.assembly import ComponentSpec, OpenSystem, SystemSpec
 from orchestrator.crossing import crossing, named, quantity
-from orchestrator.fmi.interface import Interface, Port
+from orchestrator.fmi.interface import Interface, Port, Value
 from orchestrator.system import Connection, Endpoint, Part, System, check_values, require, wire
 
 FOLLOWING = ("overshoot", "rise time")  # measures of a signal that follows the reference
@@ -53,7 +54,8 @@ def assembled(study: TuningStudy) -> Assembled:
     Raises:
         InputError: something in it does not fit together; the message names the place.
     """
-    plants = {name: spec.linear(f"plants.{name}") for name, spec in study.plants.items()}
+    every = sample_time(study.controller)
+    plants = {name: spec.linear(f"plants.{name}", every) for name, spec in study.plants.items()}
     spec = study.procedure.sized(study.controller, {name: plant.model for name, plant in plants.items()})
     built = BuiltSystem(SystemSpec({CONTROLLER: spec}))
     with OpenSystem(built.assembled) as opened:
@@ -68,25 +70,66 @@ def assembled(study: TuningStudy) -> Assembled:
     wiring = _wiring(study, system, links, controller, first.model)
     step = controller.step({})
     models = {}
+    driven = [first.model.inputs[path.target] for path in wiring.commanded]
     for name, plant in plants.items():
         place = f"plants.{name}"
         _require_step(place, plant.model, step)
         _require_in_reach(place, plant.model, wiring)
-        driven = [first.model.inputs[path.target] for path in wiring.commanded]
         models[name] = delayed(place, plant.model, study.delay, driven)
+    drawn = {name: delayed(name, model, study.delay, driven) for name, model in _drawn(study, step).items()}
     goals = tuple(_goal(spec, study, system, wiring, first.model) for spec in study.goals)
-    problem = Problem(PlantSet.of(models), controller, wiring, _test(study, step), goals)
+    sets = PlantSet.of(models | drawn).parted(len(models))
+    share = 1.0 if study.draws is None else study.draws.share
+    problem = Problem(sets[0], controller, wiring, _test(study, step), goals, sets[1] if drawn else None, share)
     return Assembled(problem, built, interface, tuple(_remarks(plants)))
 
 
-def _controller(spec: ComponentSpec) -> Controller:
+def sample_time(spec: ComponentSpec) -> float:
+    """Of a controller, before it is built [s].
+
+    Raises:
+        InputError: there is no such model, or it is not sampled.
+    """
+    model = _model(spec)
+    if model.sample_time is None:
+        raise IdentificationError(
+            CONTROLLER, f"model '{model.name}' is no sampled controller", "choose one with `update`, such as pdp"
+        )
+    given = spec.parameters.get(model.sample_time, start_values(model)[model.sample_time])
+    return float(quantity_in(given, "s", f"{CONTROLLER}.{model.sample_time}"))
+
+
+def _drawn(study: TuningStudy, step: float) -> dict[str, LinearModel]:
+    """Draws of the plants that have a spread, by names of their own.
+
+    Raises:
+        IdentificationError: draws are asked for, and no plant has a spread.
+    """
+    if study.draws is None:
+        return {}
+    rng = np.random.default_rng(study.draws.seed)
+    found: dict[str, LinearModel] = {}
+    for name, spec in study.plants.items():
+        if isinstance(spec, SystemPlant) and spec.spread.names:
+            models = spec.drawn(f"plants.{name}", step, study.draws.count, rng)
+            found |= {f"{name}, draw {number}": model for number, model in enumerate(models, 1)}
+    if not found:
+        fix = "give one a `spread`, or the folder of an output-error calibration"
+        raise IdentificationError("draws", "are asked for, and no plant has a spread", fix)
+    return found
+
+
+def _model(spec: ComponentSpec) -> Model:
     if spec.fmu is not None:
         raise IdentificationError(
             CONTROLLER, f"{spec.fmu.name} is an FMU, and its equations are not known", "name its `model`"
         )
     source = spec.source
-    model = library.of_size(source if isinstance(source, Model) else library.find(str(source)), spec.arrays)
-    return ModelController(CONTROLLER, model, spec.parameters)
+    return library.of_size(source if isinstance(source, Model) else library.find(str(source)), spec.arrays)
+
+
+def _controller(spec: ComponentSpec) -> Controller:
+    return ModelController(CONTROLLER, _model(spec), spec.parameters)
 
 
 def _require_like(place: str, plant: LinearPlant, first: LinearPlant) -> None:
@@ -265,16 +308,23 @@ def _opened(place: str, line: str | None, wiring: Wiring) -> Path | None:
 
 def _bound(place: str, key: str, given: float | str | None, unit: str) -> float | None:
     """A bound in the measure's unit."""
+    return None if given is None else quantity_in(given, unit, f"{place}.{key}")
+
+
+def quantity_in(given: Value, unit: str, place: str) -> float:
+    """A number, or what a text like `10 dB` means in a unit.
+
+    Raises:
+        InputError: it is neither, or in a unit of another quantity.
+    """
     if not isinstance(given, str):
-        return given
+        return float(given)
     found = quantity(given)
     if found is None:
-        raise IdentificationError(f"{place}.{key}", f"cannot be '{given}'", "give a number")
+        raise IdentificationError(place, f"cannot be '{given}'", "give a number")
     number, name = found
     if name == unit:
         return number
     if not unit or named(name).unit is None or named(unit).unit is None:
-        raise IdentificationError(
-            f"{place}.{key}", f"cannot be in {name}", f"give it in {unit or 'the unit of its signal'}"
-        )
-    return crossing(f"{place}.{key}", named(name), named(unit)).conversion(number)
+        raise IdentificationError(place, f"cannot be in {name}", f"give it in {unit or 'the unit of its signal'}")
+    return crossing(place, named(name), named(unit)).conversion(number)

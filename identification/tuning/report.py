@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from identification.results import parameter_rows, provenance, verdict_callout
-from identification.tuning.summary import goal_summaries, summary, verdict
+from identification.tuning.summary import PERCENTILES, goal_summaries, summary, verdict
 from identification.tuning.tuning import Tuning
 from orchestrator.display.table import Cell
 from orchestrator.report import Report, Section, figures
@@ -21,6 +21,8 @@ def report(result: Tuning) -> Report:
         section.callout("warning", remark)
     section.table(*parameter_rows(summary(result)["parameters"]))
     _goals(page.section("Goals"), result)
+    if result.found.drawn is not None:
+        _draws(page.section("Draws"), result)
     if len(result.found.descents) > 1:
         _starts(page.section("Starts"), result)
     if result.found.best.stable:
@@ -36,6 +38,22 @@ def _goals(section: Section, result: Tuning) -> None:
         held = {True: "held", False: "MISSED", None: "-"}[goal["held"]]
         rows.append([goal["goal"], goal["kind"], *(goal["figures"][name] for name in names), held])
     section.table(["goal", "kind", *names, ""], rows)
+
+
+def _draws(section: Section, result: Tuning) -> None:
+    draws = summary(result)["draws"]
+    section.highlights(
+        [
+            ("draws", draws["count"], "of plants whose parameters have a spread"),
+            ("stable", f"{100 * draws['stable']:.2f} %", ""),
+            ("hold all hard goals", f"{100 * draws['held']:.2f} %", f"{100 * draws['asked']:g} % asked for"),
+        ]
+    )
+    rows: list[list[Cell]] = [
+        [goal["goal"], *figures] for goal, figures in zip(goal_summaries(result), draws["goals"], strict=True)
+    ]
+    headers = ["goal", "least", *(f"{p} %" for p in PERCENTILES[1:-1]), "largest"]
+    section.table(headers, [row for row in rows if len(row) == len(headers)], caption="Figures of the stable draws")
 
 
 def _starts(section: Section, result: Tuning) -> None:

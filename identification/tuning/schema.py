@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from fmus.errors import WiringError
 from identification.linear.model import LinearModel
@@ -15,14 +15,27 @@ from identification.recordings.schema import StudyBlock
 from identification.tuning.goals.goal import Over, Relative
 from identification.tuning.goals.table import MEASURES
 from identification.tuning.procedures.schema import DesignBlock
+from identification.tuning.sources.calibrated import calibrated_system
 from identification.tuning.sources.plants import CalibratedPlant, FmuPlant, GivenPlant, LinearPlant, PlantSpec
-from identification.tuning.study import GoalSpec, StepSpec, TuningStudy
-from orchestrator.assembly.assembly import link
+from identification.tuning.sources.system_plant import PlantOutput, Spread, SystemPlant, independent, set_over
+from identification.tuning.study import DrawSpec, GoalSpec, StepSpec, TuningStudy
+from orchestrator.assembly.assembly import SystemSpec, link
 from orchestrator.assembly.schema import ComponentBlock
 from orchestrator.assembly.whole_arrays import Values, elements
 from orchestrator.yaml_file import Block, Quantity, Seconds
 
+
+def _arrow(line: str) -> str:
+    """A connection as it is written."""
+    try:
+        link(line)
+    except WiringError as error:
+        raise ValueError(f"{error.place}: {error.fix}") from error
+    return line
+
+
 Matrix = list[list[float]]
+Connection = Annotated[str, AfterValidator(_arrow)]
 Target = float | Quantity
 
 
@@ -64,30 +77,79 @@ class MatricesBlock(Block):
         return LinearPlant(model, {**self.inputs, **self.outputs})
 
 
+class OutputBlock(Block):
+    """An output of a plant; see `system_plant.PlantOutput`."""
+
+    of: str
+    factor: float = PlantOutput.factor
+    unit: str | None = PlantOutput.unit
+
+    def output(self) -> PlantOutput:
+        """As a plain value."""
+        return PlantOutput(self.of, self.factor, self.unit)
+
+
 class PlantBlock(Block):
-    """A plant: a linear model as an FMU or in matrices, or the result folder of the study that identified it."""
+    """A plant: a linear model, as an FMU, in matrices or the result folder of its study; or a system.
+
+    Attributes:
+        components, connections: a system that is linearised where it rests.
+        calibrated: a result folder, of a linear model or of a system.
+        set: component.variable -> value over the system's own.
+        inputs: of a system, name -> component.input.
+        outputs: of a system, name -> component.output, or by keys.
+        spread: component.variable -> standard deviation, over what a calibration tells.
+    """
 
     fmu: Path | None = None
     parameters: Values = {}
     calibrated: Path | None = None
     matrices: MatricesBlock | None = None
+    components: dict[str, ComponentBlock] | None = Field(None, min_length=1)
+    connections: list[Connection] = []
+    set: dict[str, float | Quantity] = {}
+    inputs: dict[str, str] = {}
+    outputs: dict[str, str | OutputBlock] = {}
+    spread: dict[str, float] = {}
 
     @model_validator(mode="after")
     def _one_source(self) -> PlantBlock:
-        if sum(source is not None for source in (self.fmu, self.calibrated, self.matrices)) != 1:
-            raise ValueError("give one of `fmu`, `calibrated` and `matrices`")
+        sources = (self.fmu, self.calibrated, self.matrices, self.components)
+        if sum(source is not None for source in sources) != 1:
+            raise ValueError("give one of `fmu`, `calibrated`, `matrices` and `components`")
         if self.parameters and self.fmu is None:
             raise ValueError("`parameters` need an `fmu`")
+        if self.connections and self.components is None:
+            raise ValueError("`connections` need `components`")
+        if bool(self.inputs) != bool(self.outputs) or (self.components is not None and not self.inputs):
+            raise ValueError("a system needs `inputs` and `outputs`")
+        if self.inputs and self.components is None and self.calibrated is None:
+            raise ValueError("`inputs` and `outputs` belong to `components` or to a `calibrated` system")
+        if (self.set or self.spread) and not self.inputs:
+            raise ValueError("`set` and `spread` belong to a system with `inputs` and `outputs`")
+        for name, deviation in self.spread.items():
+            if deviation <= 0:
+                raise ValueError(f"`spread`: {name} has a standard deviation of {deviation:g}")
         return self
 
     def plant(self, base: Path) -> PlantSpec:
         """As a plain value; its files are relative to `base`."""
         if self.fmu is not None:
             return FmuPlant(base / self.fmu, elements(self.parameters))
+        if self.matrices is not None:
+            return GivenPlant(self.matrices.plant())
+        if not self.inputs:
+            return CalibratedPlant(base / (self.calibrated or ""))
+        system, spread = self._system(base)
+        outputs = {name: PlantOutput(o) if isinstance(o, str) else o.output() for name, o in self.outputs.items()}
+        own = independent(self.spread) if self.spread else spread
+        return SystemPlant(set_over(system, self.set, "set"), self.inputs, outputs, own)
+
+    def _system(self, base: Path) -> tuple[SystemSpec, Spread]:
         if self.calibrated is not None:
-            return CalibratedPlant(base / self.calibrated)
-        assert self.matrices is not None
-        return GivenPlant(self.matrices.plant())
+            return calibrated_system(base / self.calibrated)
+        components = {name: block.spec(base) for name, block in (self.components or {}).items()}
+        return SystemSpec(components, tuple(map(link, self.connections))), Spread()
 
 
 class MeasureBlock(Block):
@@ -176,6 +238,18 @@ class StepBlock(Block):
         return StepSpec(self.height, self.limit, float(self.duration), self.disturbance, self.band)
 
 
+class DrawsBlock(Block):
+    """Draws of plants whose parameters have a spread; see `study.DrawSpec`."""
+
+    count: int = Field(DrawSpec.count, ge=1, le=100_000)
+    seed: int = DrawSpec.seed
+    share: float = Field(DrawSpec.share, gt=0, le=1)
+
+    def spec(self) -> DrawSpec:
+        """As a plain value."""
+        return DrawSpec(self.count, self.seed, self.share)
+
+
 class TuneBlock(StudyBlock):
     """A study that finds the values of a controller for several plants at once.
 
@@ -184,30 +258,22 @@ class TuneBlock(StudyBlock):
         reference: the controller's input that tells where to go.
         tracked: the plant's output that is to follow it; the loop is opened there for margins.
         delay: computing delay, from a sample to the command that comes of it [s].
+        draws: of plants whose parameters have a spread, by which hard goals have to be held, too.
         design: the procedure and its keys.
     """
 
     method: Literal["tune"]
     controller: ComponentBlock
     plants: dict[str, PlantBlock] = Field(min_length=1)
-    connections: list[str] = Field(min_length=1)
+    connections: list[Connection] = Field(min_length=1)
     reference: str
     tracked: str
     delay: Seconds = Field(TuningStudy.delay, ge=0, validate_default=True)
     step: StepBlock = StepBlock()
+    draws: DrawsBlock | None = None
     goals: list[GoalBlock] = []
     minimise: list[TermBlock] = []
     design: DesignBlock
-
-    @field_validator("connections")
-    @classmethod
-    def _arrows(cls, value: list[str]) -> list[str]:
-        for line in value:
-            try:
-                link(line)
-            except WiringError as error:
-                raise ValueError(f"{error.place}: {error.fix}") from error
-        return value
 
     @model_validator(mode="after")
     def _asked(self) -> TuneBlock:
@@ -228,6 +294,7 @@ class TuneBlock(StudyBlock):
             self.design.procedure(),
             self.step.spec(),
             float(self.delay),
+            self.draws.spec() if self.draws else None,
             self.description,
         )
 

@@ -57,6 +57,20 @@ class StepSpec:
 
 
 @dataclass(frozen=True)
+class DrawSpec:
+    """Draws of the plants whose parameters have a spread.
+
+    Attributes:
+        count: how many of each such plant.
+        share: of all draws that has to hold all hard goals.
+    """
+
+    count: int = 1000
+    seed: int = 0
+    share: float = 0.99
+
+
+@dataclass(frozen=True)
 class TuningStudy:
     """A controller, the plants it is tuned for at once, and what is asked.
 
@@ -77,4 +91,5 @@ class TuningStudy:
     procedure: Procedure
     step: StepSpec = StepSpec()
     delay: float = 0.0
+    draws: DrawSpec | None = None
     description: str = ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NotRequired
 
 import numpy as np
 from typing_extensions import TypedDict
@@ -12,10 +13,12 @@ from identification.results import ParameterSummary, Summary, VerdictSummary, fi
 from identification.tuning.goals.goal import Goal
 from identification.tuning.goals.table import MEASURES
 from identification.tuning.procedures.problem import Judgement
-from identification.tuning.procedures.procedure import Descent
+from identification.tuning.procedures.procedure import HELD, Descent, held_share
 from identification.tuning.study import CONTROLLER
 from identification.tuning.tuning import Tuning
 from orchestrator.results import versions
+
+PERCENTILES = (0, 1, 50, 99, 100)
 
 
 class GoalSummary(TypedDict):
@@ -57,6 +60,21 @@ class DescentSummary(TypedDict):
     evaluations: int
 
 
+class DrawsSummary(TypedDict):
+    """What draws of the plants do: how many there are, and which share is stable and holds all hard goals.
+
+    Attributes:
+        asked: the share that has to.
+        goals: of each goal the least, 1st, 50th and 99th percentile and largest figure of stable loops.
+    """
+
+    count: int
+    stable: float
+    held: float
+    asked: float
+    goals: list[list[float | None]]
+
+
 class TuningSummary(Summary):
     """The summary of a tuning.
 
@@ -71,12 +89,13 @@ class TuningSummary(Summary):
     loops: dict[str, LoopSummary]
     starts: list[DescentSummary]
     agree: int
+    draws: NotRequired[DrawsSummary]
 
 
 def summary(result: Tuning) -> TuningSummary:
     """The tuning as `summary.json` holds it."""
     found = result.found
-    return {
+    document: TuningSummary = {
         "title": result.study.title,
         "method": "tune",
         "parameters": _parameters(result),
@@ -92,6 +111,19 @@ def summary(result: Tuning) -> TuningSummary:
         "warnings": result.remarks,
         "verdict": verdict(result),
     }
+    return document if found.drawn is None else {**document, "draws": _draws(found.drawn, found.share)}
+
+
+def _draws(drawn: Judgement, share: float) -> DrawsSummary:
+    stable = drawn.radius < 1.0
+    spans = [np.percentile(row, PERCENTILES).tolist() if row.size else [] for row in drawn.figures[:, stable]]
+    return {
+        "count": len(drawn.radius),
+        "stable": float(stable.mean()),
+        "held": held_share(drawn),
+        "asked": share,
+        "goals": [[finite(value) for value in span] for span in spans],
+    }
 
 
 def verdict(result: Tuning) -> VerdictSummary:
@@ -99,6 +131,17 @@ def verdict(result: Tuning) -> VerdictSummary:
     found, names = result.found, result.problem.plants.names
     hard = found.best.hard
     base: VerdictSummary = {"at_least": None, "reached": None, "held": found.feasible, "converged": True, "said": ""}
+    drawn = found.drawn
+    if found.feasible and drawn is not None:
+        share = f"{100 * held_share(drawn):.2f} % of the draws"
+        said = f"all {len(hard)} hard goals are held by {len(names)} plants and {share}"
+        return {**base, "said": f"held: {said}"}
+    if found.best.most_missed <= HELD and drawn is not None:
+        share = f"{100 * held_share(drawn):.2f} % of {len(drawn.radius)} draws"
+        return {
+            **base,
+            "said": f"INFEASIBLE: the hard goals are held by {share}, {100 * found.share:g} % are asked for",
+        }
     if found.feasible:
         said = f"all {len(hard)} hard goals are held by {len(names)} plants" if hard else ""
         return {**base, "said": f"held: {said}" if said else ""}
@@ -148,7 +191,7 @@ def calibrated(result: Tuning, folder: Path) -> Calibrated:
 def _goal(best: Judgement, number: int, names: tuple[str, ...], binding: list[int]) -> GoalSummary:
     goal, figures = best.goals[number], best.figures[number]
     missed = best.missed[number]
-    held = None if goal.minimised else bool(np.all(missed <= 1e-6))
+    held = None if goal.minimised else bool(np.all(missed <= HELD))
     return {
         "goal": words(goal),
         "measure": goal.measure,

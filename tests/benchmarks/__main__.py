@@ -25,6 +25,7 @@ BENCH = {
     "calibration_speed": "the calibration from the real recordings; a step of a Python FMU",
     "window_overhead": "a window of a calibration beside its stepping",
     "reports": "size of reports, first paint and zooms in Chromium",
+    "tuning_speed": "PDP over three models; tuning with 1,000 draws",
     "many_runs": "1,000 runs of energy control",
     "judging": "a million samples judged by a funnel about a reference",
     "closed_loops": "1,000 closed loops of the flexible arm, and one beside real time",

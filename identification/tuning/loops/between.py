@@ -12,6 +12,7 @@ from orchestrator.trace import BoolArray, ComplexArray, FloatArray
 
 PLACES = 4  # at which a minimum is sought
 TURNS = 60  # of the search for a zero or a minimum
+FINE = 1e-9  # step of a search for a zero, of the frequency, at which it ends; the next would be far smaller
 GOLDEN = (np.sqrt(5) - 1) / 2
 Measured = Callable[[ComplexArray], FloatArray]
 
@@ -58,7 +59,8 @@ def crossings(loop: OpenLoop, measured: Measured, counts: Callable[[ComplexArray
     ends = (omega[number, column], omega[number, column + 1], values[number, column], values[number, column + 1])
     brackets = _Brackets(number, *ends)
     for sign in (1.0, -1.0):
-        brackets = brackets.joined(_dips(loop, measured, values, sign))
+        dips = _dips(loop, measured, values, sign)
+        brackets = brackets if dips is None else brackets.joined(dips)
     found = _zeros(lambda point: measured(loop.at(brackets.number, point)), brackets)
     value = loop.at(brackets.number, found)
     kept = counts(value)
@@ -88,11 +90,13 @@ def least(loop: OpenLoop, measured: Measured) -> FloatArray:
     return np.asarray(np.minimum(found, values.min(axis=1)))
 
 
-def _dips(loop: OpenLoop, measured: Measured, values: FloatArray, sign: float) -> _Brackets:
-    """Brackets of pairs of crossings between two neighbours: where a parabola goes below zero (`sign` 1) and back."""
+def _dips(loop: OpenLoop, measured: Measured, values: FloatArray, sign: float) -> _Brackets | None:
+    """Pairs of crossings between two neighbours: where a parabola goes below zero (`sign` 1) and back."""
     omega = loop.frequencies
     at, low = _vertices(omega, sign * values)
     number, column = np.nonzero((sign * values > 0) & (low <= 0))
+    if not len(number):
+        return None
     value = measured(loop.at(number, at[number, column]))
     real = sign * value <= 0
     number, column, value = np.tile(number[real], 2), np.tile(column[real], 2), np.tile(value[real], 2)
@@ -129,6 +133,6 @@ def _zeros(function: Callable[[FloatArray], FloatArray], brackets: _Brackets) ->
         moved = np.abs(point - b)
         a, fa = np.where(same, a, b), np.where(same, 0.5 * fa, fb)
         b, fb = point, value
-        if np.all((moved <= 1e-12 * np.abs(b)) | (fb == 0)):
+        if np.all((moved <= FINE * np.abs(b)) | (fb == 0)):
             break
     return b

@@ -60,6 +60,15 @@ class PlantSet:
         names = tuple(self.names[i] for i in chosen)
         return replace(self, names=names, a=self.a[chosen], b=self.b[chosen], c=self.c[chosen])
 
+    def joined(self, others: PlantSet) -> PlantSet:
+        """These and others of the same size."""
+        a, b, c = (np.concatenate([getattr(self, name), getattr(others, name)]) for name in "abc")
+        return replace(self, names=(*self.names, *others.names), a=a, b=b, c=c)
+
+    def parted(self, first: int) -> tuple[PlantSet, PlantSet]:
+        """So many of them from the beginning, and the others."""
+        return self.only(range(first)), self.only(range(first, len(self)))
+
     @cached_property
     def frequencies(self) -> FloatArray:
         """(N, F) rising angular frequencies of each plant, up to half the sampling frequency, denser at its modes."""

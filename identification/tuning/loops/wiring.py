@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -42,12 +43,12 @@ class Wiring:
     tracked: int
     sizes: tuple[int, int, int, int]
 
-    @property
+    @cached_property
     def sensing(self) -> FloatArray:
         """(v, p) what the controller's inputs take of the plant's outputs."""
         return _matrix(self.measured, self.sizes[0], self.sizes[3])
 
-    @property
+    @cached_property
     def acting(self) -> FloatArray:
         """(m, w) what the plant's inputs take of the controller's outputs."""
         return _matrix(self.commanded, self.sizes[2], self.sizes[1])

@@ -52,6 +52,7 @@ class Judgement:
         figures: (G, N) of each goal and plant, nan where the loop is unstable.
         missed: (G, N) by how much of a goal's size it is missed, not positive where it is held; see `Goal.missed`.
         radius: (N,) largest modulus of a closed-loop pole.
+        counted: how many of the plants, from the first on, make the objective; the others only have to hold goals.
     """
 
     values: Mapping[str, float]
@@ -59,6 +60,7 @@ class Judgement:
     figures: FloatArray
     missed: FloatArray
     radius: FloatArray
+    counted: int
 
     @property
     def stable(self) -> bool:
@@ -75,7 +77,13 @@ class Judgement:
         """By how much the hard goal is missed that is missed most; not positive where all are held."""
         if not self.stable:
             return UNSTABLE + AWAY * float(np.nan_to_num(self.radius, nan=1e6, posinf=1e6).max() - 1.0)
-        return float(np.max(self.missed[self.hard], initial=-np.inf))
+        return float(np.max(self.misses, initial=-np.inf))
+
+    @property
+    def misses(self) -> FloatArray:
+        """(N,) by how much each loop misses the hard goal that it misses most; `FURTHEST` where it is unstable."""
+        worst = self.missed[self.hard].max(axis=0, initial=-FURTHEST)
+        return np.where(self.radius < 1.0, worst, FURTHEST)
 
     @property
     def feasible(self) -> bool:
@@ -88,7 +96,8 @@ class Judgement:
         if not self.stable:
             return np.inf
         total = 0.0
-        for goal, figures, missed in zip(self.goals, self.figures, self.missed, strict=True):
+        columns = slice(0, self.counted)
+        for goal, figures, missed in zip(self.goals, self.figures[:, columns], self.missed[:, columns], strict=True):
             if goal.minimised:
                 counted = np.minimum(figures, FURTHEST)
                 total += goal.weight * float(counted.sum() if goal.over == "sum" else counted.max())
@@ -99,30 +108,47 @@ class Judgement:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Plants, the controller, how they are wired, and what is asked."""
+    """Plants, the controller, how they are wired, and what is asked.
+
+    Attributes:
+        draws: of plants with a spread; a `share` of them has to hold all hard goals.
+        counted: how many of the plants make the objective; None for all.
+    """
 
     plants: PlantSet
     controller: Controller
     wiring: Wiring
     test: StepTest
     goals: tuple[Goal, ...]
+    draws: PlantSet | None = None
+    share: float = 1.0
+    counted: int | None = None
 
-    def only(self, numbers: Sequence[int]) -> Problem:
-        """The same for some of the plants."""
-        return replace(self, plants=self.plants.only(numbers))
+    def with_draws(self, numbers: Sequence[int]) -> Problem:
+        """The same with some of the draws beside the plants, which have to hold hard goals, too."""
+        assert self.draws is not None
+        return replace(self, plants=self.plants.joined(self.draws.only(numbers)), counted=len(self.plants))
+
+    def of_draws(self) -> Problem:
+        """The same for the draws alone."""
+        assert self.draws is not None
+        return replace(self, plants=self.draws, draws=None)
 
     def trial(self, values: Mapping[str, float]) -> Trial:
         """The loops with these parameters of the controller."""
         return Trial(Loops(self.plants, self.controller.linear(values), self.wiring), self.test)
 
     def judged(self, values: Mapping[str, float]) -> Judgement:
-        """What these parameters do."""
+        """What these parameters do; of loops that are not stable there are no figures."""
         trial = self.trial(values)
-        count = len(self.plants)
-        figures = np.full((len(self.goals), count), np.nan)
-        missed = np.full((len(self.goals), count), np.nan)
-        if trial.loops.stable.all():
-            for i, goal in enumerate(self.goals):
-                figures[i] = MEASURES[goal.measure].figures(trial, goal)
-                missed[i] = np.clip(goal.missed(figures[i]), -FURTHEST, FURTHEST)
-        return Judgement(dict(values), self.goals, figures, missed, trial.loops.radius)
+        radius, count = trial.loops.radius, len(self.plants)
+        figures, missed = (np.full((len(self.goals), count), np.nan) for _ in range(2))
+        stable = [int(i) for i in np.flatnonzero(trial.loops.stable)]
+        if len(stable) < count:
+            trial = replace(self, plants=self.plants.only(stable)).trial(values)
+        for i, goal in enumerate(self.goals if stable else ()):
+            found = MEASURES[goal.measure].figures(trial, goal)
+            figures[i, stable] = found
+            missed[i, stable] = np.clip(goal.missed(found), -FURTHEST, FURTHEST)
+        counted = count if self.counted is None else self.counted
+        return Judgement(dict(values), self.goals, figures, missed, radius, counted)

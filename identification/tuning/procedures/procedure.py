@@ -41,6 +41,7 @@ class Found:
         descents: one a start, of a search.
         agreeing: how many starts led to what is taken.
         remarks: what a reader must know.
+        drawn: what the values do with all draws, where there are some; `share` of these has to hold the hard goals.
     """
 
     best: Judgement
@@ -48,11 +49,13 @@ class Found:
     descents: tuple[Descent, ...] = ()
     agreeing: int = 1
     remarks: tuple[str, ...] = ()
+    drawn: Judgement | None = None
+    share: float = 1.0
 
     @property
     def feasible(self) -> bool:
-        """Whether all loops are stable and hold all hard goals, but for rounding."""
-        return self.best.most_missed <= HELD
+        """Whether all loops are stable and hold all hard goals, but for rounding, and enough of the draws do."""
+        return self.best.most_missed <= HELD and (self.drawn is None or held_share(self.drawn) >= self.share)
 
     @property
     def binding(self) -> tuple[tuple[int, int], ...]:
@@ -62,6 +65,11 @@ class Found:
             return tuple((-1, int(i)) for i in np.flatnonzero(~(best.radius < 1.0)))
         most = max(best.most_missed, 0.0)
         return tuple((i, int(j)) for i in best.hard for j in np.flatnonzero(best.missed[i] >= most - NEAR))
+
+
+def held_share(drawn: Judgement) -> float:
+    """The share of loops that are stable and hold all hard goals, but for rounding."""
+    return float(np.mean(drawn.misses <= HELD))
 
 
 class Procedure(Protocol):

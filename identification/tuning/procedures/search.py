@@ -7,10 +7,10 @@ Where no point holds all hard goals the one that misses least is sought, and the
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import OptimizeResult, minimize
 
 from fmus.errors import IdentificationError
 from identification.estimation.parameters import Scale
@@ -25,6 +25,9 @@ from orchestrator.trace import FloatArray
 SLOPE = 1e-6  # width of differences, of the span between the bounds
 FAR = 1e3  # what an unstable loop counts in place of an objective, of the start's
 DEAR = 10.0  # of the simplex: what a missed goal counts beside the objective
+MOST = 400  # evaluations on the way to a stable loop
+ROUNDS = 12  # of a search with draws
+AT_ONCE = 4  # draws that join it in a round
 TOGETHER = 1e-3  # of the span between the bounds, within which two optima are one
 Merit = Callable[[FloatArray], float]
 
@@ -108,7 +111,7 @@ class Search:
     starts: tuple[Mapping[str, float | str], ...] = ()
     more: int = 0
     seed: int = 0
-    evaluations: int = 200
+    evaluations: int = 60
 
     def sized(self, controller: ComponentSpec, plants: Mapping[str, LinearModel]) -> ComponentSpec:
         """The controller as it is: its arrays are the study's."""
@@ -132,8 +135,12 @@ class Search:
             progress(number / len(points), f"start {number + 1} of {len(points)}")
             descents.append(_descent(problem, spans, point, self.evaluations))
         best = min((descent.found for descent in descents), key=_rank)
+        agreeing = _agreeing(spans, descents, best)
         starts = {span.name: descents[0].start[span.name] for span in spans}
-        return Found(best, starts, tuple(descents), _agreeing(spans, descents, best))
+        if problem.draws is None:
+            return Found(best, starts, tuple(descents), agreeing)
+        best, drawn = _with_draws(problem, spans, best, points, self.evaluations, progress)
+        return Found(best, starts, tuple(descents), agreeing, (), drawn, problem.share)
 
     def _points(self, interface: Interface) -> tuple[list[Span], list[FloatArray]]:
         """The unknowns in numbers, and the given starts between their bounds."""
@@ -165,6 +172,36 @@ def _port(interface: Interface, name: str) -> Port:
     return port
 
 
+def _with_draws(
+    problem: Problem,
+    spans: Sequence[Span],
+    best: Judgement,
+    points: Sequence[FloatArray],
+    evaluations: int,
+    tell: Progress,
+) -> tuple[Judgement, Judgement]:
+    """The best values with which enough draws hold the hard goals, too, and what all draws do with them.
+
+    Only those draws stand in the search that have spoilt an earlier round's values: a handful decides. It goes on from
+    there, and from the first start, since what was best without draws may be far off.
+    """
+    everything, active = problem.of_draws(), list[int]()
+    judged_alone = replace(everything, goals=tuple(goal for goal in problem.goals if goal.hard and not goal.minimised))
+    allowed = int((1 - problem.share) * len(everything.plants) + 1e-9)
+    for turn in range(ROUNDS):
+        tell(turn / ROUNDS, f"{len(everything.plants)} draws, {len(active)} in the search")
+        misses = judged_alone.judged(best.values).misses
+        worst = np.argsort(-misses, kind="stable")[allowed:]
+        new = [int(i) for i in worst[:AT_ONCE] if misses[i] > HELD and i not in active]
+        if not new:
+            break
+        active += new
+        some, from_best = problem.with_draws(active), _parts(spans, best.values)
+        found = [_descent(some, spans, point, evaluations).found for point in (from_best, points[0])]
+        best = problem.judged(min(found, key=_rank).values)
+    return best, everything.judged(best.values)
+
+
 def _rank(judged: Judgement) -> tuple[float, float]:
     """Feasible ones by their objective, before others by what they miss."""
     return (0.0, judged.objective) if judged.most_missed <= HELD else (judged.most_missed, judged.objective)
@@ -184,13 +221,26 @@ def _descent(problem: Problem, unknowns: Sequence[Span], point: FloatArray, eval
     seen = _Seen(problem, unknowns)
     start = seen(point)
     if not start.stable:
-        point = _simplex(lambda z: seen(z).most_missed, point, evaluations)
+        point = _until_stable(seen, point)
     for _ in range(2):
+        before = seen(point)
         point = _least(seen, [point, _program(seen, point)])
         point = _least(seen, [point, _simplex(seen.penalised(point), point, evaluations)])
+        if _rank(before) <= _rank(seen(point)):
+            break
     if seen(point).most_missed > HELD:
         point = _least(seen, [point, _least_infeasible(seen, point, evaluations)])
     return Descent(start.values, seen(point), seen.evaluations)
+
+
+def _until_stable(seen: _Seen, point: FloatArray) -> FloatArray:
+    """The first point of a simplex at which all loops are stable, or where it ends."""
+
+    def stop(intermediate_result: OptimizeResult) -> None:
+        if seen(intermediate_result.x).stable:
+            raise StopIteration
+
+    return _simplex(lambda z: seen(z).most_missed, point, MOST, stop)
 
 
 def _least(seen: _Seen, points: Sequence[FloatArray]) -> FloatArray:
@@ -273,7 +323,9 @@ def _program(seen: _Seen, point: FloatArray) -> FloatArray:
     return np.asarray(done.x)
 
 
-def _simplex(merit: Merit, point: FloatArray, evaluations: int) -> FloatArray:
+def _simplex(
+    merit: Merit, point: FloatArray, evaluations: int, stop: Callable[[OptimizeResult], None] | None = None
+) -> FloatArray:
     """The end of a simplex that begins small."""
     size = 0.02
     corners = np.array(
@@ -283,6 +335,7 @@ def _simplex(merit: Merit, point: FloatArray, evaluations: int) -> FloatArray:
         merit,
         point,
         method="Nelder-Mead",
+        callback=stop,
         bounds=[(0.0, 1.0)] * len(point),
         options={"initial_simplex": corners, "maxfev": evaluations, "xatol": 1e-6, "fatol": 1e-10},
     )

@@ -1,10 +1,11 @@
-"""Plants of a study as linear, sampled models with the units of their signals."""
+"""Plants of a study that are linear, sampled models as they come, with the units of their signals."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -26,6 +27,13 @@ class LinearPlant:
     units: Mapping[str, str] = field(default_factory=dict)
 
 
+class PlantSpec(Protocol):
+    """What a study names as a plant."""
+
+    def linear(self, place: str, step: float) -> LinearPlant:
+        """Its linear model; one that has no sampling time of its own is sampled every `step` [s]."""
+
+
 @dataclass(frozen=True)
 class FmuPlant:
     """An FMU with values over its own: the library's `state_space`, which is linear as it is."""
@@ -33,7 +41,7 @@ class FmuPlant:
     file: Path
     values: Mapping[str, Value] = field(default_factory=dict)
 
-    def linear(self, place: str) -> LinearPlant:
+    def linear(self, place: str, step: float) -> LinearPlant:
         """The model in the FMU.
 
         Raises:
@@ -45,11 +53,11 @@ class FmuPlant:
             raise IdentificationError(place, f"{self.file.name} is no `state_space` FMU", "linearise it first")
         a, b, c, d = (_array(place, interface, name, self.values) for name in NAMES)
         inputs, outputs = (interface.of(causality) for causality in ("input", "output"))
-        step = float(self.values.get("sample_time", interface.ports["sample_time"].start or 0))
+        own = float(self.values.get("sample_time", interface.ports["sample_time"].start or 0))
         names = tuple(port.name for port in inputs), tuple(port.name for port in outputs)
         direct = d if d.size else np.zeros((len(outputs), len(inputs)))
         units = {port.name: port.unit for port in (*inputs, *outputs) if port.unit}
-        return LinearPlant(LinearModel(a, b, c, direct, step, *names), units)
+        return LinearPlant(LinearModel(a, b, c, direct, own, *names), units)
 
 
 @dataclass(frozen=True)
@@ -58,7 +66,7 @@ class CalibratedPlant:
 
     folder: Path
 
-    def linear(self, place: str) -> LinearPlant:
+    def linear(self, place: str, step: float) -> LinearPlant:
         """The model in the folder's only FMU.
 
         Raises:
@@ -70,7 +78,7 @@ class CalibratedPlant:
         if len(fmus) != 1:
             problem = f"{self.folder} holds {len(fmus)} FMUs, not the one of a linear model"
             raise IdentificationError(place, problem, "name the FMU by `fmu`")
-        return FmuPlant(fmus[0]).linear(place)
+        return FmuPlant(fmus[0]).linear(place, step)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,12 +87,9 @@ class GivenPlant:
 
     plant: LinearPlant
 
-    def linear(self, place: str) -> LinearPlant:
+    def linear(self, place: str, step: float) -> LinearPlant:
         """The same."""
         return self.plant
-
-
-PlantSpec = FmuPlant | CalibratedPlant | GivenPlant
 
 
 def _array(place: str, interface: Interface, name: str, values: Mapping[str, Value]) -> FloatArray:

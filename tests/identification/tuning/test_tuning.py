@@ -199,7 +199,7 @@ def changed(key: str, **inner: Any) -> dict[str, Any]:
             {"plants": {"light": {"matrices": lagging(2.0) | {"A": [[1.0]]}}}},
             r"`B` is not 1 x 1",
         ),
-        ({"plants": {"light": {}}}, r"give one of `fmu`, `calibrated` and `matrices`"),
+        ({"plants": {"light": {}}}, r"give one of `fmu`, `calibrated`, `matrices` and `components`"),
         ({"plants": {"light": {"calibrated": "nowhere"}}}, r"nowhere: holds no summary\.json"),
     ],
 )

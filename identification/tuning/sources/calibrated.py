@@ -1,0 +1,46 @@
+"""The system that an output-error calibration has left in its folder, with the spread of its estimates."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fmus.errors import IdentificationError
+from identification.output_error.schema import OutputErrorBlock
+from identification.results import STUDY, SUMMARY, read_summary, result_file
+from identification.tuning.sources.system_plant import Spread
+from orchestrator.assembly.assembly import SystemSpec
+from orchestrator.yaml_file import load
+
+
+def calibrated_system(folder: Path) -> tuple[SystemSpec, Spread]:
+    """The system of the study in a result folder with its estimates, and their covariance.
+
+    Raises:
+        InputError: the folder holds no result of an output-error study.
+    """
+    summary = read_summary(folder)
+    if summary["method"] != "output-error":
+        problem = f"holds a result of the method {summary['method']}, which has no components"
+        raise IdentificationError(folder, problem, "leave `inputs` and `outputs` out")
+    block = load(result_file(folder, STUDY), OutputErrorBlock)
+    values = {name: entry["value"] for name, entry in summary["parameters"].items() if "." in name}
+    return block.system(folder).given(values), _spread(folder)
+
+
+def _spread(folder: Path) -> Spread:
+    """Of the parameters; delays, which are no component's, are left out. Empty where the result has no covariance."""
+    document: Any = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
+    found = document.get("uncertainty", {}).get("covariance")
+    if found is None:
+        return Spread()
+    try:
+        names = [str(name) for name in found["parameters"]]
+        matrix = np.array([[np.nan if value is None else float(value) for value in row] for row in found["matrix"]])
+        kept = [i for i, name in enumerate(names) if "." in name]
+        return Spread(tuple(names[i] for i in kept), matrix.reshape(len(names), len(names))[np.ix_(kept, kept)])
+    except (KeyError, TypeError, ValueError) as error:
+        raise IdentificationError(folder, f"has a covariance that is none ({error})", "calibrate again") from None

@@ -1,0 +1,197 @@
+"""Plants of components: their linear models run as the FMUs do, and draws of them have the spread that was given."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fmus import library
+from fmus.errors import IdentificationError, InputError
+from identification import tune
+from identification.experiments.physical_modes import physical_modes
+from identification.tuning.sources.calibrated import calibrated_system
+from identification.tuning.sources.equations import slopes
+from identification.tuning.sources.system_plant import PlantOutput, SystemPlant, independent
+from orchestrator.assembly.assembly import ComponentSpec, SystemSpec, open_system
+from orchestrator.trace import Trace
+from tests.support.tuning_study import STEP, study, write
+
+RATE = 1 / 300
+SMOOTH = {"bristle_stiffness": 1e-6, "bristle_damping": 0.0}
+ARM = SystemSpec(
+    {
+        "drive": ComponentSpec("servo_drive"),
+        "arm": ComponentSpec("flexible_arm", {**SMOOTH, "payload": 0.2}),
+        "tachometer": ComponentSpec("daq", {"gain": 0.4, "filter_order": 2, "cutoff": 60.0, "sample_time": RATE}),
+    },
+    (("drive.torque", "arm.torque"), ("arm.speed", "tachometer.signal")),
+)
+LOAD = """
+from . import Model, State, input_, output, parameter
+
+
+def derivatives(t, x, u, p):
+    return {"angle": x.speed, "speed": (u.torque - p.damping * x.speed) / p.inertia}
+
+
+MODEL = Model(
+    name="load",
+    description="A load with damping",
+    variables=(
+        input_("torque", "N.m", "Torque"),
+        output("angle", "rad", "Angle"),
+        parameter("inertia", "kg.m2", 0.1, "Inertia", minimum=1e-6),
+        parameter("damping", "N.m.s/rad", 1.0, "Damping", minimum=0),
+    ),
+    states=(State("angle"), State("speed")),
+    derivatives=derivatives,
+    solver_step=lambda p: 0.001,
+)
+"""
+
+
+def arm(**spread: float) -> SystemPlant:
+    outputs = {
+        "angle": PlantOutput("arm.angle"),
+        "strain": PlantOutput("arm.middle_strain", 1e4, "V"),
+        "speed": PlantOutput("tachometer.measured", unit="V"),
+    }
+    return SystemPlant(ARM, {"u": "drive.voltage"}, outputs, independent(spread))
+
+
+@pytest.mark.slow
+def test_a_linear_plant_runs_as_its_fmus_do() -> None:
+    """The drive's command is a random one, held over each sample; within it the FMUs exchange values often."""
+    u, fine = 0.5 * np.random.default_rng(0).standard_normal(120), 64
+    time = RATE / fine * np.arange(fine * len(u))
+    record = ["arm.angle", "arm.middle_strain", "tachometer.measured"]
+    with open_system(ARM.components, [f"{a} -> {b}" for a, b in ARM.connections], ["drive.voltage"]) as opened:
+        stimulus = {"drive.voltage": Trace(time, {"u": np.repeat(u, fine)}, {"u": "V"})}
+        trace = opened.run("119/300", f"1/{300 * fine}", ARM.values(), stimulus, record).trace
+    found = arm().linear("plant", RATE).model.simulate(u[:, None])
+    scale = np.abs(found).max(axis=0)
+    assert found[:, 0] == pytest.approx(trace["arm.angle"][::fine], abs=2e-4 * scale[0])
+    assert found[:, 1] == pytest.approx(1e4 * trace["arm.middle_strain"][::fine], abs=2e-4 * scale[1])
+    sampled = trace["tachometer.measured"][1::fine]
+    assert found[: len(sampled), 2] == pytest.approx(sampled, abs=2e-2 * scale[2])
+
+
+def test_what_no_input_reaches_is_left_out() -> None:
+    """Of 16 states of the arm bristles, the motor's side of a rigid gear and the stops' clock are not reached."""
+    model = arm().linear("plant", RATE).model
+    assert model.order == 14
+    frequencies = np.sort(np.abs(np.log(model.eigenvalues)) / RATE / 2 / np.pi)
+    known = [mode.frequency for mode in physical_modes("flexible_arm", {**SMOOTH, "payload": 0.2})]
+    assert frequencies[2:6:2] == pytest.approx(known[:2], rel=1e-6)
+
+
+def test_draws_have_the_spread_that_was_given_and_stay_within_bounds() -> None:
+    drawn = arm(**{"drive.torque_constant": 0.05}).drawn("plant", RATE, 400, np.random.default_rng(1))
+    gains = np.array([model.frequency_response(np.array([1.0]))[0, 0, 0] for model in drawn])
+    relative = np.abs(gains) / np.abs(arm().linear("plant", RATE).model.frequency_response(np.array([1.0]))[0, 0, 0])
+    assert relative.mean() == pytest.approx(1.0, abs=0.02)
+    assert relative.std() == pytest.approx(0.05 / 0.5876, rel=0.15)
+    near_zero = arm(**{"arm.viscous_friction": 0.05}).drawn("plant", RATE, 200, np.random.default_rng(2))
+    assert all(model.stable for model in near_zero)
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters", "problem"),
+    [
+        ("pendulum", {"angle_start": 0.3}, "does not rest where it starts: 'speed' changes"),
+        ("daq", {"bits": 12, "range": 10.0}, "rounds what it samples"),
+        ("daq", {"noise": 0.1}, "jumps or bends where it rests"),
+        ("pi", {}, "remembers what it samples"),
+    ],
+)
+def test_a_component_without_slopes_at_rest_is_refused(name: str, parameters: dict[str, float], problem: str) -> None:
+    with pytest.raises(IdentificationError, match=problem):
+        slopes("plant", library.find(name), parameters)
+
+
+def test_slopes_of_many_parameter_sets_are_those_of_each() -> None:
+    payloads = np.array([0.0, 0.2, 0.4])
+    together = slopes("arm", library.find("flexible_arm"), {**SMOOTH, "payload": payloads}, 3)
+    for number, payload in enumerate(payloads):
+        alone = slopes("arm", library.find("flexible_arm"), {**SMOOTH, "payload": float(payload)})
+        assert together.a[number] == pytest.approx(alone.a[0], rel=1e-12)
+
+
+def system_study(folder: Path, **plant: Any) -> dict[str, Any]:
+    (folder / "load.py").write_text(LOAD)
+    outputs = {"position": {"of": "load.angle", "factor": 5, "unit": "V"}}
+    own = {"components": {"load": {"model": "load.py"}}, "inputs": {"u": "load.torque"}, "outputs": outputs}
+    return study(
+        plants={"load": own | plant},
+        connections=["plant.position -> controller.position", "controller.voltage -> plant.u"],
+        goals=[{"measure": "phase margin", "at_least": 60}],
+    )
+
+
+def test_a_command_of_another_unit_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"controller\.voltage -> plant\.u: .*N\.m"):
+        tune(write(tmp_path, system_study(tmp_path)))
+
+
+def driven(folder: Path, **plant: Any) -> dict[str, Any]:
+    """The load behind a drive."""
+    document = system_study(folder, **plant)
+    [load] = document["plants"].values()
+    load["components"] = {
+        "drive": {"model": "servo_drive", "parameters": {"torque_constant": 2.0}},
+        **load["components"],
+    }
+    load["connections"] = ["drive.torque -> load.torque"]
+    load["inputs"] = {"u": "drive.voltage"}
+    return document
+
+
+def test_hard_goals_hold_for_the_share_of_draws_that_was_asked_for(tmp_path: Path) -> None:
+    """A heavier load turns the phase more: the margin of the nominal one has to be larger, and just so much."""
+    alone = tune(write(tmp_path, driven(tmp_path))).summary
+    spread = driven(tmp_path, spread={"load.inertia": 0.01})
+    found: Any = tune(write(tmp_path, spread | {"draws": {"count": 200, "share": 0.9}})).summary
+    assert found["feasible"]
+    assert 0.9 <= found["draws"]["held"] <= 0.96
+    assert found["parameters"]["controller.kp"]["value"] < 0.99 * alone["parameters"]["controller.kp"]["value"]
+    assert found["draws"]["count"] == 200
+
+
+def test_draws_without_a_spread_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="draws: are asked for, and no plant has a spread"):
+        tune(write(tmp_path, driven(tmp_path) | {"draws": {}}))
+
+
+def test_a_delay_of_part_of_a_sample_is_exact_for_a_system(tmp_path: Path) -> None:
+    half, one = (
+        tune(write(tmp_path, driven(tmp_path) | {"delay": delay})).summary["parameters"]["controller.kp"]["value"]
+        for delay in (STEP / 2, STEP)
+    )
+    assert half > one
+
+
+def test_a_calibrated_system_has_its_estimates_and_their_covariance(tmp_path: Path) -> None:
+    blocks = {
+        "traces": {"files": "*.csv"},
+        "step": 0.01,
+        "outputs": {"load.angle": {"signal": "y"}},
+        "windows": {"length": 1},
+    }
+    components = {"components": {"load": {"model": "load.py"}}}
+    parameters = {"load.inertia": {"start": 1, "min": 0.1, "max": 2}, "late": {"start": 0, "min": 0, "max": 1}}
+    document = {"title": "x", "method": "output-error", "parameters": parameters} | blocks | components
+    (tmp_path / "study.yaml").write_text(json.dumps(document))
+    estimates = {name: {"value": 0.3, "std": 0.1, "ci95": None, "unit": "1", "start": None} for name in parameters}
+    summary = {"title": "x", "method": "output-error", "parameters": estimates, "fit": {}, "data": [], "versions": {}}
+    covariance = {"parameters": ["late", "load.inertia"], "matrix": [[4.0, 1.0], [1.0, 0.01]]}
+    (tmp_path / "summary.json").write_text(
+        json.dumps(summary | {"warnings": [], "uncertainty": {"covariance": covariance}})
+    )
+    system, spread = calibrated_system(tmp_path)
+    assert system.values() == {"load.inertia": 0.3}
+    assert spread.names == ("load.inertia",)
+    assert spread.covariance.tolist() == [[0.01]]
