@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from orchestrator.report import Chart, Curve, Panel, Report, figures
+from orchestrator.report.entries import Entries, Entry
 from orchestrator.trace import Trace
 from tests.support.browser import Seen, browsing, opened
 from tests.support.reports import EVIL, full_report
@@ -173,3 +174,24 @@ def test_paper_shows_all_charts_in_dark_ink_on_white(browser: Browser, tmp_path:
         )
         assert blank == 0
         assert len(seen.page.pdf()) > 20_000
+
+
+def test_a_list_shows_what_failed_alone_when_asked(browser: Browser, tmp_path: Path) -> None:
+    page = Report("A suite")
+    entries = [Entry("ok", "good", None, ("1 of 1",)), Entry("error", "bad", "bad/report.html", ("0 of 1",))]
+    page.section("Verdicts").content.append(Entries(("scenario", "cases"), entries))
+    with opened(browser, written(page, tmp_path)) as seen:
+        assert seen.page.locator("tbody:visible").count() == 2
+        seen.page.get_by_label("what failed").check()
+        assert seen.page.locator("tbody:visible").all_inner_texts() == ["✕\tbad\t0 of 1"]
+        assert seen.complaints == []
+
+
+def test_what_is_folded_opens_and_its_chart_is_drawn(browser: Browser, tmp_path: Path) -> None:
+    page = Report("Folded")
+    page.section("More").folded("the rest").figure(figures.overlay(Trace(np.arange(9.0), {"a": np.arange(9.0)})))
+    with opened(browser, written(page, tmp_path)) as seen:
+        assert seen.page.locator("canvas:visible").count() == 0
+        seen.page.get_by_text("the rest").click()
+        [[[_, lowest, highest]]] = seen.view()["panels"]
+        assert [lowest, highest] == pytest.approx([0, 8])
