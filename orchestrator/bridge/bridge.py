@@ -31,7 +31,7 @@ from orchestrator.realtime.background import Background
 from orchestrator.realtime.pacing import quiet
 from orchestrator.realtime.stopping import Stop, stop_requests
 from orchestrator.scenario.expectations import Check, Expected, Ran
-from orchestrator.scenario.run import CaseResult, CaseState, Keeping, ScenarioResult
+from orchestrator.scenario.run import CaseResult, CaseState, Keeping, ScenarioResult, hashes_of
 from orchestrator.trace import Trace
 
 LOG = logging.getLogger("servotwin.can")
@@ -176,7 +176,17 @@ def _judged(
     judged = CaseResult(case.name, result, ending.failure, checks, file if file.exists() else None, state)
     keeping = Keeping(job.every, file.parent)
     given = {name: system.run.values[name] for name in elements(job.overrides)}
-    return ScenarioResult(system.scenario, system.assembled, (judged,), keeping, early, system.crossings, given)
+    return ScenarioResult(
+        system.scenario,
+        system.assembled,
+        (judged,),
+        keeping,
+        early,
+        system.crossings,
+        given,
+        system.simulation.system,
+        hashes_of(system.assembled),
+    )
 
 
 def _check(expected: Expected, ran: Ran) -> Check:

@@ -76,7 +76,8 @@ def how(bridged: BridgeResult) -> str:
 
 def report(bridged: BridgeResult) -> Report:
     """The report of the run, with what passed over the bus and how the deadlines were kept."""
-    page = run_report(bridged.result)
+    can = bridged.result.scenario.can
+    page = run_report(bridged.result, can.receive if can else ())
     _bus(bridged, page.section("Bus"))
     _deadlines(bridged, page.section("Deadlines"))
     return page

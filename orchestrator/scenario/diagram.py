@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 
 from fmus.modelling.model import Model
@@ -14,13 +15,18 @@ from orchestrator.system import Connection, Endpoint, System
 from orchestrator.trace import Trace
 
 
-def wiring_of(result: ScenarioResult, system: System) -> Wiring:
-    """Components with their steps, what drives them, and what is connected."""
+def wiring_of(result: ScenarioResult, system: System, received: Collection[str] = ()) -> Wiring:
+    """Components with their steps, what drives them, and what is connected.
+
+    Args:
+        received: inputs that a bus has driven.
+    """
     driven = dict(sorted(result.scenario.stimuli.items()))
     sources = [
-        Box(_source(name), _about(stimulus), "", {}, {"y": ""}, outside=True) for name, stimulus in driven.items()
+        Box(_source(name), "from the bus" if name in received else _about(given), "", {}, {"y": ""}, outside=True)
+        for name, given in driven.items()
     ]
-    wires = [Wire((_source(name), "y"), _ends(Endpoint.parse(name)), "stimulus") for name in driven]
+    wires = [Wire((_source(name), "y"), _ends(Endpoint.parse(name))) for name in driven]
     wires += [Wire(_ends(link.source), _ends(link.target), _conversion(link)) for link in system.connections]
     return Wiring([*sources, *(_box(result, system, name, wires) for name in system.parts)], wires)
 

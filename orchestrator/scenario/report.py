@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 
@@ -37,16 +37,20 @@ def interruption(result: ScenarioResult) -> str:
     return f"interrupted after case {last.name}" if done else f"{last.how_far} of case {last.name}"
 
 
-def report(result: ScenarioResult) -> Report:
-    """The whole report; without curves of an interrupted run, which is to end at once."""
+def report(result: ScenarioResult, received: Collection[str] = ()) -> Report:
+    """The whole report; without curves of an interrupted run, which is to end at once.
+
+    Args:
+        received: inputs that a bus has driven, whose stimuli only stand in for it.
+    """
     page = Report(result.scenario.title, result.scenario.description)
     _verdict(page.section("Expectations"), result)
     tell_units(page, result.crossings)
     if not result.interrupted:
-        _draw(page.section("Traces"), result)
+        _draw(page.section("Traces"), result, received)
     if result.system is not None:
         section = page.section("System")
-        section.figure(wiring_of(result, result.system), "Components, their steps, and what is connected")
+        section.figure(wiring_of(result, result.system, received), "Components, their steps, and what is connected")
         _parameters(section, result, result.system)
     _stepping(page.section("Step statistics"), result)
     _provenance(page.section("Provenance"), result)
@@ -119,13 +123,13 @@ def tell_units(page: Report, crossings: Sequence[Crossing]) -> None:
         section.table(("how values got to their units",), sure)
 
 
-def _draw(section: Section, result: ScenarioResult) -> None:
+def _draw(section: Section, result: ScenarioResult, received: Collection[str]) -> None:
     """The curves of each case: what is judged first, then what else is recorded and what drives it."""
-    shown = [(case, made) for case, made in zip(result.scenario.cases, result.cases, strict=True) if made.result]
+    shown = [(case, made) for case, made in _pairs(result) if made.result]
     if len(shown) > PLOTTED_CASES:
         section.paragraph(f"The first {PLOTTED_CASES} of {len(shown)} cases.")
     for case, made in shown[:PLOTTED_CASES]:
-        panels = [*_signals(case, made.trace, result.system), *_inputs(result, made.trace)]
+        panels = [*_signals(case, made.trace, result.system), *_inputs(result, made.trace, received)]
         if not panels:
             section.paragraph(f"Case {made.name} has recorded nothing.")
             continue
@@ -177,10 +181,19 @@ def _add_asked(expected: OnSignal, trace: Trace, curves: list[Curve], bands: lis
         curves.extend(Curve("bound", asked[0], bound, tone="reference") for bound in bounds)
 
 
-def _inputs(result: ScenarioResult, trace: Trace) -> Iterator[Panel]:
+def _pairs(result: ScenarioResult) -> list[tuple[Case, CaseResult]]:
+    """What was to run with what came of it; on a bus one case alone runs."""
+    cases = result.scenario.cases
+    if len(cases) == len(result.cases):
+        return list(zip(cases, result.cases, strict=True))
+    named = {case.name: case for case in cases}
+    return [(named[made.name], made) for made in result.cases]
+
+
+def _inputs(result: ScenarioResult, trace: Trace, received: Collection[str]) -> Iterator[Panel]:
     """A panel a stimulus that no record holds: what drove the system."""
     for name, stimulus in sorted(result.scenario.stimuli.items()):
-        if name in trace.names or not len(trace):
+        if name in trace.names or name in received or not len(trace):
             continue
         port = None if result.system is None else _port(result.system, name)
         values = stimulus.values(trace.time, name)
@@ -195,7 +208,7 @@ def _port(system: System, name: str) -> Port | None:
 
 def _parameters(section: Section, result: ScenarioResult, system: System) -> None:
     """All that can be set before a run: what it was, and what the FMU says by itself."""
-    cases = result.scenario.cases
+    cases = [case for case, _ in _pairs(result)]
     rows: list[list[Cell]] = []
     for component, part in system.parts.items():
         for port in part.interface.ports.values():

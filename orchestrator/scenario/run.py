@@ -242,7 +242,7 @@ def _run(
         cases: list[CaseResult] = []
         crossings: tuple[Crossing, ...] = ()
         system: System | None = None
-        hashes = {name: sha256(file) for name, file in assembled.files.items()}
+        hashes = hashes_of(assembled)
 
         def result(cases: Sequence[CaseResult], interrupted: bool = False) -> ScenarioResult:
             done = tuple(cases)
@@ -282,6 +282,11 @@ def _run(
                 raise
             raise ScenarioInterrupted(result(cases, interrupted=True)) from None
         return result(cases)
+
+
+def hashes_of(assembled: Assembled) -> dict[str, str]:
+    """Component -> SHA-256 of its FMU."""
+    return {name: sha256(file) for name, file in assembled.files.items()}
 
 
 def _check_values(scenario: Scenario, simulation: Simulation, overrides: Mapping[str, Value]) -> None:

@@ -387,6 +387,20 @@ def test_the_folder_has_record_manifest_and_report(
     ]
 
 
+def test_the_report_of_one_of_several_cases_shows_that_one_and_inputs_of_the_bus_as_such(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ScriptedBus(proportional).plug_in(monkeypatch)
+    (tmp_path / "aside").mkdir()
+    cases = [{"name": "at rest"}, {"name": "turned", "set": {"hand.angle_start": 0.3}}]
+    coupled = go(folder, tmp_path / "aside", cases=cases)
+    results.write(coupled, tmp_path / "out")
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "at rest" in page and "turned" not in page
+    assert "from the bus" in page and "every 0.001 s" in page
+    assert '"label":"input"' not in page  # the safe value, which was not what the bus gave
+
+
 def test_an_expectation_that_fails_or_looks_beyond_the_record_is_judged_so(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
