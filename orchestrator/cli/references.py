@@ -38,6 +38,7 @@ def accept(
     from orchestrator.comparison.acceptance import HEADERS, accept, document_of, drawn, rows, size
     from orchestrator.comparison.proposal import propose
     from orchestrator.results import check_target
+    from orchestrator.scenario.references import abandoned
 
     judge = ScenarioJudge()
     tasks = find_scenarios(paths or [Path("scenarios")], {}, judge)
@@ -67,11 +68,14 @@ def accept(
     for proposal in proposals:
         shown += [f"warning: {proposal.scenario}: {line}" for line in proposal.doubts]
         shown += [f"unused: {file}, which no case asks for" for file in proposal.unused]
+    gone = [one for place in sorted({file.parent for file in files}) for one in abandoned(place)]
+    shown += [f"unused: {one}, whose scenario is not there" for one in gone]
     shown.append(f"curves in {folder / 'report.html'}" if made else "no case asks for `reference: accepted`")
     document = document_of(proposals, set() if dry else {new.file for new in chosen})
     for failure in failures[1:]:
         terminal.say(str(failure))
-    return Answer({**document, "out": str(folder)}, shown, failure=failures[0] if failures else None)
+    unused = [*document["unused"], *map(str, gone)]
+    return Answer({**document, "unused": unused, "out": str(folder)}, shown, failure=failures[0] if failures else None)
 
 
 @command(app)

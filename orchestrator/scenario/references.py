@@ -172,6 +172,21 @@ def unused(scenario: Path, wanted: Iterable[Path]) -> list[Path]:
     return [file for file in sorted(folder.iterdir()) if file.name not in known] if folder.is_dir() else []
 
 
+def abandoned(folder: Path) -> list[Path]:
+    """Folders of accepted references, in a folder of scenarios, whose scenario is no longer there."""
+    kept = folder / FOLDER
+    scenarios = {file.stem for file in folder.iterdir() if file.suffix in (".yaml", ".yml")}
+    inside = [one for one in sorted(kept.iterdir()) if one.is_dir()] if kept.is_dir() else []
+    return [one for one in inside if one.name not in scenarios and any(map(_is_ours, one.glob("*.parquet")))]
+
+
+def _is_ours(file: Path) -> bool:
+    try:
+        return provenance(file) is not None
+    except TraceError:
+        return False
+
+
 def _on_all_platforms(name: str) -> list[str]:
     """The name of a reference's file, or, of one of a platform, those on all platforms."""
     stem = name.removesuffix(f".{compiler.host_name()}.parquet")

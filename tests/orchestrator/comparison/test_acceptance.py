@@ -268,6 +268,16 @@ def test_references_that_no_case_asks_for_are_told(swing: Path) -> None:
     assert reference(swing, "low").exists() and reference(swing, "lower").exists()
 
 
+def test_references_whose_scenario_is_gone_are_told_and_other_folders_are_not(swing: Path) -> None:
+    accept(swing)
+    other = swing.rename(swing.with_name("pendulum.yaml"))
+    measured = swing.parent / "references" / "measured"
+    measured.mkdir()
+    formats.write(Trace(np.array([0.0, 1.0]), {"y": np.zeros(2)}), measured / "y.parquet")
+    (measured / "damaged.parquet").write_bytes(b"x")
+    assert accept(other)["unused"] == [str(reference(swing).parent)]
+
+
 def test_expectations_that_the_run_does_not_meet_are_told_when_it_is_accepted(swing: Path) -> None:
     edit(swing, "cases:", "  - {signal: hand.angle, below: 0.5}\ncases:")
     (doubt,) = accept(swing)["doubts"]
