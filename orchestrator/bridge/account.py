@@ -20,13 +20,14 @@ class BusAccount(TrafficReport):
 
     Attributes:
         mode: "bridge" or "bench".
+        buses: by their numbers.
         database: files of the bus' messages.
         notes: what is not as in the database, and what is sent without having been asked for, a line each.
         started: when it began; seconds: for how long it went on [s].
     """
 
     mode: str
-    bus: BusSettings
+    buses: tuple[BusSettings, ...]
     database: tuple[Path, ...]
     notes: list[str]
     started: datetime
@@ -41,14 +42,11 @@ class BusAccount(TrafficReport):
 
     def document(self) -> dict[str, Any]:
         """For the manifest."""
-        bus = self.bus
+        bus, *others = map(_described, self.buses)
         return {
             "mode": self.mode,
-            "interface": bus.interface,
-            "channel": bus.channel,
-            "bitrate": bus.bitrate,
-            "fd": bus.fd,
-            "data_bitrate": bus.data_bitrate,
+            **bus,
+            **({"others": others} if others else {}),
             "database": {
                 "file": ", ".join(file.name for file in self.database),
                 "sha256": ", ".join(map(sha256, self.database)),
@@ -120,3 +118,13 @@ class BusAccount(TrafficReport):
             for direction, statistics in (("received", self.received), ("sent", self.sent))
             for name, count in sorted(statistics.messages.items())
         ]
+
+
+def _described(bus: BusSettings) -> dict[str, Any]:
+    return {
+        "interface": bus.interface,
+        "channel": bus.channel,
+        "bitrate": bus.bitrate,
+        "fd": bus.fd,
+        "data_bitrate": bus.data_bitrate,
+    }

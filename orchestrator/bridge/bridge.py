@@ -86,7 +86,7 @@ def couple(
             live = system.simulation.live(system.run, coupling.outputs, record.take)
             keeper = stack.enter_context(_keeper(job, coupling, float(system.scenario.timing.step), rescue))
             stack.enter_context(quiet())
-            session = Session(live, keeper, system.scenario.timing.step, system.course, job.bus.place, record.unkept)
+            session = Session(live, keeper, system.scenario.timing.step, system.course, job.places, record.unkept)
             ready(stop)
             ending = session.run(stop, progress)
             result = live.result()
@@ -94,7 +94,7 @@ def couple(
         account = BusAccount(
             **vars(ending.report),
             mode="bench" if job.stand_in else "bridge",
-            bus=job.bus,
+            buses=job.buses,
             database=system.database,
             notes=[*system.notes, *coupling.notes(), *([UNGUARDED] if _inside(job) else [])],
             started=started,
@@ -146,14 +146,14 @@ def _keeper(
     job: BridgeJob, coupling: Coupling, step: float, rescue: Callable[[], str]
 ) -> AbstractContextManager[Keeper]:
     """Who has the bus: a process of its own, but where the bus is in this one."""
-    bus = replace(job.bus, reopens=job.stand_in or coupling.rules.reconnects)
+    buses = [replace(bus, reopens=job.stand_in or coupling.rules.reconnects) for bus in job.buses]
     if _inside(job):
-        return beside(bus, coupling, step, _warn)
-    return apart(bus, coupling, step, _warn, not job.stand_in, rescue)
+        return beside(buses, coupling, step, _warn)
+    return apart(buses, coupling, step, _warn, not job.stand_in, rescue)
 
 
 def _inside(job: BridgeJob) -> bool:
-    return sys.platform == "win32" or job.bus.interface in IN_PROCESS
+    return sys.platform == "win32" or any(bus.interface in IN_PROCESS for bus in job.buses)
 
 
 def _warn(line: str) -> None:

@@ -30,10 +30,11 @@ def needs(
             signal.input
             for message in received
             for signal in message.signals
-            if name in (message.spec.name, signal.name, signal.input, f"{message.spec.name}.{signal.name}")
+            if name
+            in (message.name, message.spec.name, signal.name, signal.input, f"{message.spec.name}.{signal.name}")
         }
         if not meant:
-            there = ", ".join(message.spec.name for message in received) or "nothing"
+            there = ", ".join(message.name for message in received) or "nothing"
             raise WiringError(f"{where}.while", f"'{name}' is not received", f"there is {there}")
         named |= meant
     return frozenset(named)

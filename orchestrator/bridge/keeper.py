@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from typing import Protocol
 
 from orchestrator.bridge.mapping import Coupling
-from orchestrator.bridge.traffic import BusTraffic, on_bus
+from orchestrator.bridge.traffic import BusTraffic, on_buses
 from orchestrator.bridge.traffic_report import TrafficReport
 from orchestrator.can.live.bus import BusSettings
 from orchestrator.progress import Figures
@@ -85,9 +85,11 @@ class _ThreadKeeper:
 
 
 @contextmanager
-def beside(settings: BusSettings, coupling: Coupling, step: float, say: Callable[[str], None]) -> Iterator[Keeper]:
-    """Have the bus in this process."""
-    with on_bus(settings, coupling, step, say) as traffic:
+def beside(
+    buses: Sequence[BusSettings], coupling: Coupling, step: float, say: Callable[[str], None]
+) -> Iterator[Keeper]:
+    """Have the buses in this process."""
+    with on_buses(buses, coupling, step, say) as traffic:
         keeper = _ThreadKeeper(traffic, step)
         try:
             yield keeper

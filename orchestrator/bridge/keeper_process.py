@@ -30,7 +30,7 @@ from fmus.errors import BusError, ServotwinError
 from orchestrator import last_words
 from orchestrator.bridge.keeper import Keeper
 from orchestrator.bridge.mapping import Coupling
-from orchestrator.bridge.traffic import BusTraffic, on_bus
+from orchestrator.bridge.traffic import BusTraffic, on_buses
 from orchestrator.bridge.traffic_report import TrafficReport
 from orchestrator.can.live.bus import BusSettings
 from orchestrator.progress import Figures
@@ -149,14 +149,14 @@ class _ProcessKeeper:
 
 @contextmanager
 def apart(
-    settings: BusSettings,
+    buses: Sequence[BusSettings],
     coupling: Coupling,
     step: float,
     say: Callable[[str], None],
     kills: bool,
     rescue: Callable[[], str] = lambda: "",
 ) -> Iterator[Keeper]:
-    """Have the bus in a child of this process.
+    """Have the buses in a child of this process.
 
     Args:
         kills: whether it ends this process where no step ends for longer than `give_up`.
@@ -173,18 +173,22 @@ def apart(
     if not child:
         steps.close()
         news.close()
-        _Guard(settings, coupling, step, board, theirs, told, parent if kills else 0).live(rescue)
+        _Guard(buses, coupling, step, board, theirs, told, parent if kills else 0).live(rescue)
     theirs.close()
     told.close()
     steps.setblocking(False)
     try:
-        keeper = _ProcessKeeper(settings.place, board, steps, news, coupling)
+        keeper = _ProcessKeeper(_place(buses), board, steps, news, coupling)
         keeper.opened(say)
         yield keeper
     finally:
         steps.close()  # it ends with this
         _await(child)
         news.close()
+
+
+def _place(buses: Sequence[BusSettings]) -> str:
+    return " and ".join(bus.place for bus in buses)
 
 
 def _await(child: int) -> None:
@@ -201,7 +205,7 @@ class _Guard:
 
     def __init__(
         self,
-        settings: BusSettings,
+        buses: Sequence[BusSettings],
         coupling: Coupling,
         step: float,
         board: _Board,
@@ -209,7 +213,7 @@ class _Guard:
         news: Connection,
         parent: int,
     ) -> None:
-        self._settings, self._coupling, self._step, self._board = settings, coupling, step, board
+        self._buses, self._coupling, self._step, self._board = buses, coupling, step, board
         self._steps, self._news, self._parent = steps, news, parent
         self._form = struct.Struct(f"qd{len(coupling.outputs)}d")
         self._partial, self._telling = b"", Lock()
@@ -232,7 +236,7 @@ class _Guard:
         except ServotwinError as error:
             self._fail(error)
         except BaseException as error:
-            self._fail(BusError(self._settings.place, f"the process that has the bus failed ({error!r})"))
+            self._fail(BusError(_place(self._buses), f"the process that has the bus failed ({error!r})"))
         finally:
             os._exit(code)
 
@@ -245,7 +249,7 @@ class _Guard:
             with suppress(BlockingIOError):
                 wake.send(b".")
 
-        with on_bus(self._settings, self._coupling, self._step, self._say, arrived=arrived) as traffic:
+        with on_buses(self._buses, self._coupling, self._step, self._say, arrived=arrived) as traffic:
             self._tell(None)
             self._serve(traffic, awake)
             now = self._now()
@@ -254,7 +258,7 @@ class _Guard:
             self._tell(report)
             if self._orphan:
                 sent = report.doubt() if report.unconfirmed else "safe values were sent"
-                self._say(f"{self._settings.place}: the steps are gone; {sent}")
+                self._say(f"{_place(self._buses)}: the steps are gone; {sent}")
 
     def _serve(self, traffic: BusTraffic, awake: socket.socket) -> None:
         """Pass values until the steps end."""

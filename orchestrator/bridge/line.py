@@ -17,13 +17,16 @@ class Line:
     """A bus that may be full.
 
     Attributes:
+        name: what it is called.
         patience: how long what was given may wait [s].
         full: whether something has waited for longer, and not all has got out since.
         blocked: frames that did not get out, or were not given, as it was full.
     """
 
-    def __init__(self, link: Link, receiver: Receiver, backlog: Backlog, patience: float) -> None:
-        self.link, self.receiver = link, receiver
+    def __init__(
+        self, link: Link, receiver: Receiver, backlog: Backlog, patience: float, name: str = "the bus"
+    ) -> None:
+        self.link, self.receiver, self.name = link, receiver, name
         self._backlog, self.patience = backlog, patience
         self.full, self.blocked = False, 0
 

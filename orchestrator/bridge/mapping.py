@@ -11,6 +11,7 @@ from fmus.errors import DatabaseError, WiringError
 from orchestrator.bridge.dependence import STOP, needs
 from orchestrator.bridge.safety import Rules
 from orchestrator.bridge.signals.inputs import ReceivedMessage, ReceivedSignal, Reception
+from orchestrator.bridge.signals.location import Locations, Place
 from orchestrator.bridge.signals.outputs import SentMessage, SentSignal
 from orchestrator.can.codec.fields import check_sendable, outside
 from orchestrator.can.database.database import Database
@@ -53,17 +54,20 @@ class Coupling:
     def notes(self) -> list[str]:
         """What is sent without having been asked for, and what nothing puts to rest."""
         endless = [
-            f"{message.spec.name}: no `safe` value for {', '.join(names)}: whatever happens, the last value is the last"
+            f"{message.name}: no `safe` value for {', '.join(names)}: whatever happens, the last value is the last"
             for message in self.sent
             if (names := [signal.spec.name for signal in message.signals if signal.safe is None])
         ]
         return [*endless, *(note for message in self.sent for note in message.notes())]
 
 
-def coupled(block: CanBlock, system: System, database: Database, step: Fraction, switched: bool = False) -> Coupling:
+def coupled(
+    block: CanBlock, system: System, databases: Sequence[Database], step: Fraction, switched: bool = False
+) -> Coupling:
     """The coupling of a system that steps by `step` [s].
 
     Args:
+        databases: of each channel.
         switched: whether CAN FD frames switch to the data bit rate.
 
     Raises:
@@ -72,10 +76,11 @@ def coupled(block: CanBlock, system: System, database: Database, step: Fraction,
     """
     statistics = FrameStatistics()
     outputs = tuple(dict.fromkeys(signal.source for signal in block.send.values()))
-    received = _received(block, system, database)
-    periods, signals = _sent(block, system, database, outputs, step, received)
-    sent = tuple(SentMessage(spec, signals[spec], period, statistics, switched) for spec, period in periods.items())
-    both = {message.spec.name for message in received} & {message.spec.name for message in sent}
+    places = Locations(databases, block.channel)
+    received = _received(block, system, places)
+    periods, signals = _sent(block, system, places, outputs, step, received)
+    sent = tuple(SentMessage(place, signals[place], period, statistics, switched) for place, period in periods.items())
+    both = {message.name for message in received} & {message.name for message in sent}
     if both:
         raise WiringError(f"can: {min(both)}", "is both received and sent", "a message has one sender")
     for spec in [*(message.spec for message in received), *(message.spec for message in sent)]:
@@ -90,16 +95,16 @@ def coupled(block: CanBlock, system: System, database: Database, step: Fraction,
         block.give_up,
         block.reconnect,
     )
-    return Coupling(Reception(database, received), sent, outputs, len(system.stimulated) + 1, rules, statistics)
+    return Coupling(Reception(databases, received), sent, outputs, len(system.stimulated) + 1, rules, statistics)
 
 
-def _received(block: CanBlock, system: System, database: Database) -> tuple[ReceivedMessage, ...]:
+def _received(block: CanBlock, system: System, locations: Locations) -> tuple[ReceivedMessage, ...]:
     places = {name: place for place, name in enumerate(sorted(map(str, system.stimulated)))}
-    messages: dict[MessageSpec, list[ReceivedSignal]] = {}
-    silences: dict[MessageSpec, set[float]] = {}
+    messages: dict[Place, list[ReceivedSignal]] = {}
+    silences: dict[Place, set[float]] = {}
     for name, wanted in block.receive.items():
-        message, signal = database.signal(wanted.signal)
-        public = database.public_name(message, signal)
+        message, signal = locations.find(f"can.receive.{name}", wanted.signal, wanted.channel)
+        public = locations.databases[message.number].public_name(message.message, signal)
         taken = _received_signal(system, name, wanted, signal, public, places[str(Endpoint.parse(name))])
         messages.setdefault(message, []).append(taken)
         silences.setdefault(message, set()).update([wanted.silence] if wanted.silence else [])
@@ -110,12 +115,12 @@ def _received(block: CanBlock, system: System, database: Database) -> tuple[Rece
                 "they come and go together; give one",
             )
     if block.stop is not None:
-        message, signal = database.signal(block.stop)
-        public, nothing = database.public_name(message, signal), NamedUnit()
+        message, signal = locations.find("can.stop", block.stop)
+        public, nothing = locations.databases[message.number].public_name(message.message, signal), NamedUnit()
         halting = ReceivedSignal(public, STOP, len(places), crossing(STOP, nothing, nothing), 0.0)
         messages.setdefault(message, []).append(halting)
     return tuple(
-        ReceivedMessage(message, tuple(signals), _silence(message, silences.get(message, set()), block.silence))
+        ReceivedMessage(message, tuple(signals), _silence(message.message, silences.get(message, set()), block.silence))
         for message, signals in messages.items()
     )
 
@@ -174,18 +179,19 @@ def _counts(signal: SignalSpec) -> bool:
 def _sent(
     block: CanBlock,
     system: System,
-    database: Database,
+    locations: Locations,
     outputs: Sequence[str],
     step: Fraction,
     received: Sequence[ReceivedMessage],
-) -> tuple[dict[MessageSpec, int], dict[MessageSpec, list[SentSignal]]]:
+) -> tuple[dict[Place, int], dict[Place, list[SentSignal]]]:
     """Periods in steps, and the signals that are sent, by their message."""
-    messages: dict[MessageSpec, list[SentSignal]] = {}
-    periods: dict[MessageSpec, int] = {}
+    messages: dict[Place, list[SentSignal]] = {}
+    periods: dict[Place, int] = {}
     for name, wanted in block.send.items():
         where = f"can.send.{name}"
-        message, signal = database.signal(name)
-        _check_free(where, message, signal, messages.get(message, []))
+        place, signal = locations.find(where, name, wanted.channel)
+        message = place.message
+        _check_free(where, message, signal, messages.get(place, []))
         source = Endpoint.parse(wanted.source, where)
         port = require(system, source, "output", "can be sent", where)
         if not port.numeric:
@@ -196,7 +202,7 @@ def _sent(
             check_bounds(f"{where}.safe", port, safe)
             _check_range(f"{where}.safe", signal, crossed, safe)
         largest = wanted.limit.magnitude
-        periods[message] = _period(message, block.every.get(message.name), step)
+        periods[place] = _period(message, block.every.get(message.name), step)
         given = SentSignal(
             signal,
             wanted.source,
@@ -205,10 +211,10 @@ def _sent(
             safe,
             needs(where, wanted, source.component, system, received),
             math.inf if largest is None else port.number(f"{where}.limit.magnitude", largest),
-            math.inf if wanted.limit.rate is None else wanted.limit.rate * float(periods[message] * step),
+            math.inf if wanted.limit.rate is None else wanted.limit.rate * float(periods[place] * step),
         )
-        messages.setdefault(message, []).append(given)
-    sent = [message.name for message in messages]
+        messages.setdefault(place, []).append(given)
+    sent = [place.message.name for place in messages]
     idle = sorted(set(block.every) - set(sent))
     if idle:
         raise WiringError(f"can.every.{idle[0]}", "no signal is sent in it", f"there are {', '.join(sent)}")

@@ -18,8 +18,9 @@ from orchestrator.bridge.mapping import Coupling, coupled
 from orchestrator.bridge.session import Course
 from orchestrator.bridge.signals.outputs import SentMessage
 from orchestrator.can import frame_time
-from orchestrator.can.database.database import load as load_database
-from orchestrator.can.database.database import merged
+from orchestrator.can.database.bus import LogDatabase, load_all
+from orchestrator.can.database.database import Database
+from orchestrator.can.database.sources import ALL, DatabaseFiles, paths
 from orchestrator.can.live.bus import BusSettings
 from orchestrator.crossing import Crossing, logged
 from orchestrator.engine import Run, Simulation
@@ -41,6 +42,7 @@ class BridgeJob:
 
     Attributes:
         stand_in: whether it is the machine: it then goes on whatever becomes of bus and peers, and is not judged.
+        others: buses that it is coupled to, too; channels are numbered in this order, `bus` is 0.
         case: of the scenario, the first by default.
         overrides: component.variable -> value, over those of the file.
         duration: by default the scenario's, or for a stand-in until told to end [s].
@@ -56,6 +58,17 @@ class BridgeJob:
     duration: Fraction | None = None
     every: int = 1
     fmus: Mapping[str, Path] = field(default_factory=dict)
+    others: tuple[BusSettings, ...] = ()
+
+    @property
+    def buses(self) -> tuple[BusSettings, ...]:
+        """All buses, by their numbers."""
+        return self.bus, *self.others
+
+    @property
+    def places(self) -> str:
+        """How messages name them."""
+        return " and ".join(bus.place for bus in self.buses)
 
 
 @dataclass(frozen=True)
@@ -89,9 +102,9 @@ def prepared(job: BridgeJob) -> Iterator[PreparedBridge]:
     """
     scenario = load_scenario(job.scenario, fmus=job.fmus)
     can = _can_block(scenario)
-    given = can.database if isinstance(can.database, list) else [can.database]
-    files = tuple(scenario.path.parent / file for file in given)
-    database = merged([load_database(file, encoding=can.encoding) for file in files])
+    given = _databases(can, scenario.path.parent)
+    known = load_all(given, can.encoding)
+    databases = [_database(known, number, scenario.path) for number in range(len(job.buses))]
     step = scenario.timing.step
     with (
         naming(job.scenario),
@@ -100,8 +113,9 @@ def prepared(job: BridgeJob) -> Iterator[PreparedBridge]:
     ):
         check_shapes(opened.system, shapes(job.overrides))
         overrides = typed(opened.system, elements(job.overrides))
-        coupling = coupled(can, opened.system, database, step, job.bus.data_bitrate is not None)
-        _check_bus(job.bus, coupling.sent, step)
+        coupling = coupled(can, opened.system, databases, step, job.bus.data_bitrate is not None)
+        for number, bus in enumerate(job.buses):
+            _check_bus(bus, [message for message in coupling.sent if message.place.number == number], step)
         scenario, crossed = in_units_of(opened.system, scenario)
         crossings = logged([*opened.system.crossings, *crossed, *coupling.crossings])
         case = _case(scenario, job.case)
@@ -109,10 +123,36 @@ def prepared(job: BridgeJob) -> Iterator[PreparedBridge]:
             course, first = _course(job, scenario, simulation, coupling)
             values = {**case.values, **overrides}
             run = Run(values, first, scenario.recorded(simulation.outputs), record_every=job.every)
-            assembled = opened.assembled
+            assembled, files = opened.assembled, tuple(paths(given))
             yield PreparedBridge(
-                scenario, case, files, database.notes, assembled, simulation, coupling, run, course, crossings
+                scenario,
+                case,
+                files,
+                tuple(known.notes),
+                assembled,
+                simulation,
+                coupling,
+                run,
+                course,
+                crossings,
             )
+
+
+def _databases(can: CanBlock, folder: Path) -> DatabaseFiles:
+    """The files of its databases."""
+    given = can.database
+    by_channel = given if isinstance(given, dict) else {ALL: given}
+    return {
+        str(channel): [folder / file for file in (files if isinstance(files, list) else [files])]
+        for channel, files in by_channel.items()
+    }
+
+
+def _database(known: LogDatabase, number: int, path: Path) -> Database:
+    database = known.of(number, "")
+    if database is None:
+        raise ScenarioError(f"{path}: can.database", f"has none of channel {number}", f"name one, or one of `{ALL}`")
+    return database
 
 
 def _can_block(scenario: Scenario) -> CanBlock:

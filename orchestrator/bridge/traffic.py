@@ -9,7 +9,7 @@ import math
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 
 import can
 import numpy as np
@@ -37,9 +37,10 @@ QUEUE = 4096  # frames that wait to be taken at most; more are dropped and count
 
 
 class BusTraffic:
-    """Takes from a bus and gives to it.
+    """Takes from buses and gives to them.
 
     Args:
+        lines: the buses; messages know theirs by its number.
         step: from one step to the next [s].
         news: tells what is not as it should be.
 
@@ -50,23 +51,24 @@ class BusTraffic:
 
     def __init__(
         self,
-        line: Line,
+        lines: Sequence[Line],
         coupling: Coupling,
         watchdog: Watchdog,
         step: float,
         news: News,
     ) -> None:
-        self._line, self._link, self._coupling, self._watchdog = line, line.link, coupling, watchdog
+        self._lines, self._coupling, self._watchdog = tuple(lines), coupling, watchdog
         self.inputs = np.zeros(coupling.width)
         self.over, self._stopped = "", False
-        self._odd, self._foreign, self._unconfirmed = Counter[str](), Counter[str](), list[str]()
+        self._odd, self._foreign, self._unconfirmed = Counter[str](), Counter[str](), list[SentMessage]()
         self._pending = False
         self._step, self._rules = step, coupling.rules
         self._status = {signal: Status() for message in coupling.sent for signal in message.guarded}
-        self._own = {(message.spec.id, message.spec.extended): message for message in coupling.sent}
+        self._home = {signal: self._line(message) for message in coupling.sent for signal in message.signals}
+        self._own = {message.key: message for message in coupling.sent}
         self._gone_out = dict.fromkeys(coupling.sent, -math.inf)
         self._not_finite: set[SentSignal] = set()
-        self._news, self._states, self._seen = news, ErrorStates(), (0.0, 0.0)
+        self._news, self._states, self._seen = news, ErrorStates(), (0.0, [0.0] * len(lines))
         self._skipped = 0
         self._stood_in = Counter[SentMessage]()  # safe values that went out since the last step, in place of its frames
         self._number, self._beat, self._late = -1, 0.0, ""
@@ -76,25 +78,28 @@ class BusTraffic:
 
     @property
     def trouble(self) -> str:
-        """Why the bus is lost for good, "" while it is not."""
-        return "" if self._link.reopens else self._link.trouble
+        """Why a bus is lost for good, "" while none is."""
+        return next((line.link.trouble for line in self._lines if not line.link.reopens and line.link.trouble), "")
 
     def receive(self, now: float) -> None:
         """Take what has come, and safe values where nothing came; it is `now` since the beginning [s]."""
-        frames = self._line.take()
-        self._states.add(frames)
-        for frame in frames:
-            self._take(frame, now)
+        for bus, line in enumerate(self._lines):
+            frames = line.take()
+            self._states.add(frames)
+            for frame in frames:
+                self._take(frame, bus, now)
         self._news.look(now, self._troubles)
-        if filled := self._line.fills(now):
-            self._watchdog.note(now, "bus", "alarm", "the bus is full: what is sent does not get out in time")
-        if trouble := self._link.trouble:
-            self._watchdog.lost(now, trouble, self.inputs)
+        filled = [bus for bus, line in enumerate(self._lines) if line.fills(now)]
+        for bus, line in enumerate(self._lines):
+            if bus in filled:
+                full = f"{line.name} is full: what is sent does not get out in time"
+                self._watchdog.note(now, line.name, "alarm", full)
+            if trouble := line.link.trouble:
+                self._watchdog.lost(now, trouble, self.inputs, bus)
         if self._watchdog.check(now, self.inputs) and self._rules.ends:
             self.over = self.over or "a received message fell silent, and `on_silence` is `end`"
         self._look(now)
-        if filled:
-            self._send_safe_values(self._coupling.sent, now)
+        self._send_safe_values([message for message in self._coupling.sent if message.place.number in filled], now)
 
     def send(self, number: int, outputs: Sequence[float], now: float, lateness: float) -> None:
         """Send the messages that are due up to this step, which began so late [s]; it is the latest one."""
@@ -104,10 +109,10 @@ class BusTraffic:
         self._look(now)
         resting = self._resting()
         for message in self._coupling.sent:
-            due = number // message.every - self._number // message.every
-            send = due > 0 and not self._too_soon(message, now) and not self._line.full
-            self._line.blocked += due * self._line.full
-            self._skipped += 0 if self._line.full else due - send
+            due, line = number // message.every - self._number // message.every, self._line(message)
+            send = due > 0 and not self._too_soon(message, now) and not line.full
+            line.blocked += due * line.full
+            self._skipped += 0 if line.full else due - send
             message.leave_out(max(due - send - self._stood_in.pop(message, 0), 0))
             if send:
                 frame = message.frame(outputs, resting)
@@ -124,7 +129,7 @@ class BusTraffic:
         self._look(now)
         for message in self._coupling.sent:
             due = now - self._gone_out[message] >= self._period(message) and self._number >= 0
-            if due and not self._line.full:
+            if due and not self._line(message).full:
                 self._send_safe_values([message], now)
                 self._stood_in[message] += bool(message.guarded)
         return waited
@@ -136,79 +141,89 @@ class BusTraffic:
     def end(self, now: float) -> None:
         """Send the safe values, so that nobody acts on the last ones for ever, and see that they get out."""
         self._status = {signal: status.ended() for signal, status in self._status.items()}
-        self._line.patience = min(self._line.patience, _PROMPT)
+        for line in self._lines:
+            line.patience = min(line.patience, _PROMPT)
         begun = time.monotonic()
         until = begun + _CONFIRMING
         taken = self._send_safe_values(self._coupling.sent, now, until)
-        while not (out := self._got_out(now + time.monotonic() - begun)) and time.monotonic() < until:
+        while (open_ := self._not_out(now + time.monotonic() - begun)) and time.monotonic() < until:
             time.sleep(_NAP)
-        if not (out and taken):
-            self._unconfirmed = [message.spec.name for message in self._coupling.sent if message.guarded]
-            self._pending = taken and self._line.waits and self._link.stay()
+        doubtful = [message for message in self._coupling.sent if message.guarded]
+        self._unconfirmed = [message for message in doubtful if self._line(message) in open_ or message not in taken]
+        waiting = [self._line(message) for message in self._unconfirmed]
+        staying = [line.waits and line.link.stay() for line in waiting]
+        self._pending = bool(staying) and all(staying)
         time.sleep(_LINGERING)
 
     def status(self, now: float) -> Figures:
         """How it goes, of the load since the last call; it is `now` since the beginning [s]."""
-        received, sent = self._coupling.reception.statistics.frames, self._link.out.total()
-        before, busy = self._seen
-        self._seen = now, self._link.busy
-        load = (self._link.busy - busy) / max(now - before, 1e-9)
+        links = [line.link for line in self._lines]
+        received, sent = self._coupling.reception.statistics.frames, sum(link.out.total() for link in links)
+        (before, busy), now_busy = self._seen, [link.busy for link in links]
+        self._seen = now, now_busy
+        loads = [(after - earlier) / max(now - before, 1e-9) for earlier, after in zip(busy, now_busy, strict=True)]
         told = {what: count for what, count in self._troubles().items() if count}
-        shown = ["bus lost"] * bool(self._link.trouble) + [f"{count:,} {what}" for what, count in told.items()]
-        line = ", ".join([f"{received:,} received", f"{sent:,} sent", f"load {100 * load:.0f} %", *shown])
-        return Figures.of(line, {"time": now, "received": received, "sent": sent, "load": round(load, 4)} | told)
+        shown = ["bus lost" for link in links if link.trouble] + [f"{count:,} {what}" for what, count in told.items()]
+        load = " and ".join(f"{100 * load:.0f} %" for load in loads)
+        line = ", ".join([f"{received:,} received", f"{sent:,} sent", f"load {load}", *shown])
+        figures = {"time": now, "received": received, "sent": sent, "load": round(max(loads), 4)}
+        return Figures.of(line, figures | told)
 
     def _troubles(self) -> dict[str, int]:
         """Words for what is not as it should be -> how often it was."""
-        link = self._link
-        lost = {"frames dropped": self._line.receiver.dropped, "frames without room": link.no_room}
+        lost = {
+            "frames dropped": sum(line.receiver.dropped for line in self._lines),
+            "frames without room": sum(line.link.no_room for line in self._lines),
+        }
         return troubles(self._coupling.reception.statistics) | self._states.counts | lost
 
     def report(self, now: float) -> TrafficReport:
         """What has passed until now [s]."""
-        link, sent = self._link, self._coupling.sent_statistics
-        out = link.out
-        sent.messages = Counter({message.spec.name: out[key] for key, message in self._own.items()})
+        links, sent = [line.link for line in self._lines], self._coupling.sent_statistics
+        out = [link.out for link in links]
+        sent.messages = Counter(
+            {message.name: out[bus][identifier, extended] for (bus, identifier, extended), message in self._own.items()}
+        )
         return TrafficReport(
             self._coupling.reception.statistics,
-            self._line.receiver.dropped,
+            sum(line.receiver.dropped for line in self._lines),
             sent,
-            out.total(),
-            link.acknowledges,
-            link.no_room,
-            link.unsent,
+            sum(count.total() for count in out),
+            all(link.acknowledges for link in links),
+            sum(link.no_room for link in links),
+            sum(link.unsent for link in links),
             self._skipped,
-            self._line.blocked,
-            tuple(link.losses),
-            link.loss_count,
-            link.malformed,
-            link.refused,
-            link.trouble,
+            sum(line.blocked for line in self._lines),
+            tuple(sorted((loss for link in links for loss in link.losses), key=lambda loss: loss.stamp)),
+            sum(link.loss_count for link in links),
+            sum(link.malformed for link in links),
+            sum(link.refused for link in links),
+            next((link.trouble for link in links if link.trouble), ""),
             self.over,
             self._stopped,
-            tuple(self._unconfirmed),
+            tuple(message.name for message in self._unconfirmed),
             self._pending,
             dict(self._odd),
             dict(self._foreign),
             self._watchdog.report(now),
         )
 
-    def _take(self, frame: can.Message, now: float) -> None:
-        key = (frame.arbitration_id, frame.is_extended_id)
+    def _take(self, frame: can.Message, bus: int, now: float) -> None:
+        key = (bus, frame.arbitration_id, frame.is_extended_id)
         if key in self._own and not frame.is_error_frame:
             self._recognise(key, now)
-        taken = self._coupling.reception.take(frame, self.inputs)
+        taken = self._coupling.reception.take(frame, self.inputs, bus)
         if taken is None:
             return
-        if not self._link.trouble:
+        if not self._lines[bus].link.trouble:
             self._watchdog.took(taken, now)
         if any(signal.input == STOP and self.inputs[signal.place] for signal in taken.good):
             self._stopped = True
             self.over = self.over or "the stop signal was received"
 
-    def _recognise(self, key: tuple[int, bool], now: float) -> None:
+    def _recognise(self, key: tuple[int, int, bool], now: float) -> None:
         """Somebody else who sends a message of ours must be known at once."""
-        name = self._own[key].spec.name
+        name = self._own[key].name
         self._foreign[name] += 1
         if self._foreign[name] == 1:
             self._watchdog.note(now, name, "alarm", f"{name} is also sent by somebody else")
@@ -224,7 +239,7 @@ class BusTraffic:
                 self._not_finite.add(signal)
                 self._odd[signal.output] += 1
                 if self._odd[signal.output] == 1:
-                    ends = f"{message.spec.name} is not sent" if signal.safe is None else f"{signal.safe:g} is sent"
+                    ends = f"{message.name} is not sent" if signal.safe is None else f"{signal.safe:g} is sent"
                     self._watchdog.note(now, signal.output, "alarm", f"{signal.output} is {value}; {ends}")
 
     def _look(self, now: float) -> None:
@@ -247,7 +262,8 @@ class BusTraffic:
             return f"without {', '.join(sorted(missing))}"
         if signal in self._not_finite:
             return f"{signal.output} is not finite"
-        return "the bus is full" if self._line.full else self._late
+        line = self._home[signal]
+        return f"{line.name} is full" if line.full else self._late
 
     def _resting(self) -> set[SentSignal]:
         return {signal for signal, status in self._status.items() if status.rests}
@@ -259,45 +275,55 @@ class BusTraffic:
         """Whether steps are being made up for, and its latest frame is not half a period old."""
         return bool(self._late) and now - self._gone_out[message] < 0.5 * self._period(message)
 
-    def _send_safe_values(self, messages: Sequence[SentMessage], now: float, until: float = 0.0) -> bool:
-        """Whether the adapter took them; it may take until then, on the clock of `time.monotonic` [s]."""
-        frames = [(message, frame) for message in messages for frame in message.safe_frames()]
-        taken = [self._give(message, frame, now, until - time.monotonic()) for message, frame in frames]
-        return all(taken)
+    def _line(self, message: SentMessage) -> Line:
+        return self._lines[message.place.number]
 
-    def _got_out(self, now: float) -> bool:
-        """Whether all that was sent is on the bus; where it has become full, the safe values are to be first there."""
-        self._line.take()
-        if self._line.fills(now):
-            self._send_safe_values(self._coupling.sent, now)
-        return self._line.quiet()
+    def _send_safe_values(self, messages: Sequence[SentMessage], now: float, until: float = 0.0) -> list[SentMessage]:
+        """Those that their adapters took; they may take until then, on the clock of `time.monotonic` [s]."""
+        frames = [(message, frame) for message in messages for frame in message.safe_frames()]
+        taken = [(message, self._give(message, frame, now, until - time.monotonic())) for message, frame in frames]
+        refused = {message for message, took in taken if not took}
+        return [message for message in messages if message not in refused]
+
+    def _not_out(self, now: float) -> list[Line]:
+        """The buses on which not all is that was sent; where one has become full, the safe values are to be first."""
+        for line in self._lines:
+            line.take()
+            if line.fills(now):
+                self._send_safe_values([message for message in self._coupling.sent if self._line(message) is line], now)
+        return [line for line in self._lines if not line.quiet()]
 
     def _give(self, message: SentMessage, frame: can.Message, now: float, patience: float = 0.0) -> bool:
         """Give a frame to the adapter; whether it took it."""
         self._gone_out[message] = now
-        return self._line.give(frame, now, max(0.0, patience))
+        return self._line(message).give(frame, now, max(0.0, patience))
 
 
 @contextmanager
-def on_bus(
-    settings: BusSettings,
+def on_buses(
+    buses: Sequence[BusSettings],
     coupling: Coupling,
     step: float,
     say: Callable[[str], None],
     arrived: Callable[[], None] = lambda: None,
 ) -> Iterator[BusTraffic]:
-    """The traffic of a bus that is open for the block.
+    """The traffic of buses that are open for the block.
 
     Args:
         say: takes lines for people.
         arrived: called when there is something to receive, by another thread.
 
     Raises:
-        BusError: the adapter does not open.
+        BusError: an adapter does not open.
     """
-    watchdog = Watchdog(coupling.reception.messages, say)
-    patience = min((message.silence for message in coupling.reception.messages), default=_SILENCE)
-    news = News(lambda line: say(f"{settings.place}: {line}"))
-    with linked(settings, patience, say) as link, Receiver(link, QUEUE, arrived) as receiver:
-        line = Line(link, receiver, Backlog(settings), coupling.rules.most_late)
-        yield BusTraffic(line, coupling, watchdog, step, news)
+    messages, patience = coupling.reception.messages, coupling.rules.most_late
+    watchdog, place = Watchdog(messages, say), " and ".join(bus.place for bus in buses)
+    news = News(lambda line: say(f"{place}: {line}"))
+    with ExitStack() as stack:
+        lines = []
+        for number, bus in enumerate(buses):
+            silences = [message.silence for message in messages if message.place.number == number]
+            link = stack.enter_context(linked(bus, min(silences, default=_SILENCE), say))
+            receiver = stack.enter_context(Receiver(link, QUEUE, arrived))
+            lines.append(Line(link, receiver, Backlog(bus), patience, "the bus" if len(buses) == 1 else bus.place))
+        yield BusTraffic(lines, coupling, watchdog, step, news)

@@ -108,7 +108,7 @@ class Watchdog:
 
     def __init__(self, messages: Sequence[ReceivedMessage], say: Callable[[str], None]) -> None:
         self._watches = {signal: _Watch(message, signal) for message in messages for signal in message.signals}
-        self._messages, self._frames = tuple(messages), dict.fromkeys((message.spec.name for message in messages), 0)
+        self._messages, self._frames = tuple(messages), dict.fromkeys((message.name for message in messages), 0)
         self._say = say
         self.resting = {signal.input for signal in self._watches}
         self.events: list[Event] = []
@@ -118,7 +118,7 @@ class Watchdog:
         """Note what came of a frame."""
         for signal, fault in taken.faults.items():
             self._watches[signal].fault = fault
-        self._frames[taken.message.spec.name] += bool(taken.good)
+        self._frames[taken.message.name] += bool(taken.good)
         recovered = []
         for watch in map(self._watches.__getitem__, taken.good):
             watch.heard, watch.fault = now, ""
@@ -136,16 +136,17 @@ class Watchdog:
             self._silent(group, now, why, inputs)
         return any(watch.first is not None for watch in overdue)
 
-    def lost(self, now: float, why: str, inputs: FloatArray) -> None:
-        """Put all inputs to their safe values at once."""
-        for watch in self._watches.values():
+    def lost(self, now: float, why: str, inputs: FloatArray, bus: int = 0) -> None:
+        """Put all inputs of a bus to their safe values at once."""
+        watches = [watch for watch in self._watches.values() if watch.message.place.number == bus]
+        for watch in watches:
             inputs[watch.signal.place] = watch.signal.safe
-        for _, group in _alike([watch for watch in self._watches.values() if not watch.silent], lambda watch: why):
+        for _, group in _alike([watch for watch in watches if not watch.silent], lambda watch: why):
             self._silent(group, now, why, inputs)
 
     def report(self, now: float) -> WatchdogReport:
         """What was seen up to now [s since the coupling began]."""
-        messages = {message.spec.name: self._presence(message, now) for message in self._messages}
+        messages = {message.name: self._presence(message, now) for message in self._messages}
         return WatchdogReport(messages, self.event_count, list(self.events))
 
     def note(self, now: float, name: str, kind: str, line: str) -> None:
@@ -162,7 +163,7 @@ class Watchdog:
         watches = [self._watches[signal] for signal in message.signals]
         firsts = [watch.first for watch in watches if watch.first is not None]
         return PeerPresence(
-            self._frames[message.spec.name],
+            self._frames[message.name],
             max(firsts) if len(firsts) == len(watches) else None,
             message.silence,
             max(watch.silences for watch in watches),
@@ -199,7 +200,7 @@ def _alike(watches: Iterable[_Watch], of: Callable[[_Watch], str]) -> Iterator[t
     """Watches of one message with the same text."""
     groups: dict[tuple[str, str], list[_Watch]] = {}
     for watch in watches:
-        groups.setdefault((watch.message.spec.name, of(watch)), []).append(watch)
+        groups.setdefault((watch.message.name, of(watch)), []).append(watch)
     return ((text, group) for (_, text), group in groups.items())
 
 
@@ -207,4 +208,4 @@ def _name(watches: Sequence[_Watch]) -> str:
     """The message of these, or the signals where they are not all of it."""
     message = watches[0].message
     whole = len(watches) == len(message.signals)
-    return message.spec.name if whole else ", ".join(watch.signal.name for watch in watches)
+    return message.name if whole else ", ".join(watch.signal.name for watch in watches)

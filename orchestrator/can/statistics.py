@@ -158,6 +158,19 @@ class FrameStatistics:
         }
 
 
+def joined(parts: Mapping[str, FrameStatistics]) -> FrameStatistics:
+    """What was found in several streams together; each one's names begin with its own prefix."""
+    whole = FrameStatistics()
+    for prefix, part in parts.items():
+        for name, value in vars(part).items():
+            if isinstance(value, Counter):
+                getattr(whole, name).update({prefix + key: count for key, count in value.items()})
+            else:
+                setattr(whole, name, getattr(whole, name) + value)
+    del whole.setbacks[MOST:]
+    return whole
+
+
 def identifier_text(identifier: int, extended: bool) -> str:
     """An identifier as hexadecimal digits: three, or eight of an extended one."""
     return f"{identifier:08X}" if extended else f"{identifier:03X}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fmus.errors import InputError
-from orchestrator.cli.can import Adapter, BusInterface, Channel, for_each
+from orchestrator.cli.can import Adapter, Channels, Interfaces
 from orchestrator.cli.scenarios import Fmus, Overrides, files, overrides
 from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 from orchestrator.interrupts import whole
@@ -39,28 +40,29 @@ class CouplingOptions:
     ] = None
     stride: Annotated[int, typer.Option(min=1, metavar="N", help="Record every N-th step only.")] = 1
 
-    def job(self, scenario: Path, bus: BusSettings, endless: bool) -> BridgeJob:
-        """The scenario on this bus."""
+    def job(self, scenario: Path, buses: Sequence[BusSettings], endless: bool) -> BridgeJob:
+        """The scenario on these buses."""
         from orchestrator.bridge.preparation import BridgeJob
         from orchestrator.rational import seconds
 
         duration = None if self.duration is None else seconds(self.duration, "--duration")
+        bus, *others = buses
         values, fmus = overrides(self.set_), files(self.fmu)
-        return BridgeJob(scenario, bus, endless, self.case, values, duration, self.stride, fmus)
+        return BridgeJob(scenario, bus, endless, self.case, values, duration, self.stride, fmus, tuple(others))
 
 
 @command(app)
 def bridge(
     terminal: Terminal,
     scenario: ScenarioFile,
-    interface: BusInterface,
-    channel: Channel,
+    interface: Interfaces,
+    channel: Channels,
     adapter: Adapter,
     coupling: CouplingOptions,
     out: Out = None,
 ) -> Answer:
-    """Couple a scenario to a bus in real time; exit code 1 when an expectation fails."""
-    job = coupling.job(scenario, adapter.bus(interface, channel), endless=False)
+    """Couple a scenario to buses in real time; exit code 1 when an expectation fails."""
+    job = coupling.job(scenario, adapter.buses(interface, channel), endless=False)
     coupled, folder = _coupled(job, out or Path("out") / scenario.stem, terminal)
     return _answer(coupled, folder, coupled.ending.stopped)
 
@@ -70,11 +72,16 @@ def bench(
     terminal: Terminal,
     scenario: ScenarioFile,
     *,
-    interface: Annotated[str | None, typer.Option("--interface", help="As of `can record`; none with --serve.")] = None,
-    channel: Annotated[str | None, typer.Option("--channel", help="What the interface calls the bus.")] = None,
+    interface: Annotated[
+        list[str] | None, typer.Option("--interface", help="As of `can record`; none with --serve.")
+    ] = None,
+    channel: Annotated[
+        list[str] | None, typer.Option("--channel", help="What the interface calls the bus; repeatable.")
+    ] = None,
     adapter: Adapter,
     serve: Annotated[
-        Path | None, typer.Option("--serve", metavar="DIR", help="Make a bus: serial adapters (slcan) DIR/0, 1, ...")
+        list[Path] | None,
+        typer.Option("--serve", metavar="DIR", help="Make a bus: serial adapters (slcan) DIR/0, 1, ...; repeatable."),
     ] = None,
     ports: Annotated[int, typer.Option(min=2, help="With --serve: how many; this bench is on DIR/0.")] = 3,
     coupling: CouplingOptions,
@@ -84,21 +91,22 @@ def bench(
     from orchestrator.can.slcan.hub import hub_process
 
     with ExitStack() as stack:
-        if serve is None:
-            if interface is None or channel is None:
+        if not serve:
+            if not interface or not channel:
                 raise InputError("bench", "has no bus", "give --interface and --channel, or --serve")
-            bus = adapter.bus(interface, channel)
-        elif interface is not None or channel is not None:
+            buses = adapter.buses(interface, channel)
+        elif interface or channel:
             raise InputError("--serve", "makes a bus of its own", "leave out --interface and --channel")
         else:
-            rate = for_each("--bitrate", adapter.bitrate or [500_000], 1)[0]
             data_rate = adapter.data_bitrate or 2_000_000
-            own = replace(adapter, bitrate=[rate], data_bitrate=data_rate if adapter.fd else None)
-            bus = own.bus("slcan", str(serve / "0"))
-            stack.enter_context(hub_process(serve, ports, rate, data_rate))
-        job = coupling.job(scenario, bus, endless=True)
-        coupled, folder = _coupled(job, out or Path("out") / f"{scenario.stem}_bench", terminal)
-    return _answer(coupled, folder, coupled.interrupted)
+            own = replace(adapter, bitrate=adapter.bitrate or [500_000], data_bitrate=data_rate if adapter.fd else None)
+            buses = own.buses(["slcan"], [str(folder / "0") for folder in serve])
+            for folder, bus in zip(serve, buses, strict=True):
+                assert bus.bitrate is not None
+                stack.enter_context(hub_process(folder, ports, bus.bitrate, data_rate))
+        job = coupling.job(scenario, buses, endless=True)
+        coupled, results = _coupled(job, out or Path("out") / f"{scenario.stem}_bench", terminal)
+    return _answer(coupled, results, coupled.interrupted)
 
 
 def _coupled(job: BridgeJob, folder: Path, terminal: Terminal) -> tuple[BridgeResult, Path]:
@@ -118,7 +126,7 @@ def _coupled(job: BridgeJob, folder: Path, terminal: Terminal) -> tuple[BridgeRe
         coupled = couple(
             job,
             near,
-            lambda *_: terminal.say(f"{job.scenario.stem} is on {job.bus.place}"),
+            lambda *_: terminal.say(f"{job.scenario.stem} is on {job.places}"),
             move,
             lambda: rescue(job.scenario, near, folder),
         )

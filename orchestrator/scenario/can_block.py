@@ -22,12 +22,14 @@ class ReceivedBlock(Block):
         safe: value of the input before the first good value and while none comes [unit of the input, or its own].
         silence: how long none may come until the safe value is taken, the block's by default [s].
         range: whether values outside the range of the signal or of the input are limited to it, or are no good values.
+        channel: number of its bus over that of its message.
     """
 
     signal: str
     safe: float | Quantity
     silence: float | None = Field(None, gt=0)
     range: Literal["limit", "reject"] = "limit"
+    channel: int | None = Field(None, ge=0)
 
 
 class LimitBlock(Block):
@@ -49,12 +51,14 @@ class SentBlock(Block):
         source: component.output.
         safe: value that is sent while the output rests, and at the end, however it comes [as in `ReceivedBlock`].
         while_: messages, signals or inputs without which it rests; by default all received ones that it may depend on.
+        channel: number of its bus over that of its message.
     """
 
     source: str
     safe: float | Quantity | None = None
     while_: list[str] | None = Field(None, alias="while")
     limit: LimitBlock = LimitBlock()
+    channel: int | None = Field(None, ge=0)
 
     @model_validator(mode="after")
     def _guarded(self) -> SentBlock:
@@ -74,7 +78,8 @@ class CanBlock(Block):
     """How a scenario is coupled to a CAN bus.
 
     Attributes:
-        database: a DBC, or other files that describe messages.
+        database: a DBC, or other files that describe messages; or those of each channel by its number, and of `all`.
+        channel: message -> number of its bus, from 0 in the order of --channel; else the first whose database has it.
         encoding: of their text; None guesses.
         receive: component.input -> where its value comes from.
         send: signal -> where its value comes from.
@@ -88,7 +93,8 @@ class CanBlock(Block):
         stop: signal of the bus that ends the coupling when it is not zero; outputs rest while it is silent.
     """
 
-    database: Path | list[Path]
+    database: Path | list[Path] | dict[Annotated[int, Field(ge=0)] | Literal["all"], Path | list[Path]]
+    channel: dict[str, Annotated[int, Field(ge=0)]] = {}
     encoding: str | None = None
     receive: dict[str, ReceivedBlock] = {}
     send: dict[str, Sent] = {}

@@ -12,14 +12,15 @@ from dataclasses import dataclass, replace
 
 import can
 
+from orchestrator.bridge.signals.location import Place
 from orchestrator.can.codec.single_decoding import SingleDecoder
 from orchestrator.can.database.database import Database
 from orchestrator.can.database.message import MessageSpec
-from orchestrator.can.statistics import FrameStatistics
+from orchestrator.can.statistics import FrameStatistics, joined
 from orchestrator.crossing import Crossing
 from orchestrator.trace import FloatArray
 
-Key = tuple[int, bool]  # identifier, and whether it is an extended one
+Key = tuple[int, int, bool]  # number of the bus, identifier, and whether it is an extended one
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,14 +54,24 @@ class ReceivedMessage:
         silence: how long no good value may come [s].
     """
 
-    spec: MessageSpec
+    place: Place
     signals: tuple[ReceivedSignal, ...]
     silence: float
 
     @property
+    def spec(self) -> MessageSpec:
+        """What it is in its database."""
+        return self.place.message
+
+    @property
+    def name(self) -> str:
+        """What it is called."""
+        return self.place.name
+
+    @property
     def key(self) -> Key:
         """What its frames are known by."""
-        return self.spec.id, self.spec.extended
+        return self.place.number, self.spec.id, self.spec.extended
 
 
 @dataclass(frozen=True)
@@ -75,32 +86,36 @@ class Taken:
 class Reception:
     """All messages that are received.
 
-    Attributes:
-        statistics: of all frames so far.
+    Args:
+        databases: of each bus.
     """
 
-    def __init__(self, database: Database, messages: Sequence[ReceivedMessage]) -> None:
+    def __init__(self, databases: Sequence[Database], messages: Sequence[ReceivedMessage]) -> None:
         self.messages = tuple(messages)
         self._by_key = {message.key: message for message in messages}
-        names = [signal.name for message in messages for signal in message.signals]
-        self._decoder = SingleDecoder(_timeless(database), names)
+        self._decoders = [
+            SingleDecoder(_timeless(database), _names(messages, number)) for number, database in enumerate(databases)
+        ]
 
     @property
     def statistics(self) -> FrameStatistics:
-        return self._decoder.statistics
+        """Of all frames so far; names have those of their channels where there are several."""
+        found = [decoder.statistics for decoder in self._decoders]
+        return found[0] if len(found) == 1 else joined({f"can{n}.": each for n, each in enumerate(found)})
 
-    def take(self, frame: can.Message, inputs: FloatArray) -> Taken | None:
-        """Give a frame's good values to the inputs; None where it is of no message that is received."""
-        values = self._decoder.decode(frame)
-        message = self._by_key.get((frame.arbitration_id, frame.is_extended_id))
+    def take(self, frame: can.Message, inputs: FloatArray, bus: int = 0) -> Taken | None:
+        """Give the good values of a bus' frame to the inputs; None where it is of no message that is received."""
+        decoder = self._decoders[bus]
+        values = decoder.decode(frame)
+        message = self._by_key.get((bus, frame.arbitration_id, frame.is_extended_id))
         if message is None or frame.is_error_frame or frame.is_remote_frame:
             return None
-        if values is None or self._decoder.fault:
-            return Taken(message, (), dict.fromkeys(message.signals, self._decoder.fault))
+        if values is None or decoder.fault:
+            return Taken(message, (), dict.fromkeys(message.signals, decoder.fault))
         good, faults = [], {}
         for signal in message.signals:
             if signal.name not in values:
-                if signal.name in self._decoder.not_finite:
+                if signal.name in decoder.not_finite:
                     faults[signal] = "not finite"
                 continue
             value = signal.crossing.conversion(values[signal.name])
@@ -111,6 +126,10 @@ class Reception:
             inputs[signal.place] = within
             good.append(signal)
         return Taken(message, tuple(good), faults)
+
+
+def _names(messages: Sequence[ReceivedMessage], bus: int) -> list[str]:
+    return [signal.name for message in messages if message.place.number == bus for signal in message.signals]
 
 
 def _timeless(database: Database) -> Database:

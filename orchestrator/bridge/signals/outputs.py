@@ -13,9 +13,10 @@ from itertools import cycle
 
 import can
 
+from orchestrator.bridge.signals.location import Place
 from orchestrator.can.codec.fields import unfit
 from orchestrator.can.codec.multiplexing import pages
-from orchestrator.can.database.message import MessageSpec, SignalSpec
+from orchestrator.can.database.message import SignalSpec
 from orchestrator.can.live.single_encoding import SingleEncoder
 from orchestrator.can.statistics import FrameStatistics, add
 from orchestrator.crossing import Crossing
@@ -48,25 +49,37 @@ class SentMessage:
     """A message that is sent.
 
     Attributes:
+        spec: what it is in its database, at its `place`.
         every: communication steps from one frame to the next.
         pages: values of multiplexers that are not sent themselves; frames take turns with them.
     """
 
     def __init__(
         self,
-        spec: MessageSpec,
+        place: Place,
         signals: Sequence[SentSignal],
         every: int,
         statistics: FrameStatistics,
         switched: bool = False,
     ) -> None:
-        self.spec, self.signals, self.every = spec, tuple(signals), every
+        spec = place.message
+        self.place, self.spec, self.signals, self.every = place, spec, tuple(signals), every
         self._statistics = statistics
         self._encoder = SingleEncoder(spec, statistics, switched)
         self._last: dict[SentSignal, float] = {}
         self._names = [signal.spec.name for signal in signals]
         self.pages = pages(spec, self._names)
         self._turns = cycle(self.pages)
+
+    @property
+    def name(self) -> str:
+        """What it is called."""
+        return self.place.name
+
+    @property
+    def key(self) -> tuple[int, int, bool]:
+        """What its frames are known by: number of the bus, identifier, and whether it is an extended one."""
+        return self.place.number, self.spec.id, self.spec.extended
 
     def notes(self) -> list[str]:
         """What is sent without having been asked for, a line each."""
@@ -85,7 +98,7 @@ class SentMessage:
             for signal in unset
             if (limits := unfit(signal))
         }
-        return [f"{spec.name}: {line}" for line, holds in told.items() if holds]
+        return [f"{self.name}: {line}" for line, holds in told.items() if holds]
 
     @property
     def guarded(self) -> list[SentSignal]:

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 
 from fmus.errors import InputError, ScenarioError
 from orchestrator.bridge.mapping import Coupling, coupled
+from orchestrator.bridge.signals.location import Place
 from orchestrator.bridge.signals.outputs import SentMessage, SentSignal
 from orchestrator.can.codec.encoding import Encoder
 from orchestrator.can.codec.fields import raw_limits
@@ -46,7 +47,7 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Database:
 
 
 def couple(rig: Database, **block: Any) -> Coupling:
-    return coupled(CanBlock(database=rig.path, **block), sample_system(), rig, STEP)
+    return coupled(CanBlock(database=rig.path, **block), sample_system(), [rig], STEP)
 
 
 def sent(message: SentMessage, outputs: list[float], resting: bool = False) -> bytes:
@@ -74,7 +75,7 @@ def test_received_values_come_in_the_unit_of_the_input(rig: Database) -> None:
 def test_a_tunable_parameter_can_be_received(rig: Database) -> None:
     gain = Port("gain", 0, "Real", "parameter", "V", "0", -30.0, 30.0, variability="tunable")
     system = wire({"rig": Part(Interface("rig", "2.0", {"gain": gain}, {}))}, [], ["rig.gain"])
-    coupling = coupled(CanBlock(database=rig.path, receive={"rig.gain": SAFE}), system, rig, STEP)
+    coupling = coupled(CanBlock(database=rig.path, receive={"rig.gain": SAFE}), system, [rig], STEP)
     values = np.zeros(2)
     coupling.reception.take(frame(257, struct.pack("<hH", -12345, 0)), values)
     assert values[0] == pytest.approx(-12.345, abs=1e-12)
@@ -164,7 +165,7 @@ def test_any_value_goes_into_any_message_as_the_nearest_that_it_holds(made: Any,
         signals = [signal for signal in message.signals if not signal.is_multiplexer]  # whose pages take turns
         given = [SentSignal(signal, "rig.any", place, AS_IT_IS, None) for place, signal in enumerate(signals)]
         values = data.draw(st.lists(FINITE, min_size=len(given), max_size=len(given)))
-        sender, found = SentMessage(message, given, 1, statistics), dict[str, float]()
+        sender, found = SentMessage(Place(None, message), given, 1, statistics), dict[str, float]()
         for _ in sender.pages:
             found |= message.raw.decode(sent(sender, values), decode_choices=False)
         for signal, value in zip(signals, values, strict=True):
@@ -202,6 +203,54 @@ def test_signals_that_nobody_sends_rest_and_that_is_said(rig: Database) -> None:
     assert coupling.notes()[1:] == [
         "State: speed, spare rest at the initial value, or zero, since nothing is sent there"
     ]
+
+
+def test_each_message_is_on_its_channel(rig: Database, tmp_path: Path) -> None:
+    """A gateway: the same message on both buses, and one that only the second one's database has."""
+    (tmp_path / "drive.dbc").write_text(DBC.replace("State", "Drive").replace("speed", "rate"))
+    block: dict[str, Any] = {
+        "database": {0: rig.path, 1: tmp_path / "drive.dbc"},
+        "receive": {
+            "rig.voltage": {"signal": "Command.voltage", "safe": 0},
+            "rig.gear": {"signal": "Command.gear", "safe": 0, "channel": 1},
+        },
+        "send": {
+            "angle": "rig.angle",
+            "rate": "rig.speed",
+            "Guarded.torque": {"source": "rig.torque", "safe": 0, "while": ["can1.Command"]},
+        },
+        "channel": {"Guarded": 1},
+    }
+    databases = [rig, load_database(tmp_path / "drive.dbc")]
+    coupling = coupled(CanBlock.model_validate(block), sample_system(), databases, STEP)
+    assert [message.name for message in coupling.reception.messages] == ["can0.Command", "can1.Command"]
+    assert {message.name for message in coupling.sent} == {"can0.State", "can1.Drive", "can1.Guarded"}
+    (torque,) = [signal for message in coupling.sent for signal in message.signals if signal.safe is not None]
+    assert torque.needs == {"rig.gear"}
+    given = np.zeros(coupling.width)
+    for bus, data in ((0, struct.pack("<hBx", 7000, 5 << 1)), (1, struct.pack("<hBx", 9000, 3 << 1))):
+        coupling.reception.take(frame(257, data), given, bus)
+    assert (given[INPUTS.index("rig.voltage")], given[INPUTS.index("rig.gear")]) == (7, 3)
+    assert coupling.reception.statistics.messages == {"can0.Command": 1, "can1.Command": 1}
+    assert coupling.reception.statistics.frames == 2
+
+
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        (
+            {"channel": {"Command": 2}},
+            r"can\.channel\.Command: is on channel 2, and 2 are given .* --channel once for each",
+        ),
+        ({"channel": {"Comand": 1}}, "has no message 'Comand'"),
+        ({"receive": {"rig.voltage": SAFE | {"channel": 7}}}, r"can\.receive\.rig\.voltage: is on channel 7"),
+        ({"send": {"Command.gear": {"source": "rig.angle"}}}, "is both received and sent"),
+    ],
+)
+def test_a_channel_that_cannot_be_is_refused(rig: Database, changes: dict[str, Any], problem: str) -> None:
+    block = CanBlock.model_validate({"database": rig.path, "receive": {"rig.voltage": SAFE}} | changes)
+    with pytest.raises(InputError, match=problem):
+        coupled(block, sample_system(), [rig, rig], STEP)
 
 
 def test_an_initial_value_outside_its_range_is_limited_and_that_is_said(tmp_path: Path) -> None:
@@ -265,7 +314,7 @@ def test_pages_take_turns_where_nothing_is_sent_in_the_multiplexer(rig: Database
 
 def test_a_can_fd_frame_is_filled_up_to_a_length_that_there_is(rig: Database) -> None:
     block = CanBlock.model_validate({"database": rig.path, "send": {"wide": "rig.angle"}, "every": {"Wide": 0.01}})
-    (message,) = coupled(block, sample_system(), rig, STEP, switched=True).sent
+    (message,) = coupled(block, sample_system(), [rig], STEP, switched=True).sent
     frame_ = message.frame([0.5])
     assert frame_ is not None
     assert (frame_.is_fd, frame_.bitrate_switch, len(frame_.data)) == (True, True, 12)

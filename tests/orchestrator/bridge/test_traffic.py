@@ -44,11 +44,11 @@ def rig(tmp_path: Path) -> Database:
 
 def on(bus: ScriptedBus, rig: Database, said: list[str], setting: BusSettings = ANY, **changes: Any) -> BusTraffic:
     block = CanBlock.model_validate({"database": rig.path} | BLOCK | changes)
-    coupling = coupled(block, sample_system(), rig, Fraction(1, 1000))
+    coupling = coupled(block, sample_system(), [rig], Fraction(1, 1000))
     watchdog = Watchdog(coupling.reception.messages, said.append)
     link, receiver = bus.linked(said.append)
     line = Line(link, cast(Receiver, receiver), Backlog(setting), coupling.rules.most_late)
-    return BusTraffic(line, coupling, watchdog, STEP, News(said.append))
+    return BusTraffic([line], coupling, watchdog, STEP, News(said.append))
 
 
 def torques(bus: ScriptedBus) -> list[float]:
@@ -213,9 +213,9 @@ def test_whatever_goes_wrong_no_blind_command_goes_out(
         "every": {"State": period},
         "resume": "latch" if latched else "auto",
     }
-    traffic = on(bus, rig, [], **changes | {"silence": silence, "most_late": most_late})
+    traffic = on(bus, rig, [], ANY, **changes | {"silence": silence, "most_late": most_late})
     peers = CanBlock.model_validate({"database": rig.path, "send": {"torque": "rig.torque"}})
-    (peer,) = coupled(peers, sample_system(), rig, Fraction(1, 1000)).sent
+    (peer,) = coupled(peers, sample_system(), [rig], Fraction(1, 1000)).sent
     heard = stepped = -math.inf
     for tick, fault in enumerate(fault for fault, ticks in spells for _ in range(ticks)):
         now, good = tick * STEP, True

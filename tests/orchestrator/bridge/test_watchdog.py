@@ -34,7 +34,7 @@ def received(folder: Path) -> tuple[ReceivedMessage, ...]:
     """Command and Exact, which are received."""
     rig = sample_database(folder)
     block = CanBlock.model_validate({"database": rig.path, "receive": RECEIVE})
-    return coupled(block, sample_system(), rig, Fraction(1, 1000)).reception.messages
+    return coupled(block, sample_system(), [rig], Fraction(1, 1000)).reception.messages
 
 
 def driven() -> FloatArray:
