@@ -19,9 +19,10 @@ from time import monotonic, sleep
 from typing import NoReturn
 
 from fmus import owned
+from fmus.errors import ServotwinError
 from orchestrator import interrupts, last_words
 from orchestrator.last_words import KILLED, LITTER, SAVING, LastWords, culprits
-from orchestrator.results import put_back
+from orchestrator.results import put_back, rescue
 
 if sys.platform != "win32":
     import fcntl
@@ -147,12 +148,12 @@ def _watch(child: int, watched: set[signal.Signals], words: LastWords) -> NoRetu
             given_up = True
             os.killpg(child, signal.SIGKILL)
     _end_group(child, words)
-    _remove(words)
     code = words.code
     if code is None:
         line, code = _verdict(os.waitstatus_to_exitcode(status), words, sent > 0, given_up)
         with suppress(OSError):
-            os.write(2, f"{line}\n".encode(errors="replace"))
+            os.write(2, f"{_rescued(words)}{line}\n".encode(errors="replace"))
+    _remove(words)
     os._exit(code)
 
 
@@ -164,6 +165,17 @@ def _end_group(group: int, words: LastWords) -> None:
             os.killpg(group, 0)
             sleep(0.01)
         os.killpg(group, signal.SIGKILL)
+
+
+def _rescued(words: LastWords) -> str:
+    """Save what the command has recorded and could not; a line about it."""
+    said = []
+    for place in map(Path, words.said(LITTER)):
+        try:
+            said.append(rescue(place))
+        except (OSError, ServotwinError) as error:
+            said.append(f"its record is lost ({error})")
+    return "".join(f"servotwin: {line}\n" for line in said if line)
 
 
 def _remove(words: LastWords) -> None:

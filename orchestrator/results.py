@@ -19,6 +19,8 @@ from orchestrator import last_words
 
 PACKAGES = ("servotwin", "fmpy", "pythonfmu", "numpy", "scipy", "sympy", "control")
 MARKS = ("manifest.json", "summary.json")
+FAILURE = "the process that took the steps was gone before the end"
+NOTE = "rescue.json"  # beside a record: the result that it would be
 EARLIER = "earlier"  # in a hidden folder: the result whose place is taken
 RECORD = ".written.json"  # in a result: its files and their sizes, so that what others put there is known
 LEAST_FREE = 16 << 20  # bytes
@@ -263,3 +265,46 @@ def version_of(package: str) -> str:
 def write_json(path: Path, document: Mapping[str, Any]) -> None:
     """One JSON document, floats with every bit, NaN refused."""
     path.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def prepare(near: Path, records: Sequence[str], target: Path, about: Mapping[str, Any]) -> None:
+    """Say what is to become of a record, should its command be killed.
+
+    Args:
+        near: the folder of what is not yet a result.
+        records: names that it has there, one after the other; the first that is there counts.
+        about: what its manifest is to say.
+    """
+    note = {"records": list(records), "target": str(target.resolve()), "about": dict(about)}
+    write_json(near / NOTE, note)
+
+
+def rescue(near: Path) -> str:
+    """Make a result of the record that lies there; what is to be said of it, "" where there is none to be made.
+
+    Raises:
+        OSError, InputError: it cannot be written.
+    """
+    try:
+        note = json.loads((near / NOTE).read_text(encoding="utf-8"))
+        target = Path(note["target"])
+        records = [file for name in note["records"] if (file := near / name).is_file()]
+        if not records or _is_there(target, near / NOTE):
+            return ""
+    except (OSError, ValueError, KeyError, TypeError):
+        return ""
+    # it is opened first, for a new result sweeps away what dead commands have left
+    with records[0].open("rb") as record, result_folder(target, begins=False) as folder:
+        name = f"run{records[0].suffix}"
+        with (folder / name).open("wb") as copy:
+            shutil.copyfileobj(record, copy)
+        document = {"passed": False, "ended": "failed", "failure": FAILURE, "trace": name, "versions": versions()}
+        write_json(folder / "manifest.json", note["about"] | document)
+    (near / NOTE).unlink(missing_ok=True)
+    return f"the result up to there is in {target}"
+
+
+def _is_there(target: Path, note: Path) -> bool:
+    """Whether the result was written before its command was killed."""
+    manifest = target / "manifest.json"
+    return manifest.is_file() and manifest.stat().st_mtime_ns > note.stat().st_mtime_ns

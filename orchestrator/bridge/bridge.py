@@ -35,6 +35,7 @@ from orchestrator.scenario.run import CaseResult, CaseState, Keeping, ScenarioRe
 from orchestrator.trace import Trace
 
 LOG = logging.getLogger("servotwin.can")
+RECORDS = f"0{arrows.SUFFIX}", "0.parquet"  # names of the record while it grows, and in its last form
 UNGUARDED = "the bus is in the process that steps: if that crashes or is killed, nothing sends the safe values"
 READABLE = 5_000_000  # values of a record up to which all of it is read again, to be drawn
 
@@ -76,7 +77,7 @@ def couple(
         BusError: the adapter does not open.
         FmuError: an FMU failed before the first step.
     """
-    growing, file = aside / f"0{arrows.SUFFIX}", aside / "0.parquet"
+    growing, file = (aside / name for name in RECORDS)
     with prepared(job) as system, stop_requests() as stop:
         started = datetime.now(UTC)
         coupling = system.coupling

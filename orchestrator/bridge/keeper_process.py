@@ -231,7 +231,7 @@ class _Guard:
             with short_time_slices():
                 self._work()
             if self._orphan and self._start:
-                self._say(rescue())
+                self._say(rescue() or "there is no result")
             code = 0
         except ServotwinError as error:
             self._fail(error)

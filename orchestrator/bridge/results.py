@@ -10,9 +10,8 @@ from typing import Any
 from fmus.errors import InputError
 from orchestrator.bridge.bridge import BridgeResult
 from orchestrator.can.frames import moment
-from orchestrator.formats.arrows import SUFFIX
 from orchestrator.report import Report, Section, figures
-from orchestrator.results import result_folder, versions, write_json
+from orchestrator.results import result_folder, write_json
 from orchestrator.scenario import results
 from orchestrator.scenario.report import report as run_report
 from orchestrator.scenario.run import CaseResult
@@ -26,7 +25,7 @@ def write(bridged: BridgeResult, target: Path) -> None:
     with result_folder(target, begins=False) as folder:
         for case in bridged.result.cases:
             if case.file is not None:
-                shutil.move(case.file, folder / _trace_file(bridged, case))
+                _take(case.file, folder / _trace_file(bridged, case))
         write_json(folder / "manifest.json", document_of(bridged, target))
         try:
             report(bridged).write(folder / "report.html")
@@ -34,21 +33,12 @@ def write(bridged: BridgeResult, target: Path) -> None:
             LOG.warning("there is no report: %s", error)
 
 
-def rescue(scenario: Path, near: Path, target: Path) -> str:
-    """Make a folder of the record that a process has left which is gone; what is to be said of it."""
-    kept = next(near.glob(f"*{SUFFIX}"), None)
-    if kept is None:
-        return "the record is gone, too"
-    with (
-        kept.open("rb") as record,
-        result_folder(target, begins=False) as folder,
-        (folder / f"run{SUFFIX}").open("wb") as copy,
-    ):
-        shutil.copyfileobj(record, copy)
-        failure = "the process that took the steps was gone before the end"
-        document = {"scenario": scenario.name, "passed": False, "ended": "failed", "failure": failure}
-        write_json(folder / "manifest.json", document | {"trace": f"run{SUFFIX}", "versions": versions()})
-    return f"the result up to there is in {target}"
+def _take(record: Path, place: Path) -> None:
+    """Have the record there as well: while the result is not whole, the command may be killed."""
+    try:
+        place.hardlink_to(record)
+    except OSError:
+        shutil.move(record, place)
 
 
 def document_of(bridged: BridgeResult, folder: Path) -> dict[str, Any]:

@@ -115,21 +115,20 @@ def _coupled(job: BridgeJob, folder: Path, terminal: Terminal) -> tuple[BridgeRe
     Raises:
         ServotwinError: what ended it before its time, when the result up to there was written.
     """
-    from orchestrator.bridge.bridge import couple
-    from orchestrator.bridge.results import rescue, write
-    from orchestrator.results import aside, check_target
+    from orchestrator.bridge.bridge import RECORDS, couple
+    from orchestrator.bridge.results import write
+    from orchestrator.results import aside, check_target, prepare, rescue
 
     check_target(folder)
     with terminal.live(job.scenario.stem) as move, aside(folder) as near:
         reserve = near / "reserve"  # for what is to be said of a full disk
         reserve.write_bytes(bytes(RESERVE))
-        coupled = couple(
-            job,
-            near,
-            lambda *_: terminal.say(f"{job.scenario.stem} is on {job.places}"),
-            move,
-            lambda: rescue(job.scenario, near, folder),
-        )
+
+        def ready(_: object) -> None:
+            prepare(near, RECORDS, folder, {"scenario": job.scenario.name})
+            terminal.say(f"{job.scenario.stem} is on {job.places}")
+
+        coupled = couple(job, near, ready, move, lambda: rescue(near))
         reserve.unlink()
         with whole():
             write(coupled, folder)

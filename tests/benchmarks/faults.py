@@ -322,10 +322,19 @@ def tried(folder: Path, number: int, name: str, seed: float) -> list[str]:
             kind.act(trial)
             said = process.communicate(timeout=HANG)[1]
             time.sleep(0.3)
+        except subprocess.TimeoutExpired:
+            return [f"told: does not end; {_processes(process.pid)}"]
         finally:
             process.kill()
             machine.end()
         return judged(trial, kind, kind.codes[mode == "bench"], said, out)
+
+
+def _processes(group: int) -> str:
+    """What a command's processes are at."""
+    columns = ["ps", "-eo", "pid,ppid,pgid,sid,stat,wchan:20,args"]
+    lines = subprocess.run(columns, check=False, capture_output=True, text=True).stdout.splitlines()
+    return " | ".join(line[:90] for line in lines if line.split()[3] == str(group))
 
 
 @contextmanager

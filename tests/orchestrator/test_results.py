@@ -14,7 +14,17 @@ import pytest
 from fmus.errors import InputError
 from fmus.owned import MARK
 from orchestrator import results
-from orchestrator.results import RECORD, Permission, permitted, result_folder, versions, write_json
+from orchestrator.results import (
+    RECORD,
+    Permission,
+    check_target,
+    permitted,
+    prepare,
+    rescue,
+    result_folder,
+    versions,
+    write_json,
+)
 
 
 def fill(target: Path, **files: str) -> None:
@@ -234,3 +244,37 @@ def test_json_keeps_every_bit(tmp_path: Path, document: dict[str, Any]) -> None:
 def test_json_that_json_does_not_have_is_refused(tmp_path: Path, value: float) -> None:
     with pytest.raises(ValueError, match="not JSON compliant"):
         write_json(tmp_path / "a.json", {"a": value})
+
+
+def recorded(tmp_path: Path) -> Path:
+    near = tmp_path / "near"
+    near.mkdir()
+    (near / "0.arrows").write_bytes(b"rows")
+    prepare(near, ["0.arrows", "0.parquet"], tmp_path / "out", {"scenario": "law.yaml"})
+    return near
+
+
+def test_a_record_becomes_a_result_that_the_next_may_replace(tmp_path: Path) -> None:
+    near = recorded(tmp_path)
+    assert rescue(near) == f"the result up to there is in {tmp_path / 'out'}"
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert manifest["scenario"] == "law.yaml" and manifest["ended"] == "failed" and manifest["trace"] == "run.arrows"
+    assert (tmp_path / "out" / "run.arrows").read_bytes() == b"rows"
+    check_target(tmp_path / "out")
+    assert rescue(near) == ""
+
+
+def test_a_result_that_was_written_is_left_alone(tmp_path: Path) -> None:
+    near = recorded(tmp_path)
+    with result_folder(tmp_path / "out") as folder:
+        write_json(folder / "manifest.json", {"ended": "done", "versions": {"servotwin": "1"}})
+    assert rescue(near) == ""
+    assert json.loads((tmp_path / "out" / "manifest.json").read_text())["ended"] == "done"
+
+
+def test_where_nothing_was_recorded_there_is_no_result(tmp_path: Path) -> None:
+    near = recorded(tmp_path)
+    (near / "0.arrows").unlink()
+    assert rescue(near) == "" and rescue(tmp_path) == ""
+    (near / "rescue.json").write_text("[1")
+    assert rescue(near) == "" and not (tmp_path / "out").exists()

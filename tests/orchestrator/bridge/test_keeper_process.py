@@ -187,6 +187,22 @@ def test_a_result_that_was_rescued_is_replaced_by_the_next(tmp_path: Path) -> No
         assert [path.name for path in tmp_path.glob(".*")] == []
 
 
+@pytest.mark.parametrize("after", [0.0, 0.15, 0.3, 0.6])
+def test_a_bridge_that_is_killed_while_it_ends_leaves_its_result(tmp_path: Path, after: float) -> None:
+    with driving(tmp_path) as (bridge, _, _):
+        time.sleep(1.5)
+        child = stepping(bridge)
+        bridge.terminate()
+        time.sleep(after)
+        with suppress(ProcessLookupError):
+            os.kill(child, signal.SIGKILL)
+        _, complaints = bridge.communicate(timeout=HANG)
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert bridge.returncode == 130 and "interrupted" in complaints
+    assert manifest["ended"] == "stopped" or f"the result up to there is in {tmp_path / 'out'}" in complaints
+    assert manifest["ended"] in ("stopped", "failed") and list(tmp_path.glob(".*")) == []
+
+
 def test_a_bridge_whose_guard_is_gone_ends_and_says_so(tmp_path: Path) -> None:
     with driving(tmp_path) as (bridge, _, _):
         pid = stepping(bridge)
