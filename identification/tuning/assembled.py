@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from typing import cast
 
 import numpy as np
@@ -18,13 +19,16 @@ from identification.tuning.goals.table import MEASURES
 from identification.tuning.loops.plants import PlantSet, delayed
 from identification.tuning.loops.wiring import Path, Wiring
 from identification.tuning.procedures.problem import Controller, Problem
+from identification.tuning.sources.fmu_controller import FmuController
 from identification.tuning.sources.model_controller import ModelController
 from identification.tuning.sources.plants import LinearPlant
 from identification.tuning.sources.system_plant import SystemPlant
 from identification.tuning.study import CONTROLLER, PLANT, GoalSpec, TuningStudy
 from orchestrator.assembly.assembly import ComponentSpec, OpenSystem, SystemSpec
 from orchestrator.crossing import crossing, named, quantity
+from orchestrator.fmi.file import FmuDescription
 from orchestrator.fmi.interface import Interface, Port, Value
+from orchestrator.rational import seconds
 from orchestrator.system import Connection, Endpoint, Part, System, check_values, require, wire
 
 FOLLOWING = ("overshoot", "rise time")  # measures of a signal that follows the reference
@@ -54,14 +58,15 @@ def assembled(study: TuningStudy) -> Assembled:
     Raises:
         InputError: something in it does not fit together; the message names the place.
     """
-    every = sample_time(study.controller)
+    every = float(sample_time(study.controller))
     plants = {name: spec.linear(f"plants.{name}", every) for name, spec in study.plants.items()}
     spec = study.procedure.sized(study.controller, {name: plant.model for name, plant in plants.items()})
     built = BuiltSystem(SystemSpec({CONTROLLER: spec}))
     with OpenSystem(built.assembled) as opened:
         check_values(opened.system, built.assembled.system.values())
         interface = opened.system.parts[CONTROLLER].interface
-    controller = _controller(replace(spec, parameters=built.assembled.system.components[CONTROLLER].parameters))
+    typed = built.assembled.system.components[CONTROLLER].parameters
+    controller = _controller(replace(spec, parameters=typed), interface)
     study.procedure.check(interface)
     first = next(iter(plants.values()))
     for name, plant in plants.items():
@@ -84,19 +89,26 @@ def assembled(study: TuningStudy) -> Assembled:
     return Assembled(problem, built, interface, tuple(_remarks(plants)))
 
 
-def sample_time(spec: ComponentSpec) -> float:
-    """Of a controller, before it is built [s].
+def sample_time(spec: ComponentSpec) -> Fraction:
+    """Of a controller, before it is built [s]: of an FMU its `step`, or else its parameter `sample_time`.
 
     Raises:
-        InputError: there is no such model, or it is not sampled.
+        InputError: there is no such model or FMU, or it does not tell how it is sampled.
     """
-    model = _model(spec)
-    if model.sample_time is None:
-        raise IdentificationError(
-            CONTROLLER, f"model '{model.name}' is no sampled controller", "choose one with `update`, such as pdp"
-        )
-    given = spec.parameters.get(model.sample_time, start_values(model)[model.sample_time])
-    return float(quantity_in(given, "s", f"{CONTROLLER}.{model.sample_time}"))
+    if spec.fmu is None:
+        model = _model(spec)
+        if model.sample_time is None:
+            problem = f"model '{model.name}' is no sampled controller"
+            raise IdentificationError(CONTROLLER, problem, "choose one with `update`, such as pdp")
+        given = spec.parameters.get(model.sample_time, start_values(model)[model.sample_time])
+        return seconds(quantity_in(given, "s", f"{CONTROLLER}.{model.sample_time}"))
+    if spec.step is not None:
+        return spec.step
+    port = FmuDescription(spec.fmu).interface.ports.get("sample_time")
+    known = spec.parameters.get("sample_time", (port.start if port is not None else None) or "")
+    if known == "":
+        raise IdentificationError(CONTROLLER, "does not tell how often it samples", "give its `step`")
+    return seconds(float(known))
 
 
 def _drawn(study: TuningStudy, step: float) -> dict[str, LinearModel]:
@@ -120,15 +132,14 @@ def _drawn(study: TuningStudy, step: float) -> dict[str, LinearModel]:
 
 
 def _model(spec: ComponentSpec) -> Model:
-    if spec.fmu is not None:
-        raise IdentificationError(
-            CONTROLLER, f"{spec.fmu.name} is an FMU, and its equations are not known", "name its `model`"
-        )
     source = spec.source
     return library.of_size(source if isinstance(source, Model) else library.find(str(source)), spec.arrays)
 
 
-def _controller(spec: ComponentSpec) -> Controller:
+def _controller(spec: ComponentSpec, interface: Interface) -> Controller:
+    """By its own equations where they are known, by what it answers to pulses where it is an FMU."""
+    if spec.fmu is not None:
+        return FmuController(CONTROLLER, spec, interface, sample_time(spec))
     return ModelController(CONTROLLER, _model(spec), spec.parameters)
 
 
