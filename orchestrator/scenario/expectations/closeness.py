@@ -59,7 +59,8 @@ class Close(Against):
     bounds: Bounds
 
     def __str__(self) -> str:
-        return f"has {KINDS[self.kind].words} {self.bounds.asked} to {self.reference.name}"
+        kind = KINDS[self.kind]
+        return f"has {kind.words} {self.bounds.asked(kind.dimension)} to {self.reference.name}"
 
     def brought(self, place: str, port: Port, wiring: Wiring) -> Self:
         bounds = self.bounds.bounds_in(place, KINDS[self.kind].dimension, port)

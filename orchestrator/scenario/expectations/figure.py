@@ -81,13 +81,13 @@ class Bounds(Block):
             return f"cannot fail: {words} is never below {lowest:g}{above}"
         return ""
 
-    @property
-    def asked(self) -> str:
-        """The bounds in words."""
-        parts = [] if self.at_least is None else [f"at least {shown(self.at_least)}"]
-        parts += [] if self.at_most is None else [f"at most {shown(self.at_most)}"]
+    def asked(self, dimension: Dimension) -> str:
+        """The bounds of a figure in words."""
+        unit = dimension.own
+        parts = [] if self.at_least is None else [f"at least {shown(self.at_least, unit)}"]
+        parts += [] if self.at_most is None else [f"at most {shown(self.at_most, unit)}"]
         if self.near is not None and self.within is not None:
-            parts.append(f"{shown(self.near)} within {shown(self.within)}")
+            parts.append(f"{shown(self.near, unit)} within {shown(self.within, unit)}")
         return " and ".join(parts)
 
 
@@ -109,7 +109,7 @@ class Figure(Bounds, Condition):
         """The figure [its unit]; None where it does not come to it, so that no bound holds."""
 
     def __str__(self) -> str:
-        return f"has {self.words} {self.asked}"
+        return f"has {self.words} {self.asked(self.dimension)}"
 
     def brought(self, place: str, port: Port, wiring: Wiring) -> Self:
         return brought(self.bounds_in(place, self.dimension, port), place, port)
@@ -121,6 +121,6 @@ class Figure(Bounds, Condition):
         return self.judgement(self.words, figure, self.dimension, lowest=self.lowest)
 
 
-def shown(value: Number) -> str:
-    """A number as files have it."""
-    return value if isinstance(value, str) else f"{value:g}"
+def shown(value: Number, unit: str = "") -> str:
+    """A number as files have it; a plain one is in this unit."""
+    return value if isinstance(value, str) else f"{value:g} {unit}".rstrip()

@@ -153,14 +153,12 @@ KINDS: Mapping[str, RunKind] = {
 }
 
 
-def plain(block: Bounds | str, base: Path) -> Bounds:
-    """Bounds as plain numbers; "none" is none at all, and a manifest is relative to `base`.
+def plain(block: Bounds, base: Path) -> Bounds:
+    """Bounds as plain numbers; a manifest is relative to `base`.
 
     Raises:
         FmuFileError, WiringError: a bound has a unit that does not fit.
     """
-    if isinstance(block, str):
-        return CountBlock(at_most=0)
     if isinstance(block, ProcessorTimeBlock):
         block = block.beside(base)
     return block.bounds_in("expect", Dimension.SHARE)
@@ -180,7 +178,9 @@ class OnRun(Expected):
 
     def __str__(self) -> str:
         of = getattr(self.bounds, "component", None)
-        return f"has {KINDS[self.kind].words}{f' of {of}' if of else ''} {self.bounds.asked}"
+        return (
+            f"has {KINDS[self.kind].words}{f' of {of}' if of else ''} {self.bounds.asked(KINDS[self.kind].dimension)}"
+        )
 
     def check(self, ran: Ran) -> Check:
         kind = KINDS[self.kind]

@@ -7,7 +7,7 @@ from typing import Self
 
 import numpy as np
 
-from fmus.errors import ScenarioError
+from fmus.errors import ScenarioError, TraceError
 from orchestrator.scenario.expectations.base import Check, Condition, Draws, Expected, Judgement, Ran, Tube, Wiring
 from orchestrator.trace import FloatArray, Trace
 
@@ -62,9 +62,14 @@ class OnSignal(Expected):
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad) and not self.condition.takes_nonfinite:
             return Check(str(self), False, f"{values[bad[0]]:g} at {time[bad[0]]:g} s")
+        self.condition.check_covered(self.place, time)
         wanted = self.condition.draws
         draws = [] if wanted is None else [self.window(trace) for trace in ran.draws.get(wanted.vary, ())]
-        return self._checked(self.condition.judged(time, values, self.hold, draws), window.unit(self.signal) or "1")
+        try:
+            judgement = self.condition.judged(time, values, self.hold, draws)
+        except TraceError as odd:
+            return Check(str(self), False, f"{odd.place}: {odd.problem}")
+        return self._checked(judgement, window.unit(self.signal) or "1")
 
     def tube(self, trace: Trace) -> tuple[FloatArray, Tube] | None:
         """Stamps (K,) [s], and between which bounds the signal may be there; None where the condition has none."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Self
 
 from pydantic import Field, model_validator
 
@@ -99,9 +99,9 @@ class LimitCycle(Block, Condition):
 
     def __str__(self) -> str:
         if self.none_above is not None:
-            return f"has no limit cycle of more than {shown(self.none_above)}" if self.none_above else NONE
-        parts = [] if self.amplitude is None else [f"an amplitude of {self.amplitude.asked}"]
-        parts += [] if self.period is None else [f"a period of {self.period.asked}"]
+            return f"has no limit cycle{f' of more than {shown(self.none_above)}' if self.none_above else ''}"
+        parts = [] if self.amplitude is None else [f"an amplitude of {self.amplitude.asked(Dimension.DISTANCE)}"]
+        parts += [] if self.period is None else [f"a period of {self.period.asked(Dimension.TIME)}"]
         return f"has a limit cycle with {' and '.join(parts)}"
 
     def brought(self, place: str, port: Port, wiring: Wiring) -> Self:
@@ -125,7 +125,3 @@ class LimitCycle(Block, Condition):
             if bounds is not None
         ]
         return next((answer for answer in answers if not answer.held), answers[0])
-
-
-NONE = "has no limit cycle"
-NoLimitCycle = Literal["none"]

@@ -46,15 +46,20 @@ class Dimension(StrEnum):
         own = Dimension.DISTANCE if difference and self is Dimension.LEVEL else self
         return number(place, value, own._unit(port.measure if port else named("1")))
 
+    @property
+    def own(self) -> str:
+        """The name of its unit, where that is not made of a signal's; else ""."""
+        return {Dimension.TIME: "s", Dimension.FREQUENCY: "rad/s"}.get(self, "")
+
     def written(self, unit: str) -> str:
         """The name of its unit, where that of the signal is `unit`; "" where it has none."""
         of_signal = "" if unit == "1" else unit
         joined = f"({of_signal})" if "/" in of_signal or "." in of_signal else of_signal
         squared = f"{joined}2" if joined else ""
         names = {
-            Dimension.TIME: "s",
+            Dimension.TIME: self.own,
             Dimension.SHARE: "",
-            Dimension.FREQUENCY: "rad/s",
+            Dimension.FREQUENCY: self.own,
             Dimension.AREA: f"{joined}.s".strip("."),
             Dimension.SQUARE_AREA: f"{squared}.s".strip("."),
             Dimension.TIME_AREA: f"{joined}.s2".strip("."),

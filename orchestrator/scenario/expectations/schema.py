@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from orchestrator.scenario.expectations import on_run
 from orchestrator.scenario.expectations.base import Condition, Draws, Expected
@@ -51,6 +51,23 @@ FIGURES = (
 AGAINST = ("within", "funnel", *CLOSE, "band")
 TOGETHER = ("all", "any", "some", "warn", "in_order")
 WITHOUT_SIGNAL = ("refused", *on_run.KINDS, *TOGETHER)
+
+
+def _word(kind: type[Block], words: Mapping[str, Any]) -> BeforeValidator:
+    """Words that stand for a block of this kind."""
+
+    def read(value: Any) -> Any:
+        if isinstance(value, str) and value not in words:
+            raise ValueError(f"write {' or '.join(words)}, or keys: {', '.join(kind.model_fields)}")
+        return words[value] if isinstance(value, str) else value
+
+    return BeforeValidator(read, json_schema_input_type=kind | Literal[tuple(words)] | None)
+
+
+NONE = _word(Bounds, {"none": {"at_most": 0}})
+NO_WARNINGS = _word(CountBlock, {"none": {"at_most": 0}})
+NO_LIMIT_CYCLE = _word(LimitCycle, {"none": {"none_above": 0}})
+RISING_OR_FALLING = _word(Monotone, {way: {"direction": way} for way in ("rising", "falling")})
 
 
 @dataclass(frozen=True)
@@ -167,7 +184,7 @@ class ExpectationBlock(Block):
     overshoot: Overshoot | None = None
     residual_rms: ResidualRms | None = None
     peak: Peak | None = None
-    monotone: Monotone | Literal["rising", "falling"] | None = None
+    monotone: Annotated[Monotone | None, RISING_OR_FALLING] = None
     rms: Rms | None = None
     iae: Iae | None = None
     ise: Ise | None = None
@@ -176,20 +193,20 @@ class ExpectationBlock(Block):
     frequency: DominantFrequency | None = None
     damping: Damping | None = None
     distortion: Distortion | None = None
-    limit_cycle: LimitCycle | Literal["none"] | None = None
+    limit_cycle: Annotated[LimitCycle | None, NO_LIMIT_CYCLE] = None
     crossings: Crossings | None = None
     saturations: Saturations | None = None
     saturated: Saturated | None = None
     mode_changes: ModeChanges | None = None
 
     refused: str | None = None
-    warnings: CountBlock | Literal["none"] | None = None
+    warnings: Annotated[CountBlock | None, NO_WARNINGS] = None
     steps: CountBlock | None = None
     iterations: Bounds | None = None
     real_time_factor: Bounds | None = None
     processor_time: ProcessorTimeBlock | None = None
-    frames_lost: Bounds | Literal["none"] | None = None
-    late_steps: Bounds | Literal["none"] | None = None
+    frames_lost: Annotated[Bounds | None, NONE] = None
+    late_steps: Annotated[Bounds | None, NONE] = None
 
     all: list[ExpectationBlock] | None = Field(None, min_length=1)
     any: list[ExpectationBlock] | None = Field(None, min_length=1)
@@ -199,14 +216,16 @@ class ExpectationBlock(Block):
 
     @model_validator(mode="after")
     def _one_kind(self) -> ExpectationBlock:
-        kinds = self._given((*FIRST, *FIGURES, *on_run.KINDS, *TOGETHER))
+        kinds, close = self._given((*FIRST, *FIGURES, *on_run.KINDS, *TOGETHER)), self._given(AGAINST)
+        if close and close != ["within"] and "reference" not in kinds:
+            raise ValueError(f"`{next(name for name in close if name != 'within')}` goes with `reference`")
         if len(kinds) != 1:
-            raise ValueError(f"give one of {', '.join((*FIRST, *FIGURES, *on_run.KINDS, *TOGETHER))}")
-        close = self._given(AGAINST)
+            found = f", not {' and '.join(kinds)}" if kinds else ""
+            raise ValueError(f"give one of {', '.join(FIRST)} or of the other kinds{found}")
         if kinds == ["reference"] and len(close) != 1:
             raise ValueError(f"`reference` goes with one of {', '.join(AGAINST)}")
         if (kinds == ["near"] and close != ["within"]) or (close and kinds[0] not in ("near", "reference")):
-            raise ValueError("`within` goes with `near` and `reference`, what else tells closeness with `reference`")
+            raise ValueError("`within` goes with `near` and `reference`")
         if isinstance(self.within, str) and self.within.strip().startswith("-"):
             raise ValueError("`within` must not be negative")
         if (self.signal is None and self.signals is None) != (kinds[0] in WITHOUT_SIGNAL):
@@ -277,11 +296,7 @@ class ExpectationBlock(Block):
     def _figure(self) -> Condition:
         (name,) = self._given(FIGURES)
         given = getattr(self, name)
-        if isinstance(given, Condition):
-            return given
-        if name == "range":
-            return Range(pieces=given)
-        return LimitCycle(none_above=0.0) if name == "limit_cycle" else Monotone(direction=given)
+        return given if isinstance(given, Condition) else Range(pieces=given)
 
     def _against(self, reference: Reference) -> Condition:
         if self.within is not None:

@@ -363,7 +363,8 @@ def test_the_folder_has_record_manifest_and_report(
 ) -> None:
     ScriptedBus(proportional).plug_in(monkeypatch)
     (tmp_path / "aside").mkdir()
-    coupled = go(folder, tmp_path / "aside", expect=[{"signal": "hand.angle", "below": 0.6}])
+    expect = [{"signal": "hand.angle", "below": 0.6}, {"frames_lost": "none"}, {"late_steps": "none"}]
+    coupled = go(folder, tmp_path / "aside", expect=expect)
     results.write(coupled, tmp_path / "out")
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
     assert manifest["passed"] and manifest["ended"] == "done"

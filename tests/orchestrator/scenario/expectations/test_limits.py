@@ -103,7 +103,7 @@ def test_a_reference_is_followed_at_the_samples_of_the_run_between_those_of_the_
 
 def test_a_reference_that_does_not_cover_the_window_is_an_error_not_extrapolated(tmp_path: Path) -> None:
     short = Trace(np.array([0.0, 0.5]), {"angle": np.array([0.0, 0.5])}, {}, "short")
-    with pytest.raises(TraceError, match=r"covers 0 to 0\.5 s, not 0 to 1 s"):
+    with pytest.raises(ScenarioError, match=r"covers 0 to 0\.5 s, not 0 to 1 s"):
         follow(ramp(), short, tmp_path, 1.0)
     assert follow(ramp(), short, tmp_path, 1e-9, before=0.5).held
 

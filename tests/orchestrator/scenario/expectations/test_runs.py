@@ -162,6 +162,11 @@ def test_events_of_several_signals_come_in_order() -> None:
         ({"signal": "y", "overshoot": {"target": 1, "at_most": "5 kg"}}, None),
         ({"signal": "y", "settling_time": {"target": 1, "band": 0.1, "at_most": 1, "over": 2}}, "Extra inputs"),
         ({"signal": "y", "final_value": {"over": "2 kg", "at_most": 1}}, "'2 kg' is no quantity in s"),
+        ({"signal": "y", "monotone": "risen"}, "write rising or falling, or keys: direction, slack"),
+        ({"signal": "y", "limit_cycle": "some"}, "write none, or keys: amplitude"),
+        ({"frames_lost": {"component": "y", "at_most": 0}}, "Extra inputs"),
+        ({"signal": "y", "below": 1, "above": 0}, "or of the other kinds, not below and above"),
+        ({"signal": "y", "funnel": {"value": 1}}, "`funnel` goes with `reference`"),
         ({"in_order": [{"signal": "y"}, {"signal": "u"}]}, "give one of crossings, saturations, mode_changes"),
     ],
 )
@@ -172,3 +177,10 @@ def test_what_makes_no_sense_is_refused(fields: dict[str, Any], problem: str | N
         return
     with pytest.raises(ValidationError, match=problem):
         ExpectationBlock(**fields)
+
+
+def test_a_figure_that_cannot_be_told_of_a_signal_does_not_hold_and_says_why() -> None:
+    flat = Trace(TIME, {"y": np.zeros_like(TIME)}, {}, "flat")
+    check = asked({"signal": "y", "distortion": {"frequency": "1 Hz", "at_most": 0.1}}, flat)
+    assert (check.held, check.found) == (False, "harmonics: there is no fundamental of 6.28319 rad/s")
+    assert asked({"signal": "y", "damping": {"at_least": 0.1}}, flat).found == "no damping"

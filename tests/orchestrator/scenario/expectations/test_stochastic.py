@@ -85,7 +85,7 @@ def test_draws_are_asked_for_by_signal_and_by_what_varies(tmp_path: Path) -> Non
         ),
         ({"reference": "accepted", "band": {"seeds": 50, "quantiles": [0.6, 0.9]}}, "must lie on both sides of 0.5"),
         ({"reference": "accepted", "band": {"seeds": 50}, "seeds": 9, "share": 1}, "`band` has `seeds` of its own"),
-        ({"band": {"seeds": 50}}, "give one of near"),
+        ({"band": {"seeds": 50}}, "`band` goes with `reference`"),
     ],
 )
 def test_what_makes_no_sense_is_refused(fields: dict[str, Any], problem: str) -> None:
