@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from orchestrator import formats
 from orchestrator.batch.procedure import run_procedure
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
@@ -41,3 +49,59 @@ def test_an_arm_in_one_process_follows_a_controller_in_another(tmp_path: Path) -
     assert [case["error"] for case in done["cases"] if not case["passed"]] == []
     manifest = json.loads((tmp_path / "out" / "controller" / "manifest.json").read_text())
     assert manifest["passed"]
+
+
+BUS = SCENARIOS / "butterfly" / "motion" / "bus"
+
+
+@pytest.mark.slow
+def test_energy_control_from_another_process_comes_to_the_orbit_from_inside_and_outside(tmp_path: Path) -> None:
+    done = run_procedure(BUS / "procedure.yaml", tmp_path / "out")
+    assert [case["error"] for case in done["cases"] if not case["passed"]] == []
+    for side, sign in (("inside", -1), ("outside", 1)):
+        energy = formats.read(tmp_path / "out" / "driven" / side / "run.parquet").trace["controller.energy"]
+        assert max(sign * (energy[200:400] - 0.0728)) > 0, "it begins on its own side of the orbit"
+
+
+@contextmanager
+def command(*words: object) -> Iterator[subprocess.Popen[bytes]]:
+    """A command in a group of processes of its own, all gone in the end."""
+    started = [str(Path(sys.executable).parent / "servotwin"), *map(str, words)]
+    with subprocess.Popen(started, start_new_session=True, stdout=subprocess.DEVNULL) as process:
+        try:
+            yield process
+        finally:
+            if process.poll() is None:
+                os.killpg(process.pid, signal.SIGKILL)
+
+
+def awaited(path: Path, limit: float = 120.0) -> None:
+    until = time.monotonic() + limit
+    while not path.exists():
+        assert time.monotonic() < until, f"{path} has not come"
+        time.sleep(0.05)
+
+
+@pytest.mark.slow
+def test_when_the_energy_controller_is_killed_the_hand_is_left_without_voltage_and_only_loses_energy(
+    tmp_path: Path,
+) -> None:
+    """Controller and the process that has its bus are killed at once, so that nobody can send a safe value."""
+    bus, bench = tmp_path / "bus", tmp_path / "bench"
+    with command("can", "bench", BUS / "rig.yaml", "--serve", bus, "--ports", 2, "--out", bench) as rig:
+        awaited(bus / "1")
+        wired = ("--interface", "slcan", "--channel", bus / "1", "--bitrate", 500000)
+        with command("can", "bridge", BUS / "controller.yaml", *wired, "--duration", 600) as controller:
+            time.sleep(25)
+            os.killpg(controller.pid, signal.SIGKILL)
+            controller.wait()
+        time.sleep(5)
+        rig.send_signal(signal.SIGTERM)
+        assert rig.wait(60) == 0
+    trace = formats.read(bench / "run.parquet").trace
+    driven = np.flatnonzero(trace["motor.voltage"])
+    assert len(driven) > 100, "the controller has never driven it"
+    after = trace.between(trace.time[driven[-1]] + 0.02, trace.time[-1])
+    assert after.duration > 2
+    assert not after["motor.voltage"].any()
+    assert np.all(np.diff(after["hand.energy"]) < 1e-7)

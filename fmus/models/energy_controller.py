@@ -19,8 +19,9 @@ def target_energy(p):
 
 
 def update(t, x, u, p):
-    voltage = p.p2 / p.p4 * u.speed - p.gain * u.speed * (energy(u, p) - target_energy(p))
-    return {"voltage": ops.clip(voltage, -p.voltage_limit, p.voltage_limit)}
+    sampled = energy(u, p)
+    voltage = p.p2 / p.p4 * u.speed - p.gain * u.speed * (sampled - target_energy(p))
+    return {"voltage": ops.clip(voltage, -p.voltage_limit, p.voltage_limit), "energy": sampled}
 
 
 def apart(energy, equilibrium_energy, p):
@@ -35,6 +36,7 @@ MODEL = Model(
         input_("angle", "rad", "Angle of the pendulum"),
         input_("speed", "rad/s", "Angular velocity of the pendulum"),
         output("voltage", "V", "Motor voltage, held between samples"),
+        output("energy", "J", "Energy by the controller's model (Eq. 105), held between samples"),
         parameter("p1", "kg.m2", 0.00325, "Moment of inertia about the axis", minimum=0),
         parameter("p2", "N.m.s/rad", 0.001, "Viscous friction with the motor's back-EMF, to be compensated", minimum=0),
         parameter("p3", "N.m", 0.04905, "Weight times distance of the centre of mass", minimum=1e-12),
@@ -45,7 +47,7 @@ MODEL = Model(
         parameter("sample_time", "s", 0.005, "Sample period", minimum=1e-6),
         parameter("voltage_limit", "V", 1e6, "Largest voltage, either sign", minimum=0),
     ),
-    states=(State("voltage", 0.0, "V", sampled=True),),
+    states=(State("voltage", 0.0, "V", sampled=True), State("energy", 0.0, "J", sampled=True)),
     update=update,
     sample_time="sample_time",
     requirements=(

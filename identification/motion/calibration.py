@@ -8,12 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from fmus.errors import IdentificationError, WiringError
+from fmus.errors import IdentificationError, TraceError, WiringError
 from fmus.units import SAME
 from identification.built_system import BuiltSystem
 from identification.motion.balance import UNITS, Balance, Lumped, Values, energy_balance
 from identification.motion.found import Found, Orbit, as_published, by_balance, by_invariant
 from identification.motion.motion import Motion, recorded_motion
+from identification.motion.stretches import PERIODS
 from identification.motion.study import MotionStudy, Way
 from identification.motion.tube import Tube, tube_of
 from identification.recordings.campaign import StudyTrace, load_campaign, recording_warnings
@@ -39,6 +40,7 @@ class MotionCalibration:
         balance: the details of the energy balance, where there is one.
         orbit: what the controller was set to, where the study names it.
         tube: free runs in the tube around the motion, where the study asks for them.
+        still: pieces of recordings, between what is marked, that are too short to swing and are left out.
     """
 
     study: MotionStudy
@@ -51,6 +53,7 @@ class MotionCalibration:
     balance: Balance | None
     orbit: Orbit | None
     tube: Tube | None
+    still: int = 0
 
     @property
     def taken(self) -> Found:
@@ -79,6 +82,8 @@ class MotionCalibration:
         """What a reader of the figures must know."""
         reasons = dict.fromkeys(self.refused.values())
         unseen = [f"{', '.join(w for w, why in self.refused.items() if why == reason)}: {reason}" for reason in reasons]
+        if self.still:
+            unseen.append(f"{self.still} pieces of recordings last less than {PERIODS:g} periods and are left out")
         return [*self.taken.remarks, *unseen, *recording_warnings(self.recorded)]
 
 
@@ -100,7 +105,9 @@ def calibrate(
         generic, equilibrium, orbit = _checked(study, opened.system)
     loaded = load_campaign(study.traces, data, lambda share, doing: progress(0.5 * share, doing), isolation)
     recorded = in_units(loaded, {signal: named(unit) for signal, unit in study.signals.units.items()})
-    motions = tuple(motion for trace in recorded for motion in _motions(study, trace, equilibrium))
+    pieces_of = [_motions(study, trace, equilibrium) for trace in recorded]
+    motions = tuple(motion for swinging, _ in pieces_of for motion in swinging)
+    still = sum(short for _, short in pieces_of)
     progress(0.6, "balance of energy")
     balance = energy_balance(motions, generic, study.held, study.dry_friction) if study.signals.voltage else None
     found, refused = _ways(study, motions, balance, orbit)
@@ -110,21 +117,34 @@ def calibrate(
         models = _models(study, generic, found)
         free = BuiltSystem(study.free_system, [study.signals.input] if study.signals.input else [])
         tube = tube_of(study, study.tube, free.assembled, recorded, motions, models)
-    return MotionCalibration(study, system, tuple(recorded), motions, generic, found, refused, balance, orbit, tube)
+    return MotionCalibration(
+        study, system, tuple(recorded), motions, generic, found, refused, balance, orbit, tube, still
+    )
 
 
-def _motions(study: MotionStudy, recorded: StudyTrace, equilibrium: float) -> list[Motion]:
-    """What is left of a trace between its marks, each piece of 20 samples or more a motion.
+def _motions(study: MotionStudy, recorded: StudyTrace, equilibrium: float) -> tuple[list[Motion], int]:
+    """What is left of a trace between its marks, each piece that swings a motion; and how many do not, or hardly.
 
     Raises:
         TraceError: a signal is missing or constant, or marks leave nothing.
+        IdentificationError: no piece swings.
     """
-    signals = study.signals
-    whole = recorded.trace.select(list(signals.units))
-    kept = [piece for piece in pieces(whole, recorded.marks) if len(piece) >= 20]
+    signals, swinging, why = study.signals, list[Motion](), ""
+    kept = pieces(recorded.trace.select(list(signals.units)), recorded.marks)
     if not kept:
         raise nothing_left(recorded.place, "no motion is", recorded.marks)
-    return [recorded_motion(piece, signals.angle, signals.speed, equilibrium, signals.voltage) for piece in kept]
+    for piece in kept:
+        try:
+            motion = recorded_motion(piece, signals.angle, signals.speed, equilibrium, signals.voltage)
+            if motion.time[-1] - motion.time[0] >= PERIODS * motion.period:
+                swinging.append(motion)
+            else:
+                why = f"lasts less than {PERIODS:g} periods"
+        except (IdentificationError, TraceError) as error:
+            why = error.problem
+    if not swinging:
+        raise IdentificationError(recorded.place, why, "record an oscillation of some periods, without gaps")
+    return swinging, len(kept) - len(swinging)
 
 
 def _ways(

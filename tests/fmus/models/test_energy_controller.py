@@ -40,6 +40,14 @@ def test_voltage_is_that_of_equations_103_105_and_109(
     assert found == pytest.approx(expected, rel=1e-12, abs=1e-15)
 
 
+def test_it_tells_the_energy_that_it_has_sampled() -> None:
+    instance = Instance(CONTROLLER, {"equilibrium_angle": 0.2})
+    instance.set("angle", 1.0)
+    instance.set("speed", 2.0)
+    instance.step(0.0, 0.005)
+    assert instance.get("energy") == pytest.approx(P1 / 2 * 4 + P3 * (1 - math.cos(0.8)), rel=1e-12)
+
+
 def test_voltage_by_hand() -> None:
     """Half a turn per second at the bottom with an amplitude of a right angle: E = p1 pi^2 / 2, E* = p3."""
     found = controlled(0.0, math.pi, amplitude=math.pi / 2, gain=2.0)

@@ -13,6 +13,9 @@ from ruamel.yaml import YAML
 from fmus.errors import InputError
 from identification.calibrate import CalibratedStudy, calibrate
 from orchestrator.assembly.assembly import ComponentSpec
+from orchestrator.formats import Layout
+from orchestrator.formats.can_conversion import convert
+from orchestrator.progress import silent
 from orchestrator.scenario.results import write_run
 from orchestrator.scenario.run import run_scenario
 
@@ -73,6 +76,18 @@ def test_the_result_holds_fmus_that_are_recalibrated_with_nothing_set(found: Cal
     assert start["amplitude"] == 1.0
     assert json.loads((folder / "summary.json").read_text())["intervals"] == "stretches"
     assert "Free runs in the tube" in (folder / "report.html").read_text()
+
+
+def test_logs_of_a_bus_tell_the_same_as_the_recordings_that_they_were_made_of(
+    recordings: Path, tmp_path: Path, found: CalibratedStudy
+) -> None:
+    layout = Layout(database=SCENARIOS.parent / "butterfly.dbc")
+    for file in recordings.glob("*.csv"):
+        convert(file, tmp_path / f"{file.stem}.blf", layout, silent)
+    logged = calibrate(SCENARIOS / "recalibration_can.yaml", tmp_path)
+    assert logged.summary["verdict"]["held"]
+    for name, entry in found.parameters.items():
+        assert logged.parameters[name]["value"] == pytest.approx(entry["value"], rel=2e-3)
 
 
 def study(folder: Path, change: Callable[[Block], object]) -> Path:
@@ -156,3 +171,14 @@ def test_a_generic_model_that_is_near_already_misses_the_target_and_the_reason_i
     assert not verdict["held"]
     assert verdict["reached"] == pytest.approx(1, rel=0.01)
     assert "MISSED" in verdict["said"] and "the generic model was near the motion already" in verdict["said"]
+
+
+def test_pieces_of_a_log_between_gaps_count_where_they_swing(recordings: Path, tmp_path: Path) -> None:
+    def change(block: Block) -> None:
+        block["traces"]["exclude"] = [[8, 9], [9.5, 10]]
+
+    found = calibrate(study(tmp_path, change), recordings)
+    assert found.summary["verdict"]["held"]
+    assert any("2 pieces of recordings last less than 2 periods" in warning for warning in found.summary["warnings"])
+    with pytest.raises(InputError, match="without gaps"):
+        calibrate(study(tmp_path, lambda b: b["traces"].update(exclude=[[1, 100]])), recordings)
