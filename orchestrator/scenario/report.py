@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
 
 import numpy as np
 
+from fmus.errors import TraceError
 from fmus.files import sha256
 from orchestrator.crossing import Crossing
 from orchestrator.display.table import Cell, text
@@ -151,7 +153,8 @@ def _signals(case: Case, trace: Trace, system: System | None) -> Iterator[Panel]
         bands: list[Band] = []
         curves = [Curve("run", trace.time, trace[name], style)]
         for expected in asked:
-            _add_asked(expected, trace, curves, bands, marks)
+            with suppress(TraceError):  # a reference that ends before the record does; the verdict says so
+                _add_asked(expected, trace, curves, bands, marks)
         yield Panel(with_unit(name, trace.unit(name)), curves, marks, bands)
 
 
@@ -192,11 +195,13 @@ def _pairs(result: ScenarioResult) -> list[tuple[Case, CaseResult]]:
 
 def _inputs(result: ScenarioResult, trace: Trace, received: Collection[str]) -> Iterator[Panel]:
     """A panel a stimulus that no record holds: what drove the system."""
+    known = trace.between(-np.inf, float(result.scenario.timing.stop)).time
     for name, stimulus in sorted(result.scenario.stimuli.items()):
-        if name in trace.names or name in received or not len(trace):
+        if name in trace.names or name in received or not len(known):
             continue
         port = None if result.system is None else _port(result.system, name)
-        values = stimulus.values(trace.time, name)
+        values = stimulus.values(known, name)
+        values = np.pad(values, (0, len(trace) - len(known)), mode="edge")  # a bench goes on with the last value
         yield Panel(with_unit(name, port.unit if port else None), [Curve("input", trace.time, values, "steps", 1)])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -103,6 +104,17 @@ def test_every_sample_is_drawn_and_what_drove_the_system_is_below(tmp_path: Path
     driven = chart.panels[-1]
     assert (driven.title, driven.curves[0].label) == ("motor.voltage [V]", "input")
     assert np.allclose(driven.curves[0].y, 0.01 * np.sin(9 * np.linspace(0, 1, 101)))
+
+
+def test_what_goes_on_longer_than_its_scenario_is_drawn_with_the_last_value_of_what_drove_it(tmp_path: Path) -> None:
+    result = ran(tmp_path)
+    [case] = result.cases
+    assert case.result is not None
+    longer = Trace(2 * case.trace.time, case.trace.signals, case.trace.units)
+    result = replace(result, cases=(replace(case, result=replace(case.result, trace=longer)),))
+    [chart] = charts(report(result))
+    driven = np.asarray(chart.panels[-1].curves[0].y)
+    assert np.allclose(driven[longer.time >= 1], 0.01 * np.sin(9))
 
 
 def test_signals_beyond_the_first_ones_are_a_click_away_and_none_is_lost(tmp_path: Path) -> None:
