@@ -166,7 +166,7 @@ def delayed(file: str, folder: Path, stop: Fraction) -> tuple[Assembled, Timing]
 
 def with_delay(system: SystemSpec) -> SystemSpec:
     values = matrices([[0.0]], [[1.0]], [[0.0]], [[1.0]]) | {"sample_time": 1 / 300}
-    delay = ComponentSpec(state_space(1, {"u": "V"}, {"y": "V"}, direct=True), values)
+    delay = ComponentSpec(state_space(1, {"u": "V"}, {"y": "V"}, direct=True), values, step=Fraction(1, 300))
     [source] = [source for source, target in system.connections if target == "drive.voltage"]
     others = tuple(link for link in system.connections if link[1] != "drive.voltage")
     links = (*others, (source, "delay.u"), ("delay.y", "drive.voltage"))
