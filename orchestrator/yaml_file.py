@@ -10,12 +10,15 @@ from fractions import Fraction
 from functools import partial
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, ClassVar, TypeVar, Union, get_args, get_origin
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, StringConstraints, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, GetJsonSchemaHandler, StringConstraints, ValidationError
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
 from fmus.errors import FmuFileError, ScenarioError, ServotwinError, TraceError, WiringError
+from orchestrator.documents.docstrings import attributes, summary
 from orchestrator.documents.parsing import one_line, parse
 from orchestrator.documents.parts import PART, document_of, place_of
 from orchestrator.rational import seconds
@@ -25,9 +28,27 @@ KINDS = {"method": ("study", "calibrate"), "procedure": ("procedure", "test"), "
 
 
 class Block(BaseModel):
-    """A part of a file: unknown keys are refused, values do not change."""
+    """A part of a file: unknown keys are refused, values do not change.
+
+    What its docstring says of attributes is what editors and the reference say of its keys; where it says nothing, what
+    the classes of `explained_by` do, of attributes of the same name.
+    """
+
+    explained_by: ClassVar[tuple[type, ...]] = ()
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """With what the docstring says of each key."""
+        made = handler(core)
+        schema = handler.resolve_ref_schema(made)
+        schema["description"] = summary(cls)
+        said = {name: text for kind in (*cls.explained_by, cls) for name, text in attributes(kind).items()}
+        for name, field in cls.model_fields.items():
+            if name in said:
+                schema["properties"][field.alias or name]["description"] = said[name]
+        return made
 
 
 def may_be_partial(schema: dict[str, Any]) -> None:

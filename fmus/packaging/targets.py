@@ -7,7 +7,9 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
+from functools import cache as once
+from functools import lru_cache
+from importlib import metadata
 from pathlib import Path
 
 from fmus import library
@@ -23,6 +25,7 @@ LOG = logging.getLogger("servotwin.build")
 NAMES = ("native", "python")
 _ROOT = Path(__file__).parents[1]
 _BEGAN = time.time()
+version = once(metadata.version)  # to look it up takes as long as to open an FMU
 
 
 def preferred() -> str:
@@ -111,21 +114,42 @@ class _Order:
             parts: list[object] = [sources.fixed(self.fmi), machines]
         else:
             parts = [library.source_file(self.model).read_bytes(), runtime.files(self.model.name)]
-        own = _own_files()
-        if any(file.stat().st_mtime > _BEGAN for file in own):
+        stamps = _stamps()
+        if any(changed > _BEGAN * 1e9 for _, changed, _ in stamps):
             return None
-        code = [(str(file.relative_to(_ROOT)), file.read_bytes()) for file in own]
         try:
-            return fingerprint(self.target, sys.version, version("sympy"), code, self.model, starts, tables, parts)
+            return fingerprint(
+                self.target, sys.version, version("sympy"), _code(stamps), self.model, starts, tables, parts
+            )
         except NoFingerprintError as problem:
             LOG.info("model %s is not kept in the cache: it holds %s", self.model.name, problem)
             return None
 
 
-def _own_files() -> list[Path]:
+def read_ahead() -> None:
+    """Read what each lookup in the cache of built FMUs needs, for processes that are forked from this one."""
+    for fmi in sources.VERSIONS:
+        sources.fixed(fmi)
+    _code(_stamps())
+    version("sympy")
+
+
+def _stamps() -> tuple[tuple[Path, int, int], ...]:
+    """The project's files with when they were changed last [ns] and their sizes [bytes]."""
+    return tuple((file, (found := file.stat()).st_mtime_ns, found.st_size) for file in _own_files(_ROOT))
+
+
+@once
+def _own_files(root: Path) -> tuple[Path, ...]:
     """The project's code that FMUs are made of, without the models: those are in memory."""
-    files = (file for file in _ROOT.rglob("*") if file.suffix in (".py", ".c", ".h"))
-    return sorted(file for file in files if file.parent.name != "models" or file.name == "__init__.py")
+    files = (file for file in root.rglob("*") if file.suffix in (".py", ".c", ".h"))
+    return tuple(sorted(file for file in files if file.parent.name != "models" or file.name == "__init__.py"))
+
+
+@lru_cache(maxsize=1)
+def _code(stamps: tuple[tuple[Path, int, int], ...]) -> tuple[tuple[str, bytes], ...]:
+    """Name and content of these files."""
+    return tuple((str(file.relative_to(_ROOT)), file.read_bytes()) for file, _, _ in stamps)
 
 
 def _offered(target: str, fmi: int, platforms: Sequence[str]) -> str:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import ConfigDict, Field, field_validator, model_validator
+from pydantic import AfterValidator, ConfigDict, Field, model_validator
 
 from fmus.errors import WiringError
 from fmus.modelling.model import Table
@@ -31,6 +31,8 @@ class SignalFileBlock(Block):
     """A signal of a trace file.
 
     Attributes:
+        file: the recording, relative to this file.
+        signal: its name there.
         factor, offset: variable = factor * signal + offset, over what their units say.
         layout: how the file is laid out, where it does not tell.
     """
@@ -63,7 +65,13 @@ class SignalFileBlock(Block):
 
 
 class SolverBlock(Block):
-    """How a component's derivatives are integrated; that makes it run by model exchange."""
+    """How a component's derivatives are integrated; that makes it run by model exchange.
+
+    Attributes:
+        method: the solver.
+    """
+
+    explained_by = (SolverSettings,)
 
     method: SolverMethod = SolverSettings.method
     relative_tolerance: float = Field(SolverSettings.relative_tolerance, ge=1e-12, le=0.1)
@@ -71,7 +79,15 @@ class SolverBlock(Block):
 
 
 class ComponentBlock(Block):
-    """One component: a model of the library (or a model file), or an FMU file; and its values."""
+    """One component: a model of the library (or a model file), or an FMU file; and its values.
+
+    Attributes:
+        model: name of a model of the library, or a model file (`.py`) relative to this file.
+        fmu: an FMU file, relative to this file; instead of `model`.
+        tables: name of a table of the model -> the recording that it plays back.
+    """
+
+    explained_by = (ComponentSpec,)
 
     model: Annotated[str, FileWithSuffix(".py")] | None = None
     fmu: Path | None = None
@@ -111,6 +127,8 @@ class ComponentBlock(Block):
 class CyclesBlock(Block):
     """How cycles of direct feed-through are iterated."""
 
+    explained_by = (CycleSettings,)
+
     iterate: bool = CycleSettings.iterate
     tolerance: float = Field(CycleSettings.tolerance, gt=0)
     limit: int = Field(CycleSettings.limit, ge=1)
@@ -120,6 +138,12 @@ class RunBlock(Block):
     """When a run stops and how it steps.
 
     Attributes:
+        stop: when the run ends [s].
+        step: the communication step, from which all others are multiples [s].
+        start: when the run begins [s].
+        order: whether components of a step run one after the other, `gauss-seidel`, or all with what was before it,
+            `jacobi`.
+        cycles: how cycles of direct feed-through are iterated; without it they are refused.
         nonfinite: whether an output that is NaN or infinite ends the run, or is allowed and counted.
         tolerance: relative tolerance that FMUs with a solver of their own are told; none by default.
         tell_stop: whether FMUs are told when the run stops; some then refuse to go beyond it by a rounding error.
@@ -157,29 +181,36 @@ class RunBlock(Block):
         )
 
 
+def _named_plainly(components: dict[str, ComponentBlock]) -> dict[str, ComponentBlock]:
+    for name in components:
+        if not name.isidentifier():
+            raise ValueError(f"component '{name}': use letters, digits and underscores")
+    return components
+
+
+def _with_arrows(connections: list[str]) -> list[str]:
+    for line in connections:
+        try:
+            link(line)
+        except WiringError as error:
+            raise ValueError(f"{error.place}: {error.fix}") from error
+    return connections
+
+
+Components = Annotated[dict[str, ComponentBlock], AfterValidator(_named_plainly)]
+Connections = Annotated[list[str], AfterValidator(_with_arrows)]
+
+
 class SystemBlock(Block):
-    """Components and how they are wired: `source -> target`, one a line."""
+    """Components and how they are wired.
 
-    components: dict[str, ComponentBlock] = Field(min_length=1)
-    connections: list[str] = []
+    Attributes:
+        components: name -> what it is.
+        connections: `component.output -> component.input`, one a line.
+    """
 
-    @field_validator("components")
-    @classmethod
-    def _names(cls, value: dict[str, ComponentBlock]) -> dict[str, ComponentBlock]:
-        for name in value:
-            if not name.isidentifier():
-                raise ValueError(f"component '{name}': use letters, digits and underscores")
-        return value
-
-    @field_validator("connections")
-    @classmethod
-    def _arrows(cls, value: list[str]) -> list[str]:
-        for line in value:
-            try:
-                link(line)
-            except WiringError as error:
-                raise ValueError(f"{error.place}: {error.fix}") from error
-        return value
+    components: Annotated[Components, Field(min_length=1)]
+    connections: Connections = []
 
     def system(self, base: Path, said: list[str] | None = None) -> SystemSpec:
         """Components and connections; files are relative to `base`, and what is to be known of them added to `said`."""

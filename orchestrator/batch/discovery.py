@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,9 +11,11 @@ from fmus.errors import ScenarioError
 from orchestrator.batch.procedure import run_procedure
 from orchestrator.batch.scenario_judge import ScenarioJudge
 from orchestrator.batch.verdict import FileJudge
-from orchestrator.documents.parts import PART
+from orchestrator.documents.parts import INCLUDE, PART
 from orchestrator.scenario.schema import ScenarioBlock
 from orchestrator.yaml_file import keys, load_joined
+
+_KEY = re.compile(r"^(\w+) ?:", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -58,13 +61,27 @@ def _tasks(folder: Path, known: Mapping[str, FileJudge]) -> Iterator[Task]:
     """Those of a folder."""
     for file in sorted(folder.rglob("*.yaml")):
         try:
-            judge = _judge(keys(file), known)
+            judge = _judge(_top_keys(file), known)
         except ScenarioError:
             judge = known["run"]  # it will say what is wrong with the file
         if judge is not None:
             inside = file.relative_to(folder).parent
             group = ".".join(inside.parts) or folder.resolve().name
             yield Task(file, judge, Path(group, file.stem))
+
+
+def _top_keys(file: Path) -> Sequence[str]:
+    """The keys at the top of a file, joined with the parts that it includes.
+
+    To parse all files of a suite would keep those waiting that run them; a line that begins with a word and a colon is
+    a key at the top of YAML as people write it, and what has none that tells what it is, or includes parts, is parsed.
+    """
+    try:
+        found = _KEY.findall(file.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError):
+        found = []
+    sure = {PART, "run", "procedure", "method"} & set(found) and INCLUDE not in found
+    return found if sure else keys(file)
 
 
 def _judge(found: Sequence[str], known: Mapping[str, FileJudge], named: bool = False) -> FileJudge | None:

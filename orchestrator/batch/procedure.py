@@ -41,8 +41,9 @@ class StepBlock(Block):
             the opposite order when all of `run` are done.
         run: run side by side.
         may_end: whether commands beside may end well before they are told to; else that is a failure.
-        ready_within: for a command beside to be ready; run_within: for all of `run` to end by themselves;
-            end_within: for a command to end when it is told to [s].
+        ready_within: how long a command beside may take to be ready [s].
+        run_within: how long all of `run` may take to end by themselves [s].
+        end_within: how long a command may take to end when it is told to [s].
     """
 
     beside: list[str] = []
@@ -62,7 +63,13 @@ class StepBlock(Block):
 
 
 class ProcedureBlock(Block):
-    """A procedure file."""
+    """A procedure file.
+
+    Attributes:
+        title: what it is, in a line.
+        description: more of it.
+        procedure: its steps, one after the other until one fails.
+    """
 
     title: str
     description: str = ""

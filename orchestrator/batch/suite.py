@@ -21,7 +21,7 @@ from orchestrator.last_words import LastWords
 from orchestrator.processes import Died, Processes, calling
 from orchestrator.results import Permission, permission, permitted
 
-_AHEAD = [__name__, "orchestrator.formats.parquet"]  # what the processes have loaded before they begin
+AHEAD = ["orchestrator.batch.ahead", __name__]
 
 
 def run_suite(
@@ -43,7 +43,7 @@ def run_suite(
     queue = _Queue(tasks, out)
     watch = partial(queue.watched, limits) if limits else None
     verdicts: dict[Path, Verdict] = {}
-    with Processes[Callable[[], Verdict], Verdict](calling, processes, _AHEAD, fresh=True, watch=watch) as pool:
+    with Processes[Callable[[], Verdict], Verdict](calling, processes, AHEAD, fresh=True, watch=watch) as pool:
         for number, answer in pool.answers(queue):
             verdict = queue.answered(number, answer)
             if verdict is None:

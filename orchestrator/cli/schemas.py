@@ -41,14 +41,16 @@ def schema(
     terminal: Terminal,
     kind: Annotated[str, typer.Argument(help="scenario, part, study or procedure.")],
     out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write it there.")] = None,
+    markdown: Annotated[bool, typer.Option("--markdown", help="A page for people about every key, instead.")] = False,
 ) -> Answer:
     """JSON Schema (draft 2020-12) of a kind of YAML file, with which editors complete and check it."""
     from fmus.files import atomic_write
+    from orchestrator.documents.reference import page
 
     if kind not in SCHEMAS:
         raise InputError(f"schema '{kind}'", "is not known", f"choose {' or '.join(SCHEMAS)}")
     document = schema_of(kind)
-    text = json.dumps(document, indent=2)
+    text = page(document).rstrip() if markdown else json.dumps(document, indent=2)
     if out is None:
         return Answer(document, [text])
     atomic_write(out, f"{text}\n".encode())

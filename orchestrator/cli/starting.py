@@ -19,13 +19,14 @@ STARTERS |= {
     "scenario": Starter(_OURS, {"scenario.yaml": "scenario.yaml"}, ("servotwin run scenario.yaml",)),
     "model": Starter(_OURS, {"model.txt": "my_model.py"}, ("servotwin build my_model.py",)),
     "ci": Starter(_OURS, {"ci.yaml": ".github/workflows/scenarios.yaml"}, ("servotwin test scenarios",)),
+    "gitlab-ci": Starter(_OURS, {"gitlab.yaml": ".gitlab-ci.yml"}, ("servotwin test scenarios",)),
 }
 
 
 @command(app)
 def init(
     terminal: Terminal,
-    kind: Annotated[str, typer.Argument(help="scenario, study, model or ci.")],
+    kind: Annotated[str, typer.Argument(help="scenario, study, model, ci (GitHub) or gitlab-ci.")],
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the files.")] = Path(),
 ) -> Answer:
     """Write commented starting files that run; a file that is there is never replaced."""

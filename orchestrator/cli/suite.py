@@ -82,6 +82,9 @@ def test(
     ] = None,
     jobs: Annotated[int, typer.Option("-j", "--jobs", min=1, help="Scenarios run side by side.")] = 1,
     chosen: Chosen,
+    mutate: Annotated[
+        bool, typer.Option("--mutate", help="Tell which parameters could change by 1 % and no scenario would notice.")
+    ] = False,
     limited: Limited,
     telling: Telling,
     out: Out = None,
@@ -101,6 +104,8 @@ def test(
     from orchestrator.batch.summary import HEADERS, Summary
 
     limits, folder = limited.limits(), out or Path("out/test")
+    if mutate:
+        return _mutated(terminal, paths or [Path("scenarios")], jobs, folder, isolate)
     index.check_place(folder)
     found = find_scenarios(paths or [Path("scenarios")], JUDGES, ScenarioJudge(isolate.isolation()))
     tasks = chosen.of(found, folder, terminal)
@@ -127,6 +132,40 @@ def test(
     table = Listing(HEADERS, summary.rows(all_files=terminal.verbose > 0))
     shown: list[Listing | str] = [*said, table, summary.sentence, f"all reports from {page} on"]
     return Answer(_document(summary), shown, held, failure=_fault(verdicts))
+
+
+def _mutated(terminal: Terminal, paths: Sequence[Path], jobs: int, folder: Path, isolate: Isolate) -> Answer:
+    """What the scenarios under the paths notice of their parameters."""
+    from orchestrator.batch.discovery import find_scenarios
+    from orchestrator.batch.mutation import HEADERS, Coverage, MutationJudge
+    from orchestrator.batch.suite import run_suite
+
+    found = find_scenarios(paths, {}, MutationJudge(isolate.isolation()))
+    tasks = [task for task in found if isinstance(task.judge, MutationJudge)]
+    finished: list[Path] = []
+    with terminal.bar("scenarios") as move:
+
+        def done(verdict: Verdict) -> None:
+            finished.append(verdict.file)
+            move(len(finished) / len(tasks), verdict.file.stem)
+
+        verdicts = run_suite(tasks, folder, jobs, done)
+    coverage, errors = Coverage.of(verdicts), [verdict.error for verdict in verdicts if verdict.error]
+    unnoticed = coverage.unnoticed
+    rows = [(name, ", ".join(map(str, files))) for name, files in unnoticed.items()]
+    told = Listing(("parameter that nothing notices", "scenarios that depend on it"), rows)
+    sentence = f"{100 * coverage.share:.1f} % of the changes that show in a record are noticed"
+    shown: list[Listing | str] = [Listing(HEADERS, coverage.rows()), *([told] if rows else []), sentence, *errors]
+    document = {
+        "noticed": coverage.share,
+        "unnoticed": {name: [str(file) for file in files] for name, files in unnoticed.items()},
+        "errors": errors,
+        "parameters": [
+            {"file": str(file), "parameter": name, "outcome": str(outcome), "found": coverage.found[file, name]}
+            for (file, name), outcome in coverage.outcomes.items()
+        ],
+    }
+    return Answer(document, shown, not errors, failure=_fault(verdicts))
 
 
 def _document(summary: Summary) -> dict[str, object]:

@@ -9,11 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from itertools import count
 from pathlib import Path
 
 from fmus.errors import InputError, ScenarioError
 from orchestrator import formats
-from orchestrator.assembly.assembly import assemble
+from orchestrator.assembly.assembly import SystemSpec, assemble
 from orchestrator.comparison.fmu_side import alone, with_component
 from orchestrator.comparison.result_traces import traces
 from orchestrator.engine import Engine
@@ -71,9 +72,15 @@ class Side:
 
 def _packed(target: str) -> Callable[[Scenario, Path], Scenario]:
     def way(scenario: Scenario, folder: Path) -> Scenario:
-        if all(component.fmu is not None for component in scenario.system.components.values()):
+        systems = [group.system for group in scenario.by_system()]
+        if all(component.fmu is not None for system in systems for component in system.components.values()):
             raise InputError(scenario.path, f"has no model that could be packed as {target}", "its components are FMUs")
-        return replace(scenario, system=assemble(scenario.system, folder, scenario.driven, target).system)
+
+        def packed(system: SystemSpec) -> SystemSpec:
+            return assemble(system, folder / str(next(number)), scenario.driven, target).system
+
+        number = count()
+        return scenario.with_systems(packed)
 
     return way
 
@@ -122,7 +129,7 @@ def side(given: str, setting: Setting, progress: Progress = silent) -> Side:
             return Side(given, {path.stem: trace}, notes)
 
         def way(scenario: Scenario, folder: Path) -> Scenario:
-            return replace(scenario, system=with_component(scenario.system, path, setting.component))
+            return scenario.with_systems(lambda system: with_component(system, path, setting.component))
 
         return _run(given, setting.scenario, setting, way, progress)
     if path.suffix in (".yaml", ".yml"):

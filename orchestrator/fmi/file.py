@@ -134,9 +134,9 @@ class FmuFile(FmuDescription):
             return
         there = sorted(p.name for p in (self.folder / "binaries").glob("*")) or ["none"]
         fix = "export it for this platform"
-        if foreign_sources.brings(
-            file.relative_to(self.folder).as_posix() for file in self.folder.glob("sources/**/*")
-        ):
+        with archive.opened(self.path) as zipped:
+            brings_sources = foreign_sources.brings(zipped.namelist())
+        if brings_sources:
             fix += f", or compile its sources: servotwin build --from-sources {self.path}"
         raise FmuFileError(self.path, f"has no binary for {platform} (it has: {', '.join(there)})", fix)
 

@@ -17,6 +17,7 @@ from fmus.files import sha256
 from fmus.packaging import archive
 from orchestrator.interrupts import UNPACKED
 
+_NEVER_RUN = ("sources/", "documentation/")  # what an FMU may not look for where it runs; to write it takes long
 _lock = threading.Lock()
 _shared: dict[str, Path] = {}  # hash of a file -> where it is unpacked
 _users: Counter[Path] = Counter()
@@ -60,7 +61,8 @@ def _unpack(path: Path) -> Path:
                 problem = f"unpacks to {size:,} bytes, and {free:,} are free in {folder.parent}"
                 raise FmuFileError(path, problem, "make space, or set TMPDIR")
             for info in zipped.infolist():
-                _extract(zipped, info, folder)
+                if not info.filename.startswith(_NEVER_RUN):
+                    _extract(zipped, info, folder)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise

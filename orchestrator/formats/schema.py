@@ -13,7 +13,11 @@ from orchestrator.yaml_file import Block, Seconds
 
 
 class EvenBlock(Block):
-    """The time of a recording without stamps: from one sample to the next [s]."""
+    """The time of a recording without stamps.
+
+    Attributes:
+        step: from one sample to the next [s].
+    """
 
     step: Annotated[Seconds, Field(gt=0)]
 
@@ -29,6 +33,8 @@ class LayoutBlock(Block):
         steady: messages of CAN logs with a counter whose sender keeps an even schedule: their frames get its stamps,
             however late each came.
     """
+
+    explained_by = (Layout,)
 
     variable: str | None = None
     time: int | str | EvenBlock | None = None

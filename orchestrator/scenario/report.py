@@ -52,6 +52,8 @@ def report(result: ScenarioResult, received: Collection[str] = ()) -> Report:
         _draw(page.section("Traces"), result, received)
     if result.system is not None:
         section = page.section("System")
+        if len(result.scenario.by_system()) > 1:
+            section.paragraph(f"That of case {result.cases[0].name}; others have components of their own.")
         section.figure(wiring_of(result, result.system, received), "Components, their steps, and what is connected")
         _parameters(section, result, result.system)
     _stepping(page.section("Step statistics"), result)

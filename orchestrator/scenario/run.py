@@ -46,12 +46,14 @@ class Keeping:
         stream: folder of a Parquet file a case, written while it runs; None keeps the record in memory.
         log: file that takes all that FMUs say.
         profile: what takes note of every step.
+        first: number of the case among all of the scenario that is the first here.
     """
 
     every: int = 1
     stream: Path | None = None
     log: Path | None = None
     profile: Profile | None = None
+    first: int = 0
 
     def span(self, name: str) -> AbstractContextManager[None]:
         """What has a block noted, where anything is."""
@@ -59,7 +61,7 @@ class Keeping:
 
     def file(self, number: int) -> Path | None:
         """Where the record of the case with this number is written while it runs."""
-        return None if self.stream is None else self.stream / f"{number}.parquet"
+        return None if self.stream is None else self.stream / f"{self.first + number}.parquet"
 
 
 LOG = logging.getLogger("servotwin.scenario")
@@ -211,15 +213,56 @@ def run_scenario(
         FmuError: it failed before that.
         ScenarioInterrupted: a KeyboardInterrupt came when a case had begun to step.
     """
-    return _run(
-        scenario if isinstance(scenario, Scenario) else load_scenario(scenario),
-        overrides or {},
-        progress,
-        fmus,
-        keeping or Keeping(),
-        isolation,
-        going_on,
+    whole = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+    done: list[ScenarioResult] = []
+    for group in whole.by_system():
+        first = sum(len(result.cases) for result in done)
+        told = _share_of(progress, first, len(group.cases), len(whole.cases))
+        kept_there = replace(keeping or Keeping(), first=first)
+        try:
+            done.append(_run(group, overrides or {}, told, fmus, kept_there, isolation, going_on))
+        except (ScenarioInterrupted, ScenarioFailed) as end:
+            end.result = _joined(whole, [*done, end.result])
+            raise
+        except KeyboardInterrupt:
+            if not done:
+                raise
+            raise ScenarioInterrupted(replace(_joined(whole, done), interrupted=True)) from None
+        except FmuError as error:
+            if not done:
+                raise
+            raise ScenarioFailed(error, _joined(whole, done)) from error
+    return _joined(whole, done)
+
+
+def _joined(scenario: Scenario, parts: Sequence[ScenarioResult]) -> ScenarioResult:
+    """The result of a scenario from those of its cases with one system each; what follows them has not run."""
+    first, made = parts[0], [case for part in parts for case in part.cases]
+    rest = scenario.cases[len(made) :]
+    cases = [*made, *(CaseResult(case.name, None, None, (), state=CaseState.NOT_RUN) for case in rest)]
+    converted = (*(case for part in parts for case in part.scenario.cases), *rest)
+    files, built, hashes = dict(first.assembled.files), set(first.assembled.built), dict(first.hashes)
+    components = dict(first.scenario.system.components)
+    for part in parts[1:]:
+        for name, digest in part.hashes.items():
+            known = name if hashes.get(name, digest) == digest else f"{name} of {part.cases[0].name}"
+            files[known], hashes[known] = part.assembled.files[name], digest
+            components[known] = part.scenario.system.components[name]
+            built |= {known} if name in part.assembled.built else set()
+    return replace(
+        first,
+        scenario=replace(first.scenario, cases=converted, system=replace(first.scenario.system, components=components)),
+        assembled=replace(first.assembled, files=files, built=frozenset(built)),
+        cases=tuple(cases),
+        keeping=replace(first.keeping, first=0),
+        interrupted=any(part.interrupted for part in parts),
+        crossings=tuple(dict.fromkeys(crossing for part in parts for crossing in part.crossings)),
+        hashes=hashes,
     )
+
+
+def _share_of(progress: Progress, first: int, count: int, total: int) -> Progress:
+    return lambda fraction, doing: progress((first + fraction * count) / total, doing)
 
 
 def _run(
@@ -271,7 +314,8 @@ def _run(
                     values = {**case.values, **given}
                     told = _part_of(progress, number, len(scenario.cases), case.name)
                     begun = perf_counter()
-                    with last_words.own().working_on(number), keeping.span(f"case {case.name}"):
+                    at_case = last_words.own().working_on(keeping.first + number)
+                    with at_case, keeping.span(f"case {case.name}"):
                         made = _run_case(scenario, number, simulation, values, stimuli, keeping, told)
                     cases.append(replace(made, seconds=perf_counter() - begun))
                     if not going_on:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +29,7 @@ class DataLogger:
         jitter: standard deviation of that time, as a fraction of it; 0 samples evenly.
         first: time from the start of the run to the first sample [s], `every` by default. Half of it reads what
             sampled components hold in the middle of their period.
+        seed: of the random times; each case has other ones.
     """
 
     signals: Mapping[str, str]
@@ -56,6 +57,7 @@ class Case:
     Attributes:
         values: component.variable -> value, all that are set.
         arrays: component.array -> shape of those that it sets as a whole.
+        system: what it is run with, None where that is the scenario's.
         expected: all that must hold.
     """
 
@@ -63,6 +65,7 @@ class Case:
     values: Mapping[str, Value] = field(default_factory=dict)
     expected: tuple[Expected, ...] = ()
     arrays: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    system: SystemSpec | None = None
 
     @property
     def may_be_refused(self) -> bool:
@@ -105,6 +108,24 @@ class Scenario:
     can: CanBlock | None = None
     notes: Sequence[str] = ()
     parts: tuple[Path, ...] = ()
+
+    def with_systems(self, change: Callable[[SystemSpec], SystemSpec]) -> Scenario:
+        """The scenario with its system, and those that cases have of their own, changed; equal ones once."""
+        known = [self.system]
+        known += [case.system for case in self.cases if case.system and case.system not in known]
+        changed = [change(system) for system in known]
+        cases = tuple(replace(case, system=case.system and changed[known.index(case.system)]) for case in self.cases)
+        return replace(self, system=changed[0], cases=cases)
+
+    def by_system(self) -> list[Scenario]:
+        """Scenarios of the cases that have one system and follow each other, in their order."""
+        groups: list[tuple[SystemSpec, list[Case]]] = []
+        for case in self.cases:
+            system = case.system or self.system
+            if not groups or system != groups[-1][0]:
+                groups.append((system, []))
+            groups[-1][1].append(case)
+        return [replace(self, system=system, cases=tuple(cases)) for system, cases in groups]
 
     @property
     def driven(self) -> tuple[str, ...]:

@@ -13,7 +13,8 @@ from typing import Annotated, Any, Literal
 from pydantic import ConfigDict, Field, model_validator
 
 from fmus.errors import ScenarioError
-from orchestrator.assembly.schema import ComponentBlock, RunBlock, SignalFileBlock, SystemBlock
+from orchestrator.assembly.assembly import SystemSpec, link
+from orchestrator.assembly.schema import Components, Connections, RunBlock, SignalFileBlock, SystemBlock
 from orchestrator.assembly.stimulus import Stimulus
 from orchestrator.assembly.whole_arrays import Values, elements, shapes
 from orchestrator.formats.schema import LayoutBlock
@@ -33,6 +34,8 @@ class StimulusBlock(Block):
 
     Attributes:
         constant: in the unit of the input, or with its own: `90 deg`.
+        file: a recording, relative to this file; instead of `constant`.
+        signal: its name in the recording.
         factor, offset: input = factor * signal + offset, over what their units say.
         interpolation: between samples; by default `hold` where the input is no real number or discrete, else `linear`.
         ends: what holds before the file begins and after it ends: nothing, or its first and its last value.
@@ -79,6 +82,8 @@ class StimulusBlock(Block):
 class DataLoggerBlock(Block):
     """A data logger that samples the run; see `DataLogger`."""
 
+    explained_by = (DataLogger,)
+
     model_config = ConfigDict(json_schema_extra=may_be_partial)
 
     signals: dict[str, str] = Field(min_length=1)
@@ -92,6 +97,8 @@ class VariantBlock(Block):
     """What differs from the scenario: values, what must hold besides, components and connections that are added.
 
     Attributes:
+        set: component.variable -> value, over those of the scenario, in the unit of the variable or its own: `400 g`.
+        expect: what must hold besides what the scenario expects.
         use: names of `sets` whose values it takes; later ones count, and `set` over all.
         components: as those of a scenario, over those of the same name there; a case with any is run with a system of
             its own.
@@ -101,8 +108,18 @@ class VariantBlock(Block):
     use: list[str] = []
     set: Values = {}
     expect: list[ExpectationBlock] = []
-    components: dict[str, ComponentBlock] = {}
-    connections: list[str] = []
+    components: Components = {}
+    connections: Connections = []
+
+    @property
+    def has_own_system(self) -> bool:
+        """Whether it is run with a system of its own."""
+        return bool(self.components or self.connections)
+
+    def system(self, common: SystemSpec, base: Path, said: list[str]) -> SystemSpec:
+        """Its system: the common one with what it adds; files are relative to `base`."""
+        own = {name: block.spec(base, said) for name, block in self.components.items()}
+        return SystemSpec({**common.components, **own}, (*common.connections, *map(link, self.connections)))
 
     def values(self, sets: Mapping[str, Values]) -> dict[str, Any]:
         """component.variable -> value, of the sets that it uses and its own.
@@ -119,7 +136,11 @@ class VariantBlock(Block):
 
 
 class CaseBlock(VariantBlock):
-    """A variant of the scenario with a name."""
+    """A variant of the scenario with a name.
+
+    Attributes:
+        name: of the case, in tables and, as far as letters allow, of the file with its trace.
+    """
 
     name: str
 
@@ -233,6 +254,14 @@ class ScenarioBlock(SystemBlock):
     """A scenario file.
 
     Attributes:
+        title: what it is, in a line.
+        description: more of it, and why its expectations are what they are.
+        stimuli: component.input -> what drives it.
+        run: when it begins and ends, and how it steps.
+        record: component.variable that the trace holds, by default all outputs.
+        recorder: samples the run as hardware does; its samples are written instead of the trace.
+        cases: variants, each with a name; by default the scenario as it is.
+        expect: what must hold in every case.
         include: files with parts of scenarios that it is joined with, relative to it; what it says itself counts.
         sets: name -> component.variable -> value, for cases that `use` them.
         matrix: cases that are all combinations of some axes; those of `cases` come after them.
@@ -273,6 +302,13 @@ class ScenarioBlock(SystemBlock):
         return [*(self.matrix.cases(self.sets) if self.matrix else ()), *written]
 
     @model_validator(mode="after")
+    def _one_system_on_a_bus(self) -> ScenarioBlock:
+        own = next((case.name for case in self.all_cases if case.has_own_system), None)
+        if own is not None and self.can is not None:
+            raise ValueError(f"case {own} has components of its own, which a scenario with `can` cannot have")
+        return self
+
+    @model_validator(mode="after")
     def _one_source_each(self) -> ScenarioBlock:
         twice = sorted(set(self.stimuli) & set(self.can.receive if self.can else ()))
         if twice:
@@ -291,6 +327,9 @@ class ScenarioBlock(SystemBlock):
                 raise ScenarioError(f"--fmu {name}", "no such component", f"there are {known}")
             if not file.is_file():
                 raise ScenarioError(f"--fmu {name}", f"no file {file}", "give an FMU that is there")
+        for case in self.all_cases:
+            if own := sorted(case.components.keys() & fmus):
+                raise ScenarioError(f"--fmu {own[0]}", f"is another component in case {case.name}", "write it there")
         replaced = {name: self.components[name].replaced(file) for name, file in fmus.items()}
         return self.model_copy(update={"components": {**self.components, **replaced}})
 
@@ -310,16 +349,19 @@ class ScenarioBlock(SystemBlock):
         accepted = [
             CaseReferences(path, name, stem, references) for name, stem in zip(names, file_stems(names), strict=True)
         ]
+        shared = self.system(base, said)
+        systems = self._systems(shared, base, said)
         cases = tuple(
             Case(
                 case.name,
-                self._values(number) | elements(case.set),
+                self._values(number, systems[number] or shared) | elements(case.set),
                 tuple(
                     expected
                     for block in (*self.expect, *case.expect)
                     for expected in common.get(id(block)) or block.expectations(base, said, accepted[number])
                 ),
                 shapes(case.set),
+                systems[number],
             )
             for number, case in enumerate(self.all_cases)
         )
@@ -329,7 +371,7 @@ class ScenarioBlock(SystemBlock):
             path,
             self.title,
             self.description,
-            self.system(base, said),
+            systems[0] or shared,
             self.run.timing(),
             {name: block.stimulus(base, said) for name, block in self.stimuli.items()} | safe,
             None if self.record is None else tuple(self.record),
@@ -339,9 +381,15 @@ class ScenarioBlock(SystemBlock):
             said,
         )
 
-    def _values(self, number: int) -> dict[str, Any]:
+    def _systems(self, shared: SystemSpec, base: Path, said: list[str]) -> list[SystemSpec | None]:
+        """The system of each case; None throughout where all have the one that they share."""
+        if not any(case.has_own_system for case in self.all_cases):
+            return [None for _ in self.all_cases]
+        return [case.system(shared, base, said) for case in self.all_cases]
+
+    def _values(self, number: int, system: SystemSpec) -> dict[str, Any]:
         """component.variable -> value in the case with this number, before what the case sets."""
-        values = self.values()
+        values: dict[str, Any] = system.values()
         if not self.own_noise:
             return values
         seeds = {name: seed for name, seed in values.items() if name.endswith(".seed") and isinstance(seed, int)}

@@ -35,6 +35,7 @@ BENCH = {
     "loop_speed": "a step in our loops, in C and in other tools",
     "loop_scaling": "time and memory over components and steps",
     "can_bridge": "deadlines and lost frames of a bridge at 1 kHz over serial adapters",
+    "suite_speed": "200 short scenarios as a suite, one after the other and two at a time",
 }
 ENDURANCE = {
     "coverage_frequency": "how often the intervals of the resonance study hold the truth, in 400 draws",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 from fmus.files import package_folder
@@ -18,6 +19,11 @@ _HEADERS = {
 
 def fixed(fmi: int) -> dict[str, str]:
     """File name -> text, for one version of FMI."""
+    return dict(_fixed(fmi))
+
+
+@cache
+def _fixed(fmi: int) -> dict[str, str]:
     runtime = {name: (_RUNTIME / name).read_text() for name in (*_COMMON, "model.h", *_ADAPTERS[fmi])}
     headers = package_folder("fmpy") / "c-code"
     return runtime | {name: (headers / name).read_text() for name in _HEADERS[fmi]}

@@ -155,3 +155,28 @@ def test_what_is_right_is_so_for_the_editor_and_for_the_command(
     assert complaints(file, document) == []
     _write(document, file, tmp_path / "right.yaml")
     read(kind_of(file), tmp_path / "right.yaml")
+
+
+def keys_of(document: dict[str, Any]) -> dict[tuple[str, str], str]:
+    """(block, key) -> what the schema says of it."""
+    blocks = {"file": document, **document.get("$defs", {})}
+    return {
+        (name, key): part.get("description", "")
+        for name, block in blocks.items()
+        for key, part in block.get("properties", {}).items()
+    }
+
+
+@pytest.mark.parametrize("kind", ["scenario", "procedure", "study"])
+def test_the_committed_page_has_every_key_and_is_what_the_command_prints(kind: str) -> None:
+    """Where it is not: servotwin schema KIND --markdown --out docs/reference/KIND.md."""
+    page = (ROOT / "docs" / "reference" / f"{kind}.md").read_text()
+    assert servotwin("schema", kind, "--markdown").stdout == page
+    for _, key in keys_of(json.loads(committed(kind).read_text())):
+        assert f"| `{key}` |" in page
+
+
+@pytest.mark.parametrize("kind", ["procedure"])
+def test_every_key_is_explained(kind: str) -> None:
+    explained = keys_of(json.loads(committed(kind).read_text()))
+    assert [key for key, text in explained.items() if not text] == []

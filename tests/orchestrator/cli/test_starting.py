@@ -6,7 +6,6 @@ import shlex
 from pathlib import Path
 
 import pytest
-from ruamel.yaml import YAML
 from typer.testing import CliRunner, Result
 
 from identification.cli import app
@@ -30,13 +29,6 @@ def test_starting_files_do_what_their_last_lines_say(
         done = servotwin(line.removeprefix("servotwin "))
         assert done.exit_code == 0, done.output
         assert "warning" not in done.output
-
-
-def test_the_workflow_runs_the_suite(tmp_path: Path) -> None:
-    assert servotwin(f"init ci --out {tmp_path}").exit_code == 0
-    workflow = YAML(typ="safe").load(tmp_path / ".github/workflows/scenarios.yaml")
-    steps = [step.get("run", "") for step in workflow["jobs"]["scenarios"]["steps"]]
-    assert any(step.startswith(STARTERS["ci"].commands[0]) for step in steps)
 
 
 def test_a_file_that_is_there_is_kept_and_nothing_else_written(tmp_path: Path) -> None:

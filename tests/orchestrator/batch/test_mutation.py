@@ -1,0 +1,81 @@
+"""A parameter that is changed by 1 % is seen, unseen, or without effect, as what scenarios ask has it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fmus.errors import InputError
+from orchestrator.batch.mutation import Coverage, MutationJudge, Outcome, outcome_of
+from orchestrator.batch.verdict import Verdict
+
+GRAVITY = "hand.gravity_torque"
+
+
+def scenario(folder: Path, name: str = "swing", **more: Any) -> Path:
+    """A hand that swings without friction from 0.5 rad."""
+    still = {"viscous_friction": 0, "coulomb_friction_positive": 0, "coulomb_friction_negative": 0}
+    document = {
+        "title": "swing",
+        "components": {
+            "hand": {"model": "pendulum", "parameters": {"angle_start": 0.5, "inertia": "4e-3 kg.m2"} | still}
+        },
+        "run": {"stop": 1, "step": 0.01},
+        "record": ["hand.angle"],
+    } | more
+    (folder / f"{name}.yaml").write_text(json.dumps(document))
+    return folder / f"{name}.yaml"
+
+
+def outcomes(file: Path) -> dict[str, Outcome]:
+    document = MutationJudge()(file, Path("unused"))
+    assert document["passed"] == all(case["passed"] for case in document["cases"])
+    return {case["name"]: outcome_of(case) for case in document["cases"]}
+
+
+def test_a_loose_expectation_sees_no_change_and_a_narrow_one_does(tmp_path: Path) -> None:
+    loose = outcomes(scenario(tmp_path, expect=[{"signal": "hand.angle", "below": 3}]))
+    narrow = outcomes(scenario(tmp_path, expect=[{"signal": "hand.angle", "below": 0.5001}]))
+    assert loose["hand.angle_start"] == Outcome.UNSEEN and narrow["hand.angle_start"] == Outcome.SEEN
+    assert loose["hand.inertia"] == narrow["hand.inertia"] == Outcome.UNSEEN
+
+
+def test_what_does_not_show_in_the_record_has_no_effect(tmp_path: Path) -> None:
+    found = outcomes(scenario(tmp_path))
+    assert found["hand.friction_speed"] == Outcome.WITHOUT_EFFECT  # without friction
+    assert found[GRAVITY] == Outcome.UNSEEN
+    assert "hand.viscous_friction" not in found  # 1 % of nothing
+
+
+def test_each_case_has_its_own_value_changed_and_one_that_sees_it_is_enough(tmp_path: Path) -> None:
+    narrow = [{"signal": "hand.angle", "below": 0.8001}]
+    cases = [
+        {"name": "low", "expect": [{"signal": "hand.angle", "below": 3}]},
+        {"name": "high", "set": {"hand.angle_start": 0.8}, "expect": narrow},
+    ]
+    (found,) = [
+        case
+        for case in MutationJudge()(scenario(tmp_path, cases=cases), tmp_path)["cases"]
+        if "start" in case["name"] and "angle" in case["name"]
+    ]
+    assert outcome_of(found) == Outcome.SEEN
+    assert found["checks"][0]["found"].startswith("0.8 -> 0.808: high: hand.angle stays below 0.8001, found")
+
+
+def test_a_scenario_that_fails_as_it_is_cannot_notice_anything(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="does not pass as it is"):
+        MutationJudge()(scenario(tmp_path, expect=[{"signal": "hand.angle", "below": 0}]), tmp_path)
+
+
+def test_the_share_is_of_changes_that_show_and_names_what_no_file_notices(tmp_path: Path) -> None:
+    loose = scenario(tmp_path, "loose")
+    narrow = scenario(tmp_path, "narrow", expect=[{"signal": "hand.angle", "below": 0.5001}])
+    coverage = Coverage.of(Verdict(file, 1.0, MutationJudge()(file, tmp_path)) for file in (loose, narrow))
+    shown = [outcome for outcome in coverage.outcomes.values() if outcome != Outcome.WITHOUT_EFFECT]
+    assert coverage.share == shown.count(Outcome.SEEN) / len(shown) and 0 < coverage.share < 1
+    assert "hand.angle_start" not in coverage.unnoticed
+    assert coverage.unnoticed[GRAVITY] == [loose, narrow]
+    assert [row[0] for row in coverage.rows()] == [str(loose), str(narrow)]
