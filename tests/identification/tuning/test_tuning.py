@@ -15,6 +15,7 @@ from fmus.errors import InputError
 from identification import tune
 from identification.calibrate import calibrate_study, tune_study
 from identification.cli import app
+from identification.tuning.goals.table import MEASURES
 from identification.tuning.summary import TuningSummary
 from orchestrator.info import about
 from orchestrator.progress import silent
@@ -222,3 +223,38 @@ def test_the_thesis_starts_lead_to_one_optimum_within_its_margins(tmp_path: Path
     assert found["agree"] == len(found["starts"]) == 3  # type: ignore[typeddict-item]
     values = [found["parameters"][f"controller.{name}"]["value"] for name in ("kp", "kd")]
     assert values == pytest.approx([0.6493, 4.4115], rel=1e-3)
+
+
+def test_every_measure_can_be_a_goal_in_its_own_unit(tmp_path: Path) -> None:
+    """The overshoot binds: the light plant goes as far beyond as it may."""
+    asked: list[dict[str, Any]] = [
+        {"measure": "overshoot", "at_most": "2 %"},
+        {"measure": "phase margin", "at_least": "0.5 rad"},
+        {"measure": "gain margin", "at_least": "6 dB", "opened": "controller.voltage -> plant.u"},
+        {"measure": "delay margin", "at_least": "20 ms"},
+        {"measure": "modulus margin", "at_least": 0.3},
+        {"measure": "disk margin", "at_least": 0.3},
+        {"measure": "damping", "at_least": 0.3},
+        {"measure": "decay rate", "at_least": 0.1},
+        {"measure": "noise gain", "at_most": 50},
+        {"measure": "settling time", "at_most": "3000 ms"},
+        {"measure": "rise time", "at_most": 3},
+        {"measure": "steady error", "at_most": 0.1},
+        {"measure": "residual", "at_most": 1},
+        {"measure": "peak", "of": "controller.voltage", "at_most": 100},
+        {"measure": "effort", "at_most": 100},
+        {"measure": "saturation", "at_most": "50 %"},
+        {"measure": "itae", "disturbed": "plant.u", "at_most": 1000},
+        {"measure": "iae", "at_most": 10},
+        {"measure": "ise", "at_most": 10},
+    ]
+    assert {goal["measure"] for goal in asked} == set(MEASURES)
+    found = tuned(tmp_path, goals=asked, step={"duration": 4, "limit": 10})
+    assert found["feasible"]
+    assert found["goals"][0]["figures"]["light"] == pytest.approx(0.02, abs=1e-6)
+    by_name = {goal["measure"]: goal for goal in found["goals"]}
+    assert by_name["phase margin"]["at_least"] == pytest.approx(math.degrees(0.5))
+    assert by_name["delay margin"]["at_least"] == pytest.approx(0.02)
+    gain = found["parameters"]["controller.kp"]["value"]
+    assert by_name["peak"]["figures"]["light"] == pytest.approx(gain)
+    assert all(figure is not None for goal in found["goals"] for figure in goal["figures"].values())
