@@ -18,6 +18,7 @@ import pytest
 
 from orchestrator import formats
 from orchestrator.batch.procedure import run_procedure
+from orchestrator.progress import READY
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
 
@@ -64,18 +65,20 @@ def test_energy_control_from_another_process_comes_to_the_orbit_from_inside_and_
 
 
 @contextmanager
-def command(*words: object) -> Iterator[subprocess.Popen[bytes]]:
-    """A command in a group of processes of its own, all gone in the end."""
+def command(ready: Path, *words: object) -> Iterator[subprocess.Popen[bytes]]:
+    """A command that is on its bus, in a group of processes of its own; all gone in the end."""
     started = [str(Path(sys.executable).parent / "servotwin"), *map(str, words)]
-    with subprocess.Popen(started, start_new_session=True, stdout=subprocess.DEVNULL) as process:
+    environment = os.environ | {READY: str(ready)}
+    with subprocess.Popen(started, start_new_session=True, stdout=subprocess.DEVNULL, env=environment) as process:
         try:
+            awaited(ready)
             yield process
         finally:
             if process.poll() is None:
                 os.killpg(process.pid, signal.SIGKILL)
 
 
-def awaited(path: Path, limit: float = 120.0) -> None:
+def awaited(path: Path, limit: float = 240.0) -> None:
     until = time.monotonic() + limit
     while not path.exists():
         assert time.monotonic() < until, f"{path} has not come"
@@ -88,11 +91,11 @@ def test_when_the_energy_controller_is_killed_the_hand_is_left_without_voltage_a
 ) -> None:
     """Controller and the process that has its bus are killed at once, so that nobody can send a safe value."""
     bus, bench = tmp_path / "bus", tmp_path / "bench"
-    with command("can", "bench", BUS / "rig.yaml", "--serve", bus, "--ports", 2, "--out", bench) as rig:
-        awaited(bus / "1")
-        wired = ("--interface", "slcan", "--channel", bus / "1", "--bitrate", 500000)
-        with command("can", "bridge", BUS / "controller.yaml", *wired, "--duration", 600) as controller:
-            time.sleep(25)
+    served = ("--serve", bus, "--ports", 2, "--out", bench)
+    with command(tmp_path / "rig", "can", "bench", BUS / "rig.yaml", *served) as rig:
+        wired = ("--interface", "slcan", "--channel", bus / "1", "--bitrate", 500000, "--duration", 600)
+        with command(tmp_path / "controller", "can", "bridge", BUS / "controller.yaml", *wired) as controller:
+            time.sleep(5)
             os.killpg(controller.pid, signal.SIGKILL)
             controller.wait()
         time.sleep(5)
