@@ -285,7 +285,7 @@ def _run(
         cases: list[CaseResult] = []
         crossings: tuple[Crossing, ...] = ()
         system: System | None = None
-        hashes = hashes_of(assembled)
+        hashes: dict[str, str] = {}
 
         def result(cases: Sequence[CaseResult], interrupted: bool = False) -> ScenarioResult:
             done = tuple(cases)
@@ -296,7 +296,7 @@ def _run(
                 OpenSystem(assembled) as opened,
                 opened.simulation(scenario.timing, isolation, keeping.profile) as simulation,
             ):
-                system = opened.system
+                system, hashes = opened.system, hashes_of(assembled)
                 check_shapes(opened.system, shapes(overrides))
                 given = typed(opened.system, given)
                 scenario, crossed = in_units_of(opened.system, scenario)
