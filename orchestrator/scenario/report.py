@@ -166,6 +166,8 @@ def _add_asked(expected: OnSignal, trace: Trace, curves: list[Curve], bands: lis
     first, last = (float(trace.time[i]) for i in (0, -1)) if len(trace) else (0.0, 0.0)
     start = first if expected.after is None else max(expected.after, first)
     stop = last if expected.before is None else min(expected.before, last)
+    if not start < stop:  # the run ended before what was asked of it
+        return
     if isinstance(condition, Below | Above):
         word = "below" if isinstance(condition, Below) else "above"
         marks.append(Mark(float(condition.limit), "y", f"{word} {float(condition.limit):g}", (start, stop)))
@@ -174,14 +176,14 @@ def _add_asked(expected: OnSignal, trace: Trace, curves: list[Curve], bands: lis
         curves.append(Curve("target", time, target, tone="reference"))
         bands.append(Band("tube", time, target - within, target + within))
     elif isinstance(condition, Against):
-        if condition.reference.trace is None or not start < stop:
+        if condition.reference.trace is None:
             return
         window = condition.reference.trace.between(start, stop)
         (values,) = window.signals.values()
         curves.append(Curve(condition.reference.name, window.time, values, tone="reference"))
         if (asked := expected.tube(trace)) is not None:
             bands.append(Band("tube", asked[0], *asked[1]))
-    elif start < stop and (asked := expected.tube(trace)) is not None:
+    elif (asked := expected.tube(trace)) is not None:
         bounds = [bound for bound in asked[1] if np.any(np.isfinite(bound))]
         curves.extend(Curve("bound", asked[0], bound, tone="reference") for bound in bounds)
 

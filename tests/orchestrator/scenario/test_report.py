@@ -175,3 +175,15 @@ def test_names_from_files_are_no_markup(tmp_path: Path, name: str) -> None:
     )
     assert hostile.tags == plain.tags
     assert hostile.words.count(name) == plain.words.count("plain") >= 3
+
+
+def test_what_is_asked_after_the_end_of_a_run_is_not_drawn_and_stops_no_report(tmp_path: Path) -> None:
+    text = SCENARIO.replace("near: 0, within: 40", "near: 0, within: 40, after: 0.5")
+    result = ran(tmp_path, text.replace("reference: {", "after: 0.5, reference: {"))
+    [case] = result.cases
+    assert case.result is not None
+    early = replace(result, cases=(replace(case, result=replace(case.result, trace=case.trace.between(0, 0.2))),))
+    marked = [[(len(panel.marks), len(panel.bands)) for panel in chart.panels] for chart in charts(report(result))]
+    bare = [[(len(panel.marks), len(panel.bands)) for panel in chart.panels] for chart in charts(report(early))]
+    assert marked[0][:3] == [(1, 0), (0, 1), (0, 1)] and bare[0][:3] == [(0, 0)] * 3
+    assert report(early).render()
