@@ -146,13 +146,17 @@ class BusTraffic:
         begun = time.monotonic()
         until = begun + _CONFIRMING
         taken = self._send_safe_values(self._coupling.sent, now, until)
+        crowded = [line for line in self._lines if line.full]
         while (open_ := self._not_out(now + time.monotonic() - begun)) and time.monotonic() < until:
+            crowded += [line for line in self._lines if line.full and line not in crowded]
             time.sleep(_NAP)
         doubtful = [message for message in self._coupling.sent if message.guarded]
         self._unconfirmed = [message for message in doubtful if self._line(message) in open_ or message not in taken]
         waiting = [self._line(message) for message in self._unconfirmed]
         staying = [line.waits and line.link.stay() for line in waiting]
         self._pending = bool(staying) and all(staying)
+        for line in crowded:  # what is out is known by an estimate, which a paused computer deceives
+            line.link.stay()
         time.sleep(_LINGERING)
 
     def status(self, now: float) -> Figures:

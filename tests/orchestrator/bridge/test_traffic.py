@@ -179,18 +179,35 @@ def test_safe_values_that_a_full_bus_keeps_stay_in_the_adapter_alone_and_that_is
     assert torques(bus)[bus.forgotten[0] :] == pytest.approx([0.125], abs=5e-4)
 
 
+def test_an_adapter_whose_bus_was_full_at_the_end_forgets_nothing_even_where_all_seems_to_be_out(
+    rig: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("orchestrator.bridge.traffic._CONFIRMING", 60)
+    for flooded in (True, False):
+        bus, said = _Flooded(), list[str]()
+        traffic = on(bus, rig, said, TIMED)
+        run(traffic, bus, 0, 100)
+        if flooded:
+            bus.flood(seconds=1)
+        traffic.end(0.1)
+        report = traffic.report(0.6)
+        assert (report.unconfirmed, report.pending) == ((), False)
+        assert bus.stays == flooded == bool(bus.forgotten)
+
+
 class _Flooded(ScriptedBus):
-    """A bus that others fill from some time on."""
+    """A bus that others fill from some time on, for so long [s]."""
 
     begun = 0.0
     heard = 0
+    seconds = math.inf
 
-    def flood(self) -> None:
-        self.begun = time.monotonic()
+    def flood(self, seconds: float = math.inf) -> None:
+        self.begun, self.seconds = time.monotonic(), seconds
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         if not self.waiting and self.begun:
-            passed = int((time.monotonic() - self.begun) / occupied(THEIRS, TIMED))
+            passed = int(min(time.monotonic() - self.begun, self.seconds) / occupied(THEIRS, TIMED))
             self.waiting += [THEIRS] * (passed - self.heard)
             self.heard = passed
         return super().recv(timeout)
