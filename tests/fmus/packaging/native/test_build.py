@@ -107,7 +107,9 @@ def test_declared_dependencies_are_the_ones_that_show_in_values(native_fmu: Buil
 def test_model_exchange_is_offered_for_continuous_models_only(native_fmu: Built, name: str, fmi: int) -> None:
     described = fmpy.read_model_description(str(native_fmu(name, fmi)))
     assert described.coSimulation is not None
-    assert (described.modelExchange is not None) == (name in ("pendulum", "dc_motor", "flexible_arm", "flexible_link"))
+    assert (described.modelExchange is not None) == (
+        name in ("pendulum", "geared_pendulum", "dc_motor", "flexible_arm", "flexible_link")
+    )
 
 
 @pytest.mark.parametrize("fmi", VERSIONS)
