@@ -21,7 +21,7 @@ demo: $(READY)
 	$(BIN)/servotwin test scenarios/butterfly/bus/procedure.yaml --out $(DEMO) -v
 
 test: lint
-	$(BIN)/python -m pytest -m "not readme" --durations=10
+	$(BIN)/python -m pytest -m "not readme and not shipped" --durations=10
 
 bench endurance:
 	@$(MAKE) --no-print-directory setup EXTRAS=dev,bench

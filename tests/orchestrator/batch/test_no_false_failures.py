@@ -42,6 +42,7 @@ def test_a_short_scenario_passes_in_every_way(way: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.shipped
 @pytest.mark.parametrize("file", judging(), ids=lambda file: str(file.relative_to(SCENARIOS)))
 def test_half_the_step_fails_no_scenario(file: Path, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     if str(file.relative_to(SCENARIOS)) in STEP_MATTERS:
@@ -57,12 +58,14 @@ def ends_of(file: Path) -> Scenario:
 
 
 @pytest.mark.slow
+@pytest.mark.shipped
 @pytest.mark.parametrize("file", judging(), ids=lambda file: str(file.relative_to(SCENARIOS)))
 def test_the_loop_in_python_fails_no_scenario(file: Path, tmp_path: Path) -> None:
     assert failures(ends_of(file), "python-loop", tmp_path) == []
 
 
 @pytest.mark.slow
+@pytest.mark.shipped
 @pytest.mark.parametrize("name", SHORT)
 def test_the_packaging_in_python_fails_no_scenario(name: str, tmp_path: Path) -> None:
     """Of those that are short: a step takes a hundred times as long."""
