@@ -28,8 +28,10 @@ if sys.platform != "win32":
     import fcntl
 
 PATIENCE = 10  # with a command that was told to end and has not heard it [s]
+_AGAIN = 0.5  # until it is told again [s]
 _LEAVING = 3.0  # patience with processes that the command has left [s]
 _SAVING = 120.0  # ... while they save its result
+_FAULTS = {signal.SIGSEGV, signal.SIGABRT, signal.SIGFPE, signal.SIGILL, getattr(signal, "SIGBUS", None)}
 _NAME = "servotwin"  # of the folder for temporary files
 
 
@@ -129,7 +131,8 @@ def _watch(child: int, watched: set[signal.Signals], words: LastWords) -> NoRetu
     """Pass signals on to the child, await its end, clean up, and leave with the exit code."""
     with suppress(OSError):  # the child does it as well; whoever comes first
         os.setpgid(child, child)
-    sent, given_up = 0, False
+    sent: list[int] = []
+    given_up, told = False, 0.0
     while True:
         number = signal.sigwait(watched)
         if number == signal.SIGCHLD:
@@ -141,16 +144,21 @@ def _watch(child: int, watched: set[signal.Signals], words: LastWords) -> NoRetu
             os.kill(os.getpid(), signal.SIGSTOP)
             os.killpg(child, signal.SIGCONT)
         elif number != signal.SIGALRM:
-            sent += 1
+            sent.append(number)
+            told = monotonic()
             os.kill(child, number)
-            signal.alarm(PATIENCE)
-        elif not words.heard:
+            signal.setitimer(signal.ITIMER_REAL, _AGAIN, _AGAIN)
+        elif words.heard:
+            signal.setitimer(signal.ITIMER_REAL, 0)
+        elif monotonic() < told + PATIENCE:
+            os.kill(child, sent[-1])  # one that comes just before a call that waits is heard only after that
+        else:
             given_up = True
             os.killpg(child, signal.SIGKILL)
     _end_group(child, words)
     code = words.code
     if code is None:
-        line, code = _verdict(os.waitstatus_to_exitcode(status), words, sent > 0, given_up)
+        line, code = _verdict(os.waitstatus_to_exitcode(status), words, bool(sent), given_up)
         with suppress(OSError):
             os.write(2, f"{_rescued(words)}{line}\n".encode(errors="replace"))
     _remove(words)
@@ -188,8 +196,10 @@ def _remove(words: LastWords) -> None:
 def _verdict(code: int, words: LastWords, interrupted: bool, given_up: bool) -> tuple[str, int]:
     """The line and the exit code for an end that the command did not come to."""
     names = culprits(words)
-    if interrupted:
-        return (f"interrupted; {names or 'the command'} did not let go" if given_up else "interrupted"), 130
+    if interrupted and given_up:
+        return f"interrupted; {names or 'the command'} did not let go", 130
+    if interrupted and -code not in _FAULTS:
+        return "interrupted", 130
     if code == -signal.SIGKILL:
         return _killed(names, words.said(KILLED)), 3
     if code >= 0:
@@ -197,6 +207,8 @@ def _verdict(code: int, words: LastWords, interrupted: bool, given_up: bool) -> 
     else:
         known = {number.value: number.name for number in signal.Signals}
         how = f"crashed the command's process ({known.get(-code, f'signal {-code}')})"
+    if interrupted:
+        return f"interrupted; {names or 'something'} {how}", 130
     if not names:
         return f"servotwin: something {how}; run with -vv and report what that says", 4
     return f"servotwin: {names}: the FMU {how}; run with --isolate to learn when, or ask for a repaired one", 3

@@ -200,7 +200,8 @@ class FmuInstance(Generic[A]):
         self.terminate()
         if self._alive:
             self._alive = False
-            self._fmi.free()
+            if not broken_off():
+                self._fmi.free()
             last_words.own().say(*self._known_as, -1)
             last_words.own().say(last_words.GONE, self._known_as[1])
         if self._copy is not None:

@@ -111,6 +111,19 @@ def test_a_wish_to_end_reaches_the_command_once(tmp_path: Path, number: signal.S
     assert ended(running, tmp_path) == (130, "")
 
 
+def test_a_crash_after_a_wish_to_end_is_told(tmp_path: Path) -> None:
+    work = "\n    ".join(
+        ["try: print('ready', flush=True); time.sleep(60)", "except KeyboardInterrupt: ctypes.string_at(0)"]
+    )
+    running = started(tmp_path, work)
+    assert running.stdout is not None and [running.stdout.readline() for _ in range(2)] == ["said\n", "ready\n"]
+    running.send_signal(signal.SIGINT)
+    assert ended(running, tmp_path) == (
+        130,
+        "interrupted; wheel (bad.fmu) crashed the command's process (SIGSEGV)\n",
+    )
+
+
 def test_what_ignores_a_wish_to_end_is_killed(tmp_path: Path) -> None:
     work = "libc.signal(2, ctypes.c_void_p(1))\n    print('ready', flush=True)\n    libc.sleep(600)"
     running = started(tmp_path, work)

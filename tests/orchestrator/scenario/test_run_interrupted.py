@@ -144,7 +144,6 @@ def test_an_interrupted_run_prints_its_manifest_as_json_and_says_where_it_is_eve
     assert ended.stderr.startswith("interrupted at t = ")
 
 
-@pytest.mark.xfail(reason="at times such an interrupt keeps nothing; a fault whose cause is not found", strict=False)
 def test_an_interrupt_in_a_step_that_takes_long_keeps_those_that_are_done(tmp_path: Path) -> None:
     """An FMU in Python that does not come back is broken off; its failure is explained by the interrupt."""
     (tmp_path / "slow.py").write_text(SLOW)
