@@ -13,6 +13,7 @@ from fmus.errors import IdentificationError, ScenarioError
 from fmus.parameters import ssv
 from fmus.parameters.write_back import write_back
 from identification.estimation.stopped import STOPPED
+from identification.messages import Messages
 from identification.method import Calibrated
 from identification.output_error import validate as output_error_validation
 from identification.output_error.schema import OutputErrorBlock
@@ -21,10 +22,19 @@ from identification.results import STUDY, SUMMARY, ClaimsSummary, ClaimSummary, 
 from identification.study import Study, load_study
 from orchestrator.display.table import Cell, table
 from orchestrator.fmi.isolation import Isolation
+from orchestrator.fmi.said import LOG_FILE, kept
 from orchestrator.formats import Layout
 from orchestrator.interrupts import whole
 from orchestrator.progress import Progress, silent
-from orchestrator.results import CaseDocument, CheckDocument, FileDocument, check_target, result_folder, write_json
+from orchestrator.results import (
+    CaseDocument,
+    CheckDocument,
+    FileDocument,
+    aside,
+    check_target,
+    result_folder,
+    write_json,
+)
 from orchestrator.yaml_file import naming
 
 PROVENANCE = ("title", "method", "parameters", "models", "data", "versions")
@@ -38,11 +48,13 @@ class CalibratedStudy:
     Attributes:
         result: what the study's method gave, with all arrays: `Calibration` of output error, `SubspaceCalibration`, ...
         summary: the same in plain values, as `summary.json` holds it.
+        messages: what the FMUs said meanwhile, where that was kept.
     """
 
     study: Study
     result: Any
     summary: Summary
+    messages: Messages | None = None
 
     @property
     def parameters(self) -> dict[str, ParameterSummary]:
@@ -62,7 +74,10 @@ class CalibratedStudy:
                 calibrated(self.result, Path(built)), fresh, {key: value for key, value in known.items() if value}
             )
             _keep(self.study, fresh)
-            self.study.method.report(self.result).write(fresh / "report.html")
+            page = self.study.method.report(self.result)
+            if self.messages is not None:
+                self.messages.write(page, fresh)
+            page.write(fresh / "report.html")
             write_json(fresh / SUMMARY, self.summary)
         return Path(folder)
 
@@ -124,17 +139,38 @@ def _loaded(study: Study | str | Path, command: str) -> Study:
     return known
 
 
-def _found(known: Study, data: str | Path | None, progress: Progress, isolation: Isolation | None) -> CalibratedStudy:
-    """What a study's method gives."""
+def _found(
+    known: Study,
+    data: str | Path | None,
+    progress: Progress,
+    isolation: Isolation | None,
+    log: Path | None = None,
+) -> CalibratedStudy:
+    """What a study's method gives.
+
+    Args:
+        log: file that takes all that FMUs say.
+    """
     with naming(known.file):
         try:
-            result = known.method.run(
-                known.block, known.base, None if data is None else Path(data), progress, isolation
-            )
+            with kept(log):
+                result = known.method.run(
+                    known.block, known.base, None if data is None else Path(data), progress, isolation
+                )
         except STOPPED as stop:
-            stop.result = CalibratedStudy(known, stop.result, known.method.summary(stop.result))
+            stop.result = _summed_up(known, stop.result, log)
             raise
-    return CalibratedStudy(known, result, known.method.summary(result))
+    return _summed_up(known, result, log)
+
+
+def _summed_up(known: Study, result: Any, log: Path | None) -> CalibratedStudy:
+    summary = known.method.summary(result)
+    if log is None:
+        return CalibratedStudy(known, result, summary)
+    messages = Messages.of(log)
+    summary["warnings"] = [*summary["warnings"], *messages.warnings]
+    summary["messages"] = messages.summary
+    return CalibratedStudy(known, result, summary, messages)
 
 
 def calibrate_study(
@@ -149,13 +185,14 @@ def calibrate_study(
     """
     study = _loaded(study_file, "calibrate")
     check_target(target, [study_file, *([data] if data is not None else [])])
-    try:
-        found = _found(study, data, progress, isolation)
-    except STOPPED as stop:
-        with whole(), naming(study_file):
-            stop.result.write(target)
-        raise
-    return _written(found, target, progress)
+    with aside(target) as near:
+        try:
+            found = _found(study, data, progress, isolation, near / LOG_FILE)
+        except STOPPED as stop:
+            with whole(), naming(study_file):
+                stop.result.write(target)
+            raise
+        return _written(found, target, progress)
 
 
 def tune_study(study_file: Path, target: Path, progress: Progress) -> Summary:
@@ -167,7 +204,8 @@ def tune_study(study_file: Path, target: Path, progress: Progress) -> Summary:
     """
     study = _loaded(study_file, "tune")
     check_target(target, [study_file])
-    return _written(_found(study, None, progress, None), target, progress)
+    with aside(target) as near:
+        return _written(_found(study, None, progress, None, near / LOG_FILE), target, progress)
 
 
 def _written(found: CalibratedStudy, target: Path, progress: Progress) -> Summary:
@@ -229,11 +267,18 @@ def validate_result(
         InputError, FmuError: as in `validate`, or the target holds something else.
     """
     check_target(target, [folder, data])
-    validation = validate(folder, data, progress, isolation)
-    summary = output_error_validation.summary(validation)
-    with result_folder(target) as fresh:
-        output_error_validation.report(validation).write(fresh / "report.html")
-        write_json(fresh / SUMMARY, summary)
+    with aside(target) as near:
+        with kept(near / LOG_FILE):
+            validation = validate(folder, data, progress, isolation)
+        messages = Messages.of(near / LOG_FILE)
+        summary = output_error_validation.summary(validation)
+        summary["warnings"] += messages.warnings
+        summary["messages"] = messages.summary
+        with result_folder(target) as fresh:
+            page = output_error_validation.report(validation)
+            messages.write(page, fresh)
+            page.write(fresh / "report.html")
+            write_json(fresh / SUMMARY, summary)
     return summary
 
 

@@ -12,6 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 from typing_extensions import TypedDict
 
 from fmus.errors import InputError
+from identification.messages import MessagesSummary
 from identification.recordings.campaign import StudyTrace
 from orchestrator.crossing import CrossingDocument
 from orchestrator.display.table import Cell
@@ -106,7 +107,11 @@ class VerdictSummary(TypedDict):
 
 
 class Summary(TypedDict):
-    """What `summary.json` holds, whatever the method; each adds keys of its own."""
+    """What `summary.json` holds, whatever the method; each adds keys of its own.
+
+    Attributes:
+        messages: what the FMUs said meanwhile; null where they said nothing.
+    """
 
     title: str
     method: str
@@ -117,6 +122,7 @@ class Summary(TypedDict):
     versions: dict[str, str]
     warnings: list[str]
     verdict: NotRequired[VerdictSummary]
+    messages: NotRequired[MessagesSummary | None]
 
 
 class ComparisonSummary(TypedDict):

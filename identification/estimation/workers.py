@@ -6,13 +6,16 @@ Failures come back as values; a worker that dies costs one simulation, is named 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
 from fmus.errors import FmuError, IdentificationError
 from orchestrator.fmi.isolation import Isolation
+from orchestrator.fmi.said import kept, kept_in
 from orchestrator.processes import Died, Processes
 from orchestrator.trace import FloatArray
 
@@ -112,7 +115,7 @@ class ProcessPool:
 
     def __init__(self, factory: Factory, processes: int, isolation: Isolation | None = None) -> None:
         self._processes: Processes[Task, Simulated] = Processes(
-            partial(_Simulating, factory),
+            partial(_Simulating, factory, kept_in()),
             processes,
             [type(factory).__module__],
             patience=isolation.patience if isolation else None,
@@ -192,16 +195,19 @@ class _Wanted:
 
 
 class _Simulating:
-    """A simulator in a process of its own."""
+    """A simulator in a process of its own; what its FMUs say goes into the file, if any, to be told by the main one."""
 
-    def __init__(self, factory: Factory) -> None:
+    def __init__(self, factory: Factory, log: Path | None) -> None:
+        self._stack = ExitStack()
+        self._stack.enter_context(kept(log, shown=False))
         self._simulator = factory()
+        self._stack.callback(self._simulator.close)
 
     def __call__(self, task: Task) -> Simulated:
         return _simulated(self._simulator, task)
 
     def close(self) -> None:
-        self._simulator.close()
+        self._stack.close()
 
 
 def _simulated(simulator: Simulator, task: Task) -> Simulated:

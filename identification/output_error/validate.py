@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NotRequired
 
 import numpy as np
 from typing_extensions import TypedDict
@@ -13,6 +14,7 @@ from fmus.errors import InputError
 from fmus.packaging import archive
 from fmus.parameters import ssv
 from fmus.parameters.write_back import description_of, is_ours
+from identification.messages import MessagesSummary
 from identification.output_error.calibration import Judged, isolated, judge, ports_of
 from identification.output_error.report import fits, overlays
 from identification.output_error.results import judged_summary
@@ -59,6 +61,7 @@ class ValidationSummary(TypedDict):
     versions: dict[str, str]
     warnings: list[str]
     verdict: VerdictSummary
+    messages: NotRequired[MessagesSummary | None]
 
 
 @dataclass(frozen=True, eq=False)

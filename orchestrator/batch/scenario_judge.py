@@ -8,8 +8,9 @@ from pathlib import Path
 
 from fmus.errors import FmuError
 from orchestrator.fmi.isolation import Isolation
+from orchestrator.fmi.said import LOG_FILE
 from orchestrator.results import FileDocument, aside, check_target
-from orchestrator.scenario.results import LOG_FILE, document_of, write_run
+from orchestrator.scenario.results import document_of, write_run
 from orchestrator.scenario.run import CaseResult, CaseState, Keeping, ScenarioResult, run_scenario
 from orchestrator.scenario.scenario import Case, Scenario
 from orchestrator.scenario.schema import load_scenario

@@ -123,10 +123,11 @@ def run(
     """Run one scenario; exit code 1 when an expectation fails."""
     from orchestrator.crossing import notes
     from orchestrator.engine import Profile
+    from orchestrator.fmi.said import LOG_FILE
     from orchestrator.results import aside, check_target
     from orchestrator.scenario import accounts
     from orchestrator.scenario.report import interruption
-    from orchestrator.scenario.results import LOG_FILE, document_of, write_run
+    from orchestrator.scenario.results import document_of, write_run
     from orchestrator.scenario.run import HEADERS, Keeping, ScenarioFailed, ScenarioInterrupted, run_scenario
     from orchestrator.scenario.schema import load_scenario
 

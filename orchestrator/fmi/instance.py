@@ -146,6 +146,9 @@ class FmuInstance(Generic[A]):
 
     def run(self) -> None:
         status = self._fmi.run()
+        if status == DISCARD:  # it stays in initialisation mode, from which there is no way on but a reset
+            problem = f"{returned(status)}: there is no start from these values"
+            raise self._failure("initialise", problem, "change its parameters, start values or first inputs")
         if status:
             self._check(status, "initialise")
         self._under_way = True

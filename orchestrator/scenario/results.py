@@ -12,6 +12,7 @@ from fmus.files import sha256
 from orchestrator import formats
 from orchestrator.crossing import CrossingDocument, documents_of
 from orchestrator.fmi.interface import Value
+from orchestrator.fmi.said import LOG_FILE
 from orchestrator.results import CaseDocument, CheckDocument, FileDocument, result_folder, versions, write_json
 from orchestrator.scenario import accounts
 from orchestrator.scenario.expectations import Check
@@ -19,7 +20,6 @@ from orchestrator.scenario.report import report
 from orchestrator.scenario.run import CaseResult, ScenarioResult, nonfinite
 from orchestrator.scenario.scenario import file_stems
 
-LOG_FILE = "fmu.log"
 PROFILE = "profile.json"
 
 

@@ -21,6 +21,9 @@
 #ifndef ON_SETUP
 #define ON_SETUP
 #endif
+#ifndef ON_INITIALISED
+#define ON_INITIALISED
+#endif
 
 enum { U, X, K, NUMBERS };
 
@@ -51,7 +54,7 @@ FMI2_Export fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean hasToler
     Model *m = c; m->time = begin; QUIRK(ON_SETUP); return fmi2OK;
 }
 FMI2_Export fmi2Status fmi2EnterInitializationMode(fmi2Component c) { return fmi2OK; }
-FMI2_Export fmi2Status fmi2ExitInitializationMode(fmi2Component c) { return fmi2OK; }
+FMI2_Export fmi2Status fmi2ExitInitializationMode(fmi2Component c) { Model *m = c; QUIRK(ON_INITIALISED); (void)m; return fmi2OK; }
 FMI2_Export fmi2Status fmi2Terminate(fmi2Component c) { Model *m = c; terminated++; QUIRK(ON_TERMINATE); (void)m; return fmi2OK; }
 FMI2_Export fmi2Status fmi2Reset(fmi2Component c) { Model *m = c; QUIRK(ON_RESET); (void)m; return fmi2OK; }
 FMI2_Export fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference r[], size_t n, fmi2Real v[]) {

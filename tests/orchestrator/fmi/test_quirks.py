@@ -18,6 +18,7 @@ from fmus.errors import FmuError, WiringError
 from identification.cli import app
 from orchestrator import formats
 from orchestrator.engine import Engine, RunFailed, Simulation, Timing, compiled
+from orchestrator.fmi import said as fmu_said
 from orchestrator.scenario.run import ScenarioFailed, run_scenario
 from orchestrator.system import Part, wire
 from orchestrator.trace import Trace
@@ -228,13 +229,7 @@ def test_end_and_tolerance_are_told_where_they_are_asked_for(tmp_path: Path) -> 
     assert told.read_text() == "0 0 0 0;1 1 1 1e-06;"
 
 
-def test_free_runs_tell_their_end_and_a_tolerance_where_a_study_asks_for_it(tmp_path: Path) -> None:
-    told = tmp_path / "told.txt"
-    say = 'fprintf(f, "%d %g %d %g;", hasStop, stop, hasTolerance, tolerance)'
-    quirks.build(tmp_path / "quirks.fmu", ON_SETUP=f'FILE *f = fopen("{told}", "a"); {say}; fclose(f);')
-    time = np.arange(11) / 10
-    formats.write(Trace(time, {"x": 0.96 ** np.arange(11)}), tmp_path / "log.csv")
-    study = """title: lag
+LAG_STUDY = """title: lag
 method: output-error
 components: {lag: {fmu: quirks.fmu}}
 step: 0.1
@@ -245,9 +240,67 @@ outputs: {lag.x: {signal: x}}
 windows: {length: 1}
 parameters: {lag.k: {start: 0.5, min: 0.1, max: 1}}
 """
-    (tmp_path / "study.yaml").write_text(study)
-    servotwin("calibrate", tmp_path / "study.yaml", "--data", tmp_path, "--out", tmp_path / "out")
+
+
+def lag_study(folder: Path) -> Path:
+    """A study of the lag and its recording, both in the folder of `quirks.fmu`."""
+    time = np.arange(11) / 10
+    formats.write(Trace(time, {"x": 0.96 ** np.arange(11)}), folder / "log.csv")
+    (folder / "study.yaml").write_text(LAG_STUDY)
+    return folder / "study.yaml"
+
+
+def test_free_runs_tell_their_end_and_a_tolerance_where_a_study_asks_for_it(tmp_path: Path) -> None:
+    told = tmp_path / "told.txt"
+    say = 'fprintf(f, "%d %g %d %g;", hasStop, stop, hasTolerance, tolerance)'
+    quirks.build(tmp_path / "quirks.fmu", ON_SETUP=f'FILE *f = fopen("{told}", "a"); {say}; fclose(f);')
+    servotwin("calibrate", lag_study(tmp_path), "--data", tmp_path, "--out", tmp_path / "out")
     assert set(told.read_text().split(";")) == {"1 1 1 1e-06", ""}
+
+
+@pytest.mark.parametrize("options", [[], ["--isolate"]])
+def test_what_fmus_say_in_a_calibration_and_a_validation_is_kept_counted_and_told(
+    options: list[str], tmp_path: Path
+) -> None:
+    quirks.build(tmp_path / "quirks.fmu", ON_STEP='say(m, "torque clipped");')
+    study, result = lag_study(tmp_path), tmp_path / "out"
+    for command in (["calibrate", study], ["validate", result]):
+        folder = result if command[0] == "calibrate" else result / "validation"
+        arguments = [*command, "--data", tmp_path, "--out", folder, *options]
+        done = CliRunner().invoke(app, [str(argument) for argument in arguments])
+        assert done.exit_code == 0, done.output
+        summary = json.loads((folder / "summary.json").read_text())
+        lines = (folder / "fmu.log").read_text().splitlines()
+        assert set(lines) == {f"WARNING lag: torque clipped at {round(k / 10, 1):g}" for k in range(10)}
+        assert summary["messages"] == {"file": "fmu.log", "count": len(lines)} and len(lines) % 10 == 0
+        assert f"lag: torque clipped at 0 (one of {len(lines):,} like this); all in fmu.log" in summary["warnings"]
+        assert f"one of {len(lines):,} like this" in " ".join(done.stdout.split())
+        assert "torque clipped" in (folder / "report.html").read_text()
+
+
+def test_a_file_of_messages_does_not_grow_without_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fmu_said, "LARGEST", 1000)
+    with fmu_said.kept(tmp_path / "fmu.log"):
+        for number in range(100):
+            fmu_said.LOG.warning("talker: torque clipped at %s", number)
+    *most, last = (tmp_path / "fmu.log").read_text().splitlines()
+    assert 1000 <= len("\n".join(most)) < 1050 and "the file is full" in last
+    first, _ = fmu_said.counted(tmp_path / "fmu.log")
+    assert (first.text, first.count) == ("talker: torque clipped at 0", len(most))
+
+
+def test_an_fmu_that_discards_its_initialisation_fails_without_terminate_and_starts_from_other_values(
+    tmp_path: Path, stack: ExitStack
+) -> None:
+    """FMI 3.0, 2.2.3 and 2.3: it has failed for want of another way on; it was never initialised, but can be reset."""
+    made = simulated(
+        stack, quirks.build(tmp_path / "quirks.fmu", ON_INITIALISED="if (m->number[K] < 0) return fmi2Discard;")
+    )
+    for runs in (1, 2):
+        with pytest.raises(FmuError, match=r"lag: initialise: returned discard: there is no start from these values"):
+            made.run({"lag.k": -1.0})
+        assert library(made, "terminated") == runs - 1
+        np.testing.assert_allclose(made.run().trace["lag.x"], DECAY)
 
 
 def test_what_is_not_finite_is_allowed_where_it_is_meant_and_counted(tmp_path: Path) -> None:
