@@ -36,6 +36,7 @@ def assert_near_the_truth(summary: dict[str, Any]) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.shipped
 def test_what_is_recorded_on_the_bus_calibrates_the_rig_behind_it(tmp_path: Path) -> None:
     done = run_procedure(SCENARIOS / "butterfly" / "bus" / "procedure.yaml", tmp_path / "out")
     assert [case["error"] for case in done["cases"] if not case["passed"]] == []
@@ -62,6 +63,7 @@ BUS = SCENARIOS / "butterfly" / "motion" / "bus"
 
 
 @pytest.mark.slow
+@pytest.mark.shipped
 def test_energy_control_from_another_process_comes_to_the_orbit_from_inside_and_outside(tmp_path: Path) -> None:
     done = run_procedure(BUS / "procedure.yaml", tmp_path / "out")
     assert [case["error"] for case in done["cases"] if not case["passed"]] == []
@@ -92,6 +94,7 @@ def awaited(path: Path, limit: float = 240.0) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.shipped
 def test_when_the_energy_controller_is_killed_the_hand_is_left_without_voltage_and_only_loses_energy(
     tmp_path: Path,
 ) -> None:

@@ -309,6 +309,7 @@ def test_reduction_by_mrm_and_updating_keep_what_reduction_by_msv_loses_on_the_a
 
 
 @pytest.mark.slow
+@pytest.mark.shipped
 def test_the_claims_of_the_thesis_come_out_on_the_arm_as_the_study_states(tmp_path: Path) -> None:
     found = run(load(SCENARIOS / "chapters.yaml", ExperimentsBlock), SCENARIOS, None, silent)
     assert [judged.claim.statement for judged in judge(found) if not judged.as_stated] == []

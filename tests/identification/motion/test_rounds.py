@@ -16,6 +16,7 @@ ROUNDS = 4
 
 
 @pytest.mark.slow
+@pytest.mark.shipped
 def test_rounds_come_to_a_fixed_point_where_the_orbit_is_the_wanted_one(tmp_path: Path) -> None:
     controller: dict[str, Path] = {}
     off, models = [], []

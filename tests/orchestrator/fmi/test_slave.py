@@ -465,7 +465,7 @@ def test_memory_does_not_grow_over_instances(version: int) -> None:
             return resident() - before
 
         grown(200)
-        assert min(grown(1500) for _ in range(3)) < 2 << 20
+        assert any(grown(1500) < 2 << 20 for _ in range(3))
 
 
 def test_two_instances_of_one_fmu_do_not_share_values(load: Load, tmp_path: Path) -> None:
