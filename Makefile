@@ -5,7 +5,7 @@ BIN := .venv/bin
 READY := .venv/.ready-$(EXTRAS)
 DEMO := out/demo
 
-.PHONY: setup demo test bench endurance lint changelog clean
+.PHONY: setup demo test bench endurance docs lint changelog clean
 
 setup: $(READY)
 
@@ -26,6 +26,10 @@ test: lint
 bench endurance:
 	@$(MAKE) --no-print-directory setup EXTRAS=dev,bench
 	$(BIN)/python -m tests.benchmarks $(if $(filter endurance,$@),--endurance)
+
+docs:
+	@$(MAKE) --no-print-directory setup EXTRAS=dev,docs
+	$(BIN)/python -m sphinx -W --keep-going -q -E docs out/docs
 
 lint: $(READY)
 	$(BIN)/ruff check .

@@ -1,4 +1,4 @@
-"""Models of servo-driven mechanisms, and how they become FMUs.
+"""Models of servo-driven mechanisms, and how they become FMUs::
 
     from fmus import Model, State, build, input_, output, parameter, write_back
 

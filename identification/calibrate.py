@@ -239,7 +239,7 @@ def validate(
 ) -> Validation:
     """Free runs of the calibrated FMUs in a folder that `CalibratedStudy.write` made, on recordings.
 
-    Recordings that the fit used count apart from the others; FIT is 1 - |y - ŷ| / |y - mean y|.
+    Recordings that the fit used count apart from the others; FIT is `1 - |y - ŷ| / |y - mean y|`.
 
     Args:
         data: folder or file of recordings.

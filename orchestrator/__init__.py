@@ -1,4 +1,4 @@
-"""Running FMUs together: traces, wiring, stepping, scenarios.
+"""Running FMUs together: traces, wiring, stepping, scenarios::
 
     from orchestrator import Trace, load_scenario, open_system, read, run, write
 

@@ -1,4 +1,4 @@
-"""What the README says is so: its files, its tables, and every command in it, run in order in a copy of the tree."""
+"""What README and docs say is so: their files, their tables, and every command, run in order in a copy of the tree."""
 
 from __future__ import annotations
 
@@ -20,13 +20,18 @@ from orchestrator.scenario.run import run_scenario
 from tests.test_wire import assert_near_the_truth
 
 ROOT = Path(__file__).parents[1]
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+INDEX = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+PAGES = [
+    ROOT / "README.md",
+    *(ROOT / "docs" / f"{name}.md" for name in re.findall(r"^(\w+/\w+)$", INDEX, re.MULTILINE)),
+]
+TEXT = "\n".join(page.read_text(encoding="utf-8") for page in PAGES if page.is_file())
 BLOCK = re.compile(r"^```(?P<language>\w+)\n(?P<text>.*?)^```$", re.MULTILINE | re.DOTALL)
 NOT_COPIED = (".venv", ".git", "out", "build", "*.egg-info", "__pycache__", ".*_cache", ".hypothesis")
 
 
 def blocks(*languages: str) -> list[str]:
-    return [block["text"] for block in BLOCK.finditer(README) if block["language"] in languages]
+    return [block["text"] for block in BLOCK.finditer(TEXT) if block["language"] in languages]
 
 
 def files() -> dict[str, str]:
@@ -47,9 +52,10 @@ def recordings() -> Path | None:
     return folder.resolve() if (folder / "butterfly").is_dir() else None
 
 
-def documented(pattern: str) -> set[str]:
-    """What the first cells of the README's tables hold in this form."""
-    return set(re.findall(rf"^\| {pattern} \|", README, re.MULTILINE))
+def documented(page: str, pattern: str) -> set[str]:
+    """What the first cells of a page's tables hold in this form."""
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    return set(re.findall(rf"^\| {pattern} \|", text, re.MULTILINE))
 
 
 def command_names() -> set[str]:
@@ -63,7 +69,7 @@ def command_names() -> set[str]:
 
 @pytest.fixture
 def written(tmp_path: Path) -> Path:
-    """A folder with the files that the README gives."""
+    """A folder with the files that the pages give."""
     for name, text in files().items():
         (tmp_path / name).write_text(text, encoding="utf-8")
     return tmp_path
@@ -85,22 +91,35 @@ def test_the_study_fits_its_schema(written: Path) -> None:
 
 
 def test_every_command_is_in_the_table() -> None:
-    assert {name.strip() for name in documented(r"`servotwin ([a-z ]+)[^`|]*`.*")} == command_names()
+    assert {
+        name.strip() for name in documented("reference/commands.md", r"`servotwin ([a-z ]+)[^`|]*`.*")
+    } == command_names()
 
 
 def test_every_model_is_in_the_table() -> None:
-    assert documented(r"`(\w+)` \|.*") == set(library.names())
+    assert documented("guides/models.md", r"`(\w+)` \|.*") == set(library.names())
 
 
 def test_the_errors_exit_codes_are_in_the_table() -> None:
     codes = {kind.exit_code for kind in vars(errors).values() if hasattr(kind, "exit_code")}
-    assert {str(code) for code in codes | {0, 1, 130}} == documented(r"(\d+) \|.*")
+    assert {str(code) for code in codes | {0, 1, 130}} == documented("reference/commands.md", r"(\d+) \|.*")
 
 
 def test_every_file_that_is_named_exists() -> None:
-    named = re.findall(r"scenarios/\S+?\.yaml", README)
+    named = re.findall(r"scenarios/\S+?\.yaml", TEXT)
     assert named
     assert [name for name in named if not (ROOT / name).is_file()] == []
+
+
+def test_every_page_is_in_the_contents_and_every_link_leads_somewhere() -> None:
+    written = {path.relative_to(ROOT) for path in (ROOT / "docs").rglob("*.md")}
+    assert written - {page.relative_to(ROOT) for page in PAGES} == {
+        Path("docs/index.md"),
+        Path("docs/start.md"),  # the README
+    }
+    for page in [*(ROOT / "docs").rglob("*.md"), ROOT / "README.md"]:
+        links = re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text(encoding="utf-8"))
+        assert [link for link in links if not (page.parent / link).exists()] == [], page
 
 
 @pytest.mark.readme
