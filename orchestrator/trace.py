@@ -272,6 +272,13 @@ class StampReport:
         return ", ".join(parts)
 
 
+def joined(pieces: Sequence[Trace]) -> Trace:
+    """Pieces of one record, at least one, in a row."""
+    first = pieces[0]
+    signals = {name: np.concatenate([piece[name] for piece in pieces]) for name in first.names}
+    return Trace(np.concatenate([piece.time for piece in pieces]), signals, first.units, first.name)
+
+
 def ordered(
     time: ArrayLike,
     signals: Mapping[str, ArrayLike],

@@ -84,10 +84,19 @@ def couple(
         with ExitStack() as stack:
             append = stack.enter_context(arrows.appending(growing))
             record = _Growing(stack.enter_context(Background()), append)
-            live = system.simulation.live(system.run, coupling.outputs, record.take)
+            live = system.simulation.live(system.run, coupling.outputs, record.take, job.steering.tuned)
+            requests = stack.enter_context(job.steering.begun(live, float(system.scenario.timing.step)))
             keeper = stack.enter_context(_keeper(job, coupling, float(system.scenario.timing.step), rescue))
             stack.enter_context(quiet())
-            session = Session(live, keeper, system.scenario.timing.step, system.course, job.places, record.unkept)
+            session = Session(
+                live,
+                keeper,
+                system.scenario.timing.step,
+                system.course,
+                job.places,
+                record.unkept,
+                requests.make,
+            )
             ready(stop)
             ending = session.run(stop, progress)
             result = live.result()

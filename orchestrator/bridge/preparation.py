@@ -26,6 +26,7 @@ from orchestrator.crossing import Crossing, logged
 from orchestrator.engine import Run, Simulation
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.isolation import scratch
+from orchestrator.live.steering import Steering
 from orchestrator.rational import multiples
 from orchestrator.scenario.can_block import CanBlock
 from orchestrator.scenario.scenario import Case, Scenario
@@ -42,6 +43,7 @@ class BridgeJob:
 
     Attributes:
         stand_in: whether it is the machine: it then goes on whatever becomes of bus and peers, and is not judged.
+        steering: what may be changed meanwhile; nothing by default.
         others: buses that it is coupled to, too; channels are numbered in this order, `bus` is 0.
         case: of the scenario, the first by default.
         overrides: component.variable -> value, over those of the file.
@@ -59,6 +61,7 @@ class BridgeJob:
     every: int = 1
     fmus: Mapping[str, Path] = field(default_factory=dict)
     others: tuple[BusSettings, ...] = ()
+    steering: Steering = field(default_factory=Steering)
 
     @property
     def buses(self) -> tuple[BusSettings, ...]:

@@ -62,6 +62,7 @@ class Session:
 
     Args:
         unkept: why the record cannot be kept, None while it can.
+        change: makes the changes that are asked for, before each step.
 
     Attributes:
         deadlines: how they were kept.
@@ -75,9 +76,10 @@ class Session:
         course: Course,
         place: str,
         unkept: Callable[[], ServotwinError | None] = lambda: None,
+        change: Callable[[], None] = lambda: None,
     ) -> None:
         self._live, self._keeper, self._step, self._course, self._place = live, keeper, step, course, place
-        self._unkept = unkept
+        self._unkept, self._change = unkept, change
         self.deadlines = Deadlines(float(step))
         self._news = News(lambda line: LOG.warning("%s: %s", place, line))
 
@@ -103,11 +105,13 @@ class Session:
         """How it goes; late steps are also said, seldom enough."""
         late = {"late steps": self.deadlines.late, "steps late by more than a step": self.deadlines.overrun}
         self._news.look(now, lambda: late)
-        status, told = self._keeper.status(now), {what: count for what, count in late.items() if count}
-        line = ", ".join(
-            [f"{now:.0f} s", *filter(None, [status]), *(f"{count:,} {what}" for what, count in told.items())]
-        )
-        return Figures.of(line, dict(status.values) | told)
+        status, step = self._keeper.status(now), float(self._step)
+        whole = None if self._course.steps is None else self._course.steps * step
+        going = self.deadlines.going(self._live.steps * step, now, whole)
+        told = {what: count for what, count in late.items() if count}
+        words = [f"{value:,g} {what}" for what, value in {**going, **told}.items()]
+        line = ", ".join([f"{now:.0f} s", *filter(None, [status]), *words])
+        return Figures.of(line, {**status.values, **going, **told})
 
     def _failure(self, report: TrafficReport, elapsed: float) -> ServotwinError | None:
         """What was wrong that did not end it by itself."""
@@ -148,6 +152,7 @@ class Session:
             if course.columns:
                 live.given[course.columns] = course.stimuli[min(number, last)]
             live.given[course.received] = keeper.inputs(now - start)[course.received]
+            self._change()
             live.step()
             keeper.send(number, live.outputs, now - start, deadline - start)
             deadlines.work.add(time.monotonic() - now)

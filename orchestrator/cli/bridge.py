@@ -12,7 +12,7 @@ import typer
 
 from fmus.errors import InputError
 from orchestrator.cli.can import Adapter, Channels, Interfaces
-from orchestrator.cli.scenarios import Fmus, Overrides, files, overrides
+from orchestrator.cli.scenarios import Fmus, LiveOptions, Overrides, files, overrides
 from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 from orchestrator.interrupts import whole
 
@@ -60,10 +60,13 @@ def bridge(
     adapter: Adapter,
     coupling: CouplingOptions,
     out: Out = None,
+    *,
+    live: LiveOptions,
 ) -> Answer:
     """Couple a scenario to buses in real time; exit code 1 when an expectation fails."""
+    live.check()
     job = coupling.job(scenario, adapter.buses(interface, channel), endless=False)
-    coupled, folder = _coupled(job, out or Path("out") / scenario.stem, terminal)
+    coupled, folder = _coupled(job, out or Path("out") / scenario.stem, terminal, live)
     return _answer(coupled, folder, coupled.ending.stopped)
 
 
@@ -105,11 +108,11 @@ def bench(
                 assert bus.bitrate is not None
                 stack.enter_context(hub_process(folder, ports, bus.bitrate, data_rate))
         job = coupling.job(scenario, buses, endless=True)
-        coupled, results = _coupled(job, out or Path("out") / f"{scenario.stem}_bench", terminal)
+        coupled, results = _coupled(job, out or Path("out") / f"{scenario.stem}_bench", terminal, LiveOptions())
     return _answer(coupled, results, coupled.interrupted)
 
 
-def _coupled(job: BridgeJob, folder: Path, terminal: Terminal) -> tuple[BridgeResult, Path]:
+def _coupled(job: BridgeJob, folder: Path, terminal: Terminal, live: LiveOptions) -> tuple[BridgeResult, Path]:
     """What came of the job, written to the folder.
 
     Raises:
@@ -120,7 +123,7 @@ def _coupled(job: BridgeJob, folder: Path, terminal: Terminal) -> tuple[BridgeRe
     from orchestrator.results import aside, check_target, prepare, rescue
 
     check_target(folder)
-    with terminal.live(job.scenario.stem) as move, aside(folder) as near:
+    with live.coupling(terminal, job) as (steered, move), aside(folder) as near:
         reserve = near / "reserve"  # for what is to be said of a full disk
         reserve.write_bytes(bytes(RESERVE))
 
@@ -128,7 +131,7 @@ def _coupled(job: BridgeJob, folder: Path, terminal: Terminal) -> tuple[BridgeRe
             prepare(near, RECORDS, folder, {"scenario": job.scenario.name})
             terminal.say(f"{job.scenario.stem} is on {job.places}")
 
-        coupled = couple(job, near, ready, move, lambda: rescue(near))
+        coupled = couple(steered, near, ready, move, lambda: rescue(near))
         reserve.unlink()
         with whole():
             write(coupled, folder)

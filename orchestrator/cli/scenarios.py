@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,8 +16,13 @@ from orchestrator.cli.traces import described
 from orchestrator.interrupts import whole
 
 if TYPE_CHECKING:
+    from orchestrator.bridge.preparation import BridgeJob
     from orchestrator.fmi.interface import Value
     from orchestrator.fmi.isolation import Isolation
+    from orchestrator.live.panel import Panel
+    from orchestrator.live.steering import Steering
+    from orchestrator.progress import Progress
+    from orchestrator.scenario.run import Execute
 
 app = typer.Typer()
 
@@ -47,6 +54,64 @@ class Isolate:
         if self.patience is not None:
             raise InputError("--patience", "is for isolated FMUs", "give --isolate, too")
         return None
+
+
+@dataclass(frozen=True)
+class LiveOptions:
+    """What is shown and can be changed of a run in real time."""
+
+    live: Annotated[
+        bool, typer.Option("--live", help="In real time, with its signals on the terminal and keys that change values.")
+    ] = False
+    tune: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--tune", metavar="COMP.VARIABLE", help="With --live: what may be changed, by default all that can be."
+        ),
+    ] = None
+    changes: Annotated[
+        Path | None,
+        typer.Option("--changes", metavar="FILE", help="With --live: lines COMP.VARIABLE=VALUE, whenever they change."),
+    ] = None
+
+    def steering(self, panel: Panel) -> Steering:
+        """As the panel shows it."""
+        from orchestrator.live.steering import Steering
+
+        return Steering(None if self.tune is None else tuple(self.tune), self.changes, panel.begin, panel.move)
+
+    @contextmanager
+    def progress(self, terminal: Terminal, label: str) -> Iterator[tuple[Progress, Execute | None]]:
+        """What is told how a run goes, and what runs it in real time where that is wanted."""
+        if not self.live:
+            with terminal.bar(label) as move:
+                yield move, None
+            return
+        from orchestrator.live.paced import Paced
+        from orchestrator.progress import silent
+
+        with terminal.panel(label) as panel:
+            yield silent, Paced(self.steering(panel)).execute
+
+    @contextmanager
+    def coupling(self, terminal: Terminal, job: BridgeJob) -> Iterator[tuple[BridgeJob, Progress]]:
+        """A job that can be steered where that is wanted, and what is told how it goes."""
+        if not self.live:
+            with terminal.live(job.scenario.stem) as move:
+                yield job, move
+            return
+        with terminal.panel(job.scenario.stem) as panel:
+            yield replace(job, steering=self.steering(panel)), panel.move
+
+    def check(self) -> None:
+        """See that the options go together.
+
+        Raises:
+            InputError: they do not.
+        """
+        for name, given in (("--tune", self.tune), ("--changes", self.changes)):
+            if given is not None and not self.live:
+                raise InputError(name, "is for runs in real time", "give --live, too")
 
 
 @command(app)
@@ -119,6 +184,7 @@ def run(
         bool, typer.Option("--profile", help="Write profile.json, all steps as a trace for Perfetto or Chrome.")
     ] = False,
     isolate: Isolate,
+    live: LiveOptions,
 ) -> Answer:
     """Run one scenario; exit code 1 when an expectation fails."""
     from orchestrator.crossing import notes
@@ -132,10 +198,12 @@ def run(
     from orchestrator.scenario.schema import load_scenario
 
     values, isolation, folder = overrides(set_), isolate.isolation(), out or Path("out") / scenario.stem
+    live.check()
     check_target(folder)
     failure: ScenarioFailed | None = None
-    with terminal.bar(scenario.stem) as move, aside(folder) as near:
-        keeping = Keeping(stride, near if stream else None, near / LOG_FILE, Profile() if profile else None)
+    with live.progress(terminal, scenario.stem) as (move, execute), aside(folder) as near:
+        profiled = Profile() if profile else None
+        keeping = Keeping(stride, near if stream else None, near / LOG_FILE, profiled, execute)
         try:
             loaded = load_scenario(scenario, fmus=files(fmu))
             result = run_scenario(loaded, values, move, keeping=keeping, isolation=isolation)

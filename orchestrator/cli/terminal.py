@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.traceback import Traceback
 
+    from orchestrator.live.panel import Panel
+
 WIDE = 120  # columns of output that goes to no terminal
 Out = Annotated[Path | None, typer.Option("--out", help="Folder for the results.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace what is in the folder, whatever it is.")]
@@ -95,6 +97,20 @@ class Terminal:
         with progress.Progress(*columns, console=_err(), transient=True) as shown:
             task = shown.add_task(plain(label), total=1.0, doing="")
             yield lambda fraction, doing: shown.update(task, completed=fraction, doing=plain(doing))
+
+    @contextmanager
+    def panel(self, label: str) -> Iterator[Panel]:
+        """What shows a run in real time and takes keys; without a terminal a line of JSON a second, or nothing."""
+        from orchestrator.live.panel import Panel
+
+        panel = Panel(label)
+        if self.quiet or self.json or not _err().is_terminal:
+            with self.live(label) as move:
+                panel.also = move
+                yield panel
+            return
+        with panel.shown(_err()):
+            yield panel
 
     @contextmanager
     def live(self, label: str) -> Iterator[Progress]:

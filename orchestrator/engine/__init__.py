@@ -7,10 +7,12 @@ from orchestrator.engine.plan import REFUSED, CycleSettings, Order, Plan, make_p
 from orchestrator.engine.profile import Profile
 from orchestrator.engine.recording import Sink
 from orchestrator.engine.simulation import Interrupted, Result, Run, RunFailed, Simulation, Timing
+from orchestrator.engine.tuned import Change, Tuned
 
 __all__ = [
     "REFUSED",
     "Account",
+    "Change",
     "CycleSettings",
     "Engine",
     "Interrupted",
@@ -25,6 +27,7 @@ __all__ = [
     "Simulation",
     "Sink",
     "Timing",
+    "Tuned",
     "make_plan",
     "shares",
 ]

@@ -14,6 +14,8 @@ import numpy as np
 
 from orchestrator.engine.loop import Loop, Stepper
 from orchestrator.engine.recording import Recorder
+from orchestrator.engine.tuned import Change, Tuned
+from orchestrator.fmi.interface import Value
 from orchestrator.trace import FloatArray
 
 HELD = 1 << 60  # ticks for which the one row of stimuli holds: longer than any run
@@ -38,6 +40,7 @@ class LiveRun(Generic[R]):
         names: component.output of the entries of `outputs`.
         outputs: their values, once a step was taken.
         steps: how many were taken.
+        tuned: what can be changed between steps.
     """
 
     def __init__(
@@ -49,12 +52,14 @@ class LiveRun(Generic[R]):
         inputs: Sequence[str],
         outputs: Sequence[tuple[str, int, bool]],
         conclude: Callable[[float], R],
+        tuned: Tuned,
     ) -> None:
         self.inputs = tuple(inputs)
         self.given: FloatArray = loop.stimuli[0] if inputs else np.zeros(0)
         self.names = tuple(name for name, _, _ in outputs)
         self.outputs = [0.0] * len(outputs)
         self.steps = 0
+        self.tuned = tuned
         self._loop, self._engine, self._recorder, self._every, self._conclude = loop, engine, recorder, every, conclude
         self._instant = _where(outputs, True)
         self._deferred = _where(outputs, False)
@@ -64,6 +69,14 @@ class LiveRun(Generic[R]):
     def time(self) -> float:
         """Up to where it has stepped [s]."""
         return self._loop.time(self.steps * self._every)
+
+    def change(self, name: str, value: Value, by: str) -> Change:
+        """Give what can be changed a checked value, from the next step on; what came of it.
+
+        Raises:
+            FmuError: its FMU refuses.
+        """
+        return self.tuned.change(name, value, self.steps, self.time, by)
 
     def step(self) -> None:
         """Take a communication step.

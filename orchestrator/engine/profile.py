@@ -108,6 +108,12 @@ class Watched:
         self._begun, self._until = 0, None
         return values
 
+    def get(self, name: str) -> Value:
+        return self._component.get(name)
+
+    def tune(self, name: str, value: Value) -> Value:
+        return self._component.tune(name, value)
+
     def set(self, values: Mapping[str, Value]) -> None:
         self._component.set(values)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from time import perf_counter
 from types import TracebackType
@@ -19,10 +19,12 @@ from orchestrator.engine.live import FARTHEST, HELD, LiveRun
 from orchestrator.engine.loop import Loop, Node, Statistics, Stepper
 from orchestrator.engine.plan import REFUSED, CycleSettings, Order, Plan, make_plan
 from orchestrator.engine.recording import ROWS, Columns, Recorder, Sink, require_room
+from orchestrator.engine.tuned import Change, Tuned
 from orchestrator.fmi.component import Component
 from orchestrator.fmi.interface import Value
 from orchestrator.interrupts import requested
 from orchestrator.rational import clock, multiples, written
+from orchestrator.realtime.deadlines import Deadlines
 from orchestrator.system import Endpoint, Settable, System, recordable, settable
 from orchestrator.trace import FloatArray, Trace
 
@@ -71,6 +73,8 @@ class Result:
         iterations: steps of cycles that were taken and taken back.
         account: how it was stepped, and how far.
         ended: what an FMU said that asked to stop before the run was over; nothing where none did.
+        changes: what was changed between steps, in order.
+        deadlines: how they were kept by a run in real time.
     """
 
     trace: Trace
@@ -79,6 +83,8 @@ class Result:
     iterations: int
     account: Account
     ended: str = ""
+    changes: Sequence[Change] = ()
+    deadlines: Deadlines | None = None
 
 
 class Interrupted(KeyboardInterrupt):
@@ -261,7 +267,7 @@ class Simulation:
         steps, every = self._steps(stop), self._every
         if run.record_every < 1:
             raise WiringError("record_every", f"is {run.record_every}", "give 1 or more")
-        own, stimuli = self._checked(run.values), self._driven(run.stimuli, steps + 1)
+        own, stimuli = self._checked(run.values), self.driven(run.stimuli, steps + 1)
         self._reset()
         prepared, count = self._prepare(run.record, (), every), steps // run.record_every + 1
         if sink is None:
@@ -292,26 +298,31 @@ class Simulation:
             raise RunFailed(end, self._result(done)) from end
         return done
 
-    def live(self, run: Run, outputs: Sequence[str], sink: Sink) -> LiveRun[Result]:
+    def live(self, run: Run, outputs: Sequence[str], sink: Sink, tuned: Iterable[str] | None = ()) -> LiveRun[Result]:
         """A run that is stepped from outside, without an end; `run` has one value of each stimulus to begin with.
 
         Args:
             outputs: component.output whose values are wanted after each step.
             sink: is given the record in pieces, in order.
+            tuned: component.variable of what may be changed between steps, None for all that can be.
         """
-        own, stimuli = self._checked(run.values), self._driven(run.stimuli, 1)
+        changing = Tuned(self.system, self.components, tuned)
+        if run.record is not None:
+            run = replace(run, record=[name for name in run.record if name not in changing.ports])
+        own, stimuli = self._checked(run.values), self.driven(run.stimuli, 1)
         self._reset()
         prepared = self._prepare(run.record, outputs, HELD)
         loop = prepared.loop
         loop.begin(stimuli)
         engine, reason = prepared.steppers.chosen(FARTHEST)
         self._initialise(engine, loop, own, None)
-        recorder = Recorder(prepared.columns, loop.time, self._every * run.record_every, ROWS, sink)
-        slots = prepared.slots
+        changing.begin()
+        every, slots = self._every * run.record_every, prepared.slots
+        recorder = Recorder(prepared.columns, loop.time, every, ROWS, lambda piece: sink(changing.beside(piece)))
 
         def conclude(spent: float) -> Result:
             self._terminate()
-            return self._result(_Done(recorder, loop, reason, spent))
+            return replace(self._result(_Done(recorder, loop, reason, spent)), changes=tuple(changing.changes))
 
         read = [
             (name, slots[name], e.variable in self.plan.instant[e.component])
@@ -326,6 +337,7 @@ class Simulation:
             self.stimuli,
             read,
             conclude,
+            changing,
         )
 
     def close(self) -> None:
@@ -368,8 +380,12 @@ class Simulation:
             own[known.component][known.variable] = value
         return own
 
-    def _driven(self, stimuli: Mapping[str, FloatArray], count: int) -> FloatArray:
-        """(count, s) the stimuli side by side."""
+    def driven(self, stimuli: Mapping[str, FloatArray], count: int) -> FloatArray:
+        """(count, s) the stimuli side by side, in the order of `stimuli`.
+
+        Raises:
+            WiringError: others are wanted, or they are too short or not finite.
+        """
         if (given := sorted(stimuli)) != [*self.stimuli]:
             raise WiringError("stimuli", f"{given} given", f"give {[*self.stimuli]}")
         columns = []

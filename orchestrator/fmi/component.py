@@ -11,7 +11,7 @@ from orchestrator.fmi.interface import Interface, Value
 class Component(Protocol):
     """What the engine needs of a component; FMUs and scripted stand-ins alike.
 
-    Life cycle: set*, begin, (write, read)*, run, (write, step, read)*, terminate, then reset or close.
+    Life cycle: set*, begin, (write, read)*, run, (tune*, write, step, read)*, terminate, then reset or close.
     """
 
     name: str
@@ -34,6 +34,12 @@ class Component(Protocol):
 
     def run(self) -> None:
         """Leave initialisation."""
+
+    def get(self, name: str) -> Value:
+        """Present value of a variable, from the initialisation on."""
+
+    def tune(self, name: str, value: Value) -> Value:
+        """Give a tunable parameter, or an input that is not bound, a value between two steps; what it has then."""
 
     def step(self, time: float, duration: float) -> None:
         """Advance from `time` by `duration` [s].

@@ -21,6 +21,7 @@ from orchestrator.fmi.exchange_functions import Exchange2, Exchange3, ModelExcha
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.functions import DISCARD, FAILED, Stop
 from orchestrator.fmi.instance import FmuInstance, stepping
+from orchestrator.fmi.interface import Value
 from orchestrator.solvers.base import Solver, SolverSettings, Stateless
 from orchestrator.solvers.choice import solver_type
 from orchestrator.trace import FloatArray
@@ -101,6 +102,11 @@ class ExchangeSlave(FmuInstance[ModelExchange]):
             self._enter_event_mode()
         super().write(values)
         self._now.inputs = values
+
+    def tune(self, name: str, value: Value) -> Value:
+        """Give it a value; that is an event."""
+        self._enter_event_mode()
+        return super().tune(name, value)
 
     def run(self) -> None:
         super().run()

@@ -102,6 +102,18 @@ class FmuInstance(Generic[A]):
         self._check(status, f"get {name}")
         return value
 
+    def tune(self, name: str, value: Value) -> Value:
+        port = self._port(name)
+        array = port.array
+        if array is None:
+            self._check(self._group(name).write([value]), f"set {name} = {value}")
+            return self.get(name)
+        group = self._group(*(other.name for other in self.interface.ports.values() if other.array is array))
+        status, elements = group.taken()
+        self._check(status, f"get {array.name}")
+        self._check(group.write([*elements[: port.element], value, *elements[port.element + 1 :]]), f"set {name}")
+        return self.get(name)
+
     def begin(self, start: float, stop: float | None, tolerance: float | None = None) -> None:
         self._enter(start, stop, tolerance)
         if not self._was_reset:

@@ -115,6 +115,17 @@ class IsolatedSlave:
     def run(self) -> None:
         self._call("initialise", "run")
 
+    def get(self, name: str) -> Value:
+        return self._value(self._call(f"get {name}", "get", name))
+
+    def tune(self, name: str, value: Value) -> Value:
+        return self._value(self._call(f"set {name} = {value}", "tune", name, value))
+
+    def _value(self, said: Any) -> Value:
+        if not isinstance(said, float | int | str):
+            raise self._failure("what came from its process cannot be read")
+        return said
+
     def step(self, time: float, duration: float) -> None:
         self._doing = time, duration
         self._known = None

@@ -46,6 +46,16 @@ class Deadlines:
         """Share of the steps that were not late; 1 before the first."""
         return 1 - self.late / max(self.lateness.count, 1)
 
+    def going(self, simulated: float, elapsed: float, whole: float | None) -> dict[str, float]:
+        """How a run goes that is at `simulated` of `whole` after so long, for people who watch it; times [s].
+
+        Args:
+            whole: None where it has no end.
+        """
+        factor = simulated / elapsed if simulated > 0 < elapsed else 1.0
+        left = {} if whole is None else {"seconds left": round((whole - simulated) / max(factor, 1e-3), 1)}
+        return {"times real time": round(factor, 3), **left}
+
     def document(self) -> DeadlineFigures:
         """The statistics as plain values; times in seconds."""
         return {

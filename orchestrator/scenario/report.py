@@ -29,6 +29,7 @@ from orchestrator.system import Endpoint, System
 from orchestrator.trace import Trace
 
 PLOTTED_CASES = 12
+CHANGES = 50  # that are listed
 OPEN_SIGNALS = 8  # of a case, that are seen without a click
 
 
@@ -56,6 +57,7 @@ def report(result: ScenarioResult, received: Collection[str] = ()) -> Report:
             section.paragraph(f"That of case {result.cases[0].name}; others have components of their own.")
         section.figure(wiring_of(result, result.system, received), "Components, their steps, and what is connected")
         _parameters(section, result, result.system)
+    _changes(page, result)
     _stepping(page.section("Step statistics"), result)
     _provenance(page.section("Provenance"), result)
     return page
@@ -112,6 +114,26 @@ def _stepping(section: Section, result: ScenarioResult) -> None:
         section.table(["case", "component", "warnings of its FMU"], warned)
     if result.keeping.profile is not None:
         section.paragraph("Each step is in profile.json, a trace for Perfetto or the browser's own viewer.")
+
+
+def _changes(page: Report, result: ScenarioResult) -> None:
+    """A section about what was changed while it ran, where something was, and how a run in real time kept up."""
+    live = [(case.name, case.result) for case in result.cases if case.result is not None]
+    paced = [(name, made.deadlines) for name, made in live if made.deadlines is not None]
+    rows = [
+        (name, change.time, change.name, str(change.before), str(change.value), change.by)
+        for name, made in live
+        for change in made.changes
+    ]
+    if not (paced or rows):
+        return
+    section = page.section("Real time")
+    for name, deadlines in paced:
+        section.paragraph(f"Case {name}: {deadlines.sentence()}")
+    if rows:
+        headers = ["case", "time [s]", "changed", "from", "to", "by"]
+        more = f"The first {CHANGES} of {len(rows):,}; the manifest has all." if len(rows) > CHANGES else ""
+        section.table(headers, rows[:CHANGES], caption=more)
 
 
 def tell_units(page: Report, crossings: Sequence[Crossing]) -> None:

@@ -6,13 +6,15 @@ import math
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NotRequired
+from typing import NotRequired, TypedDict
 
 from fmus.files import sha256
 from orchestrator import formats
 from orchestrator.crossing import CrossingDocument, documents_of
+from orchestrator.engine import Change
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.said import LOG_FILE
+from orchestrator.realtime.deadlines import DeadlineFigures
 from orchestrator.results import CaseDocument, CheckDocument, FileDocument, result_folder, versions, write_json
 from orchestrator.scenario import accounts
 from orchestrator.scenario.expectations import Check
@@ -35,6 +37,20 @@ class RunCaseDocument(CaseDocument):
     stepping: NotRequired[dict[str, str | int | float]]
     statistics: NotRequired[dict[str, accounts.ShareDocument]]
     loop: NotRequired[dict[str, float]]
+    deadlines: NotRequired[DeadlineFigures]
+    changes: NotRequired[list[ChangeDocument]]
+
+
+class ChangeDocument(TypedDict):
+    """A value that was changed while the case ran; times in seconds, values in the units of their variables."""
+
+    time: float
+    step: int
+    name: str
+    before: Value
+    value: Value
+    asked: Value
+    by: str
 
 
 class RunDocument(FileDocument):
@@ -120,6 +136,18 @@ def document_of_check(check: Check) -> CheckDocument:
     return document
 
 
+def _change(change: Change) -> ChangeDocument:
+    return {
+        "time": change.time,
+        "step": change.step,
+        "name": change.name,
+        "before": change.before,
+        "value": change.value,
+        "asked": change.asked,
+        "by": change.by,
+    }
+
+
 def _case(result: ScenarioResult, case: CaseResult) -> RunCaseDocument:
     document: RunCaseDocument = {
         "name": case.name,
@@ -137,5 +165,9 @@ def _case(result: ScenarioResult, case: CaseResult) -> RunCaseDocument:
             document["ended"] = case.ended
         if counts := nonfinite(case.result.trace):
             document["nonfinite"] = counts
+        if case.result.deadlines is not None:
+            document["deadlines"] = case.result.deadlines.document()
+        if case.result.changes:
+            document["changes"] = [_change(change) for change in case.result.changes]
         return {**document, **accounts.document_of(case.result)}
     return document

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
@@ -20,7 +21,7 @@ from orchestrator.assembly.assembly import Assembled, OpenSystem, assemble
 from orchestrator.assembly.whole_arrays import check_shapes, elements, shapes, written
 from orchestrator.crossing import Crossing, logged
 from orchestrator.display.table import table
-from orchestrator.engine import Interrupted, Profile, Result, Run, RunFailed, Simulation
+from orchestrator.engine import Interrupted, Profile, Result, Run, RunFailed, Simulation, Sink
 from orchestrator.fmi.interface import Value, Written
 from orchestrator.fmi.isolation import Isolation, scratch
 from orchestrator.fmi.said import kept
@@ -36,6 +37,8 @@ from orchestrator.system import System, typed
 from orchestrator.trace import FloatArray, Trace
 from orchestrator.yaml_file import naming
 
+Execute = Callable[[Simulation, Run, Sink | None], Result]
+
 
 @dataclass(frozen=True)
 class Keeping:
@@ -46,6 +49,7 @@ class Keeping:
         stream: folder of a Parquet file a case, written while it runs; None keeps the record in memory.
         log: file that takes all that FMUs say.
         profile: what takes note of every step.
+        execute: what runs a simulation instead of itself, at a pace of its own.
         first: number of the case among all of the scenario that is the first here.
     """
 
@@ -53,7 +57,16 @@ class Keeping:
     stream: Path | None = None
     log: Path | None = None
     profile: Profile | None = None
+    execute: Execute | None = None
     first: int = 0
+
+    def run(
+        self, simulation: Simulation, run: Run, progress: Callable[[float], None], sink: Sink | None = None
+    ) -> Result:
+        """The result of a run of the simulation."""
+        if self.execute is None:
+            return simulation.execute(run, progress, sink)
+        return self.execute(simulation, run, sink)
 
     def span(self, name: str) -> AbstractContextManager[None]:
         """What has a block noted, where anything is."""
@@ -386,9 +399,9 @@ def _run_case(
     try:
         run = Run(values, stimuli, scenario.recorded(simulation.outputs), record_every=keeping.every)
         if file is None:
-            result = simulation.execute(run, progress)
+            result = keeping.run(simulation, run, progress)
         else:
-            result = _streamed(simulation, run, progress, file, case.looked_at)
+            result = _streamed(partial(keeping.run, simulation, run, progress), file, case.looked_at)
         spent = process_time() - begun
         draws = drawn(simulation, run, case)
     except ServotwinError as failure:
@@ -450,12 +463,10 @@ def _named(scenario: Scenario, case: Case) -> Iterator[None]:
         raise _of_case(scenario, case, failure) from failure
 
 
-def _streamed(
-    simulation: Simulation, run: Run, progress: Callable[[float], None], file: Path, looked_at: Iterable[str]
-) -> Result:
+def _streamed(execute: Callable[[Sink], Result], file: Path, looked_at: Iterable[str]) -> Result:
     """The result of a run whose record goes to a file; its trace has what the expectations look at."""
     with parquet.appending(file) as append:
-        result = simulation.execute(run, progress, append)
+        result = execute(append)
     signals = {signal: signal for signal in looked_at}
     if not signals:
         return result

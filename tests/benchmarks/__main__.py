@@ -35,6 +35,7 @@ BENCH = {
     "loop_speed": "a step in our loops, in C and in other tools",
     "loop_scaling": "time and memory over components and steps",
     "can_bridge": "deadlines and lost frames of a bridge at 1 kHz over serial adapters",
+    "live_changes": "steps that changes of a run in real time make late",
     "suite_speed": "200 short scenarios as a suite, one after the other and two at a time",
 }
 ENDURANCE = {

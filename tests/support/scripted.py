@@ -101,6 +101,13 @@ class Scripted:
     def write(self, values: Sequence[float]) -> None:
         self.values.update(zip(self._inputs, values, strict=True))
 
+    def get(self, name: str) -> Value:
+        return self.values[name]
+
+    def tune(self, name: str, value: Value) -> Value:
+        self.values[name] = float(value)
+        return self.values[name]
+
     def read(self) -> list[float]:
         now = dict(zip([port.name for port in self.interface.of("output")], self.outputs(), strict=True))
         return [float(now[name]) for name in self._outputs]

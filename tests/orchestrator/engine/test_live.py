@@ -5,17 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from fractions import Fraction
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from fmus.errors import FmuError, WiringError
+from fmus.errors import FmuError, InputError, WiringError
 from fmus.packaging import targets
 from orchestrator.engine import Engine, LiveRun, Result, Run, Simulation, Timing, compiled
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part, wire
-from orchestrator.trace import FloatArray, Trace
+from orchestrator.trace import FloatArray, Trace, joined
 from tests.support.scripted import Gain, Plant, Sampler, simulation, zero_order_hold
 
 STEP, COUNT = Fraction(1, 200), 5000  # rows in more than one block
@@ -29,7 +30,16 @@ Rig = Callable[[Engine], Simulation]
 @pytest.fixture(scope="module")
 def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
     """A motor, a hand and an encoder of its own rate, driven by a voltage from outside."""
-    folder = tmp_path_factory.mktemp("fmus")
+    yield from _rigs(tmp_path_factory.mktemp("fmus"), ["motor.voltage"])
+
+
+@pytest.fixture(scope="module")
+def free(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
+    """The same, driven by nothing."""
+    yield from _rigs(tmp_path_factory.mktemp("fmus"), [])
+
+
+def _rigs(folder: Path, stimulated: list[str]) -> Iterator[Rig]:
     models = {"motor": "dc_motor", "hand": "pendulum", "encoder": "daq"}
     links = [("hand.speed", "motor.speed"), ("motor.torque", "hand.torque"), ("hand.angle", "encoder.signal")]
     with ExitStack() as stack:
@@ -43,7 +53,7 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
                 name: Part(file.interface, 4 * STEP if name == "encoder" else None) for name, file in files.items()
             }
             slaves = {name: Slave(file, name) for name, file in files.items()}
-            system = wire(parts, links, ["motor.voltage"])
+            system = wire(parts, links, stimulated)
             return stack.enter_context(Simulation(system, slaves, Timing(COUNT * STEP, STEP, engine=engine)))
 
         yield make
@@ -68,12 +78,48 @@ def live(
         seen.append(list(under_way.outputs))
     under_way.given[0] = given[-1]
     result = under_way.result()
-    return result, _joined(pieces), np.array(seen)
+    return result, joined(pieces), np.array(seen)
 
 
-def _joined(pieces: list[Trace]) -> Trace:
-    signals = {name: np.concatenate([each[name] for each in pieces]) for name in pieces[0].names}
-    return Trace(np.concatenate([each.time for each in pieces]), signals, pieces[0].units)
+@each_engine
+@pytest.mark.parametrize("every", [1, 3])
+def test_changes_between_steps_leave_the_record_of_a_run_with_these_stimuli(
+    rig: Rig, free: Rig, engine: Engine, every: int
+) -> None:
+    given = np.repeat(voltage()[:: COUNT // 20], COUNT // 20)[: COUNT + 1]
+    expected = rig(engine).run(PARAMETERS, {"motor.voltage": given}, RECORD, record_every=every).trace
+    pieces: list[Trace] = []
+    run = free(engine).live(Run(PARAMETERS, {}, RECORD, record_every=every), [], pieces.append, ["motor.voltage"])
+    for number, value in enumerate(given):
+        if value != run.tuned.values["motor.voltage"]:
+            run.change("motor.voltage", run.tuned.checked("motor.voltage", value), "a test")
+        if number < COUNT:
+            run.step()
+        if number % 700 == 0:
+            run.flush()
+    changes = run.result().changes
+    trace = joined(pieces)
+    assert all(trace[name].tobytes() == expected[name].tobytes() for name in RECORD)
+    steps = np.flatnonzero(np.diff(given, prepend=0.0))
+    assert [change.step for change in changes] == steps.tolist()
+    assert [change.time for change in changes] == [float(step * STEP) for step in steps]
+    assert [change.value for change in changes] == given[steps].tolist()
+    assert all(change.taken and change.by == "a test" for change in changes)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "problem"),
+    [
+        ("motor.speed", 1.0, "motor.speed: is driven by something else; change what drives it"),
+        ("motor.resistance", 1.0, "is a fixed parameter; only an input or a tunable one can be changed while it runs"),
+        ("motor.voltag", 1.0, "did you mean 'voltage'"),
+        ("motor.voltage", "3 N", "voltage"),
+        ("motor.voltage", float("nan"), "is nan"),
+    ],
+)
+def test_what_cannot_be_changed_is_refused(free: Rig, name: str, value: float | str, problem: str) -> None:
+    with pytest.raises(InputError, match=problem):
+        free(Engine.PYTHON).live(Run(), [], lambda piece: None, [name]).tuned.checked(name, value)
 
 
 @each_engine
