@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NotRequired
@@ -28,6 +29,7 @@ SUMMARY = "summary.json"
 POOR = 0.5  # median FIT below which what was seen in recordings may have spoilt it
 MOST = 1000  # marks of a recording that are told
 SHOWN = 100  # of all recordings, that a report shows
+LARGE = 16  # elements of an array up to which each has a row
 
 
 class ParameterSummary(TypedDict):
@@ -253,13 +255,26 @@ def _mark(mark: Mark) -> MarkSummary:
 
 
 def parameter_rows(parameters: Mapping[str, ParameterSummary]) -> tuple[list[str], list[list[Cell]]]:
-    """Headers and rows of the parameter table: truth (where known), start, estimate, half of its 95 % interval."""
+    """Headers and rows of the parameter table: truth (where known), start, estimate, half of its 95 % interval.
+
+    Of an array of more than `LARGE` elements there is one row, without figures.
+    """
     known = any("truth" in entry for entry in parameters.values())
-    rows: list[list[Cell]] = [
-        [name, *([entry.get("truth")] if known else []), entry["start"], entry["value"], _half(entry), entry["unit"]]
-        for name, entry in parameters.items()
-    ]
+    sizes, told = Counter(_array(name) for name in parameters), set[str]()
+    rows: list[list[Cell]] = []
+    for name, entry in parameters.items():
+        array, truth = _array(name), [entry.get("truth")] if known else []
+        if sizes[array] <= LARGE:
+            rows.append([name, *truth, entry["start"], entry["value"], _half(entry), entry["unit"]])
+        elif array not in told:
+            told.add(array)
+            rows.append([f"{array}, {sizes[array]} elements", *truth, None, None, None, entry["unit"]])
     return ["parameter", *(["true"] if known else []), "start", "estimate", "± 95 %", "unit"], rows
+
+
+def _array(name: str) -> str:
+    """The array that an element belongs to, or the name itself."""
+    return name.partition("[")[0]
 
 
 def draw_parameters(section: Section, parameters: Mapping[str, ParameterSummary], caption: str) -> None:

@@ -98,7 +98,10 @@ def tune(
     folder = out or Path("out") / study.stem
     with terminal.bar(study.stem) as move:
         document = tune_study(study, folder, move)
-    shown: list[Listing | str] = [_parameters(document), _goals(cast("TuningSummary", document)), *_remarks(document)]
+    tuned = cast("TuningSummary", document)
+    shown: list[Listing | str] = [_parameters(document), _goals(tuned)]
+    shown += [f"{name}: {figure:.6g}" for name, figure in tuned.get("design", {}).items()]
+    shown += _remarks(document)
     shown.append(f"FMUs in {folder / 'fmus'}, report in {folder / 'report.html'}")
     return _judged(document, document.get("verdict"), shown)
 

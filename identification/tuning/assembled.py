@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import cast
 
 import numpy as np
 
@@ -14,26 +13,22 @@ from fmus.errors import IdentificationError, WiringError
 from fmus.modelling.model import Model, start_values
 from identification.built_system import BuiltSystem
 from identification.linear.model import UNIT_CIRCLE, LinearModel
-from identification.tuning.goals.goal import Goal, Over, Relative, Signal, StepTest
-from identification.tuning.goals.table import MEASURES
-from identification.tuning.loops.plants import PlantSet, delayed
+from identification.tuning.asked import goal, quantity_in, step_test
+from identification.tuning.bench import Bench
+from identification.tuning.loops.plants import PlantSet, alike, delayed
 from identification.tuning.loops.wiring import Path, Wiring
 from identification.tuning.procedures.problem import Controller, Problem
+from identification.tuning.procedures.riccati import unreached, unseen
 from identification.tuning.sources.fmu_controller import FmuController
 from identification.tuning.sources.model_controller import ModelController
 from identification.tuning.sources.plants import LinearPlant
 from identification.tuning.sources.system_plant import SystemPlant
-from identification.tuning.study import CONTROLLER, PLANT, GoalSpec, TuningStudy
+from identification.tuning.study import CONTROLLER, PLANT, TuningStudy
 from orchestrator.assembly.assembly import ComponentSpec, OpenSystem, SystemSpec
-from orchestrator.crossing import crossing, named, quantity
 from orchestrator.fmi.file import FmuDescription
-from orchestrator.fmi.interface import Interface, Port, Value
+from orchestrator.fmi.interface import Interface, Port
 from orchestrator.rational import seconds
 from orchestrator.system import Connection, Endpoint, Part, System, check_values, require, wire
-
-FOLLOWING = ("overshoot", "rise time")  # measures of a signal that follows the reference
-LONGEST = 1_000_000  # samples of a response
-HIDDEN = 1e-8  # singular value, of the largest, below which a mode is not reached or not seen
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +55,9 @@ def assembled(study: TuningStudy) -> Assembled:
     """
     every = float(sample_time(study.controller))
     plants = {name: spec.linear(f"plants.{name}", every) for name, spec in study.plants.items()}
-    spec = study.procedure.sized(study.controller, {name: plant.model for name, plant in plants.items()})
+    driven = _driven(study)
+    models = {name: delayed(f"plants.{name}", plant.model, study.delay, driven) for name, plant in plants.items()}
+    spec = study.procedure.sized(study.controller, models)
     built = BuiltSystem(SystemSpec({CONTROLLER: spec}))
     with OpenSystem(built.assembled) as opened:
         check_values(opened.system, built.assembled.system.values())
@@ -74,19 +71,32 @@ def assembled(study: TuningStudy) -> Assembled:
     system, links = _wired(study, interface, first)
     wiring = _wiring(study, system, links, controller, first.model)
     step = controller.step({})
-    models = {}
-    driven = [first.model.inputs[path.target] for path in wiring.commanded]
     for name, plant in plants.items():
         place = f"plants.{name}"
         _require_step(place, plant.model, step)
         _require_in_reach(place, plant.model, wiring)
-        models[name] = delayed(place, plant.model, study.delay, driven)
     drawn = {name: delayed(name, model, study.delay, driven) for name, model in _drawn(study, step).items()}
-    goals = tuple(_goal(spec, study, system, wiring, first.model) for spec in study.goals)
-    sets = PlantSet.of(models | drawn).parted(len(models))
-    share = 1.0 if study.draws is None else study.draws.share
-    problem = Problem(sets[0], controller, wiring, _test(study, step), goals, sets[1] if drawn else None, share)
+    goals = tuple(goal(asked, study.step, system, wiring, first.model) for asked in study.goals)
+    taken = alike(models | drawn)
+    sets = PlantSet.of(taken).parted(len(models))
+    problem = Problem(
+        plants=sets[0],
+        controller=controller,
+        wiring=wiring,
+        test=step_test(study.step, step),
+        goals=goals,
+        draws=sets[1] if drawn else None,
+        share=1.0 if study.draws is None else study.draws.share,
+        models={name: taken[name] for name in models},
+        bench=Bench(replace(spec, parameters=typed), study, first.units, sample_time(study.controller)),
+    )
     return Assembled(problem, built, interface, tuple(_remarks(plants)))
+
+
+def _driven(study: TuningStudy) -> list[str]:
+    """The plants' inputs that connections drive."""
+    ends = [Endpoint.parse(target, f"{source} -> {target}") for source, target in study.connections]
+    return list(dict.fromkeys(end.variable for end in ends if end.component == PLANT))
 
 
 def sample_time(spec: ComponentSpec) -> Fraction:
@@ -161,22 +171,15 @@ def _require_step(place: str, model: LinearModel, step: float) -> None:
 
 
 def _require_in_reach(place: str, model: LinearModel, wiring: Wiring) -> None:
-    """See that the controller reaches and sees all modes that do not fade by themselves (the test of Popov, Belevitch
-    and Hautus)."""
+    """See that the controller reaches and sees all modes that do not fade by themselves."""
     driven, seen = {path.target for path in wiring.commanded}, {path.source for path in wiring.measured}
-    b, c = model.b[:, sorted(driven)], model.c[sorted(seen)]
-    for pole in model.eigenvalues[np.abs(model.eigenvalues) > 1 / UNIT_CIRCLE]:
-        shifted = pole * np.eye(model.order) - model.a
-        for matrix, problem, fix in (
-            (np.hstack([shifted, b]), "is not controllable from", "connect another command, or leave the mode out"),
-            (np.vstack([shifted, c]), "is not seen in", "measure another output, or leave the mode out"),
-        ):
-            values = np.linalg.svd(matrix, compute_uv=False)
-            if values[-1] <= HIDDEN * values[0]:
-                where = "its commands" if "from" in problem else "what is measured"
-                raise IdentificationError(
-                    place, f"has the pole {pole:.6g}, which does not fade and {problem} {where}", fix
-                )
+    for poles, lacking, fix in (
+        (unreached(model.a, model.b[:, sorted(driven)]), "controllable from its commands", "connect another command"),
+        (unseen(model.a, model.c[sorted(seen)]), "seen in what is measured", "measure another output"),
+    ):
+        for pole in poles[np.abs(poles) > 1 / UNIT_CIRCLE]:
+            problem = f"has the pole {pole:.6g}, which does not fade and is not {lacking}"
+            raise IdentificationError(place, problem, f"{fix}, or leave the mode out")
 
 
 def _remarks(plants: Mapping[str, LinearPlant]) -> list[str]:
@@ -237,105 +240,3 @@ def _wiring(
     sizes = len(controller.inputs), len(controller.outputs), len(plant.inputs), len(plant.outputs)
     numbers = controller.inputs.index(reference.variable), plant.outputs.index(tracked.variable)
     return Wiring(tuple(measured), tuple(commanded), *numbers, sizes)
-
-
-def _test(study: TuningStudy, step: float) -> StepTest:
-    samples = round(study.step.duration / step) + 1
-    if not 2 <= samples <= LONGEST:
-        raise IdentificationError("step.duration", f"is {samples} samples", f"give 2 to {LONGEST:,}")
-    if study.step.height == 0:
-        raise IdentificationError("step.height", "is 0", "give the reference a step")
-    limit = np.inf if study.step.limit is None else study.step.limit
-    return StepTest(study.step.height, samples, study.step.disturbance, limit, study.step.band)
-
-
-def _goal(spec: GoalSpec, study: TuningStudy, system: System, wiring: Wiring, plant: LinearModel) -> Goal:
-    """A goal in numbers."""
-    measure, place = MEASURES[spec.measure], spec.place
-    signal = None if spec.of is None else _signal(f"{place}.of", spec.of, system, plant)
-    if signal is None and "command" in measure.needs:
-        command = wiring.commanded[0].target
-        signal = Signal(f"{PLANT}.{plant.inputs[command]}", "input", command)
-    if signal is None and "signal" in measure.needs:
-        signal = Signal(study.tracked, "output", wiring.tracked)
-    if spec.measure == "saturation" and study.step.limit is None:
-        raise IdentificationError(
-            place, "asks for saturation, and `step` has no `limit`", "give it the command's limit"
-        )
-    if spec.measure in FOLLOWING and (signal is None or signal.side != "output" or signal.number != wiring.tracked):
-        raise IdentificationError(
-            f"{place}.of", f"'{spec.of}' follows nothing", f"'{spec.measure}' is of what is tracked"
-        )
-    if signal is not None and "noise" in measure.needs and signal.side != "output":
-        raise IdentificationError(f"{place}.of", f"'{spec.of}' is no output of the plant", "name one that is measured")
-    disturbed = None
-    if spec.disturbed is not None:
-        at = _signal(f"{place}.disturbed", spec.disturbed, system, plant)
-        if at.side != "input":
-            raise IdentificationError(f"{place}.disturbed", f"'{spec.disturbed}' is no input of the plant", "name one")
-        disturbed = at.number
-    unit = measure.unit
-    lower, upper = (_bound(place, key, end, unit) for key, end in (("at_least", spec.lower), ("at_most", spec.upper)))
-    if lower is not None and upper is not None and lower > upper:
-        raise IdentificationError(place, f"asks for at least {lower:g} and at most {upper:g}", "swap them")
-    return Goal(
-        spec.measure,
-        lower,
-        upper,
-        spec.weight,
-        spec.hard,
-        _opened(f"{place}.opened", spec.opened, wiring),
-        signal,
-        disturbed,
-        cast("Relative | None", spec.relative),
-        cast("Over", spec.over),
-    )
-
-
-def _signal(place: str, name: str, system: System, plant: LinearModel) -> Signal:
-    end = Endpoint.parse(name, place)
-    system.port(end, place)
-    if end.component == PLANT and end.variable in plant.outputs:
-        return Signal(name, "output", plant.outputs.index(end.variable))
-    if end.component == PLANT:
-        return Signal(name, "input", plant.inputs.index(end.variable))
-    for link in system.connections:
-        if link.source == end:
-            return Signal(name, "input", plant.inputs.index(link.target.variable))
-    raise IdentificationError(place, f"'{name}' is no signal of the loop", "name an output or input of the plant")
-
-
-def _opened(place: str, line: str | None, wiring: Wiring) -> Path | None:
-    if line is None:
-        return None
-    wanted = " ".join(line.split())
-    found = next((path for path in wiring.paths if path.name == wanted), None)
-    if found is None:
-        raise IdentificationError(
-            place, f"'{line}' is none of the connections", f"there are {'; '.join(p.name for p in wiring.paths)}"
-        )
-    return found
-
-
-def _bound(place: str, key: str, given: float | str | None, unit: str) -> float | None:
-    """A bound in the measure's unit."""
-    return None if given is None else quantity_in(given, unit, f"{place}.{key}")
-
-
-def quantity_in(given: Value, unit: str, place: str) -> float:
-    """A number, or what a text like `10 dB` means in a unit.
-
-    Raises:
-        InputError: it is neither, or in a unit of another quantity.
-    """
-    if not isinstance(given, str):
-        return float(given)
-    found = quantity(given)
-    if found is None:
-        raise IdentificationError(place, f"cannot be '{given}'", "give a number")
-    number, name = found
-    if name == unit:
-        return number
-    if not unit or named(name).unit is None or named(unit).unit is None:
-        raise IdentificationError(place, f"cannot be in {name}", f"give it in {unit or 'the unit of its signal'}")
-    return crossing(place, named(name), named(unit)).conversion(number)

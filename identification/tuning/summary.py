@@ -81,6 +81,7 @@ class TuningSummary(Summary):
     Attributes:
         objective: at the values; null where a loop is unstable.
         starts: of the search, and how many of them `agree` on the values.
+        design: what the procedure has found out beside the values, in words -> a figure.
     """
 
     feasible: bool
@@ -89,6 +90,7 @@ class TuningSummary(Summary):
     loops: dict[str, LoopSummary]
     starts: list[DescentSummary]
     agree: int
+    design: NotRequired[dict[str, float]]
     draws: NotRequired[DrawsSummary]
 
 
@@ -111,7 +113,11 @@ def summary(result: Tuning) -> TuningSummary:
         "warnings": result.remarks,
         "verdict": verdict(result),
     }
-    return document if found.drawn is None else {**document, "draws": _draws(found.drawn, found.share)}
+    if found.figures:
+        document["design"] = dict(found.figures)
+    if found.drawn is not None:
+        document["draws"] = _draws(found.drawn, found.share)
+    return document
 
 
 def _draws(drawn: Judgement, share: float) -> DrawsSummary:

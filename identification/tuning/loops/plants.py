@@ -45,11 +45,11 @@ class PlantSet:
         Raises:
             IdentificationError: one lacks an input or output, is sampled otherwise, or reacts at once to an input.
         """
-        first = next(iter(models.values()))
-        most = max(model.order for model in models.values())
-        taken = [_like(f"plants.{name}", model, first) for name, model in models.items()]
-        a, b, c = (np.stack([_padded(getattr(model, m), m, most) for model in taken]) for m in "abc")
-        return cls(tuple(models), a, b, c, first.step, first.inputs, first.outputs)
+        taken = alike(models)
+        first = next(iter(taken.values()))
+        most = max(model.order for model in taken.values())
+        a, b, c = (np.stack([_padded(getattr(model, m), m, most) for model in taken.values()]) for m in "abc")
+        return cls(tuple(taken), a, b, c, first.step, first.inputs, first.outputs)
 
     def __len__(self) -> int:
         return len(self.names)
@@ -109,6 +109,16 @@ def _chunks(number: np.ndarray, omega: FloatArray) -> list[tuple[np.ndarray, Flo
     return [(number[i : i + CHUNK], omega[i : i + CHUNK]) for i in starts]
 
 
+def alike(models: Mapping[str, LinearModel]) -> dict[str, LinearModel]:
+    """The models with the first one's inputs and outputs alone, in their order.
+
+    Raises:
+        IdentificationError: as `PlantSet.of`.
+    """
+    first = next(iter(models.values()))
+    return {name: _like(f"plants.{name}", model, first) for name, model in models.items()}
+
+
 def _like(place: str, model: LinearModel, first: LinearModel) -> LinearModel:
     """The model with the first one's inputs and outputs alone, in their order."""
     if not np.isclose(model.step, first.step, rtol=1e-9, atol=0):
@@ -143,6 +153,9 @@ def _padded(matrix: FloatArray, name: str, order: int) -> FloatArray:
 def delayed(place: str, model: LinearModel, delay: float, inputs: Sequence[str]) -> LinearModel:
     """The model whose `inputs` act a time [s] after they are sampled; exact between samples, too.
 
+    Args:
+        inputs: names of those that are delayed; others than the model's mean nothing.
+
     Raises:
         IdentificationError: the delay is no whole number of samples, and the model has no counterpart in continuous
             time to look in between.
@@ -151,7 +164,7 @@ def delayed(place: str, model: LinearModel, delay: float, inputs: Sequence[str])
     if whole <= 0:
         return model
     late = whole - delay / model.step  # part of a sample in which the newest of the held values acts already
-    columns = [model.inputs.index(name) for name in inputs]
+    columns = [model.inputs.index(name) for name in inputs if name in model.inputs]
     new = np.zeros_like(model.b)
     if late > 1e-9:
         new[:, columns] = _begun(place, model, late)[:, columns]

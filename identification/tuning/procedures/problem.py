@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -29,8 +29,11 @@ class Controller(Protocol):
         inputs, outputs: names of its variables.
     """
 
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
+    @property
+    def inputs(self) -> tuple[str, ...]: ...
+
+    @property
+    def outputs(self) -> tuple[str, ...]: ...
 
     def step(self, values: Mapping[str, float]) -> float:
         """Its sampling time [s] with these parameters."""
@@ -40,6 +43,43 @@ class Controller(Protocol):
 
     def require_slopes(self, values: Mapping[str, float]) -> None:
         """See that it is as good as linear with these parameters."""
+
+
+class StepBench(Protocol):
+    """The controller's FMU around that of a linear plant."""
+
+    def followed(self, plant: LinearModel, values: Mapping[str, float], height: float, samples: int) -> FloatArray:
+        """(K,) what is tracked after a step of the reference, in a run of both FMUs."""
+
+
+@dataclass(frozen=True)
+class Held:
+    """A controller some of whose parameters are found."""
+
+    whole: Controller
+    values: Mapping[str, float]
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of its inputs."""
+        return self.whole.inputs
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of its outputs."""
+        return self.whole.outputs
+
+    def step(self, values: Mapping[str, float]) -> float:
+        """Its sampling time [s] with these parameters over those that are found."""
+        return self.whole.step({**self.values, **values})
+
+    def linear(self, values: Mapping[str, float]) -> LinearModel:
+        """Its matrices with these parameters over those that are found."""
+        return self.whole.linear({**self.values, **values})
+
+    def require_slopes(self, values: Mapping[str, float]) -> None:
+        """See that it is as good as linear with these parameters over those that are found."""
+        self.whole.require_slopes({**self.values, **values})
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +153,8 @@ class Problem:
     Attributes:
         draws: of plants with a spread; a `share` of them has to hold all hard goals.
         counted: how many of the plants make the objective; None for all.
+        models: the plants one by one, of their own orders.
+        bench: where the controller's FMU runs around one of them.
     """
 
     plants: PlantSet
@@ -123,6 +165,8 @@ class Problem:
     draws: PlantSet | None = None
     share: float = 1.0
     counted: int | None = None
+    models: Mapping[str, LinearModel] = field(default_factory=dict)
+    bench: StepBench | None = None
 
     def with_draws(self, numbers: Sequence[int]) -> Problem:
         """The same with some of the draws beside the plants, which have to hold hard goals, too."""

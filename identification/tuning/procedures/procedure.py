@@ -7,7 +7,7 @@ and whose `procedure()` gives it.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -42,6 +42,7 @@ class Found:
         agreeing: how many starts led to what is taken.
         remarks: what a reader must know.
         drawn: what the values do with all draws, where there are some; `share` of these has to hold the hard goals.
+        figures: what else the procedure has found out, in words -> a figure.
     """
 
     best: Judgement
@@ -51,6 +52,7 @@ class Found:
     remarks: tuple[str, ...] = ()
     drawn: Judgement | None = None
     share: float = 1.0
+    figures: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def feasible(self) -> bool:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from identification.estimation.parameters import Scale
 from identification.tuning.procedures.search import Search, Unknown
+from identification.tuning.procedures.state_feedback import StateFeedback
+from identification.tuning.procedures.weights import Weights
 from orchestrator.yaml_file import Block, Quantity
+
+Weight = float | list[float] | list[list[float]] | dict[str, float]
 
 
 class UnknownBlock(Block):
@@ -18,6 +22,10 @@ class UnknownBlock(Block):
     min: float | Quantity
     max: float | Quantity
     scale: Scale = Unknown.scale
+
+    def unknown(self) -> Unknown:
+        """As a plain value."""
+        return Unknown(self.min, self.max, self.start, self.scale)
 
 
 class SearchBlock(Block):
@@ -45,10 +53,60 @@ class SearchBlock(Block):
 
     def procedure(self) -> Search:
         """As a plain value."""
-        unknowns = {
-            name: Unknown(block.min, block.max, block.start, block.scale) for name, block in self.unknowns.items()
-        }
+        unknowns = {name: block.unknown() for name, block in self.unknowns.items()}
         return Search(unknowns, tuple(self.starts), self.more, self.seed, self.evaluations)
 
 
-DesignBlock = SearchBlock
+class WeightsBlock(Block):
+    """Weights, each a number for all, a diagonal, a matrix, or signal -> weight; see `weights.Weights`.
+
+    Attributes:
+        Q: of the states; by name, of the plant's outputs (for K), or of noise at its inputs (for L).
+        R: of the command (for K), or of noise in what is measured (for L), by name the controller's inputs.
+    """
+
+    Q: Weight = 1.0
+    R: Weight = 1.0
+
+    def weights(self) -> Weights:
+        """As a plain value."""
+        return Weights(self.Q, self.R)
+
+
+class ObserverBlock(WeightsBlock):
+    """Weights of the observer, and how much faster than the feedback it is at least; see `StateFeedback.faster`."""
+
+    faster: float | None = Field(StateFeedback.faster, gt=0)
+
+
+class StateFeedbackBlock(Block):
+    """State feedback from an observer, for `ilqr` and `lqg`; see `state_feedback.StateFeedback`.
+
+    Attributes:
+        plant: the one of the design, the first by default.
+        weights: of the linear-quadratic regulator, for K.
+        observer: of its dual, for L.
+        ki: bounds of the integral's gain, which is sought on the study's goals; without them it stays.
+    """
+
+    by: Literal["state-feedback"]
+    plant: str | None = StateFeedback.plant
+    weights: WeightsBlock = WeightsBlock()
+    observer: ObserverBlock = ObserverBlock()
+    ki: UnknownBlock | None = None
+
+    def procedure(self) -> StateFeedback:
+        """As a plain value."""
+        integral = None if self.ki is None else Search({"ki": self.ki.unknown()})
+        weights, noise = self.weights.weights(), self.observer.weights()
+        return StateFeedback(weights, noise, self.observer.faster, self.plant, integral)
+
+
+def _by(value: Any) -> str:
+    """What a design's block is told by."""
+    return str(value.get("by", "search") if isinstance(value, dict) else getattr(value, "by", "search"))
+
+
+DesignBlock = Annotated[
+    Annotated[SearchBlock, Tag("search")] | Annotated[StateFeedbackBlock, Tag("state-feedback")], Discriminator(_by)
+]
