@@ -18,11 +18,11 @@ from typing import Any
 import cantools
 from cantools.database.errors import UnsupportedDatabaseFormatError
 
+from fmus.encodings import decoded, encoding_of
 from fmus.errors import DatabaseError
 from fmus.files import absence
 from orchestrator.can.database import canopen_pdos
 from orchestrator.can.database.dbc_text import STRINGS, DbcText
-from orchestrator.can.database.encoding import text_of
 from orchestrator.can.database.message import LeftOut
 
 SUFFIXES = (".dbc", ".arxml", ".kcd", ".sym", ".eds", ".dcf")
@@ -41,6 +41,7 @@ _SIZES = {
 }
 _SELECTED = re.compile(r"\bSG_MUL_VAL_\s+(\d+)\s+(\w+)\s+(\w+)\s+(\d[\d\s,-]*);")
 _RANGE = re.compile(r"(?<!\d)(\d+)\s*-\s*(\d+)")
+_DECLARED = re.compile(rb"<\?xml[^>]{0,200}\bencoding\s*=\s*[\"']([\w.-]{1,40})")
 _PLACE = re.compile(r"line (\d+), column (\d+)")
 
 Selected = list[tuple[str, tuple[int, int]]]  # signals and the range of multiplexer values they belong to
@@ -88,6 +89,29 @@ def read(path: Path, encoding: str | None) -> Read:
         if suffix != ".dbc":
             raise fault.complaint from fault
         return _repaired(path, text, fault, notes)
+
+
+def text_of(path: Path, data: bytes, encoding: str | None) -> tuple[str, str]:
+    """The text of a database, and a line about a guess of its encoding; "" where it took none.
+
+    Raises:
+        DatabaseError: there is no such encoding, or the bytes are none of it.
+    """
+    declared = _DECLARED.match(data.lstrip())
+    known = encoding or (declared[1].decode() if declared else None)
+    name = known or encoding_of(data).name
+    try:
+        text = decoded(data, name)
+    except UnicodeError as error:
+        place = f"byte {error.start}" if isinstance(error, UnicodeDecodeError) else "it"
+        raise DatabaseError(path, f"is no text: {place} is not {name}", "name its encoding") from None
+    except LookupError:
+        raise DatabaseError(path, f"there is no encoding '{name}'", "use for example utf-8 or cp1252") from None
+    plain = known is not None or name.startswith("utf")
+    return (
+        text,
+        "" if plain else f"its text is read as {name}, which is a guess; --encoding or `encoding` says what it is",
+    )
 
 
 class UnreadableError(Exception):

@@ -12,12 +12,12 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import compute, csv
 
+from fmus.encodings import SAMPLE, decoded, encoding_of
 from fmus.errors import TraceError
 from orchestrator.formats.arrow import numbers
 from orchestrator.formats.layout import Choice, Columns, Layout, choose
 from orchestrator.formats.recording import Recording, excerpt
 from orchestrator.formats.texts.cells import MISSING, is_time_of_day, kind
-from orchestrator.formats.texts.encoding import first_lines
 from orchestrator.formats.texts.grid import SEPARATORS, Grid, grid
 from orchestrator.formats.texts.stamps import seconds
 from orchestrator.trace import FloatArray
@@ -41,7 +41,7 @@ def read(path: Path, layout: Layout) -> Recording:
 
 def read_text(file: BinaryIO, layout: Layout, path: Path) -> Recording:
     """The same of a text that is at hand; `path` is where it is from."""
-    lines, encoding = first_lines(file, layout.encoding, path)
+    lines, encoding = _first_lines(file, layout.encoding, path)
     seen = grid(lines, layout, path)
     told = replace(
         layout,
@@ -69,6 +69,34 @@ def read_text(file: BinaryIO, layout: Layout, path: Path) -> Recording:
         notes.append(f"its dates are those of column {seen.names[dates] if seen.names else dates}")
     stamps = seconds(texts, layout.dates, layout.time_zone, path) if stamped else None
     return choice.recording(column, "", stamps, notes)
+
+
+def _first_lines(file: BinaryIO, encoding: str | None, path: Path) -> tuple[list[str], str]:
+    """The first lines of a file, whole ones only, and its encoding: the one that is said, else what it looks like.
+
+    Raises:
+        TraceError: no such encoding, or the bytes are none of it, or may be of several; a line that is too long.
+    """
+    raw = file.read(SAMPLE + 1)
+    file.seek(0)
+    whole = len(raw) <= SAMPLE
+    seen = encoding_of(raw, whole=whole)
+    known = encoding or seen.name
+    if encoding is None and not seen.sure:
+        problem = f"is not UTF-8 text, nor surely cp1252 or gbk; say its `encoding` (most like {known})"
+        raise TraceError(path, problem)
+    try:
+        text = decoded(raw[:SAMPLE], known, whole=whole)
+    except LookupError:
+        raise TraceError(path, f"'{known}' is no encoding of text", "say `encoding: utf-8`, cp1252, gbk, ...") from None
+    except UnicodeError:
+        raise TraceError(path, f"is not {known.upper()} text", "say its `encoding`: cp1252, utf-16, gbk, ...") from None
+    if "\0" in text:
+        raise TraceError(path, "is no text", "check that it is a table of text, or say its `encoding`")
+    lines = re.split(r"\r\n|\n|\r", text)
+    if not whole and len(lines) == 1:
+        raise TraceError(path, f"a header line is longer than {SAMPLE} bytes", "check that it is a table of text")
+    return lines[:-1] if not whole or not lines[-1] else lines, known
 
 
 def _dates_beside(seen: Grid, time: int) -> int | None:
