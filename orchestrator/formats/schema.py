@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from orchestrator.can.database.sources import DatabaseFiles, moved, paths
+from orchestrator.can.database.sources import DatabaseFiles, file_and_bus, moved, paths
 from orchestrator.formats.layout import Dates, Decimal, Layout, Separator
 from orchestrator.yaml_file import Block, Seconds
 
@@ -78,8 +78,8 @@ class LayoutBlock(Block):
 
 
 def _found(base: Path, file: Path) -> Path:
-    beside = base / file.name
-    return beside if beside.is_file() and not (base / file).is_file() else base / file
+    there, beside = (file_and_bus(base / name)[0].is_file() for name in (file, file.name))
+    return base / (file.name if beside and not there else file)
 
 
 class LayoutFileBlock(Block):

@@ -17,6 +17,7 @@ from orchestrator.can.database.addressing import CANOPEN, Addressing
 from orchestrator.can.database.interpretation import protected, specification
 from orchestrator.can.database.message import LeftOut, MessageSpec, SignalSpec, instead
 from orchestrator.can.database.protection import Protection
+from orchestrator.can.database.sources import file_and_bus
 
 
 class Database:
@@ -154,13 +155,14 @@ def load(path: Path, *, encoding: str | None = None, j1939: bool = False) -> Dat
     """The database of a .dbc, .arxml, .kcd, .sym, .eds or .dcf file; its text in this `encoding`, or as it seems.
 
     Args:
+        path: the file, or one bus of it, as `car.kcd#Body`.
         j1939: its extended identifiers are J1939's, also where the file does not say so.
 
     Raises:
         DatabaseError: it cannot be read, or defines no message; file and line are named.
     """
-    path = Path(path)
-    read = reading.read(path, encoding)
+    path, bus = file_and_bus(Path(path))
+    read = reading.of_bus(path, reading.read(path, encoding), bus)
     if not read.messages:
         why = "".join(f" that can be used: {lost}" for lost in read.left_out[:1])
         raise DatabaseError(path, f"defines no messages{why}", "export it again")

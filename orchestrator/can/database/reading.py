@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -23,7 +23,7 @@ from fmus.errors import DatabaseError
 from fmus.files import absence
 from orchestrator.can.database import canopen_pdos
 from orchestrator.can.database.dbc_text import STRINGS, DbcText
-from orchestrator.can.database.message import LeftOut
+from orchestrator.can.database.message import LeftOut, instead
 
 SUFFIXES = (".dbc", ".arxml", ".kcd", ".sym", ".eds", ".dcf")
 CANOPEN = SUFFIXES[4:]
@@ -128,7 +128,7 @@ def _parsed(path: Path, suffix: str, text: str) -> Read:
         attributes = getattr(getattr(loaded, "dbc", None), "attributes", None) or {}
         j1939 = "ProtocolType" in attributes and attributes["ProtocolType"].value == "J1939"
         messages = list(getattr(loaded, "messages", ()))
-        return Read(messages, [], _buses(messages), j1939)
+        return Read(messages, [], [], j1939)
     except UnsupportedDatabaseFormatError as error:
         cause = error.e_dbc or error.e_arxml or error.e_kcd or error.e_sym or error
         raise _unreadable(path, suffix, text, cause) from error
@@ -136,13 +136,23 @@ def _parsed(path: Path, suffix: str, text: str) -> Read:
         raise DatabaseError(path, f"is too deeply nested or too large ({type(error).__name__})") from error
 
 
-def _buses(messages: Sequence[Any]) -> list[str]:
-    """A line about several buses in one file, whose messages are taken for those of one."""
-    names = list(dict.fromkeys(message.bus_name for message in messages if message.bus_name))
+def of_bus(path: Path, read: Read, bus: str) -> Read:
+    """What is of this bus; all, and a line about that, where none is meant and there are several.
+
+    Raises:
+        DatabaseError: there is no such bus.
+    """
+    names = list(dict.fromkeys(message.bus_name for message in read.messages if message.bus_name))
+    if bus:
+        own = [message for message in read.messages if message.bus_name == bus]
+        if not own:
+            raise DatabaseError(path, f"has no bus '{bus}'", instead(bus, names) if names else "leave the bus out")
+        return replace(read, messages=own)
     if len(names) < 2:
-        return []
+        return read
     told = f"holds the buses {', '.join(names[:10])}, whose messages are taken for those of one"
-    return [f"{told}; give each channel a file of its own bus (--dbc 0=a.kcd --dbc 1=b.kcd) where identifiers meet"]
+    choice = " ".join(f"--dbc {channel}={path.name}#{name}" for channel, name in enumerate(names[:2]))
+    return replace(read, notes=[*read.notes, f"{told}; {choice} gives each channel its own bus"])
 
 
 def _repaired(path: Path, text: str, first: UnreadableError, notes: list[str]) -> Read:

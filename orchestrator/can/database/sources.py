@@ -1,4 +1,7 @@
-"""Which files say what the frames of a log mean: one or several for all its channels, or some for one of them."""
+"""Which files say what the frames of a log mean: one or several for all its channels, or some for one of them.
+
+A file of several buses may stand for one of them, as `car.kcd#Body`.
+"""
 
 from __future__ import annotations
 
@@ -20,9 +23,15 @@ def by_channel(files: DatabaseFiles) -> dict[str, list[Path]]:
     return {channel: [own] if isinstance(own, Path) else list(own) for channel, own in given.items()}
 
 
+def file_and_bus(path: Path) -> tuple[Path, str]:
+    """A file, and the bus of it that is meant; "" for all that is in it."""
+    file, mark, bus = path.name.rpartition("#")
+    return (path.with_name(file), bus) if mark and file and not path.is_file() else (path, "")
+
+
 def paths(files: DatabaseFiles) -> list[Path]:
     """All files, each once."""
-    return list(dict.fromkeys(path for own in by_channel(files).values() for path in own))
+    return list(dict.fromkeys(file_and_bus(path)[0] for own in by_channel(files).values() for path in own))
 
 
 def moved(files: DatabaseFiles, move: Callable[[Path], Path]) -> DatabaseFiles:
@@ -41,7 +50,7 @@ def parsed(options: Sequence[str]) -> DatabaseFiles:
     found: dict[str, list[Path]] = {}
     for option in options:
         channel, equals, file = option.partition("=")
-        whole = not equals or Path(option).is_file()
+        whole = not equals or file_and_bus(Path(option))[0].is_file()
         if not (channel and (file or whole)):
             raise InputError(
                 f"--dbc {option}", "names no file or no channel", "give FILE or CHANNEL=FILE, as 0=rig.dbc"

@@ -13,8 +13,10 @@ from hypothesis import strategies as st
 
 from fmus.errors import DatabaseError
 from orchestrator.can.database import database
+from orchestrator.can.database.bus import load_all
 from orchestrator.can.database.database import Database
 from orchestrator.can.database.protection import Protection
+from orchestrator.can.database.sources import parsed, paths
 
 DBC = """VERSION ""
 BU_: A B
@@ -186,7 +188,20 @@ def test_several_buses_in_one_file_are_told(tmp_path: Path) -> None:
     found = database.load(file(tmp_path, KCD.replace("</NetworkDefinition>", f"{other}</NetworkDefinition>"), ".kcd"))
     assert [message.name for message in found.messages] == ["State", "B"]
     assert "holds the buses b, c, whose messages are taken for those of one" in found.notes[0]
+    assert "--dbc 0=rig.kcd#b --dbc 1=rig.kcd#c gives each channel its own bus" in found.notes[0]
     assert database.load(file(tmp_path, KCD, ".kcd")).notes == ()
+
+
+def test_one_bus_of_a_file_is_chosen_by_its_name_for_each_channel(tmp_path: Path) -> None:
+    """Two buses use one identifier for different messages, which each channel decodes by its own."""
+    other = '<Bus name="c"><Message id="0x10" name="B" length="1"><Signal name="x" offset="0"/></Message></Bus>'
+    path = file(tmp_path, KCD.replace("</NetworkDefinition>", f"{other}</NetworkDefinition>"), ".kcd")
+    assert "0x10 of State, which is used" in " ".join(database.load(path).notes)
+    chosen = load_all(parsed([f"0={path}#b", f"1={path}#c"]))
+    assert [[m.name for m in chosen.of(n, "").messages] for n in (0, 1)] == [["State"], ["B"]]  # type: ignore[union-attr]
+    assert (chosen.notes, paths(parsed([f"0={path}#b", f"1={path}#c"]))) == ([], [path])
+    with pytest.raises(DatabaseError, match="has no bus 'd'; it has b, c"):
+        database.load(path.with_name(f"{path.name}#d"))
 
 
 def test_xml_is_read_in_the_encoding_that_it_names(tmp_path: Path) -> None:
