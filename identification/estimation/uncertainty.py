@@ -145,12 +145,12 @@ def covariance(blocks: Sequence[WindowBlock], loss: Loss, outputs: int) -> Covar
     flat, correlated = white(influences, outputs, freedom), coloured(influences, outputs, fitted)
     tests = tuple(whiteness([b.residual.reshape(-1, outputs)[:, i] for b in blocks]) for i in range(outputs))
     matrices: dict[CovarianceMethod, FloatArray] = {
-        "white": _marked(_stationary(rows, transform, flat), lost),
-        "coloured": _marked(_stationary(rows, transform, correlated), lost),
+        "white": marked(_stationary(rows, transform, flat), lost),
+        "coloured": marked(_stationary(rows, transform, correlated), lost),
     }
     jackknife = _window(rows, transform)
     if jackknife is not None:
-        matrices["window"] = _marked(jackknife, lost)
+        matrices["window"] = marked(jackknife, lost)
     is_white = all(test.white for test in tests)
     method: CovarianceMethod = "white" if is_white else "coloured" if jackknife is None else "window"
     return Covariance(
@@ -249,7 +249,8 @@ def _window(rows: Sequence[_Rows], transform: FloatArray) -> FloatArray | None:
     return transform @ (deleted.T @ deleted * (count - 1) / count) @ transform.T
 
 
-def _marked(matrix: FloatArray, lost: NDArray[np.bool_]) -> FloatArray:
+def marked(matrix: FloatArray, lost: NDArray[np.bool_] | Sequence[int]) -> FloatArray:
+    """A covariance (n, n) in which these parameters are not determined."""
     matrix = matrix.copy()
     matrix[lost, :] = matrix[:, lost] = np.nan
     matrix[lost, lost] = np.inf

@@ -6,7 +6,7 @@ The estimator knows simulators only through `workers.Simulator`; what is free is
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -29,12 +29,14 @@ from identification.estimation.uncertainty import (
     Identifiability,
     covariance,
     identifiability,
+    marked,
     no_covariance,
 )
 from identification.estimation.validation import fit
 from identification.estimation.workers import Factory, Pool, Simulator, open_pool
 from identification.output_error.free_run import FreeRun, Tally
 from identification.output_error.problem import Problem, Window, spread_weights
+from identification.output_error.steps import Flat, best_nearby, centred, flat, widened
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.trace import FloatArray, ReadOnlyArrays
 
@@ -61,6 +63,11 @@ __all__ = [
 
 _COARSER, _COARSEST = (1.0, 10.0, 100.0), 1e-2  # times the difference step, and where that ends
 _VISIBLE = 1e-3  # of FIT
+_VAGUE = math.log(1e3)  # half of a 95 % interval on a log scale: a factor from which nothing is known
+_ROUNDS = 3  # of looking beside the steps of parameters that act in steps, and searching on from there
+_PERFECT = 1e-6  # of FIT: what is missing at most in a perfect one
+PERFECT = "the outputs match to the accuracy of the simulation"
+SILENT = "nothing to find: the outputs do not depend on"
 
 
 @dataclass(frozen=True)
@@ -149,6 +156,8 @@ class Estimate(ReadOnlyArrays):
         residuals: (K, m) measured - simulated a window [unit of each output].
         fit: (W, m) FIT of every window and output.
         converged: whether the search came to its end, and `message` to which.
+        flat: name -> range over which the cost does not tell a parameter's values apart [its unit], of those that act in
+            steps; it lies within their intervals.
         warnings: what else a reader of the numbers has to know.
     """
 
@@ -172,6 +181,7 @@ class Estimate(ReadOnlyArrays):
     starts: tuple[StartReport, ...]
     tally: Tally
     warnings: tuple[str, ...]
+    flat: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,11 +205,15 @@ class _Reached:
 
     Attributes:
         found: the best so far on all windows, None before there is something better than the start.
+        wide: column -> width of its differences, of the parameters that act in steps.
+        flats: column -> over which z the cost does not tell such a parameter's values apart.
     """
 
     tally: Tally = field(default_factory=Tally)
     starts: tuple[StartReport, ...] = ()
     found: Minimum | None = None
+    wide: Mapping[int, float] = field(default_factory=dict)
+    flats: Mapping[int, Flat] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -218,7 +232,8 @@ class _Work:
 
     def over(self, windows: tuple[int, ...], coarser: float = 1.0) -> FreeRun:
         fine = self.options.difference_step
-        return FreeRun(self.problem, self.pool, self.tally, windows, min(coarser * fine, max(fine, _COARSEST)))
+        step = min(coarser * fine, max(fine, _COARSEST))
+        return FreeRun(self.problem, self.pool, self.tally, windows, step, self.reached.wide)
 
     @property
     def all_windows(self) -> tuple[int, ...]:
@@ -260,7 +275,9 @@ def estimate(
         with open_pool(factory, options.processes, options.isolation) as pool:
             work = _Work(problem, options, pool, reached, watch)
             begin, reached.starts = _begin(work)
+            reached.wide = _acting_in_steps(work, begin)
             found = _search(work, work.all_windows, begin, "fit", options.max_evaluations)
+            found = _beside_steps(work, found)
             work.tell("uncertainty")(found.iterations, found.at)
             blocks = work.over(work.all_windows).linearise(found.at.point, found.at.residuals, central=True)
     except (KeyboardInterrupt, FmuError) as error:
@@ -274,6 +291,9 @@ def estimate(
     uncertainty = covariance(blocks, problem.loss, len(problem.outputs))
     values = problem.parameters.values(found.at.point.parameters)
     free = problem.parameters.free
+    silent = [free[c].name for c, range_ in reached.flats.items() if range_.silent]
+    if silent:
+        found = replace(found, converged=False, message=f"{SILENT} {', '.join(silent)}")
     seen = identifiability(
         blocks,
         free,
@@ -314,9 +334,59 @@ def _search(work: _Work, windows: tuple[int, ...], begin: Iterate, stage: str, i
         begin, taken = found.at, taken + found.iterations
         if not found.promised:
             break
+    return _judged(problem, windows, replace(found, iterations=taken))
+
+
+def _judged(problem: Problem, windows: tuple[int, ...], found: Minimum) -> Minimum:
+    """A search that ended without a better point: at a perfect fit, at what nobody would see, or short of its aim."""
+    if found.converged:
+        return found
+    missing = _missing_fit(problem, windows, found)
+    if missing < _PERFECT:
+        return replace(found, converged=True, message=PERFECT)
+    visible = missing * (1 - math.sqrt(max(0.0, 1 - found.promised)))
+    if found.promised and visible < _VISIBLE:
+        return replace(found, converged=True, message=ROUGH)
+    if found.promised:
+        return replace(found, message=f"{found.message}, while slopes promise {visible:.2g} of FIT")
+    return found
+
+
+def _missing_fit(problem: Problem, windows: tuple[int, ...], found: Minimum) -> float:
+    """By how much FIT of all outputs together falls short of 1; infinite where none moves."""
+    spread = [problem.windows[w].weight * (y - y.mean(axis=0)) for w in windows for y in [problem.windows[w].measured]]
+    error, size = (np.linalg.norm(np.concatenate([np.ravel(a) for a in of])) for of in (found.at.residuals, spread))
+    return float(error / size) if size > 0 else math.inf
     if found.promised and _promised_fit(problem, windows, found) < _VISIBLE:
         found = replace(found, converged=True, message=ROUGH)
     return replace(found, iterations=taken)
+
+
+def _acting_in_steps(work: _Work, here: Iterate) -> dict[int, float]:
+    """Which parameters act in steps, seen on a few windows."""
+    windows = _spread(len(work.all_windows), work.options.start_windows)
+    point = replace(here.point, states=here.point.states[list(windows)])
+    few = Iterate(point, [here.residuals[w] for w in windows], math.nan)
+    return widened(replace(work.over(windows), wide={}), few)
+
+
+def _beside_steps(work: _Work, found: Minimum) -> Minimum:
+    """The minimum beside the steps of what acts in steps, and in the middle of what of it is flat."""
+    reached, loss = work.reached, work.problem.loss
+    reached.wide = _acting_in_steps(work, found.at)
+    for _ in range(_ROUNDS if reached.wide else 0):
+        there = best_nearby(work.over(work.all_windows), found.at, loss)
+        if there.cost >= found.at.cost:
+            break
+        left = max(1, work.options.max_evaluations - found.iterations)
+        again = _search(work, work.all_windows, there, "fit", left)
+        found = replace(again, iterations=found.iterations + again.iterations)
+    for column in sorted(column for column in reached.wide if column < len(found.at.point.parameters)):
+        run = work.over(work.all_windows)
+        range_ = flat(run, found.at, column, loss)
+        found = replace(found, at=centred(run, found.at, column, range_, loss))
+        reached.flats = {**reached.flats, column: range_}
+    return found
 
 
 def _promised_fit(problem: Problem, windows: tuple[int, ...], found: Minimum) -> float:
@@ -400,13 +470,15 @@ def _assembled(
     problem: Problem, reached: _Reached, found: Minimum, uncertainty: Covariance, seen: Identifiability
 ) -> Estimate:
     z = found.at.point.parameters
+    given = np.sqrt(np.diag(uncertainty.matrix)) * uncertainty.quantile
+    uncertainty = _without(uncertainty, _undetermined(problem.parameters, given, reached.flats))
     deviations = np.sqrt(np.diag(uncertainty.matrix))
     slopes = problem.parameters.slopes(z)
     simulated, residuals, fits = _outputs(problem, found.at)
     partial = Estimate(
         values=problem.parameters.values(z),
         std=_with_ties(problem.parameters, dict(zip(seen.names, (float(s) for s in deviations * slopes), strict=True))),
-        ci95=_intervals(problem.parameters, z, deviations * uncertainty.quantile),
+        ci95=_intervals(problem.parameters, z, deviations * uncertainty.quantile, reached.flats),
         free=seen.names,
         z=z,
         covariance=uncertainty.matrix * np.outer(slopes, slopes),
@@ -424,6 +496,7 @@ def _assembled(
         starts=reached.starts,
         tally=reached.tally,
         warnings=(),
+        flat=_flat_ranges(problem.parameters, reached.flats),
     )
     return replace(partial, warnings=tuple(_warnings(problem, partial)))
 
@@ -432,12 +505,38 @@ def _with_ties(parameters: ParameterSet, std: dict[str, float]) -> dict[str, flo
     return std | {tie.name: abs(tie.factor) * std[tie.other] for tie in parameters.ties if tie.other in std}
 
 
-def _intervals(parameters: ParameterSet, z: FloatArray, reach: FloatArray) -> dict[str, tuple[float, float]]:
-    """name -> interval, symmetric in z."""
-    intervals = {
-        p.name: (_end(p, float(zi - r)), _end(p, float(zi + r)))
-        for p, zi, r in zip(parameters.free, z, reach, strict=True)
-    }
+def _undetermined(parameters: ParameterSet, reach: FloatArray, flats: Mapping[int, Flat]) -> list[int]:
+    """Columns of parameters without effect, and of those on a log scale of which not even the size is known.
+
+    Args:
+        reach: (n,) half of the 95 % interval in z.
+    """
+    silent = [column for column, range_ in flats.items() if range_.silent]
+    vague = [c for c, p in enumerate(parameters.free) if p.scale == "log" and _VAGUE < reach[c] < math.inf]
+    return sorted({*silent, *vague})
+
+
+def _without(uncertainty: Covariance, lost: Sequence[int]) -> Covariance:
+    """The same in which these parameters are not determined."""
+    matrices = {method: marked(matrix, lost) for method, matrix in uncertainty.matrices.items()}
+    return replace(uncertainty, matrices=matrices) if lost else uncertainty
+
+
+def _flat_ranges(parameters: ParameterSet, flats: Mapping[int, Flat]) -> dict[str, tuple[float, float]]:
+    """name -> flat range of those that are not silent."""
+    known = {parameters.free[c]: range_ for c, range_ in flats.items() if not range_.silent}
+    return {p.name: (_end(p, range_.low), _end(p, range_.high)) for p, range_ in known.items()}
+
+
+def _intervals(
+    parameters: ParameterSet, z: FloatArray, reach: FloatArray, flats: Mapping[int, Flat]
+) -> dict[str, tuple[float, float]]:
+    """name -> interval, symmetric in z; about a flat range where there is one."""
+    intervals = {}
+    for column, (p, zi, r) in enumerate(zip(parameters.free, z, reach, strict=True)):
+        range_ = flats.get(column)
+        low, high = (zi, zi) if range_ is None or range_.silent else (min(zi, range_.low), max(zi, range_.high))
+        intervals[p.name] = (_end(p, float(low - r)), _end(p, float(high + r)))
     for tie in parameters.ties:
         if tie.other in intervals and tie.factor:
             low, high = sorted(tie.factor * end for end in intervals[tie.other])
@@ -470,8 +569,18 @@ def _warnings(problem: Problem, result: Estimate) -> list[str]:
     """One sentence for everything that makes the numbers worth less than they look."""
     seen = result.identifiability
     warnings = [combination.message for combination in (*seen.unseen, *seen.weak)]
+    for name, (low, high) in result.flat.items():
+        unit = next(p.unit for p in problem.parameters.free if p.name == name)
+        range_ = f"from {low:.6g} to {high:.6g} {unit}"
+        warnings.append(f"{name} acts in steps: the outputs do not tell {range_} apart, which its interval holds")
     for parameter in problem.parameters.free:
         warnings += parameter_warnings(parameter, result.values[parameter.name], result.std[parameter.name])
+    told = " ".join(warnings)
+    for parameter in problem.parameters.free:
+        lost = math.isinf(result.std[parameter.name]) and result.uncertainty.method != "none"
+        if lost and parameter.name not in told:
+            factor = f"a factor of {math.exp(_VAGUE):g} either way"
+            warnings.append(f"{parameter.name} is not determined: its 95 % interval would reach over {factor}")
     if result.uncertainty.method == "coloured":
         warnings.append(
             f"residuals are correlated and {len(problem.windows)} windows are too few to judge them by windows: "

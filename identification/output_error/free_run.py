@@ -6,7 +6,7 @@ Jacobian costs as many simulations a window as there are parameters and states o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -53,6 +53,7 @@ class FreeRun:
     Attributes:
         windows: which of the problem's windows; row w of a point's states belongs to windows[w].
         step: relative step of a forward difference, about the root of the simulation's relative accuracy.
+        wide: column -> wider step of one that acts in steps.
     """
 
     problem: Problem
@@ -60,13 +61,20 @@ class FreeRun:
     tally: Tally
     windows: tuple[int, ...]
     step: float
+    wide: Mapping[int, float] = field(default_factory=dict)
 
     def residuals(self, point: Point) -> list[FloatArray] | None:
         """One (K m,) vector a window; None when a simulation failed."""
-        self.tally.evaluations += 1
-        found = self._simulated([(row, point, 0) for row in range(len(self.windows))])
-        complete = [residual for residual in found if residual is not None]
-        return complete if len(complete) == len(found) else None
+        return self.several([point])[0]
+
+    def several(self, points: Sequence[Point]) -> list[list[FloatArray] | None]:
+        """The residuals at each of these points, all simulated at once."""
+        self.tally.evaluations += len(points)
+        count = len(self.windows)
+        found = self._simulated([(row, point, i) for i, point in enumerate(points) for row in range(count)])
+        rows = [found[i * count : (i + 1) * count] for i in range(len(points))]
+        complete = [[residual for residual in row if residual is not None] for row in rows]
+        return [row if len(row) == count else None for row in complete]
 
     def linearise(self, point: Point, residuals: list[FloatArray], central: bool = False) -> list[WindowBlock]:
         """Residuals and Jacobian of every window, by forward or central differences inside the bounds.
@@ -96,13 +104,20 @@ class FreeRun:
     def _steps(self, point: Point, central: bool) -> tuple[FloatArray, FloatArray]:
         """Two signed steps (n + s, W) in z; the second is 0 for a one-sided difference."""
         size = self._columns(Point(np.maximum(1, abs(point.parameters)), np.maximum(1, abs(point.states))))
-        up = size * (self.step ** (2 / 3) if central else self.step)
+        up = size * self._relative(len(size), central)[:, None]
         rising, falling = self._inside(point, up), self._inside(point, -up)
         down = np.where(rising & falling, -up, 0.0) if central else np.zeros_like(up)
         box = self.problem.box(self.windows).around(point)
         lower, upper = self._columns(box.lower), self._columns(box.upper)
         widest = np.where(upper >= -lower, upper, lower)
         return np.where(rising, up, np.where(falling, -up, widest)), down
+
+    def _relative(self, columns: int, central: bool) -> FloatArray:
+        """(n + s,) relative steps."""
+        steps = np.full(columns, self.step ** (2 / 3) if central else self.step)
+        for column, width in self.wide.items():
+            steps[column] = max(width, steps[column])
+        return steps
 
     def _inside(self, point: Point, steps: FloatArray) -> NDArray[np.bool_]:
         """(n + s, W) whether the point stays within the bounds when one entry moves by its step."""

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from identification.estimation.parameters import Parameter
 from identification.output_error.calibration import Calibration
+from identification.output_error.estimator import SILENT
 from identification.results import VerdictSummary, verdict
 
 _WIDE = 10.0  # largest over smallest value allowed, from which a logarithmic scale serves better
@@ -22,7 +23,8 @@ def calibration_verdict(calibration: Calibration) -> VerdictSummary:
         target = calibration.study.at_least
         return {"at_least": target, "reached": None, "held": False, "converged": found.converged, "said": said}
     unsettled = "" if found.converged else f"{found.message}; try {', '.join(_remedies(calibration))}"
-    return verdict(
+    found_nothing = found.message.startswith(SILENT)
+    judgement = verdict(
         judged.median,
         side,
         calibration.study.at_least,
@@ -30,12 +32,16 @@ def calibration_verdict(calibration: Calibration) -> VerdictSummary:
         remedy=_remedy(calibration),
         recorded=calibration.recorded,
     )
+    return {**judgement, "held": judgement["held"] and not found_nothing}
 
 
 def _remedies(calibration: Calibration) -> Iterator[str]:
     """What may bring a search to its end, the likeliest first."""
     found, study = calibration.estimate, calibration.study
     seen = found.identifiability
+    if found.message.startswith(SILENT):
+        yield "`fixed: true`, a recording that excites what depends on it, or wider `min` and `max`"
+        return
     if "evaluations" in found.message or "iterations" in found.message:
         yield f"`options.max_evaluations` above {study.options.max_evaluations}"
     if found.tally.failures:
