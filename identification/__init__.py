@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from identification.calibrate import calibrate, tune, validate
-    from identification.output_error.estimator import estimate, predict
+    from identification.output_error.search.estimator import estimate, predict
     from identification.signals.frequency_response import frequency_response
     from identification.study import load_study
     from identification.subspace.subspace import subspace
@@ -27,10 +27,10 @@ __all__ = ["calibrate", "estimate", "frequency_response", "load_study", "predict
 
 _PLACES = {
     "calibrate": "calibrate",
-    "estimate": "output_error.estimator",
+    "estimate": "output_error.search.estimator",
     "frequency_response": "signals.frequency_response",
     "load_study": "study",
-    "predict": "output_error.estimator",
+    "predict": "output_error.search.estimator",
     "subspace": "subspace.subspace",
     "tune": "calibrate",
     "validate": "calibrate",

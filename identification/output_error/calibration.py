@@ -14,8 +14,8 @@ from identification.built_system import BuiltSystem
 from identification.estimation.arrow_least_squares import Loss
 from identification.estimation.parameters import InitialState, Parameter, ParameterSet
 from identification.estimation.stopped import STOPPED, reason, stopped
-from identification.output_error.estimator import Estimate, SearchState, Watch, estimate, predict
-from identification.output_error.problem import Problem, spread_weights
+from identification.output_error.search.estimator import Estimate, SearchState, Watch, estimate, predict
+from identification.output_error.search.problem import Problem, spread_weights
 from identification.output_error.simulator import SystemFactory
 from identification.output_error.start_values import UnreadStart, start_warnings, unread_starts
 from identification.output_error.study import OutputErrorStudy

@@ -13,7 +13,7 @@ from fmus.errors import IdentificationError
 from identification.estimation.arrow_least_squares import Loss, LossKind
 from identification.estimation.parameters import Parameter, ParameterSet, Scale, Tie
 from identification.output_error.delays import Delay, Estimated, Known
-from identification.output_error.estimator import Options
+from identification.output_error.search.estimator import Options
 from identification.output_error.study import (
     FreeRunSpec,
     OutputErrorStudy,

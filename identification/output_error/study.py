@@ -11,7 +11,7 @@ from fmus.units import SAME, Conversion
 from identification.estimation.arrow_least_squares import LEAST_SQUARES, Loss
 from identification.estimation.parameters import ParameterSet
 from identification.output_error.delays import Delay, Estimated, Known
-from identification.output_error.estimator import Options
+from identification.output_error.search.estimator import Options
 from identification.recordings.campaign import TraceSource
 from orchestrator.assembly.assembly import SystemSpec
 from orchestrator.crossing import NOTHING_GIVEN, Crossing, Given, crossing

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from identification.estimation.parameters import Parameter
 from identification.output_error.calibration import Calibration
-from identification.output_error.estimator import SILENT
+from identification.output_error.search.estimator import SILENT
 from identification.results import VerdictSummary, verdict
 
 _WIDE = 10.0  # largest over smallest value allowed, from which a logarithmic scale serves better

@@ -21,7 +21,7 @@ from identification.output_error.delays import (
     known,
     late_outputs,
 )
-from identification.output_error.problem import Window
+from identification.output_error.search.problem import Window
 from identification.output_error.study import FreeRunSpec, StartSpec, TraceSignal, WindowSpec
 from identification.recordings.campaign import StudyTrace
 from identification.recordings.marks import nothing_left, sound

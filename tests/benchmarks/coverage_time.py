@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from identification.output_error.estimator import (
+from identification.output_error.search.estimator import (
     InitialState,
     Options,
     Parameter,

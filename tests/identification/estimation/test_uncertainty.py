@@ -13,7 +13,14 @@ from scipy.signal import lfilter
 from identification.estimation.arrow_least_squares import LEAST_SQUARES, Loss, WindowBlock
 from identification.estimation.noise import coloured
 from identification.estimation.uncertainty import covariance, identifiability
-from identification.output_error.estimator import InitialState, Parameter, ParameterSet, Problem, Window, estimate
+from identification.output_error.search.estimator import (
+    InitialState,
+    Parameter,
+    ParameterSet,
+    Problem,
+    Window,
+    estimate,
+)
 from tests.support.closed_form import INSTANTS, Oscillator, ServoHand, oscillation
 
 TRUE = {"rig.damping": 0.3, "rig.stiffness": 9.0}

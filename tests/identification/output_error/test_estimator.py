@@ -12,7 +12,8 @@ from scipy.optimize import least_squares
 from fmus.errors import FmuError, IdentificationError
 from identification.estimation.arrow_least_squares import LEAST_SQUARES, ArrowModel, Box, Loss, Point, WindowBlock
 from identification.estimation.workers import LocalPool
-from identification.output_error.estimator import (
+from identification.output_error.search.estimate import parameter_warnings
+from identification.output_error.search.estimator import (
     InitialState,
     Options,
     Parameter,
@@ -21,11 +22,10 @@ from identification.output_error.estimator import (
     Tie,
     Window,
     estimate,
-    parameter_warnings,
     predict,
     spread_weights,
 )
-from identification.output_error.free_run import FreeRun, Tally
+from identification.output_error.search.free_run import FreeRun, Tally
 from tests.support.closed_form import INSTANTS, Oscillator, ServoHand, oscillation
 
 TRUE = {"rig.damping": 0.3, "rig.stiffness": 9.0}

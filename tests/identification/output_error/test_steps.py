@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from identification.estimation.parameters import Parameter, ParameterSet
-from identification.output_error.estimator import PERFECT, SILENT, Options, estimate
-from identification.output_error.problem import Problem, Window
+from identification.output_error.search.estimator import PERFECT, SILENT, Options, estimate
+from identification.output_error.search.problem import Problem, Window
 from tests.support.closed_form import INSTANTS
 
 TRUE = {"rig.switch": 1.234, "rig.rate": 0.7}

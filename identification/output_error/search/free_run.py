@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from fmus.errors import FmuError, IdentificationError
 from identification.estimation.arrow_least_squares import Point, WindowBlock
 from identification.estimation.workers import Pool, Task
-from identification.output_error.problem import Problem
+from identification.output_error.search.problem import Problem
 from orchestrator.trace import FloatArray
 
 _REASONS_KEPT = 5

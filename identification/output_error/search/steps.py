@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from identification.estimation.arrow_least_squares import Iterate, Loss, Point
-from identification.output_error.free_run import FreeRun
+from identification.output_error.search.free_run import FreeRun
 from orchestrator.trace import FloatArray
 
 WIDEST = 0.3  # of a scaled parameter: the widest difference

@@ -6,8 +6,8 @@ The estimator knows simulators only through `workers.Simulator`; what is free is
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,20 +25,26 @@ from identification.estimation.arrow_least_squares import (
 from identification.estimation.parameters import InitialState, Parameter, ParameterSet, Tie
 from identification.estimation.stopped import reason, stopped
 from identification.estimation.uncertainty import (
-    Covariance,
     Identifiability,
     covariance,
     identifiability,
-    marked,
     no_covariance,
 )
-from identification.estimation.validation import fit
 from identification.estimation.workers import Factory, Pool, Simulator, open_pool
-from identification.output_error.free_run import FreeRun, Tally
-from identification.output_error.problem import Problem, Window, spread_weights
-from identification.output_error.steps import Flat, best_nearby, centred, flat, widened
+from identification.output_error.search.estimate import (
+    Estimate,
+    Prediction,
+    Reached,
+    StartReport,
+    assembled,
+    initial_states,
+    outputs,
+)
+from identification.output_error.search.free_run import FreeRun, Tally
+from identification.output_error.search.problem import Problem, Window, spread_weights
+from identification.output_error.search.steps import best_nearby, centred, flat, widened
 from orchestrator.fmi.isolation import Isolation
-from orchestrator.trace import FloatArray, ReadOnlyArrays
+from orchestrator.trace import FloatArray
 
 __all__ = [
     "Estimate",
@@ -63,7 +69,6 @@ __all__ = [
 
 _COARSER, _COARSEST = (1.0, 10.0, 100.0), 1e-2  # times the difference step, and where that ends
 _VISIBLE = 1e-3  # of FIT
-_VAGUE = math.log(1e3)  # half of a 95 % interval on a log scale: a factor from which nothing is known
 _ROUNDS = 3  # of looking beside the steps of parameters that act in steps, and searching on from there
 _PERFECT = 1e-6  # of FIT: what is missing at most in a perfect one
 PERFECT = "the outputs match to the accuracy of the simulation"
@@ -123,107 +128,13 @@ Watch = Callable[[SearchState], None]
 
 
 @dataclass(frozen=True)
-class StartReport:
-    """What became of one start vector.
-
-    Attributes:
-        values: name -> start value.
-        start_cost: on the windows tried; inf when the simulation failed there.
-        cost: after a few iterations.
-    """
-
-    values: Mapping[str, float]
-    start_cost: float
-    cost: float
-
-
-@dataclass(frozen=True, eq=False)
-class Estimate(ReadOnlyArrays):
-    """Parameters that match the windows, what they are worth, and what it took.
-
-    Attributes:
-        values: name -> estimate of every parameter, fixed and tied ones too [its unit].
-        std: name -> standard deviation of every estimated or tied one [its unit]; inf when not determined.
-        ci95: name -> 95 % interval [its unit]; parameters on a log scale have asymmetric ones.
-        free: names of the free parameters, in the order of z and covariance.
-        z: (n,) scaled free vector.
-        covariance: (n, n) of the free parameters [product of their units]; nan beside an undetermined one.
-        uncertainty: how it was computed, and the residual tests.
-        initial_states: name -> (W,) start values, fixed or estimated.
-        initial_std: name -> (W,) standard deviations of the estimated ones.
-        cost: the loss at the estimate.
-        simulated: (K, m) outputs a window.
-        residuals: (K, m) measured - simulated a window [unit of each output].
-        fit: (W, m) FIT of every window and output.
-        converged: whether the search came to its end, and `message` to which.
-        flat: name -> range over which the cost does not tell a parameter's values apart [its unit], of those that act in
-            steps; it lies within their intervals.
-        warnings: what else a reader of the numbers has to know.
-    """
-
-    values: Mapping[str, float]
-    std: Mapping[str, float]
-    ci95: Mapping[str, tuple[float, float]]
-    free: tuple[str, ...]
-    z: FloatArray
-    covariance: FloatArray
-    uncertainty: Covariance
-    identifiability: Identifiability
-    initial_states: Mapping[str, FloatArray]
-    initial_std: Mapping[str, FloatArray]
-    cost: float
-    simulated: tuple[FloatArray, ...]
-    residuals: tuple[FloatArray, ...]
-    fit: FloatArray
-    iterations: int
-    converged: bool
-    message: str
-    starts: tuple[StartReport, ...]
-    tally: Tally
-    warnings: tuple[str, ...]
-    flat: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, eq=False)
-class Prediction(ReadOnlyArrays):
-    """Free runs with given parameters.
-
-    Attributes:
-        simulated: (K, m) outputs a window.
-        initial_states: name -> (W,) start values, fixed or estimated.
-        fit: (W, m) FIT of every window and output.
-    """
-
-    simulated: tuple[FloatArray, ...]
-    initial_states: Mapping[str, FloatArray]
-    fit: FloatArray
-
-
-@dataclass
-class _Reached:
-    """How far an estimation has come.
-
-    Attributes:
-        found: the best so far on all windows, None before there is something better than the start.
-        wide: column -> width of its differences, of the parameters that act in steps.
-        flats: column -> over which z the cost does not tell such a parameter's values apart.
-    """
-
-    tally: Tally = field(default_factory=Tally)
-    starts: tuple[StartReport, ...] = ()
-    found: Minimum | None = None
-    wide: Mapping[int, float] = field(default_factory=dict)
-    flats: Mapping[int, Flat] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
 class _Work:
     """One estimation at work."""
 
     problem: Problem
     options: Options
     pool: Pool
-    reached: _Reached
+    reached: Reached
     watch: Watch | None
 
     @property
@@ -270,7 +181,7 @@ def estimate(
     options = options or Options()
     if not problem.unknowns:
         raise IdentificationError("parameters", "nothing is free", "free a parameter, or use predict")
-    reached = _Reached()
+    reached = Reached()
     try:
         with open_pool(factory, options.processes, options.isolation) as pool:
             work = _Work(problem, options, pool, reached, watch)
@@ -287,7 +198,7 @@ def estimate(
         nothing = no_covariance(found.at.residuals, size, len(problem.estimated), len(problem.outputs))
         names = tuple(parameter.name for parameter in problem.parameters.free)
         unseen = Identifiability(names, np.zeros(0), np.full((size, size), np.nan), ())
-        raise stopped(error, _assembled(problem, reached, found, nothing, unseen)) from error
+        raise stopped(error, assembled(problem, reached, found, nothing, unseen)) from error
     uncertainty = covariance(blocks, problem.loss, len(problem.outputs))
     values = problem.parameters.values(found.at.point.parameters)
     free = problem.parameters.free
@@ -300,7 +211,7 @@ def estimate(
         np.array([values[parameter.name] for parameter in free]),
         problem.parameters.slopes(found.at.point.parameters),
     )
-    return _assembled(problem, reached, found, uncertainty, seen)
+    return assembled(problem, reached, found, uncertainty, seen)
 
 
 def predict(problem: Problem, factory: Factory, options: Options | None = None) -> Prediction:
@@ -314,14 +225,14 @@ def predict(problem: Problem, factory: Factory, options: Options | None = None) 
     options = options or Options()
     problem = problem.fixed_at({})
     with open_pool(factory, options.processes, options.isolation) as pool:
-        work = _Work(problem, options, pool, _Reached(), None)
+        work = _Work(problem, options, pool, Reached(), None)
         windows = work.all_windows
         begin = evaluated(work.over(windows), problem.start(windows), problem.loss)
         if begin is None:
             raise FmuError("prediction", f"a window cannot be simulated: {work.tally.reasons[0]}")
         end = _search(work, windows, begin, "fit", options.max_evaluations).at if problem.estimated else begin
-    simulated, _, fits = _outputs(problem, end)
-    return Prediction(simulated, _initial_states(problem, end.point), fits)
+    simulated, _, fits = outputs(problem, end)
+    return Prediction(simulated, initial_states(problem, end.point), fits)
 
 
 def _search(work: _Work, windows: tuple[int, ...], begin: Iterate, stage: str, iterations: int) -> Minimum:
@@ -357,9 +268,6 @@ def _missing_fit(problem: Problem, windows: tuple[int, ...], found: Minimum) -> 
     spread = [problem.windows[w].weight * (y - y.mean(axis=0)) for w in windows for y in [problem.windows[w].measured]]
     error, size = (np.linalg.norm(np.concatenate([np.ravel(a) for a in of])) for of in (found.at.residuals, spread))
     return float(error / size) if size > 0 else math.inf
-    if found.promised and _promised_fit(problem, windows, found) < _VISIBLE:
-        found = replace(found, converged=True, message=ROUGH)
-    return replace(found, iterations=taken)
 
 
 def _acting_in_steps(work: _Work, here: Iterate) -> dict[int, float]:
@@ -387,13 +295,6 @@ def _beside_steps(work: _Work, found: Minimum) -> Minimum:
         found = replace(found, at=centred(run, found.at, column, range_, loss))
         reached.flats = {**reached.flats, column: range_}
     return found
-
-
-def _promised_fit(problem: Problem, windows: tuple[int, ...], found: Minimum) -> float:
-    """By how much FIT of all outputs together would rise if the linear model were right."""
-    spread = [problem.windows[w].weight * (y - y.mean(axis=0)) for w in windows for y in [problem.windows[w].measured]]
-    error, size = (np.linalg.norm(np.concatenate([np.ravel(a) for a in of])) for of in (found.at.residuals, spread))
-    return float(error * (1 - math.sqrt(max(0.0, 1 - found.promised))) / size) if size > 0 else math.inf
 
 
 def _begin(work: _Work) -> tuple[Iterate, tuple[StartReport, ...]]:
@@ -464,141 +365,3 @@ def _widened(problem: Problem, windows: tuple[int, ...], point: Point) -> Point:
     everywhere = problem.start(range(len(problem.windows)))
     everywhere.states[list(windows)] = point.states
     return replace(everywhere, parameters=point.parameters)
-
-
-def _assembled(
-    problem: Problem, reached: _Reached, found: Minimum, uncertainty: Covariance, seen: Identifiability
-) -> Estimate:
-    z = found.at.point.parameters
-    given = np.sqrt(np.diag(uncertainty.matrix)) * uncertainty.quantile
-    uncertainty = _without(uncertainty, _undetermined(problem.parameters, given, reached.flats))
-    deviations = np.sqrt(np.diag(uncertainty.matrix))
-    slopes = problem.parameters.slopes(z)
-    simulated, residuals, fits = _outputs(problem, found.at)
-    partial = Estimate(
-        values=problem.parameters.values(z),
-        std=_with_ties(problem.parameters, dict(zip(seen.names, (float(s) for s in deviations * slopes), strict=True))),
-        ci95=_intervals(problem.parameters, z, deviations * uncertainty.quantile, reached.flats),
-        free=seen.names,
-        z=z,
-        covariance=uncertainty.matrix * np.outer(slopes, slopes),
-        uncertainty=uncertainty,
-        identifiability=seen,
-        initial_states=_initial_states(problem, found.at.point),
-        initial_std={s.name: uncertainty.states[:, i] * s.size for i, s in enumerate(problem.estimated)},
-        cost=found.at.cost,
-        simulated=simulated,
-        residuals=residuals,
-        fit=fits,
-        iterations=found.iterations,
-        converged=found.converged,
-        message=found.message,
-        starts=reached.starts,
-        tally=reached.tally,
-        warnings=(),
-        flat=_flat_ranges(problem.parameters, reached.flats),
-    )
-    return replace(partial, warnings=tuple(_warnings(problem, partial)))
-
-
-def _with_ties(parameters: ParameterSet, std: dict[str, float]) -> dict[str, float]:
-    return std | {tie.name: abs(tie.factor) * std[tie.other] for tie in parameters.ties if tie.other in std}
-
-
-def _undetermined(parameters: ParameterSet, reach: FloatArray, flats: Mapping[int, Flat]) -> list[int]:
-    """Columns of parameters without effect, and of those on a log scale of which not even the size is known.
-
-    Args:
-        reach: (n,) half of the 95 % interval in z.
-    """
-    silent = [column for column, range_ in flats.items() if range_.silent]
-    vague = [c for c, p in enumerate(parameters.free) if p.scale == "log" and _VAGUE < reach[c] < math.inf]
-    return sorted({*silent, *vague})
-
-
-def _without(uncertainty: Covariance, lost: Sequence[int]) -> Covariance:
-    """The same in which these parameters are not determined."""
-    matrices = {method: marked(matrix, lost) for method, matrix in uncertainty.matrices.items()}
-    return replace(uncertainty, matrices=matrices) if lost else uncertainty
-
-
-def _flat_ranges(parameters: ParameterSet, flats: Mapping[int, Flat]) -> dict[str, tuple[float, float]]:
-    """name -> flat range of those that are not silent."""
-    known = {parameters.free[c]: range_ for c, range_ in flats.items() if not range_.silent}
-    return {p.name: (_end(p, range_.low), _end(p, range_.high)) for p, range_ in known.items()}
-
-
-def _intervals(
-    parameters: ParameterSet, z: FloatArray, reach: FloatArray, flats: Mapping[int, Flat]
-) -> dict[str, tuple[float, float]]:
-    """name -> interval, symmetric in z; about a flat range where there is one."""
-    intervals = {}
-    for column, (p, zi, r) in enumerate(zip(parameters.free, z, reach, strict=True)):
-        range_ = flats.get(column)
-        low, high = (zi, zi) if range_ is None or range_.silent else (min(zi, range_.low), max(zi, range_.high))
-        intervals[p.name] = (_end(p, float(low - r)), _end(p, float(high + r)))
-    for tie in parameters.ties:
-        if tie.other in intervals and tie.factor:
-            low, high = sorted(tie.factor * end for end in intervals[tie.other])
-            intervals[tie.name] = (low, high)
-    return intervals
-
-
-def _end(parameter: Parameter, z: float) -> float:
-    """An interval's end, which may lie beyond the bounds."""
-    if parameter.scale == "log" and z > 700:
-        return math.inf
-    return parameter.unbounded(z)
-
-
-def _initial_states(problem: Problem, point: Point) -> dict[str, FloatArray]:
-    rows = [problem.initial_values(w, z) for w, z in enumerate(point.states)]
-    return {state.name: np.array([row[state.name] for row in rows]) for state in problem.initial_states}
-
-
-def _outputs(problem: Problem, at: Iterate) -> tuple[tuple[FloatArray, ...], tuple[FloatArray, ...], FloatArray]:
-    """Simulated outputs and errors, (K, m) a window, and FIT (W, m)."""
-    pairs = list(zip(problem.windows, at.residuals, strict=True))
-    errors = tuple(-residual.reshape(window.measured.shape) / window.weight for window, residual in pairs)
-    simulated = tuple(window.measured - error for window, error in zip(problem.windows, errors, strict=True))
-    fits = np.array([fit(window.measured, y) for window, y in zip(problem.windows, simulated, strict=True)])
-    return simulated, errors, fits
-
-
-def _warnings(problem: Problem, result: Estimate) -> list[str]:
-    """One sentence for everything that makes the numbers worth less than they look."""
-    seen = result.identifiability
-    warnings = [combination.message for combination in (*seen.unseen, *seen.weak)]
-    for name, (low, high) in result.flat.items():
-        unit = next(p.unit for p in problem.parameters.free if p.name == name)
-        range_ = f"from {low:.6g} to {high:.6g} {unit}"
-        warnings.append(f"{name} acts in steps: the outputs do not tell {range_} apart, which its interval holds")
-    for parameter in problem.parameters.free:
-        warnings += parameter_warnings(parameter, result.values[parameter.name], result.std[parameter.name])
-    told = " ".join(warnings)
-    for parameter in problem.parameters.free:
-        lost = math.isinf(result.std[parameter.name]) and result.uncertainty.method != "none"
-        if lost and parameter.name not in told:
-            factor = f"a factor of {math.exp(_VAGUE):g} either way"
-            warnings.append(f"{parameter.name} is not determined: its 95 % interval would reach over {factor}")
-    if result.uncertainty.method == "coloured":
-        warnings.append(
-            f"residuals are correlated and {len(problem.windows)} windows are too few to judge them by windows: "
-            "intervals rest on a fitted noise model and miss model errors, cut the traces into more windows"
-        )
-    if result.tally.failures:
-        failures, total = result.tally.failures, result.tally.simulations
-        warnings.append(f"{failures} of {total} simulations failed, first: {result.tally.reasons[0]}")
-    return warnings
-
-
-def parameter_warnings(parameter: Parameter, value: float, std: float) -> list[str]:
-    """What makes an estimate worth less than it looks: it lies at a bound, or its sign is not determined."""
-    warnings = []
-    for bound, word in ((parameter.lower, "lower"), (parameter.upper, "upper")):
-        if abs(value - bound) <= 1e-9 * parameter.size:
-            at = f"{parameter.name} is at its {word} bound {bound:g} {parameter.unit}"
-            warnings.append(f"{at}: its interval is one-sided")
-    if math.isfinite(std) and std > abs(value):
-        warnings.append(f"{parameter.name} is hardly determined: {value:.3g} with a standard deviation of {std:.3g}")
-    return warnings
