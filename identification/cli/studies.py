@@ -101,7 +101,7 @@ def tune(
     tuned = cast("TuningSummary", document)
     shown: list[Listing | str] = [_parameters(document), _goals(tuned)]
     shown += [f"{name}: {figure:.6g}" for name, figure in tuned.get("design", {}).items()]
-    shown += _remarks(document)
+    shown += [*_draws(tuned), *_remarks(document)]
     shown.append(f"FMUs in {folder / 'fmus'}, report in {folder / 'report.html'}")
     return _judged(document, document.get("verdict"), shown)
 
@@ -115,6 +115,21 @@ def _goals(document: TuningSummary) -> Listing:
         held = {True: "held", False: "missed", None: goal["kind"]}[goal["held"]]
         rows.append((goal["goal"], span, held))
     return Listing(("goal", "over the plants", ""), rows)
+
+
+def _draws(document: TuningSummary) -> list[Listing | str]:
+    """Which share of the draws that nothing was fitted to is stable, and holds each goal."""
+    from identification.tuning.summary import share_words
+
+    if "draws" not in document:
+        return []
+    draws = document["draws"]
+    unseen = draws["unseen"]
+    rows = [("stable", share_words(unseen["stable"]))]
+    rows += [(goal["goal"], share_words(goal["held"])) for goal in unseen["goals"] if goal["held"] is not None]
+    rows.append(("all hard goals", share_words(unseen["held"])))
+    title = f"{draws['count']:,} draws that nothing was fitted to"
+    return [Listing(("holds", "share (95 % interval)"), rows, title)]
 
 
 def _judged(

@@ -38,13 +38,16 @@ class Assembled:
     Attributes:
         built: the controller's FMU, with the study's values.
         interface: of the controller.
-        units: of the controller's parameters.
+        units: of those of the plants' inputs and outputs that have one.
+        unseen: as many draws as the problem has, which nothing is fitted to; None without draws.
     """
 
     problem: Problem
     built: BuiltSystem
     interface: Interface
     remarks: tuple[str, ...]
+    units: Mapping[str, str]
+    unseen: PlantSet | None
 
 
 def assembled(study: TuningStudy) -> Assembled:
@@ -78,19 +81,19 @@ def assembled(study: TuningStudy) -> Assembled:
     drawn = {name: delayed(name, model, study.delay, driven) for name, model in _drawn(study, step).items()}
     goals = tuple(goal(asked, study.step, system, wiring, first.model) for asked in study.goals)
     taken = alike(models | drawn)
-    sets = PlantSet.of(taken).parted(len(models))
+    nominal, sought, unseen = _parted(PlantSet.of(taken), len(models))
     problem = Problem(
-        plants=sets[0],
+        plants=nominal,
         controller=controller,
         wiring=wiring,
         test=step_test(study.step, step),
         goals=goals,
-        draws=sets[1] if drawn else None,
+        draws=sought,
         share=1.0 if study.draws is None else study.draws.share,
         models={name: taken[name] for name in models},
         bench=Bench(replace(spec, parameters=typed), study, first.units, sample_time(study.controller)),
     )
-    return Assembled(problem, built, interface, tuple(_remarks(plants)))
+    return Assembled(problem, built, interface, tuple(_remarks(plants)), first.units, unseen)
 
 
 def _driven(study: TuningStudy) -> list[str]:
@@ -122,7 +125,7 @@ def sample_time(spec: ComponentSpec) -> Fraction:
 
 
 def _drawn(study: TuningStudy, step: float) -> dict[str, LinearModel]:
-    """Draws of the plants that have a spread, by names of their own.
+    """Draws of the plants that have a spread, by names of their own: every second one is for the search.
 
     Raises:
         IdentificationError: draws are asked for, and no plant has a spread.
@@ -133,12 +136,20 @@ def _drawn(study: TuningStudy, step: float) -> dict[str, LinearModel]:
     found: dict[str, LinearModel] = {}
     for name, spec in study.plants.items():
         if isinstance(spec, SystemPlant) and spec.spread.names:
-            models = spec.drawn(f"plants.{name}", step, study.draws.count, rng)
+            models = spec.drawn(f"plants.{name}", step, 2 * study.draws.count, rng)
             found |= {f"{name}, draw {number}": model for number, model in enumerate(models, 1)}
     if not found:
         fix = "give one a `spread`, or the folder of an output-error calibration"
         raise IdentificationError("draws", "are asked for, and no plant has a spread", fix)
     return found
+
+
+def _parted(plants: PlantSet, first: int) -> tuple[PlantSet, PlantSet | None, PlantSet | None]:
+    """The plants themselves, the draws that a search sees, and those that it does not."""
+    nominal, drawn = plants.parted(first)
+    if not len(drawn):
+        return nominal, None, None
+    return nominal, drawn.only(range(0, len(drawn), 2)), drawn.only(range(1, len(drawn), 2))
 
 
 def _model(spec: ComponentSpec) -> Model:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from identification.method import Method
-from identification.tuning.report import report
+from identification.tuning.report.page import report
 from identification.tuning.schema import TuneBlock
 from identification.tuning.summary import calibrated, summary
 from identification.tuning.tuning import Tuning, tune

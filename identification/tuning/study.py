@@ -61,7 +61,7 @@ class DrawSpec:
     """Draws of the plants whose parameters have a spread.
 
     Attributes:
-        count: how many of each such plant.
+        count: how many of each such plant the search sees; as many more show what its values do with others.
         share: of all draws that has to hold all hard goals.
     """
 

@@ -16,7 +16,9 @@ from identification.tuning.procedures.problem import Judgement
 from identification.tuning.procedures.procedure import HELD, Descent, held_share
 from identification.tuning.study import CONTROLLER
 from identification.tuning.tuning import Tuning
+from orchestrator.measures import share_interval
 from orchestrator.results import versions
+from orchestrator.trace import BoolArray
 
 PERCENTILES = (0, 1, 50, 99, 100)
 
@@ -60,19 +62,46 @@ class DescentSummary(TypedDict):
     evaluations: int
 
 
-class DrawsSummary(TypedDict):
-    """What draws of the plants do: how many there are, and which share is stable and holds all hard goals.
+class ShareSummary(TypedDict):
+    """A share of draws, and where that of all draws lies, 95 % sure."""
+
+    share: float
+    ci95: list[float]
+
+
+class DrawnGoalSummary(TypedDict):
+    """A goal over draws.
 
     Attributes:
-        asked: the share that has to.
-        goals: of each goal the least, 1st, 50th and 99th percentile and largest figure of stable loops.
+        held: by which share; null for what is minimised.
+        percentiles: the least, 1st, 50th and 99th percentile and largest figure of stable loops; none without any.
+    """
+
+    goal: str
+    held: ShareSummary | None
+    percentiles: list[float | None]
+
+
+class UnseenSummary(TypedDict):
+    """What draws do that the values were not fitted to; `held` is the share that holds all hard goals."""
+
+    stable: ShareSummary
+    held: ShareSummary
+    goals: list[DrawnGoalSummary]
+
+
+class DrawsSummary(TypedDict):
+    """What draws of the plants do.
+
+    Attributes:
+        count: of those that the values had to hold for, and of those unseen.
+        asked: the share that has to hold all hard goals; `held`: that does.
     """
 
     count: int
-    stable: float
-    held: float
     asked: float
-    goals: list[list[float | None]]
+    held: float
+    unseen: UnseenSummary
 
 
 class TuningSummary(Summary):
@@ -115,32 +144,46 @@ def summary(result: Tuning) -> TuningSummary:
     }
     if found.figures:
         document["design"] = dict(found.figures)
-    if found.drawn is not None:
-        document["draws"] = _draws(found.drawn, found.share)
+    if found.drawn is not None and result.unseen is not None:
+        document["draws"] = {
+            "count": len(found.drawn.radius),
+            "asked": found.share,
+            "held": held_share(found.drawn),
+            "unseen": _unseen(result.unseen),
+        }
     return document
 
 
-def _draws(drawn: Judgement, share: float) -> DrawsSummary:
+def _unseen(drawn: Judgement) -> UnseenSummary:
     stable = drawn.radius < 1.0
-    spans = [np.percentile(row, PERCENTILES).tolist() if row.size else [] for row in drawn.figures[:, stable]]
-    return {
-        "count": len(drawn.radius),
-        "stable": float(stable.mean()),
-        "held": held_share(drawn),
-        "asked": share,
-        "goals": [[finite(value) for value in span] for span in spans],
-    }
+    goals: list[DrawnGoalSummary] = []
+    for goal, figures, missed in zip(drawn.goals, drawn.figures[:, stable], drawn.missed, strict=True):
+        found = np.percentile(figures, PERCENTILES, method="inverted_cdf").tolist() if figures.size else []
+        held = None if goal.minimised else _share(stable & (missed <= HELD))
+        goals.append({"goal": words(goal), "held": held, "percentiles": [finite(value) for value in found]})
+    return {"stable": _share(stable), "held": _share(drawn.misses <= HELD), "goals": goals}
+
+
+def _share(held: BoolArray) -> ShareSummary:
+    return {"share": float(held.mean()), "ci95": list(share_interval(int(held.sum()), len(held)))}
+
+
+def share_words(share: ShareSummary) -> str:
+    """A share with its interval, `99.30 % (98.56 to 99.72 %)`."""
+    low, high = share["ci95"]
+    return f"{100 * share['share']:.2f} % ({100 * low:.2f} to {100 * high:.2f} %)"
 
 
 def verdict(result: Tuning) -> VerdictSummary:
     """Whether all hard goals are held, and if not by how much and which."""
     found, names = result.found, result.problem.plants.names
+    plants = f"{len(names)} plant{'s' * (len(names) > 1)}"
     hard = found.best.hard
     base: VerdictSummary = {"at_least": None, "reached": None, "held": found.feasible, "converged": True, "said": ""}
     drawn = found.drawn
     if found.feasible and drawn is not None:
         share = f"{100 * held_share(drawn):.2f} % of the draws"
-        said = f"all {len(hard)} hard goals are held by {len(names)} plants and {share}"
+        said = f"all {len(hard)} hard goals are held by {plants} and {share}"
         return {**base, "said": f"held: {said}"}
     if found.best.most_missed <= HELD and drawn is not None:
         share = f"{100 * held_share(drawn):.2f} % of {len(drawn.radius)} draws"
@@ -149,7 +192,7 @@ def verdict(result: Tuning) -> VerdictSummary:
             "said": f"INFEASIBLE: the hard goals are held by {share}, {100 * found.share:g} % are asked for",
         }
     if found.feasible:
-        said = f"all {len(hard)} hard goals are held by {len(names)} plants" if hard else ""
+        said = f"all {len(hard)} hard goals are held by {plants}" if hard else ""
         return {**base, "said": f"held: {said}" if said else ""}
     if not found.best.stable:
         unstable = ", ".join(names[j] for _, j in found.binding)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from identification.estimation.threads import single_threaded
 from identification.tuning.assembled import Assembled, assembled
-from identification.tuning.procedures.problem import Problem
+from identification.tuning.procedures.problem import Judgement, Problem
 from identification.tuning.procedures.procedure import Found
 from identification.tuning.study import TuningStudy
 from orchestrator.progress import Progress, silent
@@ -14,11 +14,16 @@ from orchestrator.progress import Progress, silent
 
 @dataclass(frozen=True, eq=False)
 class Tuning:
-    """What a study gave."""
+    """What a study gave.
+
+    Attributes:
+        unseen: what the values do with draws that they were not fitted to, where there are draws.
+    """
 
     study: TuningStudy
     parts: Assembled
     found: Found
+    unseen: Judgement | None
 
     @property
     def problem(self) -> Problem:
@@ -41,4 +46,5 @@ def tune(study: TuningStudy, progress: Progress = silent) -> Tuning:
     parts = assembled(study)
     found = study.procedure.run(parts.problem, parts.interface, progress)
     parts.problem.controller.require_slopes(found.best.values)
-    return Tuning(study, parts, found)
+    unseen = None if parts.unseen is None else parts.problem.on(parts.unseen).judged(found.best.values)
+    return Tuning(study, parts, found, unseen)

@@ -25,6 +25,7 @@ from orchestrator.measures.response import (
     settling_time,
     steady_error,
 )
+from orchestrator.measures.share import share_interval
 
 __all__ = [
     "LimitCycle",
@@ -59,6 +60,7 @@ __all__ = [
     "saturated_share",
     "saturations",
     "settling_time",
+    "share_interval",
     "steady_error",
     "total_harmonic_distortion",
 ]

@@ -255,6 +255,8 @@ def _panel(panel: Panel, columns: Columns) -> dict[str, Any]:
 def _curve(curve: Curve, columns: Columns) -> dict[str, Any]:
     x, y = _pair(curve.x, curve.y)
     rising = _rises(x)
+    if not np.isfinite(x).all():
+        y = np.where(np.isfinite(x), y, np.nan)  # what has no place leaves a gap, too
     return {
         "label": curve.label,
         "x": columns.add(x, rising),

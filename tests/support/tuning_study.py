@@ -11,6 +11,28 @@ import numpy as np
 from scipy.linalg import expm
 
 STEP = 0.01
+LOAD = """
+from . import Model, State, input_, output, parameter
+
+
+def derivatives(t, x, u, p):
+    return {"angle": x.speed, "speed": (u.torque - p.damping * x.speed) / p.inertia}
+
+
+MODEL = Model(
+    name="load",
+    description="A load with damping",
+    variables=(
+        input_("torque", "N.m", "Torque"),
+        output("angle", "rad", "Angle"),
+        parameter("inertia", "kg.m2", 0.1, "Inertia", minimum=1e-6),
+        parameter("damping", "N.m.s/rad", 1.0, "Damping", minimum=0),
+    ),
+    states=(State("angle"), State("speed")),
+    derivatives=derivatives,
+    solver_step=lambda p: 0.001,
+)
+"""
 
 
 def lagging(gain: float, lag: float = 0.1) -> dict[str, Any]:
@@ -54,3 +76,28 @@ def write(folder: Path, document: dict[str, Any]) -> Path:
     file = folder / "study.yaml"
     file.write_text(json.dumps(document))
     return file
+
+
+def system_study(folder: Path, **plant: Any) -> dict[str, Any]:
+    """A load that an input moves, from a file."""
+    (folder / "load.py").write_text(LOAD)
+    outputs = {"position": {"of": "load.angle", "factor": 5, "unit": "V"}}
+    own = {"components": {"load": {"model": "load.py"}}, "inputs": {"u": "load.torque"}, "outputs": outputs}
+    return study(
+        plants={"load": own | plant},
+        connections=["plant.position -> controller.position", "controller.voltage -> plant.u"],
+        goals=[{"measure": "phase margin", "at_least": 60}],
+    )
+
+
+def driven(folder: Path, **plant: Any) -> dict[str, Any]:
+    """The load behind a drive."""
+    document = system_study(folder, **plant)
+    [load] = document["plants"].values()
+    load["components"] = {
+        "drive": {"model": "servo_drive", "parameters": {"torque_constant": 2.0}},
+        **load["components"],
+    }
+    load["connections"] = ["drive.torque -> load.torque"]
+    load["inputs"] = {"u": "drive.voltage"}
+    return document

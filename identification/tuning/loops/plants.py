@@ -66,7 +66,8 @@ class PlantSet:
         return replace(self, names=(*self.names, *others.names), a=a, b=b, c=c)
 
     def parted(self, first: int) -> tuple[PlantSet, PlantSet]:
-        """So many of them from the beginning, and the others."""
+        """So many of them from the beginning, at most all, and the others."""
+        first = min(first, len(self))
         return self.only(range(first)), self.only(range(first, len(self)))
 
     @cached_property

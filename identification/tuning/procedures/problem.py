@@ -173,10 +173,9 @@ class Problem:
         assert self.draws is not None
         return replace(self, plants=self.plants.joined(self.draws.only(numbers)), counted=len(self.plants))
 
-    def of_draws(self) -> Problem:
-        """The same for the draws alone."""
-        assert self.draws is not None
-        return replace(self, plants=self.draws, draws=None)
+    def on(self, plants: PlantSet) -> Problem:
+        """The same for other plants alone."""
+        return replace(self, plants=plants, draws=None, counted=None)
 
     def trial(self, values: Mapping[str, float]) -> Trial:
         """The loops with these parameters of the controller."""

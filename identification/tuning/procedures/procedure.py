@@ -41,7 +41,8 @@ class Found:
         descents: one a start, of a search.
         agreeing: how many starts led to what is taken.
         remarks: what a reader must know.
-        drawn: what the values do with all draws, where there are some; `share` of these has to hold the hard goals.
+        drawn: what the values do to the hard goals with all draws of the problem, where there are some.
+        share: of these that has to hold the hard goals.
         figures: what else the procedure has found out, in words -> a figure.
     """
 

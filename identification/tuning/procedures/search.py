@@ -180,17 +180,20 @@ def _with_draws(
     evaluations: int,
     tell: Progress,
 ) -> tuple[Judgement, Judgement]:
-    """The best values with which enough draws hold the hard goals, too, and what all draws do with them.
+    """The best values with which enough draws hold the hard goals, too, and what all draws do to these goals.
 
     Only those draws stand in the search that have spoilt an earlier round's values: a handful decides. It goes on from
     there, and from the first start, since what was best without draws may be far off.
     """
-    everything, active = problem.of_draws(), list[int]()
-    judged_alone = replace(everything, goals=tuple(goal for goal in problem.goals if goal.hard and not goal.minimised))
-    allowed = int((1 - problem.share) * len(everything.plants) + 1e-9)
+    assert problem.draws is not None
+    hard = tuple(goal for goal in problem.goals if goal.hard and not goal.minimised)
+    every, active = replace(problem.on(problem.draws), goals=hard), list[int]()
+    count = len(every.plants)
+    allowed = int((1 - problem.share) * count + 1e-9)
+    drawn = every.judged(best.values)
     for turn in range(ROUNDS):
-        tell(turn / ROUNDS, f"{len(everything.plants)} draws, {len(active)} in the search")
-        misses = judged_alone.judged(best.values).misses
+        tell(turn / ROUNDS, f"{count} draws, {len(active)} in the search")
+        misses = drawn.misses
         worst = np.argsort(-misses, kind="stable")[allowed:]
         new = [int(i) for i in worst[:AT_ONCE] if misses[i] > HELD and i not in active]
         if not new:
@@ -199,7 +202,8 @@ def _with_draws(
         some, from_best = problem.with_draws(active), _parts(spans, best.values)
         found = [_descent(some, spans, point, evaluations).found for point in (from_best, points[0])]
         best = problem.judged(min(found, key=_rank).values)
-    return best, everything.judged(best.values)
+        drawn = every.judged(best.values)
+    return best, drawn
 
 
 def _rank(judged: Judgement) -> tuple[float, float]:

@@ -91,7 +91,7 @@ class StateFeedback:
         }
         remarks = _remarks(figures)
         if self.integral is None:
-            drawn = None if problem.draws is None else problem.of_draws().judged(values)
+            drawn = None if problem.draws is None else problem.on(problem.draws).judged(values)
             best = problem.judged(values)
             return Found(best, {}, (), 1, remarks, drawn, problem.share, figures)
         searched = self.integral.run(replace(problem, controller=Held(problem.controller, values)), interface, progress)

@@ -8,10 +8,10 @@ from typing import Self
 
 import numpy as np
 from pydantic import Field, model_validator
-from scipy.stats import beta, binom
+from scipy.stats import binom
 
 from orchestrator.fmi.interface import Port
-from orchestrator.measures import membership
+from orchestrator.measures import membership, share_interval
 from orchestrator.scenario.expectations.base import Condition, Draws, Judgement, Wiring
 from orchestrator.scenario.expectations.quantities import Dimension, Share
 from orchestrator.scenario.expectations.reference import Against
@@ -131,7 +131,7 @@ class Often(Condition):
             return Judgement(False, NO_DRAWS)
         runs = [(time, values), *((trace.time, *trace.signals.values()) for trace in draws[: self.wanted.count])]
         held = sum(self._held(stamps, samples, hold) for stamps, samples in runs)
-        low, high = _interval(held, len(runs))
+        low, high = share_interval(held, len(runs))
         chance = float(binom.cdf(self.needed - 1, len(runs), held / len(runs)))
         share = held / len(runs)
         text = (
@@ -144,10 +144,3 @@ class Often(Condition):
         if not np.all(np.isfinite(values)):
             return False
         return self.condition.judged(time, values, hold, ()).held
-
-
-def _interval(held: int, count: int) -> tuple[float, float]:
-    """The share of all runs in which it holds, with 95 % confidence (Clopper and Pearson 1934)."""
-    low = float(beta.ppf(0.025, held, count - held + 1)) if held else 0.0
-    high = float(beta.ppf(0.975, held + 1, count - held)) if held < count else 1.0
-    return low, high

@@ -13,12 +13,15 @@ from fmus import library
 from fmus.errors import IdentificationError, InputError
 from identification import tune
 from identification.experiments.physical_modes import physical_modes
+from identification.tuning.assembled import assembled
+from identification.tuning.schema import TuneBlock
 from identification.tuning.sources.calibrated import calibrated_system
 from identification.tuning.sources.equations import slopes
 from identification.tuning.sources.system_plant import PlantOutput, SystemPlant, independent
 from orchestrator.assembly.assembly import ComponentSpec, SystemSpec, open_system
 from orchestrator.trace import Trace
-from tests.support.tuning_study import STEP, study, write
+from orchestrator.yaml_file import load
+from tests.support.tuning_study import STEP, driven, system_study, write
 
 RATE = 1 / 300
 SMOOTH = {"bristle_stiffness": 1e-6, "bristle_damping": 0.0}
@@ -30,28 +33,6 @@ ARM = SystemSpec(
     },
     (("drive.torque", "arm.torque"), ("arm.speed", "tachometer.signal")),
 )
-LOAD = """
-from . import Model, State, input_, output, parameter
-
-
-def derivatives(t, x, u, p):
-    return {"angle": x.speed, "speed": (u.torque - p.damping * x.speed) / p.inertia}
-
-
-MODEL = Model(
-    name="load",
-    description="A load with damping",
-    variables=(
-        input_("torque", "N.m", "Torque"),
-        output("angle", "rad", "Angle"),
-        parameter("inertia", "kg.m2", 0.1, "Inertia", minimum=1e-6),
-        parameter("damping", "N.m.s/rad", 1.0, "Damping", minimum=0),
-    ),
-    states=(State("angle"), State("speed")),
-    derivatives=derivatives,
-    solver_step=lambda p: 0.001,
-)
-"""
 
 
 def arm(**spread: float) -> SystemPlant:
@@ -121,33 +102,9 @@ def test_slopes_of_many_parameter_sets_are_those_of_each() -> None:
         assert together.a[number] == pytest.approx(alone.a[0], rel=1e-12)
 
 
-def system_study(folder: Path, **plant: Any) -> dict[str, Any]:
-    (folder / "load.py").write_text(LOAD)
-    outputs = {"position": {"of": "load.angle", "factor": 5, "unit": "V"}}
-    own = {"components": {"load": {"model": "load.py"}}, "inputs": {"u": "load.torque"}, "outputs": outputs}
-    return study(
-        plants={"load": own | plant},
-        connections=["plant.position -> controller.position", "controller.voltage -> plant.u"],
-        goals=[{"measure": "phase margin", "at_least": 60}],
-    )
-
-
 def test_a_command_of_another_unit_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"controller\.voltage -> plant\.u: .*N\.m"):
         tune(write(tmp_path, system_study(tmp_path)))
-
-
-def driven(folder: Path, **plant: Any) -> dict[str, Any]:
-    """The load behind a drive."""
-    document = system_study(folder, **plant)
-    [load] = document["plants"].values()
-    load["components"] = {
-        "drive": {"model": "servo_drive", "parameters": {"torque_constant": 2.0}},
-        **load["components"],
-    }
-    load["connections"] = ["drive.torque -> load.torque"]
-    load["inputs"] = {"u": "drive.voltage"}
-    return document
 
 
 def test_hard_goals_hold_for_the_share_of_draws_that_was_asked_for(tmp_path: Path) -> None:
@@ -159,6 +116,26 @@ def test_hard_goals_hold_for_the_share_of_draws_that_was_asked_for(tmp_path: Pat
     assert 0.9 <= found["draws"]["held"] <= 0.96
     assert found["parameters"]["controller.kp"]["value"] < 0.99 * alone["parameters"]["controller.kp"]["value"]
     assert found["draws"]["count"] == 200
+    unseen = found["draws"]["unseen"]
+    [margin, itae] = unseen["goals"]
+    assert margin["held"] == unseen["held"]
+    assert margin["held"]["ci95"][0] < 0.9 < margin["held"]["ci95"][1]
+    assert margin["percentiles"][0] < 60 < margin["percentiles"][2]
+    assert itae["held"] is None
+    assert unseen["stable"]["share"] == 1.0
+
+
+def test_as_many_draws_of_each_plant_as_the_search_sees_are_kept_from_it(tmp_path: Path) -> None:
+    document = driven(tmp_path, spread={"load.inertia": 0.01})
+    [load_plant] = document["plants"].values()
+    document["plants"] = {"one": load_plant, "two": load_plant}
+    parts = assembled(load(write(tmp_path, document | {"draws": {"count": 5}}), TuneBlock).study(tmp_path))
+    sought, unseen = parts.problem.draws, parts.unseen
+    assert sought is not None
+    assert unseen is not None
+    for name in ("one", "two"):
+        assert [sum(draw.startswith(name) for draw in each.names) for each in (sought, unseen)] == [5, 5]
+    assert len(np.unique(np.concatenate([sought.a, unseen.a])[:, 0, 1])) == 20
 
 
 def test_draws_without_a_spread_are_refused(tmp_path: Path) -> None:

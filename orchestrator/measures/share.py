@@ -1,0 +1,17 @@
+"""What a share of runs or draws tells of all such."""
+
+from __future__ import annotations
+
+from scipy.stats import beta
+
+SURE = 0.95
+
+
+def share_interval(held: int, count: int) -> tuple[float, float]:
+    """Within which the share of all such lies, 95 % sure, where `held` of `count` independent ones are counted.
+
+    Source: Clopper and Pearson 1934, exact for the binomial distribution.
+    """
+    low = float(beta.ppf((1 - SURE) / 2, held, count - held + 1)) if held else 0.0
+    high = float(beta.ppf((1 + SURE) / 2, held + 1, count - held)) if held < count else 1.0
+    return low, high
