@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 import sys
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,11 +13,13 @@ from typing import Literal
 
 from fmus.errors import WiringError
 from fmus.modelling.model import element_names
-from orchestrator.crossing import Crossing, crossing
+from orchestrator.crossing import NOTHING_GIVEN, Crossing, Given, crossing
 from orchestrator.fmi.interface import Interface, Port, Value
 
 FeedThrough = Literal["declared", "none", "all"]
 _REAL = ("Real", "Float64", "Float32")
+_NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
+_SCALED = re.compile(rf"(?:({_NUMBER})\s*\*\s*)?(.+?)(?:\s+([-+])\s+({_NUMBER}))?")
 
 
 @dataclass(frozen=True)
@@ -124,15 +127,15 @@ class System:
 
 def wire(parts: Mapping[str, Part], connections: Iterable[tuple[str, str]], stimulated: Iterable[str] = ()) -> System:
     """The system with these connections (source, target), of variables or of whole arrays; units are converted where
-    they differ.
+    they differ. A source may have a factor and an offset, which then stand over the units: `2.5 * a.y + 1`.
 
     Raises:
         WiringError: an unknown name, a source that is no output, a target that is no input, an input with two sources,
             units of different quantities, types that do not fit, or an input that nothing sets.
     """
     bare = System(dict(parts))
-    ends = [(Endpoint.parse(source), Endpoint.parse(target)) for source, target in connections]
-    links = [_link(bare, *pair) for source, target in ends for pair in _pairs(bare, source, target)]
+    ends = [(*scaled(source), Endpoint.parse(target)) for source, target in connections]
+    links = [_link(bare, *pair, given) for source, given, target in ends for pair in _pairs(bare, source, target)]
     driven = [Endpoint.parse(name) for name in stimulated]
     for endpoint in driven:
         drivable(bare, endpoint, "can be stimulated")
@@ -229,6 +232,23 @@ def check_bounds(name: str, port: Port, value: float) -> None:
         raise WiringError(name, f"is {value:g}, outside its bounds {span}", "choose a value inside")
 
 
+def scaled(text: str) -> tuple[Endpoint, Given]:
+    """The source of a connection, written `component.variable` or `2.5 * component.variable + 1`, and what it is
+    converted by over its unit.
+
+    Raises:
+        WiringError: it names no variable.
+    """
+    match = _SCALED.fullmatch(text.strip())
+    if match is None:
+        return Endpoint.parse(text), NOTHING_GIVEN
+    factor, name, sign, offset = match.groups()
+    if factor is None and offset is None:
+        return Endpoint.parse(name), NOTHING_GIVEN
+    signed = 0.0 if offset is None else float(offset) * (-1 if sign == "-" else 1)
+    return Endpoint.parse(name), Given(1.0 if factor is None else float(factor), signed)
+
+
 def _pairs(system: System, source: Endpoint, target: Endpoint) -> Iterable[tuple[Endpoint, Endpoint]]:
     """The ends of a connection; where it joins whole arrays, those of each pair of elements."""
     shapes = [system.shape(end) for end in (source, target)]
@@ -242,7 +262,7 @@ def _pairs(system: System, source: Endpoint, target: Endpoint) -> Iterable[tuple
     return [(replace(source, variable=y), replace(target, variable=u)) for y, u in zip(*names, strict=True)]
 
 
-def _link(system: System, source: Endpoint, target: Endpoint) -> Connection:
+def _link(system: System, source: Endpoint, target: Endpoint, given: Given) -> Connection:
     place = f"{source} -> {target}"
     output = require(system, source, "output", "can be a source", place)
     input_ = require(system, target, "input", "can be a target", place)
@@ -257,7 +277,14 @@ def _link(system: System, source: Endpoint, target: Endpoint) -> Connection:
             f"{with_article(output.type)} cannot drive {with_article(input_.type)}",
             "round it in a component between",
         )
-    passed = crossing(place, output.measure, input_.measure)
+    if (
+        given
+        and input_.type not in _REAL
+        and not all(float(x or 0.0).is_integer() for x in (given.factor, given.offset))
+    ):
+        problem = f"factor and offset give {with_article(input_.type)} no whole numbers"
+        raise WiringError(place, problem, "round it in a component between")
+    passed = crossing(place, output.measure, input_.measure, given)
     return Connection(source, target, passed.conversion.factor, passed.conversion.offset, passed)
 
 

@@ -21,6 +21,7 @@ from fmus.errors import FmuFileError, ScenarioError, ServotwinError, TraceError,
 from orchestrator.documents.docstrings import attributes, summary
 from orchestrator.documents.parsing import one_line, parse
 from orchestrator.documents.parts import PART, document_of, place_of
+from orchestrator.documents.sources import plain
 from orchestrator.rational import seconds
 
 # A key at the top that tells what a file is -> what that is, and the command that takes it.
@@ -101,6 +102,18 @@ def load_joined(path: Path, schema: type[B]) -> tuple[B, tuple[Path, ...]]:
     """
     document, parts = document_of(path, partial(_named_files, schema))
     return _checked(path, document, schema), parts
+
+
+def joined(path: Path, schema: type[Block]) -> tuple[dict[str, Any], list[tuple[Any, Any]]]:
+    """The document of a file, joined with the parts that it includes, in plain maps and lists; and where it names
+    files, pairs of a map or list in it and a key of that.
+
+    Raises:
+        ScenarioError: as `load_joined`.
+    """
+    document, _ = document_of(path, partial(_named_files, schema))
+    made: dict[str, Any] = plain(document)
+    return made, list(_named_files(schema, made))
 
 
 def load_as(path: Path, mark: type[M], choose: Callable[[M], type[B]]) -> B:

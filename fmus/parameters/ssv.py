@@ -33,7 +33,7 @@ _KINDS = {bool: "Boolean", int: "Integer", Item: "Enumeration", str: "String"}
 
 def parameter_set(name: str, values: Mapping[str, SetValue], units: Mapping[str, str] | None = None) -> bytes:
     """The SSV document with these values; `units` names the unit of those that have one."""
-    return document(_parameter_set(name, values, units or {}))
+    return document(parameter_set_element(name, values, units or {}))
 
 
 def write_ssp(path: Path, fmu: Path, connectors: Mapping[str, str], values: Mapping[str, SetValue]) -> None:
@@ -56,7 +56,7 @@ def write_ssp(path: Path, fmu: Path, connectors: Mapping[str, str], values: Mapp
         ET.SubElement(connector, f"{{{SSC}}}Real")
     binding = ET.SubElement(ET.SubElement(component, f"{{{SSD}}}ParameterBindings"), f"{{{SSD}}}ParameterBinding")
     inline = ET.SubElement(binding, f"{{{SSD}}}ParameterValues")
-    inline.append(_parameter_set(f"{fmu.stem}_calibrated", values, {}))
+    inline.append(parameter_set_element(f"{fmu.stem}_calibrated", values, {}))
     archive.write(path, {"SystemStructure.ssd": document(root), f"resources/{fmu.name}": fmu.read_bytes()})
 
 
@@ -91,7 +91,8 @@ def _value(path: Path, name: str, kind: str, text: str) -> SetValue:
         raise FmuFileError(f"{path}: {name}", f"'{text}' is no {kind}", "write the set again") from None
 
 
-def _parameter_set(name: str, values: Mapping[str, SetValue], units: Mapping[str, str]) -> ET.Element:
+def parameter_set_element(name: str, values: Mapping[str, SetValue], units: Mapping[str, str]) -> ET.Element:
+    """The same as an element, to stand in another document."""
     root = ET.Element(f"{{{SSV}}}ParameterSet", {"version": "1.0", "name": name})
     parameters = ET.SubElement(root, f"{{{SSV}}}Parameters")
     for variable, value in values.items():

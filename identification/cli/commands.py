@@ -11,7 +11,20 @@ from typing import TYPE_CHECKING, Annotated, Any, Union
 import typer
 
 from identification.cli import studies
-from orchestrator.cli import bridge, cache, can, references, root, scenarios, schemas, starting, suite, tables, traces
+from orchestrator.cli import (
+    bridge,
+    cache,
+    can,
+    references,
+    root,
+    scenarios,
+    schemas,
+    ssp,
+    starting,
+    suite,
+    tables,
+    traces,
+)
 
 if TYPE_CHECKING:
     from orchestrator.formats import Layout
@@ -35,6 +48,7 @@ app.add_typer(schemas.app)
 app.add_typer(starting.app)
 app.add_typer(traces.app, name="trace")
 app.add_typer(can.app, name="can")
+app.add_typer(ssp.app, name="ssp")
 app.add_typer(cache.app, name="cache")
 can.app.add_typer(bridge.app)
 

@@ -206,7 +206,8 @@ class SystemBlock(Block):
 
     Attributes:
         components: name -> what it is.
-        connections: `component.output -> component.input`, one a line.
+        connections: `component.output -> component.input`, one a line; `2.5 * component.output + 1 -> ...` converts by
+            a factor and an offset over what the units say.
     """
 
     components: Annotated[Components, Field(min_length=1)]

@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TypeVar, get_type_hi
 import typer
 
 from fmus.errors import ServotwinError, ours
-from orchestrator.cli.stdout import stdout_kept
 from orchestrator.display.plain import plain
+from orchestrator.display.stdout import stdout_kept
 from orchestrator.interrupts import Interrupts, requested
 from orchestrator.progress import Figures, Progress, silent, tell_ready
 from orchestrator.results import Permission, permitted

@@ -1,7 +1,8 @@
 """Parts that several files share: what `include` names, joined into one document that knows where each key stands.
 
 Maps are joined key by key, and what the including file says counts. Lists at the top (connections, expectations, cases)
-are appended. A component that names another model, and a stimulus, are taken whole.
+are appended. A component that names another model, and a stimulus, are taken whole. Of an SSP that is included the
+components and connections are taken.
 """
 
 from __future__ import annotations
@@ -15,10 +16,12 @@ from typing import Any
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
 from fmus.errors import ScenarioError
-from orchestrator.documents.parsing import one_line, parse
+from orchestrator.documents import sources
+from orchestrator.documents.parsing import one_line
 
 INCLUDE, PART = "include", "part"
 MOST = 100  # files that make one document
+_SYSTEM = ("components", "connections")
 _PROJECT = (".git", ".hg", "pyproject.toml")  # what the folder of a project holds
 
 PathsOf = Callable[[Any], Iterator[tuple[Any, Any]]]
@@ -62,7 +65,9 @@ def document_of(path: Path, paths_of: PathsOf) -> tuple[CommentedMap, tuple[Path
         ScenarioError: a part is not there, is none, lies outside the project, or includes itself; or a file is no YAML.
     """
     reading = _Reading(paths_of)
-    document = _joined(path, parse(path), (path.resolve(),), reading)
+    own, folder = sources.parse(path)
+    _rebase(own, folder, path.parent, paths_of)
+    document = _joined(path, own, (path.resolve(),), reading)
     return document, tuple(reading.files)
 
 
@@ -129,7 +134,11 @@ def _project(path: Path) -> Path:
 
 
 def _parsed(part: Path) -> CommentedMap:
-    document = parse(part)
+    document, _ = sources.parse(part)
+    if sources.is_ssp(part):
+        for key in [key for key in document if key not in _SYSTEM]:
+            del document[key]
+        document[PART] = part.name
     if PART not in document:
         raise ScenarioError(part, "is included, and is no part", f"begin it with `{PART}:` and what it is")
     return document

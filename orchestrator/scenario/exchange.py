@@ -1,0 +1,168 @@
+"""A scenario as an SSP, and as a folder with a YAML file in which everything is beside it."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ruamel.yaml import YAML
+
+from fmus.errors import InputError
+from fmus.files import atomic_writes
+from orchestrator.assembly.assembly import Assembled, ComponentSpec, assemble
+from orchestrator.documents.sources import EXTRA, SCENARIO
+from orchestrator.fmi.file import FmuDescription, Kind
+from orchestrator.fmi.isolation import scratch
+from orchestrator.scenario.scenario import Scenario
+from orchestrator.scenario.schema import ScenarioBlock, load_scenario
+from orchestrator.ssp.outline import Outline, Times, Tool
+from orchestrator.ssp.writing import write
+from orchestrator.system import Part, System, typed, wire
+from orchestrator.yaml_file import joined
+
+_BUILT_IN = ("fmu", "model", "parameters", "tables")
+_ELSEWHERE = ("include", "connections")
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What was written.
+
+    Attributes:
+        components: those in it, each with the name of its FMU.
+        notes: what other tools will do otherwise, a line each.
+    """
+
+    components: Mapping[str, str]
+    connections: int
+    notes: tuple[str, ...]
+
+
+def export(file: Path, out: Path, tool: Tool = Tool.ANY) -> Exported:
+    """Write a scenario as an SSP, with the FMUs of its components and all that it reads.
+
+    Raises:
+        InputError: the scenario does not fit; nothing is written.
+    """
+    scenario = load_scenario(file, references=False)
+    with scratch(None) as folder:
+        assembled = assemble(scenario.system, folder, scenario.driven)
+        outline = _outline(file, scenario, assembled)
+        notes = write(out, outline, tool)
+    if any(case.system is not None for case in scenario.cases):
+        notes.append("components that cases have of their own are known here only")
+    files = {name: path.name for name, path in outline.files.items()}
+    return Exported(files, len(outline.system.connections), tuple(notes))
+
+
+def unpack(file: Path, out: Path) -> Path:
+    """Write a scenario, as an SSP or any other, into a folder: a YAML file, and beside it all that it names.
+
+    Raises:
+        InputError: it does not fit; nothing is written.
+    """
+    document, places = joined(file, ScenarioBlock)
+    load_scenario(file, references=False)
+    document.pop("include", None)
+    target = out / f"{file.stem}.yaml"
+    if target.exists():
+        raise InputError(target, "is there already", "give --out another folder, or move it away")
+    packed = _packed(places, file.parent, {".fmu": "fmus"})
+    atomic_writes({**{out / name: content for name, content in packed.items()}, target: _text(document)})
+    return target
+
+
+def _outline(file: Path, scenario: Scenario, assembled: Assembled) -> Outline:
+    descriptions = {
+        name: FmuDescription(assembled.files[name], _kind(component), component.parameters)
+        for name, component in assembled.system.components.items()
+    }
+    system = wire(
+        {name: Part(described.interface) for name, described in descriptions.items()},
+        assembled.system.connections,
+        scenario.driven,
+    )
+    times = Times(float(scenario.timing.start), float(scenario.timing.stop), float(scenario.timing.step))
+    values = {name: value for name, value in assembled.system.values().items() if name not in scenario.driven}
+    return Outline(
+        name=file.stem,
+        description=scenario.title,
+        system=system,
+        files=assembled.files,
+        kinds={name: described.kind for name, described in descriptions.items()},
+        values=typed(system, values),
+        times=times,
+        driven=_driven(scenario, system),
+        recorded=tuple(name for name in scenario.record or () if _is_output(system, name)),
+        others=_extras(file),
+    )
+
+
+def _kind(component: ComponentSpec) -> Kind | None:
+    return Kind.MODEL_EXCHANGE if component.solver else None
+
+
+def _driven(scenario: Scenario, system: System) -> dict[str, float | None]:
+    """What drives inputs, in their units; None where it changes in time."""
+    driven: dict[str, float | None] = {}
+    for name, stimulus in scenario.stimuli.items():
+        component, _, variable = name.partition(".")
+        brought, _ = stimulus.brought(name, system.parts[component].interface.ports[variable])
+        driven[name] = None if brought.varies else float(brought.source)  # type: ignore[arg-type]
+    return driven
+
+
+def _is_output(system: System, name: str) -> bool:
+    component, _, variable = name.partition(".")
+    port = system.parts[component].interface.ports.get(variable) if component in system.parts else None
+    return port is not None and port.causality == "output"
+
+
+def _extras(file: Path) -> dict[str, bytes]:
+    """What a description of a system cannot say: the rest of the scenario, and the files that it names."""
+    document, places = joined(file, ScenarioBlock)
+    components = document.get("components", {})
+    in_system = [id(component) for component in components.values()]
+    tables = [id(block) for one in components.values() for block in one.get("tables", {}).values()]
+    places = [(holder, key) for holder, key in places if id(holder) not in (*in_system, *tables)]
+    packed = _packed(places, file.parent, {})
+    for name, component in components.items():
+        components[name] = {key: value for key, value in component.items() if key not in _BUILT_IN}
+    rest = {key: value for key, value in document.items() if key not in _ELSEWHERE}
+    return {SCENARIO: _text(rest), **{f"{EXTRA}/{name}": content for name, content in packed.items()}}
+
+
+def _packed(places: list[tuple[Any, Any]], base: Path, folders: Mapping[str, str]) -> dict[str, bytes]:
+    """Name -> contents of the files that a document names, which is changed to name them so.
+
+    Args:
+        folders: suffix -> folder of files that end so; the others go into `files`.
+
+    Raises:
+        InputError: one is not there.
+    """
+    contents: dict[str, bytes] = {}
+    names: dict[Path, str] = {}
+    for holder, key in places:
+        source = (base / holder[key]).resolve()
+        if source not in names:
+            if not source.is_file():
+                raise InputError(source, "is not there", "correct the scenario")
+            folder = folders.get(source.suffix.lower(), "files")
+            name, number = f"{folder}/{source.name}", 2
+            while name in contents:
+                name, number = f"{folder}/{source.stem}-{number}{source.suffix}", number + 1
+            names[source], contents[name] = name, source.read_bytes()
+        holder[key] = names[source]
+    return contents
+
+
+def _text(document: dict[str, Any]) -> bytes:
+    """A document as YAML."""
+    yaml, made = YAML(), io.BytesIO()
+    yaml.width = 1 << 20
+    yaml.dump(document, made)
+    return made.getvalue()

@@ -1,0 +1,95 @@
+"""Which parameter sets give which variables their values, on all levels; what is farther out counts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+from fmus.units import Unit
+from orchestrator.fmi.interface import Interface
+from orchestrator.ssp.description import Binding, Component, Element, MappingEntry, Parameter, System
+from orchestrator.ssp.flattening import Flat, Node, Path
+from orchestrator.ssp.passage import NO_UNIT, Passage, meaning
+
+
+@dataclass(frozen=True)
+class Assigned:
+    """A value on its way to a connector or variable.
+
+    Attributes:
+        units: what units are by the word of its set and of the file.
+        how: the entry of the mapping that brought it here.
+    """
+
+    parameter: Parameter
+    place: str
+    units: Mapping[str, Unit]
+    how: MappingEntry
+
+    def passage(self) -> Passage:
+        """How its number starts its way."""
+        return Passage(meaning(self.parameter.unit, self.units) or NO_UNIT)
+
+
+@dataclass
+class Assignment:
+    """All values of a system.
+
+    Attributes:
+        values: connector of a system or variable of a component -> what it is given.
+        notes: names that match nothing, a line each.
+    """
+
+    flat: Flat
+    interfaces: Mapping[Path, Interface]
+    values: dict[Node, Assigned] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    def gather(self, path: Path, element: Element) -> None:
+        """Take up the values of an element and all in it; those of the element itself count."""
+        if isinstance(element, System):
+            for name, child in element.elements.items():
+                self.gather((*path, name), child)
+        for binding in element.bindings:
+            self._bind(path, element, binding)
+
+    def _bind(self, path: Path, element: Element, binding: Binding) -> None:
+        known = {**self.flat.units_at(path), **binding.units}
+        for entry in _entries(binding):
+            parameter = binding.values.get(entry.source)
+            if parameter is None:
+                self.notes.append(f"{binding.place}: its mapping names '{entry.source}', which is not in the set")
+                continue
+            node = self._target(path, element, entry.target)
+            if node is None:
+                where = ".".join(path) or element.name or "the system"
+                self.notes.append(f"{binding.place}: '{entry.target}' matches nothing in {where}; it is not used")
+            else:
+                self.values[node] = Assigned(parameter, f"{binding.place}: {entry.source}", known, entry)
+        if binding.mapping is not None:
+            used = {entry.source for entry in binding.mapping}
+            left = [name for name in binding.values if name not in used]
+            self.notes += [f"{binding.place}: '{name}' is not mapped, and not used" for name in left]
+
+    def _target(self, path: Path, element: Element, name: str) -> Node | None:
+        """What a name means in an element: a connector of it, or a variable of what is in it."""
+        if isinstance(element, Component):
+            interface = self.interfaces[path]
+            return (path, name) if name in interface.ports or interface.shape(name) else None
+        if name in element.connectors:
+            return path, name
+        if not isinstance(element, System):
+            return None
+        for index in (at for at, letter in enumerate(name) if letter == "."):
+            child = element.elements.get(name[:index])
+            found = child and self._target((*path, name[:index]), child, name[index + 1 :])
+            if found:
+                return found
+        return None
+
+
+def _entries(binding: Binding) -> Iterator[MappingEntry]:
+    if binding.mapping is not None:
+        yield from binding.mapping
+    else:
+        yield from (MappingEntry(name, name) for name in binding.values)

@@ -1,0 +1,159 @@
+"""What a System Structure Description says, in plain values; elements and connectors have the names that it gives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from fmus.units import Unit
+
+Entries = tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class Transformation:
+    """What a value is changed by, once it is in the unit of its target: target = factor * value + offset, or a table.
+
+    Attributes:
+        entries: source -> target of a table, as they are written; of booleans, integers or names of items.
+    """
+
+    factor: float = 1.0
+    offset: float = 0.0
+    entries: Entries = ()
+
+
+@dataclass(frozen=True)
+class Connector:
+    """A connector: of a component a variable of its FMU.
+
+    Attributes:
+        kind: input, output, parameter, calculatedParameter, inout, ...
+        type: Real, Integer, Boolean, Float64, ...; "" where it does not say.
+        unit: None where it does not say.
+    """
+
+    name: str
+    kind: str
+    type: str = ""
+    unit: str | None = None
+
+
+@dataclass(frozen=True)
+class Connection:
+    """From a connector to another, each (element, connector); the element "" is the system itself.
+
+    Attributes:
+        by_unit: whether units are converted on the way.
+    """
+
+    start: tuple[str, str]
+    end: tuple[str, str]
+    transformation: Transformation | None = None
+    by_unit: bool = True
+
+    def __str__(self) -> str:
+        return " -> ".join(".".join(filter(None, end)) for end in (self.start, self.end))
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A value of a parameter set.
+
+    Attributes:
+        value: of an array a tuple of all elements, row by row.
+        shape: of an array; () of a scalar.
+    """
+
+    value: float | int | bool | str | tuple[float | int | bool | str, ...]
+    unit: str | None = None
+    shape: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class MappingEntry:
+    """Which parameter of a set gives its value to which variable, and how."""
+
+    source: str
+    target: str
+    transformation: Transformation | None = None
+    by_unit: bool = True
+
+
+@dataclass(frozen=True)
+class Binding:
+    """A parameter set for an element.
+
+    Attributes:
+        place: file and name of the set, for messages.
+        units: what the units of the set are, by its own word.
+        mapping: None where names are used as they are.
+    """
+
+    place: str
+    values: Mapping[str, Parameter]
+    units: Mapping[str, Unit] = field(default_factory=dict)
+    mapping: tuple[MappingEntry, ...] | None = None
+
+
+@dataclass(frozen=True)
+class Element:
+    """What components, systems and references to signal dictionaries have in common."""
+
+    name: str
+    connectors: Mapping[str, Connector]
+    bindings: tuple[Binding, ...] = ()
+
+
+@dataclass(frozen=True)
+class Component(Element):
+    """An FMU.
+
+    Attributes:
+        file: where it is in the archive.
+        exchange: whether it is to be run by model exchange.
+    """
+
+    file: str = ""
+    exchange: bool = False
+
+
+@dataclass(frozen=True)
+class DictionaryReference(Element):
+    """Stands for a signal dictionary, whose entries its connectors are."""
+
+    dictionary: str = ""
+
+
+@dataclass(frozen=True)
+class System(Element):
+    """A system: elements by name, and what is connected.
+
+    Attributes:
+        dictionaries: names of the signal dictionaries that are defined here -> their entries.
+        units: what units are by the word of its file.
+    """
+
+    elements: Mapping[str, Element] = field(default_factory=dict)
+    connections: tuple[Connection, ...] = ()
+    dictionaries: Mapping[str, Mapping[str, Connector]] = field(default_factory=dict)
+    units: Mapping[str, Unit] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Description:
+    """A whole description.
+
+    Attributes:
+        start, stop: of the default experiment [s]; as they are written, so that no digit is lost.
+        step: communication step that some tool has noted [s].
+        notes: what was seen and not understood, a line each.
+    """
+
+    name: str
+    version: str
+    system: System
+    start: str | None = None
+    stop: str | None = None
+    step: str | None = None
+    notes: tuple[str, ...] = ()

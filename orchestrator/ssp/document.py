@@ -1,0 +1,249 @@
+"""An SSP as the document of a scenario: what a YAML file would say of it."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from fmus.errors import FmuFileError, WiringError
+from fmus.units import SAME, Conversion
+from orchestrator.crossing import crossing
+from orchestrator.fmi.file import FmuDescription, Kind
+from orchestrator.fmi.interface import Interface, Port
+from orchestrator.ssp import flattening, passage
+from orchestrator.ssp.assignment import Assigned, Assignment
+from orchestrator.ssp.description import Description
+from orchestrator.ssp.flattening import Flat, Hop, Node
+from orchestrator.ssp.passage import Passage
+from orchestrator.ssp.reading import read
+from orchestrator.system import nearest
+
+LOG = logging.getLogger("servotwin.ssp")
+STEPS = 1000  # of a run where nothing tells how long one is
+
+
+@dataclass(frozen=True)
+class Imported:
+    """A system out of an SSP.
+
+    Attributes:
+        document: as `ScenarioBlock` has it; without `run` where there is no default experiment.
+        names: component -> where it is in the SSP, dots between elements.
+        notes: what is to be known of it, a line each.
+    """
+
+    document: dict[str, Any]
+    names: Mapping[str, str]
+    notes: Sequence[str]
+
+
+def imported(path: Path) -> Imported:
+    """The system of an SSP as a document; its FMUs lie unpacked until this process ends.
+
+    Raises:
+        FmuFileError: it cannot be read, see `reading.read`.
+        WiringError: its connections do not fit together.
+    """
+    description = read(path)
+    return _Importing(path, description, flattening.flattened(description, str(path))).imported()
+
+
+@dataclass
+class _Importing:
+    path: Path
+    description: Description
+    flat: Flat
+    notes: list[str] = field(default_factory=list)
+
+    def imported(self) -> Imported:
+        """The document, its parts in the order in which people write them."""
+        described = cache(FmuDescription)
+        self.fmus = {path: described(Path(one.file)) for path, one in self.flat.components.items()}
+        self.interfaces: dict[flattening.Path, Interface] = {path: fmu.interface for path, fmu in self.fmus.items()}
+        self.names = flattening.component_names(list(self.flat.components))
+        assignment = Assignment(self.flat, self.interfaces)
+        assignment.gather((), self.description.system)
+        self.values = assignment.values
+        self.notes += [*self.description.notes, *assignment.notes]
+        self.parameters: dict[flattening.Path, dict[str, Any]] = {path: {} for path in self.fmus}
+        self.stimuli: dict[str, Any] = {}
+        connections = [line for node in self.flat.incoming if (line := self._connection(node))]
+        self._set_values()
+        document: dict[str, Any] = {"title": self.description.name or self.path.stem}
+        document["components"] = {self.names[path]: self._component(path) for path in self.fmus}
+        document["connections"] = connections
+        document |= {"stimuli": self.stimuli} if self.stimuli else {}
+        document |= {"run": run} if (run := self._run()) else {}
+        document |= {"record": record} if (record := self._record()) else {}
+        return Imported(document, {name: ".".join(path) for path, name in self.names.items()}, self.notes)
+
+    def _component(self, path: flattening.Path) -> dict[str, Any]:
+        component, fmu = self.flat.components[path], self.fmus[path]
+        made: dict[str, Any] = {"fmu": component.file}
+        if component.exchange or Kind.CO_SIMULATION not in fmu.kinds:
+            made["solver"] = {}
+        return made | ({"parameters": self.parameters[path]} if self.parameters[path] else {})
+
+    def _name(self, node: Node) -> str:
+        """component.variable of a component's connector."""
+        return f"{self.names[node[0]]}.{node[1]}"
+
+    def _port(self, node: Node, place: str) -> Port:
+        """The variable of a component's connector; of an array its first element.
+
+        Raises:
+            WiringError: there is none.
+        """
+        path, name = node
+        ports = self.interfaces[path].ports
+        found = ports.get(name) or next((p for key, p in ports.items() if key.startswith(f"{name}[")), None)
+        if found is None:
+            file = Path(self.flat.components[path].file).name
+            raise WiringError(place, f"{file} of {'.'.join(path)} has no variable '{name}'", nearest(name, ports))
+        return found
+
+    def _connection(self, node: Node) -> str | None:
+        """The line of the connection into a component's variable; a value that comes from outside becomes its own."""
+        if node[0] not in self.fmus:
+            return None
+        origin, hops = self.flat.way(node)
+        port = self._port(node, hops[-1].place)
+        if origin[0] in self.fmus:
+            return self._line(origin, hops, node, port)
+        assigned = self.values.get(origin)
+        if assigned is not None:
+            self._give(node, port, self._value(assigned, [origin], hops, node, port), outermost=not origin[0])
+        return None
+
+    def _line(self, origin: Node, hops: list[Hop], node: Node, port: Port) -> str:
+        source = self._port(origin, hops[0].place)
+        began = passage.begin(source, self.flat.connector(origin), hops[0].units, hops[0].place)
+        passed = passage.end(self._passed(began, hops, node, port), port, hops[-1].place)
+        conversion = passed.conversion
+        if passed.table:
+            conversion = passage.line_through(passed.table, source, port, hops[-1].place)
+            if source.type not in ("Boolean", "Enumeration"):
+                self.notes.append(f"{hops[-1].place}: values without an entry lie on the line through those with one")
+        if _alike(conversion, self._by_units(source, port, hops)):
+            return f"{self._name(origin)} -> {self._name(node)}"
+        offset = f" + {conversion.offset!r}" if conversion.offset else ""
+        return f"{conversion.factor!r} * {self._name(origin)}{offset} -> {self._name(node)}"
+
+    def _by_units(self, source: Port, port: Port, hops: list[Hop]) -> Conversion | None:
+        """What is done without any word; None where nothing can be."""
+        try:
+            return crossing("", source.measure, port.measure).conversion
+        except WiringError:
+            return None
+
+    def _passed(self, passed: Passage, hops: Sequence[Hop], node: Node, port: Port) -> Passage:
+        """What arrives at the connector of a component's variable."""
+        ends = [*(hop.origin for hop in hops[1:]), node] if hops else []
+        for hop, there in zip(hops, ends, strict=True):
+            connector = self.flat.connector(there)
+            if there == node:
+                unit = passage.unit_at(port, connector, hop.units) if port.real else None
+            else:
+                unit = passage.meaning(connector.unit, hop.units)
+            passed = passed.over(unit, hop.link.by_unit, hop.link.transformation, hop.place)
+        return passed
+
+    def _value(self, assigned: Assigned, at: list[Node], hops: list[Hop], node: Node, port: Port) -> Any:
+        """What an assigned value is in the unit of a component's variable, in nested lists where it is an array."""
+        here, how = at[0], assigned.how
+        connector, known = self.flat.connector(here), {**self.flat.units_at(here[0]), **assigned.units}
+        if here == node:
+            unit = passage.unit_at(port, connector, known) if port.real else None
+        else:
+            unit = passage.meaning(connector.unit, known)
+        passed = assigned.passage().over(unit, how.by_unit, how.transformation, assigned.place)
+        passed = passage.end(self._passed(passed, hops, node, port), port, assigned.place)
+        change = _changed(passed, assigned.place)
+        given, shape = assigned.parameter.value, assigned.parameter.shape
+        return _nested([change(one) for one in given], shape) if isinstance(given, tuple) else change(given)
+
+    def _give(self, node: Node, port: Port, value: Any, outermost: bool = False) -> None:
+        name = self._name(node)
+        if not port.settable:
+            self.notes.append(f"{name} is given a value and cannot be set; it keeps its own")
+        elif outermost and port.causality == "input" and port.numeric and not isinstance(value, list):
+            self.stimuli[name] = {"constant": float(value)}
+        else:
+            self.parameters[node[0]][node[1]] = value
+
+    def _set_values(self) -> None:
+        """Values that parameter sets give to variables of components."""
+        for node, assigned in self.values.items():
+            if node[0] not in self.fmus:
+                continue
+            name, port = self._name(node), self._port(node, assigned.place)
+            origin = self.flat.way(node)[0]
+            if origin != node and (origin[0] in self.fmus or origin in self.values):
+                self.notes.append(f"{assigned.place}: {name} takes its value from {'.'.join((*origin[0], origin[1]))}")
+            else:
+                self._give(node, port, self._value(assigned, [node], [], node, port))
+
+    def _record(self) -> list[str]:
+        """What the outputs of the whole system show."""
+        outputs = [one.name for one in self.description.system.connectors.values() if one.kind == "output"]
+        found: dict[str, None] = {}
+        for name in outputs:
+            origin, hops = self.flat.way(((), name))
+            if origin[0] in self.fmus and self._port(origin, hops[0].place).numeric:
+                found[self._name(origin)] = None
+        return list(found)
+
+    def _run(self) -> dict[str, Any]:
+        """When it runs and how it steps, as far as it says."""
+        start, stop = self.description.start, self.description.stop
+        if stop is None:
+            return {}
+        begin, end = (_seconds(self.path, text) for text in (start or "0", stop))
+        first = {"start": start} if start is not None and begin else {}
+        step = self.description.step
+        own = [one.description.defaultExperiment for one in self.fmus.values()]
+        steps = {float(one.stepSize): one.stepSize for one in own if one is not None and one.stepSize}
+        if step is None and steps:
+            step = str(steps[min(steps)])
+            self.notes.append(f"no communication step is said; {step} s is the least that its FMUs say")
+        elif step is None:
+            step = repr((end - begin) / STEPS)
+            self.notes.append(f"no communication step is said; {step} s is a {STEPS}th of the run")
+        return {**first, "stop": stop, "step": step}
+
+
+def _seconds(path: Path, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise FmuFileError(path, f"has a default experiment with the time '{text}'", "give it in seconds")
+    return value
+
+
+def _alike(one: Conversion, other: Conversion | None) -> bool:
+    """The same but for rounding."""
+    if other is None:
+        return False
+    pairs = ((one.factor, other.factor), (one.offset, other.offset))
+    return all(math.isclose(a, b, rel_tol=1e-12, abs_tol=1e-300) for a, b in pairs)
+
+
+def _changed(passed: Passage, place: str) -> Callable[[Any], Any]:
+    if passed.table:
+        return lambda value: passage.mapped(passed.table, value, place)
+    if passed.conversion == SAME:
+        return lambda value: value
+    return lambda value: passed.conversion(float(value))
+
+
+def _nested(values: list[Any], shape: tuple[int, ...]) -> list[Any]:
+    for size in reversed(shape[1:]):
+        values = [values[at : at + size] for at in range(0, len(values), size)]
+    return values

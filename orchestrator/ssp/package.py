@@ -1,0 +1,148 @@
+"""The files of an SSP: an archive from outside, whose paths, sizes and XML are checked before anything is used."""
+
+from __future__ import annotations
+
+import atexit
+import os
+import shutil
+import tempfile
+import threading
+import zipfile
+import zlib
+from pathlib import Path, PurePosixPath
+from types import TracebackType
+from typing import TYPE_CHECKING
+from urllib.parse import unquote, urlsplit
+
+from fmus import owned
+from fmus.errors import FmuFileError
+from fmus.files import sha256
+from fmus.packaging import archive
+
+if TYPE_CHECKING:
+    from lxml import etree
+
+SYSTEM = "SystemStructure.ssd"
+LARGEST_XML = 256 << 20  # bytes
+_NAME = "servotwin-ssp"
+_lock = threading.Lock()
+_folders: dict[str, Path] = {}  # hash of an archive -> where files of it are, until the process ends
+
+
+class Package:
+    """An SSP, open for reading; a context manager.
+
+    Raises (on opening):
+        FmuFileError: no file, no zip, a path that leaves it, too much inside, or no description of a system.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._archive = archive.opened(path)
+        if SYSTEM not in self._archive.NameToInfo:
+            self._archive.close()
+            raise FmuFileError(path, f"holds no {SYSTEM}", "is it an SSP?")
+
+    def place(self, name: str) -> str:
+        """What a file of it is called in messages."""
+        return f"{self.path}: {name}"
+
+    @property
+    def names(self) -> list[str]:
+        """All its files."""
+        return [info.filename for info in self._archive.infolist() if not info.is_dir()]
+
+    def read(self, name: str) -> bytes:
+        """The contents of a file.
+
+        Raises:
+            FmuFileError: there is none, or it is damaged.
+        """
+        info = self._archive.NameToInfo.get(name)
+        if info is None:
+            raise FmuFileError(self.place(name), "is not in the archive", "export the SSP again")
+        try:
+            return self._archive.read(info)
+        except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, UnicodeError) as error:
+            raise FmuFileError(self.place(name), f"cannot be unpacked ({error})", "export the SSP again") from error
+
+    def xml(self, name: str) -> etree._Element:
+        """The root of a document.
+
+        Raises:
+            FmuFileError: see `read` and `archive.parse_xml`.
+        """
+        info = self._archive.NameToInfo.get(name)
+        if info is not None and info.file_size > LARGEST_XML:
+            raise FmuFileError(self.place(name), "is over 256 MiB", "do not trust it")
+        return archive.parse_xml(self.place(name), self.read(name))
+
+    def resolved(self, source: str, base: str, place: str) -> str:
+        """The file that a URI means which stands in the file `base`; `place` names where.
+
+        Raises:
+            FmuFileError: it leaves the archive, or is not in it.
+        """
+        parts = urlsplit(source)
+        if parts.scheme or parts.netloc or parts.query or parts.fragment or not parts.path:
+            raise FmuFileError(place, f"names the source '{source}', no file of the archive", "pack the file into it")
+        steps: list[str] = []
+        for step in PurePosixPath(base).parent.joinpath(unquote(parts.path).replace("\\", "/")).parts:
+            if step == "..":
+                if not steps:
+                    raise FmuFileError(place, f"names the source '{source}' that leaves the archive", "do not trust it")
+                steps.pop()
+            else:
+                steps.append(step)
+        name = "/".join(steps)
+        if name.startswith("/"):
+            raise FmuFileError(place, f"names the source '{source}' that leaves the archive", "do not trust it")
+        if name not in self._archive.NameToInfo:
+            raise FmuFileError(place, f"names the source '{source}', which is not in the archive", "pack it into it")
+        return name
+
+    def unpacked(self, name: str) -> Path:
+        """A file of it on the disk, until this process ends.
+
+        Raises:
+            FmuFileError: see `read`; or there is no room for it.
+        """
+        file = self._folder() / name
+        with _lock:
+            if not file.is_file():
+                content = self.read(name)
+                file.parent.mkdir(parents=True, exist_ok=True)
+                part = file.with_name(f".{file.name}.part")
+                part.write_bytes(content)
+                part.replace(file)
+        return file
+
+    def _folder(self) -> Path:
+        digest = sha256(self.path)
+        with _lock:
+            folder = _folders.get(digest)
+            if folder is None or not folder.is_dir():
+                parent = Path(tempfile.gettempdir())
+                owned.sweep(parent, _NAME)
+                folder, descriptor = owned.create(parent, _NAME)
+                _folders[digest] = folder
+                atexit.register(_remove, folder, descriptor, os.getpid())
+        return folder
+
+    def close(self) -> None:
+        """Let go of the archive."""
+        self._archive.close()
+
+    def __enter__(self) -> Package:
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, traceback: TracebackType | None) -> None:
+        self.close()
+
+
+def _remove(folder: Path, descriptor: int, process: int) -> None:
+    """Remove a folder at the end of the process that made it, not of those that were forked off."""
+    if os.getpid() == process:
+        shutil.rmtree(folder, ignore_errors=True)
+        if descriptor >= 0:
+            os.close(descriptor)
