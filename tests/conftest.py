@@ -84,3 +84,9 @@ def butterfly_data() -> Path:
 def flexible_link_data() -> Path:
     """Folder with the real recordings of the flexible link."""
     return _recordings("flexible-link")
+
+
+@pytest.fixture
+def emps_data() -> Path:
+    """Folder with the real recording of the linear axis."""
+    return _recordings("emps")

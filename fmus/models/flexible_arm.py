@@ -13,7 +13,7 @@ joined by a spring with a dead zone. The end stops are springs with dampers; how
 
 import math
 
-from . import Model, State, input_, ops, output, parameter
+from . import Model, State, friction, input_, ops, output, parameter
 
 
 def _root(number):
@@ -108,14 +108,13 @@ def fading(x, p):
 
 
 def bristle_rate(x, p):
-    """LuGre's z'. Where |v| asks for more than the solver resolves, z goes to the same limit, but as fast as it can."""
-    g = p.coulomb_friction + p.stribeck_friction * fading(x, p)
-    relaxation = p.bristle_stiffness * ops.absolute(x.motor_speed) / g
+    """LuGre's z'."""
+    level = p.coulomb_friction + p.stribeck_friction * fading(x, p)
     resolved = RESOLVED * ops.sqrt(p.bristle_stiffness / motor_inertia(p))
-    return (x.motor_speed - relaxation * x.bristle) * resolved / ops.maximum(resolved, relaxation)
+    return friction.bristle_rate(x.motor_speed, x.bristle, p.bristle_stiffness, level, resolved)
 
 
-def friction(x, bristle_rate, p):
+def friction_torque(x, bristle_rate, p):
     """Torque of friction against the motor's motion."""
     damping = p.bristle_damping * fading(x, p)
     return p.bristle_stiffness * x.bristle + damping * bristle_rate + p.viscous_friction * x.motor_speed
@@ -142,7 +141,7 @@ def hub_torque(x, driving, p):
 
 def derivatives(t, x, u, p):
     bristle = bristle_rate(x, p)
-    driving = u.torque - friction(x, bristle, p)
+    driving = u.torque - friction_torque(x, bristle, p)
     hub, modal = accelerations(hub_torque(x, driving, p), modal_forces(x, p), p)
     motor = (driving - gear_torque(x, p)) / motor_inertia(p)
     rates = {f"deflection_{i}": rate for i, rate in zip(MODES, deflection_rates(x), strict=True)}
@@ -168,7 +167,7 @@ def strain(position, x, p):
 
 
 def outputs(t, x, u, p):
-    rubbing = friction(x, bristle_rate(x, p), p)
+    rubbing = friction_torque(x, bristle_rate(x, p), p)
     hub, modal = accelerations(hub_torque(x, u.torque - rubbing, p), modal_forces(x, p), p)
     return {
         "base_strain": strain(p.base_gauge, x, p),

@@ -16,7 +16,7 @@ Friction is LuGre's, z' = v - s0 |v| z / F_c, torque = s0 z + s1 z' + c v, with 
 
 import math
 
-from . import Model, Requirement, State, input_, ops, output, parameter
+from . import Model, Requirement, State, friction, input_, ops, output, parameter
 
 MODES = (1, 2, 3)
 DEFAULTS = ((2.5, 0.8243, 1.380), (15.7, 0.1315, -1.380), (43.9, 0.0470, 1.380))  # frequency [Hz], c_i and tip_i
@@ -59,12 +59,11 @@ def resolved_rate(p):
 
 
 def bristle_rate(x, p):
-    """LuGre's z'. Where the speed asks for more than the solver resolves, z goes to its limit as fast as it can."""
-    relaxation = p.bristle_stiffness * ops.absolute(x.speed) / p.coulomb_friction
-    return (x.speed - relaxation * x.bristle) * resolved_rate(p) / ops.maximum(resolved_rate(p), relaxation)
+    """LuGre's z'."""
+    return friction.bristle_rate(x.speed, x.bristle, p.bristle_stiffness, p.coulomb_friction, resolved_rate(p))
 
 
-def friction(x, p):
+def friction_torque(x, p):
     return p.bristle_stiffness * x.bristle + p.bristle_damping * bristle_rate(x, p) + p.viscous_friction * x.speed
 
 
@@ -88,7 +87,7 @@ def modal_forces(x, p):
 def accelerations(x, p):
     """(a'', [q_i''])."""
     forces, participation = modal_forces(x, p), all_modes("participation", p)
-    driving = (x.torque + p.torque_bias + cogging(x, p) - friction(x, p)) / p.inertia
+    driving = (x.torque + p.torque_bias + cogging(x, p) - friction_torque(x, p)) / p.inertia
     hub = (driving - total(participation, forces)) / free_share(p)
     return hub, [force - c * hub for force, c in zip(forces, participation, strict=True)]
 

@@ -33,6 +33,16 @@ FEEDBACK = {
 RICH: dict[str, dict[str, float]] = {
     "pendulum": {"angle_start": 1.0, "coulomb_friction_positive": 0.004, "stribeck_friction": 0.002},
     "geared_pendulum": {"angle_start": 1.0, "coulomb_friction_negative": 0.004, "backlash": 0.05, "stiffness": 2.0},
+    "linear_axis": {
+        "speed_start": 0.5,
+        "viscous_friction_negative": 0.4,
+        "coulomb_friction_positive": 0.3,
+        "coulomb_friction_negative": 0.4,
+        "stribeck_friction": 0.1,
+        "friction_speed": 0.05,
+        "bristle_stiffness": 20.0,
+        "bristle_damping": 0.5,
+    },
     "dc_motor": {"inductance": 0.01, "current_limit": 0.8, "back_emf": 0.2},
     "energy_controller": {"amplitude": 1.2, "sample_time": 0.03},
     "excitation": {"shape": 2, "amplitude": 2.0, "begin": 0.1},

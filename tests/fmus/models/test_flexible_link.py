@@ -84,13 +84,13 @@ def test_sliding_friction_is_dry_and_viscous_friction_together() -> None:
         bristle = p.coulomb_friction / p.bristle_stiffness * np.sign(speed)
         state = SimpleNamespace(speed=speed, bristle=bristle)
         assert flexible_link.bristle_rate(state, p) == pytest.approx(0.0, abs=1e-12)
-        assert flexible_link.friction(state, p) == pytest.approx(0.02 * np.sign(speed) + 0.1 * speed)
+        assert flexible_link.friction_torque(state, p) == pytest.approx(0.02 * np.sign(speed) + 0.1 * speed)
 
 
 def test_a_stuck_hub_springs_back_on_its_bristles() -> None:
     p = parameters(bristle_stiffness=2.0)
     state = SimpleNamespace(speed=0.0, bristle=1e-3)
-    assert flexible_link.friction(state, p) == pytest.approx(2e-3)
+    assert flexible_link.friction_torque(state, p) == pytest.approx(2e-3)
 
 
 def test_the_instance_follows_an_adaptive_implicit_solver() -> None:

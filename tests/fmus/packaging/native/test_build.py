@@ -108,7 +108,7 @@ def test_model_exchange_is_offered_for_continuous_models_only(native_fmu: Built,
     described = fmpy.read_model_description(str(native_fmu(name, fmi)))
     assert described.coSimulation is not None
     assert (described.modelExchange is not None) == (
-        name in ("pendulum", "geared_pendulum", "dc_motor", "flexible_arm", "flexible_link")
+        name in ("pendulum", "geared_pendulum", "linear_axis", "dc_motor", "flexible_arm", "flexible_link")
     )
 
 

@@ -84,6 +84,7 @@ def test_model_exchange_with_cvode_gives_the_trajectory_of_the_instance(native_f
     values = {
         "pendulum": {"angle_start": 1.0},
         "geared_pendulum": {"angle_start": 1.0},
+        "linear_axis": {"speed_start": 0.5, "coulomb_friction_positive": 0.3, "friction_speed": 0.05},
         "dc_motor": {"inductance": 0.01, "voltage": 1.0},
         "flexible_arm": {"bending_stiffness": 0.01, "hub_inertia": 0.1, "coulomb_friction": 0.01, "speed_start": 0.6},
         "flexible_link": {"participation_2": 0.0, "participation_3": 0.0, "coulomb_friction": 10.0, "speed_start": 0.6},
