@@ -7,7 +7,7 @@ tuning sets them as goals.
 """
 
 from orchestrator.measures.closeness import correlation_lag, fit, largest_deviation, nrmse
-from orchestrator.measures.ensemble import Membership, membership
+from orchestrator.measures.ensemble import Membership, band, membership
 from orchestrator.measures.events import changes, crossings, saturated_share, saturations
 from orchestrator.measures.funnel import Tolerance, funnel
 from orchestrator.measures.harmonics import harmonic_amplitudes, total_harmonic_distortion
@@ -33,6 +33,7 @@ __all__ = [
     "Oscillation",
     "Parting",
     "Tolerance",
+    "band",
     "changes",
     "correlation_lag",
     "crossings",

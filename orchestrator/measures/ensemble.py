@@ -45,6 +45,29 @@ def membership(values: ArrayLike, draws: ArrayLike, low: float = 0.05, high: flo
     Raises:
         TraceError: there is no draw, shapes do not fit, a value is not finite, or the quantiles do not hold the median.
     """
+    pool = _pooled(values, draws, low, high)
+    scores, at = _farthest(pool, low, high)
+    chance = float(np.mean(scores >= scores[0]))
+    return Membership(chance, float(scores[0]), float(np.median(scores[1:])), at)
+
+
+def band(values: ArrayLike, draws: ArrayLike, low: float, high: float, rank: int) -> tuple[FloatArray, FloatArray]:
+    """(K,) lower and upper bounds that values (K,) keep to just where at least so many draws (N, K) stand as far out.
+
+    Args:
+        low, high: as in `membership`, which raises the same errors.
+        rank: of the draw, from outside, up to which the band of all is widened.
+    """
+    pool = _pooled(values, draws, low, high)
+    scores, _ = _farthest(pool, low, high)
+    wide = float(np.sort(scores[1:])[-rank])
+    bottom, middle, top = np.quantile(pool, [low, 0.5, high], axis=0)
+    least = _least(pool)
+    return middle - wide * np.maximum(middle - bottom, least), middle + wide * np.maximum(top - middle, least)
+
+
+def _pooled(values: ArrayLike, draws: ArrayLike, low: float, high: float) -> FloatArray:
+    """(N + 1, K) the signal and the draws, as they can be compared."""
     y, drawn = np.asarray(values, dtype=float), np.atleast_2d(np.asarray(draws, dtype=float))
     if y.ndim != 1 or not len(y) or not len(drawn) or drawn.shape[1:] != y.shape:
         raise TraceError("draws", f"have shape {drawn.shape}, the signal {y.shape}", "record both alike")
@@ -52,16 +75,23 @@ def membership(values: ArrayLike, draws: ArrayLike, low: float = 0.05, high: flo
         raise TraceError("draws", "a value is not finite", "mend the run first")
     if not 0 <= low < 0.5 < high <= 1:
         raise TraceError("draws", f"the quantiles {low:g} and {high:g} do not hold the median", "give 0.05 and 0.95")
-    pool = np.vstack([y, drawn])
-    least = LEAST_WIDTH * float(np.ptp(pool))
+    return np.vstack([y, drawn])
+
+
+def _least(pool: FloatArray) -> float:
+    return LEAST_WIDTH * float(np.ptp(pool))
+
+
+def _farthest(pool: FloatArray, low: float, high: float) -> tuple[FloatArray, int]:
+    """(N + 1,) how far out each comes, and the row of the instant where the first does."""
+    least = _least(pool)
     scores, at = np.zeros(len(pool)), 0
-    for first in range(0, len(y), _INSTANTS):
+    for first in range(0, pool.shape[1], _INSTANTS):
         piece = _scores(pool[:, first : first + _INSTANTS], low, high, least)
         most = piece.max(axis=1)
         at = first + int(np.argmax(piece[0])) if most[0] > scores[0] else at
         scores = np.maximum(scores, most)
-    chance = float(np.mean(scores >= scores[0]))
-    return Membership(chance, float(scores[0]), float(np.median(scores[1:])), at)
+    return scores, at
 
 
 def _scores(pool: FloatArray, low: float, high: float, least: float) -> FloatArray:

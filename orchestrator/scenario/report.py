@@ -23,6 +23,7 @@ from orchestrator.scenario.diagram import source_of, wiring_of
 from orchestrator.scenario.expectations import Check, OnSignal
 from orchestrator.scenario.expectations.limits import Above, Below, Near
 from orchestrator.scenario.expectations.reference import Against
+from orchestrator.scenario.expectations.stochastic import Often
 from orchestrator.scenario.run import CaseResult, CaseState, ScenarioResult
 from orchestrator.scenario.scenario import Case
 from orchestrator.system import Endpoint, System
@@ -155,7 +156,7 @@ def _draw(section: Section, result: ScenarioResult, received: Collection[str]) -
     if len(shown) > PLOTTED_CASES:
         section.paragraph(f"The first {PLOTTED_CASES} of {len(shown)} cases.")
     for case, made in shown[:PLOTTED_CASES]:
-        panels = [*_signals(case, made.trace, result.system), *_inputs(result, made.trace, received)]
+        panels = [*_signals(case, made, result.system), *_inputs(result, made.trace, received)]
         if not panels:
             section.paragraph(f"Case {made.name} has recorded nothing.")
             continue
@@ -166,8 +167,9 @@ def _draw(section: Section, result: ScenarioResult, received: Collection[str]) -
             section.folded(f"{made.name}: {len(rest)} more signals").figure(Chart(rest), f"Case {made.name}")
 
 
-def _signals(case: Case, trace: Trace, system: System | None) -> Iterator[Panel]:
+def _signals(case: Case, made: CaseResult, system: System | None) -> Iterator[Panel]:
     """A panel a recorded signal, with the references, tubes and limits that it is judged by."""
+    trace = made.trace
     for name in dict.fromkeys([*(name for name in case.looked_at if name in trace.names), *trace.names]):
         port = None if system is None else _port(system, name)
         style: Style = "steps" if port is not None and port.stepwise else "line"
@@ -178,13 +180,14 @@ def _signals(case: Case, trace: Trace, system: System | None) -> Iterator[Panel]
         curves = [Curve("run", trace.time, trace[name], style)]
         for expected in asked:
             with suppress(TraceError):  # a reference that ends before the record does; the verdict says so
-                _add_asked(expected, trace, curves, bands, marks)
+                _add_asked(expected, made, curves, bands, marks)
         yield Panel(with_unit(name, trace.unit(name)), curves, marks, bands)
 
 
-def _add_asked(expected: OnSignal, trace: Trace, curves: list[Curve], bands: list[Band], marks: list[Mark]) -> None:
+def _add_asked(expected: OnSignal, made: CaseResult, curves: list[Curve], bands: list[Band], marks: list[Mark]) -> None:
     """What an expectation asks of a signal, as it is drawn."""
-    condition = expected.condition
+    trace, condition = made.trace, expected.condition
+    condition = condition.condition if isinstance(condition, Often) else condition
     first, last = (float(trace.time[i]) for i in (0, -1)) if len(trace) else (0.0, 0.0)
     start = first if expected.after is None else max(expected.after, first)
     stop = last if expected.before is None else min(expected.before, last)
@@ -203,11 +206,13 @@ def _add_asked(expected: OnSignal, trace: Trace, curves: list[Curve], bands: lis
         window = condition.reference.trace.between(start, stop)
         (values,) = window.signals.values()
         curves.append(Curve(condition.reference.name, window.time, values, tone="reference"))
-        if (asked := expected.tube(trace)) is not None:
+        if (asked := expected.tube(trace, made.draws)) is not None:
             bands.append(Band("tube", asked[0], *asked[1]))
-    elif (asked := expected.tube(trace)) is not None:
+    elif (asked := expected.tube(trace, made.draws)) is not None:
         bounds = [bound for bound in asked[1] if np.any(np.isfinite(bound))]
         curves.extend(Curve("bound", asked[0], bound, tone="reference") for bound in bounds)
+        if len(bounds) == 2:
+            bands.append(Band("tube", asked[0], *bounds))
 
 
 def _pairs(result: ScenarioResult) -> list[tuple[Case, CaseResult]]:

@@ -29,7 +29,7 @@ from orchestrator.formats import parquet
 from orchestrator.interrupts import requested
 from orchestrator.progress import Progress, silent
 from orchestrator.scenario.draws import drawn
-from orchestrator.scenario.expectations import Check, Expected, Ran
+from orchestrator.scenario.expectations import Check, DrawnTraces, Expected, Ran
 from orchestrator.scenario.scenario import Case, Scenario
 from orchestrator.scenario.schema import load_scenario
 from orchestrator.scenario.units import in_units_of
@@ -98,6 +98,7 @@ class CaseResult:
         file: where its record is; the result's trace then holds only what expectations look at.
         seconds: wall time of its run and of its judgement [s].
         processor: processor time that this process took to run it [s].
+        draws: like runs with other noise that its expectations have asked for.
     """
 
     name: str
@@ -108,6 +109,7 @@ class CaseResult:
     state: CaseState = CaseState.DONE
     seconds: float = 0.0
     processor: float = 0.0
+    draws: DrawnTraces = field(default_factory=dict)
 
     @property
     def passed(self) -> bool:
@@ -418,7 +420,7 @@ def _run_case(
     trace = result.trace if result is not None and error is None else None
     ran = Ran(trace, error, result, spent, case.name, draws=draws)
     checks = tuple(_checked(expected, ran) for expected in case.expected)
-    made = CaseResult(case.name, result, error, checks, file, state, processor=spent)
+    made = CaseResult(case.name, result, error, checks, file, state, processor=spent, draws=draws)
     for check in checks:
         if check.doubt:
             LOG.warning("case %s: %s: %s", case.name, check.text, check.doubt)

@@ -18,6 +18,8 @@ from orchestrator.fmi.interface import Port
 from orchestrator.scenario.expectations.quantities import Dimension
 from orchestrator.trace import FloatArray, Trace
 
+DrawnTraces = Mapping[tuple[str, ...], Sequence[Trace]]
+"""Components whose seeds vary -> traces of like runs with other noise, of the signals that are wanted so."""
 Tube = tuple[FloatArray, FloatArray]
 """(K,) lower and upper bounds [unit of the signal]; infinite where there is none."""
 
@@ -74,7 +76,7 @@ class Ran:
         processor: processor time that this process took for it [s], where that is known.
         case: its name.
         bus: counts of what happened on a bus, by name; None where there was none.
-        draws: components whose seeds vary -> traces of like runs with other noise, of the signals that are wanted so.
+        draws: like runs with other noise.
     """
 
     trace: Trace | None
@@ -83,7 +85,7 @@ class Ran:
     processor: float | None = None
     case: str = ""
     bus: Mapping[str, int] | None = None
-    draws: Mapping[tuple[str, ...], Sequence[Trace]] = field(default_factory=dict)
+    draws: DrawnTraces = field(default_factory=dict)
 
 
 @dataclass
@@ -199,6 +201,10 @@ class Condition(ABC):
             TraceError: it cannot be told from these samples.
         """
 
-    def tube(self, time: FloatArray, hold: bool) -> Tube | None:
-        """Between which bounds samples at these stamps (K,) [s] may be, to be drawn; None where it has none."""
+    def tube(self, time: FloatArray, hold: bool, draws: Sequence[Trace] = ()) -> Tube | None:
+        """Between which bounds samples at these stamps (K,) [s] may be, to be drawn; None where it has none.
+
+        Args:
+            draws: as in `judged`.
+        """
         return None

@@ -34,7 +34,7 @@ class Below(Condition):
         largest, limit = float(values.max()), float(self.limit)
         return Judgement(largest < limit, f"largest {largest:.6g}", largest, limit - largest)
 
-    def tube(self, time: FloatArray, hold: bool) -> Tube:
+    def tube(self, time: FloatArray, hold: bool, draws: Sequence[Trace] = ()) -> Tube:
         return np.full_like(time, -np.inf), np.full_like(time, float(self.limit))
 
 
@@ -55,7 +55,7 @@ class Above(Condition):
         smallest, limit = float(values.min()), float(self.limit)
         return Judgement(smallest > limit, f"smallest {smallest:.6g}", smallest, smallest - limit)
 
-    def tube(self, time: FloatArray, hold: bool) -> Tube:
+    def tube(self, time: FloatArray, hold: bool, draws: Sequence[Trace] = ()) -> Tube:
         return np.full_like(time, float(self.limit)), np.full_like(time, np.inf)
 
 
@@ -77,7 +77,7 @@ class Near(Condition):
     def judged(self, time: FloatArray, values: FloatArray, hold: bool, draws: Sequence[Trace]) -> Judgement:
         return within(values, float(self.target), float(self.within))
 
-    def tube(self, time: FloatArray, hold: bool) -> Tube:
+    def tube(self, time: FloatArray, hold: bool, draws: Sequence[Trace] = ()) -> Tube:
         target, width = float(self.target), float(self.within)
         return np.full_like(time, target - width), np.full_like(time, target + width)
 
@@ -132,7 +132,7 @@ class Range(Block, Condition):
     def judged(self, time: FloatArray, values: FloatArray, hold: bool, draws: Sequence[Trace]) -> Judgement:
         return inside(time, values, self.tube(time, hold))
 
-    def tube(self, time: FloatArray, hold: bool) -> Tube:
+    def tube(self, time: FloatArray, hold: bool, draws: Sequence[Trace] = ()) -> Tube:
         lower, upper = np.full_like(time, -np.inf), np.full_like(time, np.inf)
         begin, first = float(time[0]), 0
         for piece in self.pieces:

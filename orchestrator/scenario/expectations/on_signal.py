@@ -8,7 +8,17 @@ from typing import Self
 import numpy as np
 
 from fmus.errors import ScenarioError, TraceError
-from orchestrator.scenario.expectations.base import Check, Condition, Draws, Expected, Judgement, Ran, Tube, Wiring
+from orchestrator.scenario.expectations.base import (
+    Check,
+    Condition,
+    DrawnTraces,
+    Draws,
+    Expected,
+    Judgement,
+    Ran,
+    Tube,
+    Wiring,
+)
 from orchestrator.trace import FloatArray, Trace
 
 
@@ -63,18 +73,21 @@ class OnSignal(Expected):
         if len(bad) and not self.condition.takes_nonfinite:
             return Check(str(self), False, f"{values[bad[0]]:g} at {time[bad[0]]:g} s")
         self.condition.check_covered(self.place, time)
-        wanted = self.condition.draws
-        draws = [] if wanted is None else [self.window(trace) for trace in ran.draws.get(wanted.vary, ())]
+        draws = self._draws(ran.draws)
         try:
             judgement = self.condition.judged(time, values, self.hold, draws)
         except TraceError as odd:
             return Check(str(self), False, f"{odd.place}: {odd.problem}")
         return self._checked(judgement, window.unit(self.signal) or "1")
 
-    def tube(self, trace: Trace) -> tuple[FloatArray, Tube] | None:
-        """Stamps (K,) [s], and between which bounds the signal may be there; None where the condition has none."""
+    def tube(self, trace: Trace, draws: DrawnTraces) -> tuple[FloatArray, Tube] | None:
+        """Stamps (K,) [s], and between which bounds the signal may be there; None where the condition has none.
+
+        Args:
+            draws: as in `Ran`.
+        """
         time = self.window(trace).time
-        tube = self.condition.tube(time, self.hold)
+        tube = self.condition.tube(time, self.hold, self._draws(draws))
         return None if tube is None else (time, tube)
 
     def window(self, trace: Trace) -> Trace:
@@ -92,6 +105,11 @@ class OnSignal(Expected):
                 self.place, f"there is no sample from {start:g} to {stop:g} s", "correct `after` and `before`"
             )
         return window
+
+    def _draws(self, drawn: DrawnTraces) -> list[Trace]:
+        """Its window of the runs with other noise that it wants to see."""
+        wanted = self.condition.draws
+        return [] if wanted is None else [self.window(trace) for trace in drawn.get(wanted.vary, ())]
 
     def _checked(self, judgement: Judgement, unit: str) -> Check:
         name = judgement.dimension.written(unit)

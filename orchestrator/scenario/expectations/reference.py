@@ -165,7 +165,7 @@ class Tubed(Against):
     def about(self, time: FloatArray, hold: bool) -> Tube:
         """The tube at these stamps (K,) [s]."""
 
-    def tube(self, time: FloatArray, hold: bool) -> Tube | None:
+    def tube(self, time: FloatArray, hold: bool, draws: Sequence[Trace] = ()) -> Tube | None:
         return None if self.reference.trace is None else self.about(time, hold)
 
 

@@ -11,8 +11,8 @@ from pydantic import Field, model_validator
 from scipy.stats import binom
 
 from orchestrator.fmi.interface import Port
-from orchestrator.measures import membership, share_interval
-from orchestrator.scenario.expectations.base import Condition, Draws, Judgement, Wiring
+from orchestrator.measures import band, membership, share_interval
+from orchestrator.scenario.expectations.base import Condition, Draws, Judgement, Tube, Wiring
 from orchestrator.scenario.expectations.quantities import Dimension, Share
 from orchestrator.scenario.expectations.reference import Against
 from orchestrator.trace import FloatArray, Trace
@@ -91,6 +91,12 @@ class InBand(Against):
         )
         return Judgement(margin > -1e-12, text, found.chance, margin, Dimension.SHARE)
 
+    def tube(self, time: FloatArray, hold: bool, draws: Sequence[Trace] = ()) -> Tube | None:
+        samples = [next(iter(trace.signals.values())) for trace in draws[: self.block.seeds]]
+        if self.reference.trace is None or len(samples) < self.block.seeds or any(len(y) != len(time) for y in samples):
+            return None
+        return band(self.reference.at(time, hold), np.array(samples), *self.block.quantiles, self.block.allowed)
+
     def compared(self, time: FloatArray, values: FloatArray, hold: bool) -> Judgement:
         return Judgement(False, NO_DRAWS)
 
@@ -139,6 +145,9 @@ class Often(Condition):
             f"were it as found, other seeds would fail with {chance:.2g}; share {share:.4g}"
         )
         return Judgement(held >= self.needed, text, share, (held - self.needed) / len(runs), Dimension.SHARE)
+
+    def tube(self, time: FloatArray, hold: bool, draws: Sequence[Trace] = ()) -> Tube | None:
+        return self.condition.tube(time, hold)
 
     def _held(self, time: FloatArray, values: FloatArray, hold: bool) -> bool:
         if not np.all(np.isfinite(values)):

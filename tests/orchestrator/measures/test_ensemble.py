@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy import signal, stats
 
 from fmus.errors import TraceError
-from orchestrator.measures import membership
+from orchestrator.measures import band, membership
 
 
 def noisy(rng: np.random.Generator, count: int) -> np.ndarray:
@@ -43,6 +43,16 @@ def test_chances_are_ranks_and_no_two_draws_share_a_better_one(count: int, seed:
     chances = [membership(pool[i], np.delete(pool, i, axis=0)).chance for i in range(count + 1)]
     ranks = (np.arange(count + 1) + 1) / (count + 1)
     assert min(chances) < 1 and np.all(np.sort(chances) >= ranks - 1e-12)  # ties are on the safe side
+
+
+@settings(max_examples=60)
+@given(st.integers(5, 25), st.integers(1, 3), st.integers(0, 999))
+def test_a_signal_leaves_the_band_just_when_it_ranks_among_the_farthest_out(draws: int, rank: int, seed: int) -> None:
+    pool = noisy(np.random.default_rng(seed), draws + 1)
+    values = pool[0] + np.random.default_rng(seed).choice([0.0, 1.0, 3.0])
+    lower, upper = band(values, pool[1:], 0.05, 0.95, rank)
+    inside = bool(np.all((values >= lower - 1e-9) & (values <= upper + 1e-9)))
+    assert inside == (round(membership(values, pool[1:]).chance * (draws + 1)) > rank)
 
 
 def test_where_there_is_no_noise_a_difference_beyond_a_thousandth_of_the_range_is_far_out() -> None:

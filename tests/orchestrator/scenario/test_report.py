@@ -81,6 +81,18 @@ def test_the_parts_of_an_expectation_stand_below_it_and_warnings_are_none_of_its
     assert rows[3] == (0, "warning")
 
 
+def test_ranges_and_funnels_are_drawn_as_tubes(tmp_path: Path) -> None:
+    expect = """
+  - {signal: hand.angle, range: [{to: 0.5, above: -9, below: [9, 5]}, {above: -5, below: 5}]}
+  - {signal: hand.energy, reference: {file: energy.csv, signal: energy}, funnel: {value: 5}}
+"""
+    page = report(ran(tmp_path, SCENARIO.split("expect:", maxsplit=1)[0] + "expect:" + expect))
+    panels = {panel.title.split()[0]: panel for panel in charts(page)[0].panels}
+    [angle], [energy] = (panels[f"hand.{name}"].bands for name in ("angle", "energy"))
+    assert np.asarray(angle.upper)[0] == 9 and np.asarray(angle.lower)[-1] == -5
+    assert np.all(np.asarray(energy.upper) == 5)
+
+
 def test_limits_tubes_and_references_are_drawn_with_the_signals_that_they_judge(tmp_path: Path) -> None:
     [chart] = charts(report(ran(tmp_path)))
     panels = {panel.title: panel for panel in chart.panels}

@@ -11,8 +11,11 @@ from pydantic import ValidationError
 
 from fmus.errors import ScenarioError
 from orchestrator import formats
+from orchestrator.report import Chart
+from orchestrator.report.content import Figure
 from orchestrator.scenario.expectations import Check, Draws, Ran
 from orchestrator.scenario.expectations.schema import ExpectationBlock
+from orchestrator.scenario.report import report
 from orchestrator.scenario.run import run_scenario
 from orchestrator.trace import Trace
 from tests.support.expecting import wiring
@@ -120,6 +123,25 @@ def test_a_scenario_is_run_again_with_other_seeds(tmp_path: Path) -> None:
     often = "{signal: channel.measured, below: 1.2, seeds: 30, share: 50 %}"
     check = run(tmp_path, often)
     assert check.figure is not None and 0 < check.figure < 1
+
+
+def test_the_report_draws_the_band_of_other_seeds_which_the_reference_keeps_to(tmp_path: Path) -> None:
+    formats.write(run_trace(tmp_path, 99), tmp_path / "reference.parquet")
+    asked = "{signal: channel.measured, reference: {file: reference.parquet}, band: {seeds: 30}}"
+    assert run(tmp_path, f"{asked}, {{signal: channel.measured, near: 0, within: 2, seeds: 30, share: 50 %}}").held
+    page = report(run_scenario(tmp_path / "noisy.yaml"))
+    [chart] = [
+        piece.drawing
+        for section in page.sections
+        for piece in section.content
+        if isinstance(piece, Figure) and isinstance(piece.drawing, Chart)
+    ]
+    [panel] = [panel for panel in chart.panels if panel.title.startswith("channel.measured")]
+    band, tube = panel.bands
+    _, reference, _ = panel.curves
+    lower, upper, values = (np.asarray(one) for one in (band.lower, band.upper, reference.y))
+    assert np.all((lower <= values) & (values <= upper)) and 0.2 < float(np.mean(upper - lower)) < 1.0
+    assert np.all(np.asarray(tube.upper) == 2)
 
 
 def run_trace(folder: Path, seed: int) -> Trace:
