@@ -278,6 +278,7 @@ def _provenance(section: Section, result: ScenarioResult) -> None:
     for name, file in assembled.files.items():
         made = f"model {source_of(result, name)}" if name in assembled.built else file.name
         rows.append([name, made, result.hashes.get(name)])
+    rows += [list(row) for row in result.recordings]
     section.table(["what", "from", "SHA-256"], rows)
     if result.overrides:
         section.provenance({f"--set {name}": _number(value) for name, value in result.overrides.items()})

@@ -41,6 +41,14 @@ class RunCaseDocument(CaseDocument):
     changes: NotRequired[list[ChangeDocument]]
 
 
+class RecordingDocument(TypedDict):
+    """A file that drove the run or that it was compared with, as seen from the scenario's folder."""
+
+    read_for: str
+    file: str
+    sha256: str
+
+
 class ChangeDocument(TypedDict):
     """A value that was changed while the case ran; times in seconds, values in the units of their variables."""
 
@@ -58,6 +66,7 @@ class RunDocument(FileDocument):
 
     scenario: dict[str, str]
     parts: dict[str, str]
+    recordings: list[RecordingDocument]
     interrupted: bool
     overrides: dict[str, Value]
     units: list[CrossingDocument]
@@ -106,6 +115,7 @@ def document_of(result: ScenarioResult, overrides: Mapping[str, Value], folder: 
         "scenario": {"file": result.scenario.path.name, "sha256": sha256(result.scenario.path)},
         "parts": {file.name: sha256(file) for file in result.scenario.parts},
         "passed": result.passed,
+        "recordings": [{"read_for": what, "file": file, "sha256": digest} for what, file, digest in result.recordings],
         "interrupted": result.interrupted,
         "overrides": {**overrides, **result.overrides},
         "units": documents_of(result.crossings),

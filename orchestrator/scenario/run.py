@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
@@ -166,6 +167,16 @@ class ScenarioResult:
     @property
     def passed(self) -> bool:
         return all(case.passed for case in self.cases)
+
+    @cached_property
+    def recordings(self) -> list[tuple[str, str, str]]:
+        """What a recording was read for, its file as seen from the scenario, and its SHA-256."""
+        folder = self.scenario.path.parent
+        return [
+            (what, Path(os.path.relpath(file, folder)).as_posix(), sha256(file))
+            for what, files in self.scenario.recordings.items()
+            for file in files
+        ]
 
     def rows(self) -> list[tuple[str, str, str, str]]:
         """A row under `HEADERS` of every check; a case without expectations has a row too."""

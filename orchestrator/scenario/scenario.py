@@ -133,6 +133,14 @@ class Scenario:
         return tuple(sorted(self.stimuli))
 
     @property
+    def recordings(self) -> dict[str, list[Path]]:
+        """What it reads recordings for -> their files."""
+        driving = {f"stimulus {name}": one.file for name, one in sorted(self.stimuli.items())}
+        compared = dict.fromkeys(file for case in self.cases for expected in case.expected for file in expected.files)
+        read = {what: [file] for what, file in driving.items() if file is not None}
+        return read | ({"reference": list(compared)} if compared else {})
+
+    @property
     def held(self) -> list[str]:
         """What stimuli keep before they begin or after they end, a line each."""
         start, stop = float(self.timing.start), float(self.timing.stop)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import ClassVar, Self
 
 from fmus.errors import ServotwinError
@@ -120,6 +121,11 @@ class Expected(ABC):
         return ()
 
     @property
+    def files(self) -> tuple[Path, ...]:
+        """The references that it compares with."""
+        return ()
+
+    @property
     def leaves(self) -> tuple[Expected, ...]:
         """What it is made of in the end; itself where it is not made of others."""
         return (self,)
@@ -181,6 +187,11 @@ class Condition(ABC):
     def draws(self) -> Draws | None:
         """Runs with other noise that it wants to see, besides the run itself."""
         return None
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The references that it compares with."""
+        return ()
 
     def brought(self, place: str, port: Port, wiring: Wiring) -> Self:
         """As in `Expected`, for the variable that it is asked of."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Self
 
 from orchestrator.scenario.expectations.base import Check, Draws, Expected, Ran, Wiring
@@ -33,6 +34,10 @@ class AtLeast(Expected):
     @property
     def refuses(self) -> bool:
         return any(part.refuses for part in self.parts)
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        return tuple(dict.fromkeys(file for part in self.parts for file in part.files))
 
     @property
     def leaves(self) -> tuple[Expected, ...]:

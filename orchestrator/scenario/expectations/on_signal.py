@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Self
 
 import numpy as np
@@ -53,6 +54,10 @@ class OnSignal(Expected):
     @property
     def drawn(self) -> tuple[tuple[str, Draws], ...]:
         return () if self.condition.draws is None else ((self.signal, self.condition.draws),)
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        return self.condition.files
 
     def brought(self, wiring: Wiring) -> Self:
         port = wiring.port(self.signal, self.place)

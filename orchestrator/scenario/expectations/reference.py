@@ -137,6 +137,10 @@ class Against(Condition):
 
     reference: Reference
 
+    @property
+    def files(self) -> tuple[Path, ...]:
+        return () if self.reference.trace is None else (self.reference.file,)
+
     def brought(self, place: str, port: Port, wiring: Wiring) -> Self:
         return replace(self, reference=self.reference.brought(place, port, wiring))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Self
 
 import numpy as np
@@ -120,6 +121,10 @@ class Often(Condition):
     @property
     def draws(self) -> Draws:
         return self.wanted
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        return self.condition.files
 
     @property
     def needed(self) -> int:

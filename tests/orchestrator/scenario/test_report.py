@@ -177,6 +177,8 @@ def test_what_ran_is_told_by_its_hash(tmp_path: Path) -> None:
     rows = {str(row[0]): row[1:] for row in table.rows}
     assert rows["scenario"] == ["swing.yaml", sha256(tmp_path / "swing.yaml")]
     assert rows["motor"] == ["model dc_motor", result.hashes["motor"]] and len(result.hashes["motor"]) == 64
+    assert rows["stimulus motor.voltage"] == ["voltage.csv", sha256(tmp_path / "voltage.csv")]
+    assert rows["reference"] == ["energy.csv", sha256(tmp_path / "energy.csv")]
 
 
 @pytest.mark.parametrize("name", ["<b>", "a & b", "</script><script>alert(1)</script>", 'quo"te', EVIL])

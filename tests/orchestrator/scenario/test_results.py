@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -232,4 +233,9 @@ def test_the_manifest_says_what_was_seen_in_recordings(tmp_path: Path) -> None:
     near = {"signal": "hand.angle", "reference": {"file": "odd.csv", "signal": "angle"}, "within": 9}
     result = run(tmp_path, stimuli={"hand.torque": recording}, expect=[near])
     told = ["odd.csv: its cells are separated by ;", "odd.csv: its numbers have decimal commas"]
-    assert document_of(result, {}, tmp_path / "out")["notes"] == told
+    document = document_of(result, {}, tmp_path / "out")
+    assert document["notes"] == told
+    digest = hashlib.sha256((tmp_path / "odd.csv").read_bytes()).hexdigest()
+    assert document["recordings"] == [
+        {"read_for": what, "file": "odd.csv", "sha256": digest} for what in ("stimulus hand.torque", "reference")
+    ]
