@@ -2,8 +2,8 @@
 
     from orchestrator import Trace, load_scenario, open_system, read, run, write
 
-`read` and `write` move recordings in and out of files, `run` does what `servotwin run` does, and `open_system` wires
-FMUs and models without a file. What is named here is loaded when it is used.
+`read` and `write` move recordings in and out of files, `run`, `accept` and `compare` do what the commands of these
+names do, and `open_system` wires FMUs and models without a file. What is named here is loaded when it is used.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from orchestrator.assembly.assembly import ComponentSpec, OpenSystem, open_system
     from orchestrator.assembly.stimulus import Stimulus
+    from orchestrator.comparison.comparison import Tolerance
+    from orchestrator.comparison.vocabulary import accept, compare
     from orchestrator.formats import Layout, read, write
     from orchestrator.scenario.run import ScenarioResult
     from orchestrator.scenario.run import run_scenario as run
@@ -28,7 +30,10 @@ _PLACES = {
     "Scenario": "scenario.scenario",
     "ScenarioResult": "scenario.run",
     "Stimulus": "assembly.stimulus",
+    "Tolerance": "comparison.comparison",
     "Trace": "trace",
+    "accept": "comparison.vocabulary",
+    "compare": "comparison.vocabulary",
     "load_scenario": "scenario.schema",
     "open_system": "assembly.assembly",
     "read": "formats",
@@ -42,7 +47,10 @@ __all__ = [
     "Scenario",
     "ScenarioResult",
     "Stimulus",
+    "Tolerance",
     "Trace",
+    "accept",
+    "compare",
     "load_scenario",
     "open_system",
     "read",

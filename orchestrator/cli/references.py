@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fmus.errors import InputError, ServotwinError
+from fmus.errors import InputError
 from orchestrator.cli.scenarios import Isolate
 from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 
 if TYPE_CHECKING:
-    from orchestrator.comparison.proposal import Proposal
+    from orchestrator.comparison.vocabulary import Acceptance
 
 app = typer.Typer()
 DRAWN = 6  # signals at most
@@ -33,49 +34,39 @@ def accept(
 
     The folder of results has a page with the curves and the references that were replaced.
     """
-    from orchestrator.batch.discovery import find_scenarios
-    from orchestrator.batch.scenario_judge import ScenarioJudge
-    from orchestrator.comparison.acceptance import HEADERS, accept, document_of, drawn, rows, size
-    from orchestrator.comparison.proposal import propose
-    from orchestrator.results import check_target
-    from orchestrator.scenario.references import abandoned
+    from orchestrator.comparison.acceptance import document_of
+    from orchestrator.comparison.vocabulary import FOLDER, accept_all
 
-    judge = ScenarioJudge()
-    tasks = find_scenarios(paths or [Path("scenarios")], {}, judge)
-    files = [task.file for task in tasks if task.judge is judge]
-    if case is not None and len(files) != 1:
-        raise InputError("--case", "is for one scenario", f"give one of {', '.join(map(str, files))}")
-    folder = out or Path("out/accept")
-    check_target(folder, files)
-    proposals: list[Proposal] = []
-    failures: list[ServotwinError] = []
-    for file in files:
-        with terminal.bar(file.stem) as move:
-            try:
-                proposals.append(propose(file, case, move, isolate.isolation()))
-            except ServotwinError as error:
-                failures.append(error)
-    chosen = accept(proposals, folder, every, not dry)
-    made = [new for proposal in proposals for new in proposal.references]
-    shown: list[Listing | str] = []
-    if any(new.partings for new in made):
-        shown.append(Listing(HEADERS, [row for new in made for row in rows(new)], figures=True))
-    shown += [drawing for new in made for drawing in drawn(new)][:DRAWN]
+    found = accept_all(
+        paths or [Path("scenarios")], out or Path(FOLDER), case, every, not dry, isolate.isolation(), terminal.bar
+    )
+    document = document_of(found.proposals, set() if dry else {new.file for new in found.written})
+    for later in found.failures[1:]:
+        terminal.say(str(later))
+    unused = [*document["unused"], *map(str, found.abandoned)]
+    failure = found.failures[0] if found.failures else None
+    shown = list(_accepted(found, dry))
+    return Answer({**document, "unused": unused, "out": str(found.folder)}, shown, failure=failure)
+
+
+def _accepted(found: Acceptance, dry: bool) -> Iterator[Listing | str]:
+    """What there is to say of it, for people."""
+    from orchestrator.comparison.acceptance import HEADERS, drawn, rows, size
+
+    if any(new.partings for new in found.references):
+        yield Listing(HEADERS, [row for new in found.references for row in rows(new)], figures=True)
+    yield from [drawing for new in found.references for drawing in drawn(new)][:DRAWN]
     word = "would be written" if dry else "written"
-    for new in made:
+    for new in found.references:
         why = f" ({new.why})" if new.why else ""
-        shown.append(f"{new.file}: {new.change}{why}{f', {word} ({size(new)})' if new in chosen else ''}")
-    for proposal in proposals:
-        shown += [f"warning: {proposal.scenario}: {line}" for line in proposal.doubts]
-        shown += [f"unused: {file}, which no case asks for" for file in proposal.unused]
-    gone = [one for place in sorted({file.parent for file in files}) for one in abandoned(place)]
-    shown += [f"unused: {one}, whose scenario is not there" for one in gone]
-    shown.append(f"curves in {folder / 'report.html'}" if made else "no case asks for `reference: accepted`")
-    document = document_of(proposals, set() if dry else {new.file for new in chosen})
-    for failure in failures[1:]:
-        terminal.say(str(failure))
-    unused = [*document["unused"], *map(str, gone)]
-    return Answer({**document, "unused": unused, "out": str(folder)}, shown, failure=failures[0] if failures else None)
+        done = f", {word} ({size(new)})" if new in found.written else ""
+        yield f"{new.file}: {new.change}{why}{done}"
+    for proposal in found.proposals:
+        yield from (f"warning: {proposal.scenario}: {line}" for line in proposal.doubts)
+        yield from (f"unused: {file}, which no case asks for" for file in proposal.unused)
+    yield from (f"unused: {one}, whose scenario is not there" for one in found.abandoned)
+    page = found.folder / "report.html"
+    yield f"curves in {page}" if found.references else "no case asks for `reference: accepted`"
 
 
 @command(app)
@@ -116,35 +107,33 @@ def compare(
     """
     from orchestrator.comparison import telling
     from orchestrator.comparison.comparison import Tolerance
-    from orchestrator.comparison.comparison import compare as compared
-    from orchestrator.comparison.fmu_side import differences
-    from orchestrator.comparison.sides import Setting, side
-    from orchestrator.results import check_target, result_folder, versions, write_json
+    from orchestrator.comparison.vocabulary import compare as compared
+    from orchestrator.results import check_target
 
+    files = [Path(one), Path(other)]
     tolerance = Tolerance(absolute, relative, dict(_halves("--within", text) for text in within or []))
-    names = dict(_halves("--pair", text)[::-1] for text in pair or [])
-    setting = Setting(scenario, component, case, stop, step)
     if out is not None:
-        check_target(out, [path for path in (Path(one), Path(other)) if path.exists()])
-    sides = []
-    for given in (one, other):
-        with terminal.bar(given) as move:
-            sides.append(side(given, setting, move))
-    found = compared(sides[0], sides[1].renamed(names), tolerance)
-    files = [Path(given) for given in (one, other)]
-    fmus = all(file.suffix.lower() == ".fmu" for file in files)
-    interface = differences(files[0], files[1]) if fmus else []
-    document = {**telling.document_of(found), "interface": interface}
-    shown: list[Listing | str] = [f"note: {line}" for line in (*found.notes, *interface)]
+        check_target(out, [path for path in files if path.exists()])
+    found = compared(
+        one,
+        other,
+        scenario=scenario,
+        component=component,
+        case=case,
+        tolerance=tolerance,
+        names=dict(_halves("--pair", text)[::-1] for text in pair or []),
+        stop=stop,
+        step=step,
+        bar=terminal.bar,
+    )
+    shown: list[Listing | str] = [f"note: {line}" for line in (*found.notes, *found.interface)]
     shown.append(Listing(telling.HEADERS, list(telling.rows(found)), figures=True))
     shown += [drawing] if (drawing := telling.drawn(found)) else []
     shown.append(telling.sentence(found))
     if out is not None:
-        with result_folder(out, files) as folder:
-            write_json(folder / "manifest.json", {"title": "Comparison", **document, "versions": versions()})
-            telling.page(found).write(folder / "report.html")
+        telling.write(found, out, files)
         shown.append(f"curves in {out / 'report.html'}")
-    return Answer(document, shown, found.agree)
+    return Answer(telling.document_of(found), shown, found.agree)
 
 
 def _halves(option: str, text: str) -> tuple[str, str]:

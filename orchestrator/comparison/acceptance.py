@@ -47,7 +47,9 @@ class AcceptanceDocument(TypedDict):
     versions: dict[str, str]
 
 
-def accept(proposals: Sequence[Proposal], out: Path, every: bool = False, write: bool = True) -> list[NewReference]:
+def accept_proposals(
+    proposals: Sequence[Proposal], out: Path, every: bool = False, write: bool = True
+) -> list[NewReference]:
     """Write the new references, where they differ from the old ones, and a page that shows both; those written.
 
     A folder of results takes the page, and the old references as they were; none is replaced before that is there, and

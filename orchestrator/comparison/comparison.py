@@ -29,7 +29,7 @@ class Tolerance:
 
     absolute: float = ABSOLUTE
     relative: float = RELATIVE
-    within: Mapping[str, str] = field(default_factory=dict)
+    within: Mapping[str, str | float] = field(default_factory=dict)
 
     def of(self, name: str, one: Trace, other: Trace) -> float:
         """What holds for a signal of two traces [unit of the signal].
@@ -38,7 +38,7 @@ class Tolerance:
             InputError: it is no number with the unit of the signal.
         """
         if name in self.within:
-            return _number(name, self.within[name], one.unit(name))
+            return _number(name, str(self.within[name]), one.unit(name))
         magnitudes = [np.max(np.abs(t[name][np.isfinite(t[name])]), initial=0.0) for t in (one, other)]
         return max(self.absolute, self.relative * float(max(magnitudes)))
 
@@ -65,6 +65,7 @@ class Comparison:
     Attributes:
         notes: what one of them alone has, and what is to be known of both, a line each.
         crossings: signals that were converted.
+        interface: what two FMUs say of their variables differently, a line each.
     """
 
     one: Side
@@ -72,6 +73,7 @@ class Comparison:
     pairs: Sequence[CasePair]
     notes: Sequence[str]
     crossings: Sequence[Crossing]
+    interface: Sequence[str] = ()
 
     @property
     def agree(self) -> bool:
@@ -92,7 +94,7 @@ class Comparison:
         )
 
 
-def compare(one: Side, other: Side, tolerance: Tolerance) -> Comparison:
+def compare_sides(one: Side, other: Side, tolerance: Tolerance) -> Comparison:
     """Both sides held against each other; a single case of each, whatever its name.
 
     Raises:

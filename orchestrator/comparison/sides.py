@@ -103,13 +103,25 @@ WAYS: dict[str, Callable[[Scenario, Path], Scenario]] = {
 """Word -> what makes a scenario one that runs in that way; it may put FMUs into the folder."""
 
 
-def side(given: str, setting: Setting, progress: Progress = silent) -> Side:
-    """The side of a comparison that is given by a path or a word of `WAYS`.
+Comparable = str | Path | Trace | ScenarioResult
+"""What a side may be given as: a path or a word of `WAYS`, a trace, what a run gave."""
+
+
+def side(given: Comparable, setting: Setting, progress: Progress = silent) -> Side:
+    """The side of a comparison that is given so.
 
     Raises:
         InputError: there is no such thing, or it cannot be compared.
         FmuError: an FMU failed.
     """
+    if isinstance(given, Trace):
+        return Side(given.name, {given.name: given})
+    if isinstance(given, ScenarioResult):
+        return Side(given.scenario.title, _traces(given, setting.case), _endings(given))
+    return _of_path(str(given), setting, progress)
+
+
+def _of_path(given: str, setting: Setting, progress: Progress) -> Side:
     path = Path(given)
     if given in WAYS:
         if setting.scenario is None:
@@ -152,8 +164,9 @@ def _run(
     return Side(name, _traces(result), _endings(result))
 
 
-def _traces(result: ScenarioResult) -> dict[str, Trace]:
-    return {case.name: case.result.trace for case in result.cases if case.result is not None}
+def _traces(result: ScenarioResult, only: str | None = None) -> dict[str, Trace]:
+    cases = [case for case in result.cases if only in (None, case.name)]
+    return {case.name: case.result.trace for case in cases if case.result is not None}
 
 
 def _endings(result: ScenarioResult) -> tuple[str, ...]:

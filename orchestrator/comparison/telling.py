@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 from typing_extensions import TypedDict
 
@@ -14,6 +15,7 @@ from orchestrator.display import characters
 from orchestrator.display.titles import with_unit
 from orchestrator.measures import Parting
 from orchestrator.report import Chart, Curve, Mark, Panel, Report
+from orchestrator.results import result_folder, versions, write_json
 
 HEADERS = ("case", "signal", "parts at [s]", "by", "largest difference", "at [s]", "tolerance", "in tolerances")
 DRAWN = 12  # signals of a case on a page, those that differ most
@@ -46,6 +48,7 @@ class ComparisonDocument(TypedDict):
     first: FirstDocument | None
     cases: list[PairDocument]
     notes: list[str]
+    interface: list[str]
     units: list[CrossingDocument]
 
 
@@ -58,6 +61,7 @@ def document_of(comparison: Comparison) -> ComparisonDocument:
         "first": _first(comparison),
         "cases": [{"name": pair.name, "signals": documents_of(pair.partings)} for pair in comparison.pairs],
         "notes": list(comparison.notes),
+        "interface": list(comparison.interface),
         "units": documents_of_crossings(comparison.crossings),
     }
 
@@ -135,3 +139,15 @@ def page(comparison: Comparison) -> Report:
 
 def _shown(one: Parting, value: float) -> str:
     return f"{value:.4g}" + ("" if one.unit in ("", "1") else f" {one.unit}")
+
+
+def write(comparison: Comparison, target: Path, files: Sequence[Path]) -> None:
+    """Write the folder of a comparison: manifest.json, report.html.
+
+    Args:
+        files: what was compared, which it does not replace.
+    """
+    with result_folder(target, files) as folder:
+        document = {"title": "Comparison", **document_of(comparison), "versions": versions()}
+        write_json(folder / "manifest.json", document)
+        page(comparison).write(folder / "report.html")

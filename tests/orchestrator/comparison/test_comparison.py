@@ -14,7 +14,7 @@ from fmus import build
 from fmus.packaging import archive, targets
 from identification.cli import app
 from orchestrator import formats
-from orchestrator.comparison.comparison import Tolerance, compare
+from orchestrator.comparison.comparison import Tolerance, compare_sides
 from orchestrator.comparison.fmu_side import differences
 from orchestrator.comparison.sides import WAYS, Side
 from orchestrator.scenario.run import run_scenario
@@ -58,7 +58,7 @@ def sides(one: Trace, other: Trace) -> tuple[Side, Side]:
 def test_the_signal_that_parts_first_is_named_with_its_time_and_by_what() -> None:
     late, early = np.where(TIME > 0.7, 1.0, 0.0), np.where(TIME > 0.3, 0.01, 0.0)
     zero = np.zeros(101)
-    found = compare(*sides(trace(x=zero, y=zero), trace(x=late, y=early)), Tolerance())
+    found = compare_sides(*sides(trace(x=zero, y=zero), trace(x=late, y=early)), Tolerance())
     assert found.first is not None and not found.agree
     case, first = found.first
     assert (case, first.signal) == ("a", "y") and first.first == pytest.approx(0.31) and first.by == 0.01
@@ -76,12 +76,12 @@ def test_the_tolerance_is_the_larger_of_absolute_and_relative_or_the_signals_own
         (Tolerance(0, 0, {"x": "30 deg"}), True),
         (Tolerance(0, 0, {"x": "28 deg"}), False),
     ):
-        assert compare(*sides(one, other), tolerance).agree == agree
+        assert compare_sides(*sides(one, other), tolerance).agree == agree
 
 
 def test_signals_of_other_units_are_converted_and_what_one_alone_has_is_told() -> None:
     one, other = trace(x=TIME, z=TIME), trace("deg", x=np.degrees(TIME))
-    found = compare(*sides(one, other), Tolerance())
+    found = compare_sides(*sides(one, other), Tolerance())
     assert found.agree and found.notes == ["case a: only one has z"] and len(found.crossings) == 1
 
 
