@@ -62,8 +62,7 @@ class _Importing:
 
     def imported(self) -> Imported:
         """The document, its parts in the order in which people write them."""
-        described = cache(FmuDescription)
-        self.fmus = {path: described(Path(one.file)) for path, one in self.flat.components.items()}
+        self.fmus = self._described()
         self.interfaces: dict[flattening.Path, Interface] = {path: fmu.interface for path, fmu in self.fmus.items()}
         self.names = flattening.component_names(list(self.flat.components))
         assignment = Assignment(self.flat, self.interfaces)
@@ -81,6 +80,17 @@ class _Importing:
         document |= {"run": run} if (run := self._run()) else {}
         document |= {"record": record} if (record := self._record()) else {}
         return Imported(document, {name: ".".join(path) for path, name in self.names.items()}, self.notes)
+
+    def _described(self) -> dict[flattening.Path, FmuDescription]:
+        """What the FMUs say of themselves, each read once."""
+        read_once = cache(FmuDescription)
+        fmus = {}
+        for path, component in self.flat.components.items():
+            try:
+                fmus[path] = read_once(Path(component.file))
+            except FmuFileError as error:
+                raise FmuFileError(f"{self.path}: {'.'.join(path)}", error.problem, error.fix) from error
+        return fmus
 
     def _component(self, path: flattening.Path) -> dict[str, Any]:
         component, fmu = self.flat.components[path], self.fmus[path]

@@ -32,20 +32,26 @@ _folders: dict[str, Path] = {}  # hash of an archive -> where files of it are, u
 class Package:
     """An SSP, open for reading; a context manager.
 
+    Args:
+        called: what it is called in messages, by default its path.
+
     Raises (on opening):
         FmuFileError: no file, no zip, a path that leaves it, too much inside, or no description of a system.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._archive = archive.opened(path)
+    def __init__(self, path: Path, called: str | None = None) -> None:
+        self.path, self.called = path, called or str(path)
+        try:
+            self._archive = archive.opened(path)
+        except FmuFileError as error:
+            raise FmuFileError(self.called, error.problem, error.fix.replace("the FMU", "the SSP")) from error
         if SYSTEM not in self._archive.NameToInfo:
             self._archive.close()
-            raise FmuFileError(path, f"holds no {SYSTEM}", "is it an SSP?")
+            raise FmuFileError(self.called, f"holds no {SYSTEM}", "is it an SSP?")
 
     def place(self, name: str) -> str:
         """What a file of it is called in messages."""
-        return f"{self.path}: {name}"
+        return f"{self.called}: {name}"
 
     @property
     def names(self) -> list[str]:

@@ -143,7 +143,7 @@ class _File:
         if kind == DEFINITION:
             system = _File(self.package, name, inside).description().system
         else:
-            with Package(self.package.unpacked(name)) as package:
+            with Package(self.package.unpacked(name), self.package.place(name)) as package:
                 system = _File(package, SYSTEM, inside).description().system
         return replace(system, name=element.name, bindings=(*system.bindings, *element.bindings))
 

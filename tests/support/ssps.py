@@ -47,7 +47,7 @@ def gain(unit: str = "1", out: str | None = None) -> Path:
 def archive(path: Path, system: str, files: Mapping[str, Path | str] | None = None, version: str = "1.0") -> Path:
     """An SSP with a description around `system`, and files by name; by default the gain as `resources/gain.fmu`."""
     description = system
-    if "SystemStructureDescription" not in system:
+    if system.startswith("<ssd:System "):
         description = f'<ssd:SystemStructureDescription {XMLNS} version="{version}" name="foreign">{system}' + (
             '<ssd:DefaultExperiment startTime="0" stopTime="1"/></ssd:SystemStructureDescription>'
         )
