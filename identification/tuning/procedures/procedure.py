@@ -17,6 +17,7 @@ from identification.tuning.procedures.problem import Judgement, Problem
 from orchestrator.assembly.assembly import ComponentSpec
 from orchestrator.fmi.interface import Interface
 from orchestrator.progress import Progress
+from orchestrator.trace import FloatArray
 
 HELD = 1e-6  # of its size, by which a goal that binds may be missed for rounding
 NEAR = 1e-2  # of its size, within which a goal that is held binds
@@ -32,6 +33,21 @@ class Descent:
 
 
 @dataclass(frozen=True, eq=False)
+class Trade:
+    """What a hard goal costs.
+
+    Attributes:
+        goal: its number.
+        asked: (K,) bounds of it, rising, the study's own in the middle.
+        best: the K optima under these.
+    """
+
+    goal: int
+    asked: FloatArray
+    best: tuple[Judgement, ...]
+
+
+@dataclass(frozen=True, eq=False)
 class Found:
     """What a procedure came to.
 
@@ -44,6 +60,7 @@ class Found:
         drawn: what the values do to the hard goals with all draws of the problem, where there are some.
         share: of these that has to hold the hard goals.
         figures: what else the procedure has found out, in words -> a figure.
+        trades: of the goals that bind, where a search has found them.
     """
 
     best: Judgement
@@ -54,6 +71,7 @@ class Found:
     drawn: Judgement | None = None
     share: float = 1.0
     figures: Mapping[str, float] = field(default_factory=dict)
+    trades: tuple[Trade, ...] = ()
 
     @property
     def feasible(self) -> bool:

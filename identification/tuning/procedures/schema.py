@@ -7,8 +7,9 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from identification.estimation.parameters import Scale
-from identification.tuning.procedures.search import Search, Unknown
+from identification.tuning.procedures.search import Search
 from identification.tuning.procedures.state_feedback import StateFeedback
+from identification.tuning.procedures.unknowns import Unknown
 from identification.tuning.procedures.weights import Weights
 from orchestrator.yaml_file import Block, Quantity
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from identification.results import parameter_rows, provenance, verdict_callout
-from identification.tuning.report import frequency, poles, responses
+from identification.tuning.report import frequency, poles, responses, trade_off
 from identification.tuning.report.shown import shown, stable
 from identification.tuning.summary import (
     PERCENTILES,
@@ -22,7 +22,7 @@ SHOWN = 8  # plants whose figures stand in a table
 
 
 def report(result: Tuning) -> Report:
-    """Values, goals by plant and over draws, starts, loops, poles, responses, provenance."""
+    """Values, goals by plant and over draws, starts, trade-offs, loops, poles, responses, provenance."""
     page = Report(result.study.title, result.study.description)
     section = page.section("Result")
     verdict_callout(section, verdict(result))
@@ -35,6 +35,8 @@ def report(result: Tuning) -> Report:
         _draws(page.section("Draws"), found["draws"])
     if len(result.found.descents) > 1:
         _starts(page.section("Starts"), result)
+    if result.found.trades:
+        trade_off.draw(page.section("Trade-off"), result)
     every = shown(result)
     frequency.draw(page.section("Opened loops"), result, every)
     poles.draw(page.section("Poles"), every)
