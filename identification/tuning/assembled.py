@@ -23,6 +23,7 @@ from identification.tuning.sources.fmu_controller import FmuController
 from identification.tuning.sources.model_controller import ModelController
 from identification.tuning.sources.plants import LinearPlant
 from identification.tuning.sources.system_plant import SystemPlant
+from identification.tuning.sources.varied import varied
 from identification.tuning.study import CONTROLLER, PLANT, TuningStudy
 from orchestrator.assembly.assembly import ComponentSpec, OpenSystem, SystemSpec
 from orchestrator.fmi.file import FmuDescription
@@ -40,6 +41,7 @@ class Assembled:
         interface: of the controller.
         units: of those of the plants' inputs and outputs that have one.
         unseen: as many draws as the problem has, which nothing is fitted to; None without draws.
+        between: what lies between plants that differ in one parameter, and the name of that; None where they do not.
     """
 
     problem: Problem
@@ -48,6 +50,7 @@ class Assembled:
     remarks: tuple[str, ...]
     units: Mapping[str, str]
     unseen: PlantSet | None
+    between: tuple[str, PlantSet] | None
 
 
 def assembled(study: TuningStudy) -> Assembled:
@@ -93,7 +96,7 @@ def assembled(study: TuningStudy) -> Assembled:
         models={name: taken[name] for name in models},
         bench=Bench(replace(spec, parameters=typed), study, first.units, sample_time(study.controller)),
     )
-    return Assembled(problem, built, interface, tuple(_remarks(plants)), first.units, unseen)
+    return Assembled(problem, built, interface, tuple(_remarks(plants)), first.units, unseen, _between(study, step))
 
 
 def _driven(study: TuningStudy) -> list[str]:
@@ -142,6 +145,17 @@ def _drawn(study: TuningStudy, step: float) -> dict[str, LinearModel]:
         fix = "give one a `spread`, or the folder of an output-error calibration"
         raise IdentificationError("draws", "are asked for, and no plant has a spread", fix)
     return found
+
+
+def _between(study: TuningStudy, step: float) -> tuple[str, PlantSet] | None:
+    found, driven = varied(study.plants, step), _driven(study)
+    if found is None:
+        return None
+    models = {
+        f"{value:g}": delayed("plants", model, study.delay, driven)
+        for value, model in zip(found.values, found.models, strict=True)
+    }
+    return found.name, PlantSet.of(alike(models))
 
 
 def _parted(plants: PlantSet, first: int) -> tuple[PlantSet, PlantSet | None, PlantSet | None]:

@@ -39,7 +39,7 @@ def report(result: Tuning) -> Report:
         trade_off.draw(page.section("Trade-off"), result)
     every = shown(result)
     frequency.draw(page.section("Opened loops"), result, every)
-    poles.draw(page.section("Poles"), every)
+    poles.draw(page.section("Poles"), result, every)
     loops = stable(result, every)
     if loops.names:
         responses.draw(page.section("Responses"), result, loops)

@@ -93,6 +93,19 @@ class SystemPlant:
         wired = _Wired(place, self)
         return LinearPlant(wired.models(step, {}, 1)[0], wired.units)
 
+    def value(self, place: str, name: str) -> float | None:
+        """Of a real parameter, component.variable; None of another."""
+        wired = _Wired(place, self)
+        return wired.value(name) if wired.real(name) else None
+
+    def along(self, place: str, step: float, name: str, values: FloatArray) -> list[LinearModel]:
+        """Models with these values (K,) of a parameter.
+
+        Raises:
+            InputError: as `linear`.
+        """
+        return _Wired(place, self).models(step, {name: values}, len(values))
+
     def drawn(self, place: str, step: float, count: int, rng: np.random.Generator) -> list[LinearModel]:
         """Models with parameters drawn from their spread.
 
@@ -133,6 +146,10 @@ class _Wired:
         """Between which a parameter can lie."""
         found = settable(self._system, name)
         return found.lowest, found.highest
+
+    def real(self, name: str) -> bool:
+        """Whether a parameter is a real number."""
+        return self._system.port(Endpoint.parse(name)).real
 
     def value(self, name: str) -> float:
         """Of a parameter, as the plant has it."""

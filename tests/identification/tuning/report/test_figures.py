@@ -83,7 +83,7 @@ def test_a_report_draws_every_plant_and_all_draws(tmp_path: Path) -> None:
     spread = driven(tmp_path, spread={"load.inertia": 0.01}) | {"draws": {"count": 20, "share": 0.9}}
     result = tuned(tmp_path, spread)
     found = charts(result)
-    assert [name.split()[0] for name in found] == ["Bode", "Nyquist", "Nichols", "Closed-loop", "A", "A"]
+    assert [name.split()[0] for name in found] == ["Phase", "Bode", "Nyquist", "Nichols", "Closed-loop", "A", "A"]
     assert result.unseen is not None
     followed_by = result.problem.on(result.parts.unseen).trial(result.found.best.values).followed  # type: ignore[arg-type]
     panel: Panel = found["A step of the reference by 1 V"].panels[0]
@@ -93,6 +93,46 @@ def test_a_report_draws_every_plant_and_all_draws(tmp_path: Path) -> None:
     disturbed = found["A step of 1 V added to u, the reference at rest"].panels[0]
     [curve] = disturbed.curves
     assert np.asarray(curve.y)[-1] == pytest.approx(1 / result.found.best.values["kp"], rel=0.05)
+
+
+def test_contours_go_over_the_parameter_in_which_systems_differ(tmp_path: Path) -> None:
+    """At the ends they are where the plants' poles are, and in the middle where those of a plant between them are."""
+    document = driven(tmp_path)
+    [load_plant] = document["plants"].values()
+    payloads = (0.05, 0.15, 0.1)
+    for count in (2, 3):
+        document["plants"] = {f"{value}": load_plant | {"set": {"load.inertia": value}} for value in payloads[:count]}
+        result = tuned(tmp_path, document)
+        assert result.parts.between is not None
+        name, plants = result.parts.between
+        assert name == "load.inertia"
+        between = result.problem.on(plants).trial(result.found.best.values).loops.poles
+        alone = result.problem.trial(result.found.best.values).loops.poles
+        for place, number in ((0, 0), (-1, 1), (20, 2))[:count]:
+            assert np.sort_complex(between[place]) == pytest.approx(np.sort_complex(alone[number]))
+    drawn = charts(result)["Closed-loop poles s = ln(z) / T, stable on the left"].panels[0]
+    curve = drawn.curves[0]
+    assert curve.label == "load.inertia"
+
+
+def test_a_trade_off_has_the_optimum_under_each_bound(tmp_path: Path) -> None:
+    """The faster the loop the less of its phase margin is left: each optimum has the margin that is asked for there."""
+    result = tuned(tmp_path, study())
+    [trade] = result.found.trades
+    assert trade.asked == pytest.approx([42, 48, 54, 60, 66, 72, 78])
+    assert [best.figures[0].min() for best in trade.best] == pytest.approx(trade.asked, abs=1e-3)
+    assert np.all(np.diff([best.objective for best in trade.best]) > 0)
+    chart = charts(result)["Phase margin"]
+    assert [panel.title for panel in chart.panels] == ["objective, all hard goals held", "kp"]
+
+
+def test_a_trade_off_of_what_cannot_be_had_tells_what_is_missed(tmp_path: Path) -> None:
+    goals = [{"measure": "phase margin", "at_least": 80}, {"measure": "decay rate", "at_least": 4}]
+    result = tuned(tmp_path, study(goals=goals, minimise=None))
+    assert {trade.goal for trade in result.found.trades} == {0, 1}
+    for trade in result.found.trades:
+        assert np.all(np.diff([best.most_missed for best in trade.best]) > -1e-6)
+    assert charts(result)["Decay rate"].panels[0].title == "missed of the goal missed most [%]"
 
 
 def test_unstable_plants_are_told_and_left_out_of_the_responses(tmp_path: Path) -> None:
@@ -111,6 +151,6 @@ def test_a_report_opens_in_a_browser_without_a_complaint(tmp_path: Path, scheme:
     with browsing() as browser, opened(browser, file, scheme) as seen:
         count = seen.page.locator(".chart:visible").count()
         views = [seen.view(number) for number in range(count)]
-        assert count == 6
+        assert count == 7
         assert all(np.isfinite(curve[1:]).all() for view in views for panel in view["panels"] for curve in panel)
         assert (seen.complaints, seen.requests) == ([], [])
