@@ -32,7 +32,7 @@ class Block(BaseModel):
     """A part of a file: unknown keys are refused, values do not change.
 
     What its docstring says of attributes is what editors and the reference say of its keys; where it says nothing, what
-    the classes of `explained_by` do, of attributes of the same name.
+    the classes of `explained_by` do, of attributes of the same name, or else the block that stands at the key.
     """
 
     explained_by: ClassVar[tuple[type, ...]] = ()
@@ -47,9 +47,16 @@ class Block(BaseModel):
         schema["description"] = summary(cls)
         said = {name: text for kind in (*cls.explained_by, cls) for name, text in attributes(kind).items()}
         for name, field in cls.model_fields.items():
-            if name in said:
-                schema["properties"][field.alias or name]["description"] = said[name]
+            if text := said.get(name) or _summary_of_block(field.annotation):
+                schema["properties"][field.alias or name]["description"] = text
         return made
+
+
+def _summary_of_block(annotation: Any) -> str:
+    """What the docstring of the only block in a type says, "" where there is none or are several."""
+    inner = (annotation, *get_args(annotation))
+    blocks = {kind for kind in inner if isinstance(kind, type) and issubclass(kind, Block)}
+    return summary(blocks.pop()) if len(blocks) == 1 else ""
 
 
 def may_be_partial(schema: dict[str, Any]) -> None:

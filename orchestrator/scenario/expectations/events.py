@@ -27,7 +27,8 @@ class Events(Block, Condition):
     """Events of a kind: how many there are, or when each comes; there is one at least where nothing is said.
 
     Attributes:
-        count: how many exactly; at_least, at_most: or between which numbers.
+        count: how many exactly.
+        at_least, at_most: or between which numbers.
         times: of all of them, in order [s].
         within: how far each may be from its time [s].
     """
@@ -99,7 +100,13 @@ def _listed(stamps: FloatArray) -> str:
 
 
 class Crossings(Events):
-    """The signal goes through a level, and beyond it by the hysteresis."""
+    """The signal goes through a level, and beyond it by the hysteresis.
+
+    Attributes:
+        level: [unit of the signal].
+        direction: which way it goes through.
+        hysteresis: how far beyond it has to come to have gone through [unit of the signal].
+    """
 
     level: Level
     direction: Direction = "both"
@@ -118,6 +125,7 @@ class Saturations(Events):
     """The signal meets a limit; it comes when it first is there.
 
     Attributes:
+        low, high: the limits [unit of the signal].
         nearer: how near a limit it is there [unit of the signal].
     """
 
@@ -177,6 +185,7 @@ class Saturated(Figure):
     """Share of the time that the signal is at a limit or beyond.
 
     Attributes:
+        low, high: the limits [unit of the signal].
         nearer: how near a limit it is there [unit of the signal].
     """
 

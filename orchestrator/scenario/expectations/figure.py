@@ -22,6 +22,7 @@ class Bounds(Block):
     Attributes:
         at_least, at_most: the bounds themselves are good.
         near: a value, from which the figure is not farther than `within`.
+        within: how far it may be from `near`.
     """
 
     at_least: float | Quantity | None = None

@@ -26,7 +26,8 @@ class FunnelBlock(Block):
         value: absolute [unit of the signal].
         relative: share of the reference's amount there.
         of_range: share of the reference's range.
-        time: by how much it may come earlier or later [s]; or each by itself: `leading`, `lagging`.
+        time: by how much it may come earlier or later [s].
+        leading, lagging: instead of `time`, by how much it may come earlier, or later [s].
     """
 
     value: Distance = 0.0

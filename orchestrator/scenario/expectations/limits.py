@@ -93,6 +93,7 @@ class Piece(Block):
 
     Attributes:
         to: when it ends [s]; None where the window does.
+        below, above: bounds; two values are those at its begin and its end [unit of the signal].
     """
 
     to: float | None = None

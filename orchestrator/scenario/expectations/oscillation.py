@@ -81,7 +81,8 @@ class LimitCycle(Block, Condition):
     """The signal ends in a steady oscillation of such amplitude and period, or in none.
 
     Attributes:
-        amplitude: half of its range [unit of the signal]; period: [s].
+        amplitude: half of its range [unit of the signal].
+        period: from one turn to the next like it [s].
         none_above: instead, the largest amplitude at which a steady oscillation is none [unit of the signal].
         steady: share by which amplitudes may drift, and periods differ.
     """

@@ -28,6 +28,7 @@ class ReferenceBlock(Block):
     """A signal of a trace file that a signal is compared with.
 
     Attributes:
+        file: a recording, relative to this file.
         signal: by default the name of what is compared with it.
         factor, offset: variable = factor * signal + offset, over what their units say.
         layout: how the file is laid out, where it does not tell.

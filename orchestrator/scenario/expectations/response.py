@@ -36,6 +36,7 @@ class SteadyError(Figure):
     """Distance of the final value from a target.
 
     Attributes:
+        target: where it should end [unit of the signal].
         over: as in `FinalValue` [s].
     """
 
@@ -52,6 +53,7 @@ class SettlingTime(Figure):
     """Time until the signal stays within `band` of the target.
 
     Attributes:
+        target: where it should end [unit of the signal].
         band: half the width [unit of the signal].
     """
 
@@ -65,7 +67,12 @@ class SettlingTime(Figure):
 
 
 class ResidualRms(Figure):
-    """Root of the mean square distance from the target once the signal has settled, as in `SettlingTime`."""
+    """Root of the mean square distance from the target once the signal has settled, as for the settling time.
+
+    Attributes:
+        target: where it should end [unit of the signal].
+        band: within which it has settled, half the width [unit of the signal].
+    """
 
     words: ClassVar[str] = "residual rms"
     dimension: ClassVar[Dimension] = Dimension.DISTANCE
@@ -80,7 +87,9 @@ class RiseTime(Figure):
     """Time from `low` to `high` of the way to the target.
 
     Attributes:
-        start: of the way; by default the first sample.
+        target: end of the way [unit of the signal].
+        start: of the way; by default the first sample [unit of the signal].
+        low, high: shares of the way between which the time is taken.
     """
 
     words: ClassVar[str] = "rise time"
@@ -99,7 +108,8 @@ class Overshoot(Figure):
     """How far the signal goes beyond the target, as a share of the way there.
 
     Attributes:
-        start: of the way; by default the first sample.
+        target: end of the way [unit of the signal].
+        start: of the way; by default the first sample [unit of the signal].
     """
 
     words: ClassVar[str] = "overshoot"
@@ -113,7 +123,11 @@ class Overshoot(Figure):
 
 
 class Peak(Figure):
-    """Largest distance of a sample from a value."""
+    """Largest distance of a sample from a value.
+
+    Attributes:
+        about: the value [unit of the signal].
+    """
 
     words: ClassVar[str] = "peak"
     dimension: ClassVar[Dimension] = Dimension.DISTANCE
@@ -127,6 +141,7 @@ class Monotone(Block, Condition):
     """The signal only rises, or only falls.
 
     Attributes:
+        direction: which way it goes.
         slack: how far it may go back all the same [unit of the signal].
     """
 
@@ -145,7 +160,11 @@ class Monotone(Block, Condition):
 
 
 class Rms(Figure):
-    """Root of the mean square distance from a value."""
+    """Root of the mean square distance from a value.
+
+    Attributes:
+        about: the value [unit of the signal].
+    """
 
     words: ClassVar[str] = "rms"
     dimension: ClassVar[Dimension] = Dimension.DISTANCE
@@ -155,34 +174,41 @@ class Rms(Figure):
         return measures.rms(time, values - float(self.about), hold)
 
 
-class Iae(Figure):
+class Integral(Figure):
+    """An integral over the distance from a target.
+
+    Attributes:
+        target: the value from which it is taken [unit of the signal].
+    """
+
+    target: Level = 0.0
+
+
+class Iae(Integral):
     """Integral of the absolute distance from the target."""
 
     words: ClassVar[str] = "IAE"
     dimension: ClassVar[Dimension] = Dimension.AREA
-    target: Level = 0.0
 
     def figure(self, time: FloatArray, values: FloatArray, hold: bool) -> float:
         return measures.iae(time, values - float(self.target), hold)
 
 
-class Ise(Figure):
+class Ise(Integral):
     """Integral of the squared distance from the target."""
 
     words: ClassVar[str] = "ISE"
     dimension: ClassVar[Dimension] = Dimension.SQUARE_AREA
-    target: Level = 0.0
 
     def figure(self, time: FloatArray, values: FloatArray, hold: bool) -> float:
         return measures.ise(time, values - float(self.target), hold)
 
 
-class Itae(Figure):
+class Itae(Integral):
     """Integral of the absolute distance from the target, weighted with the time since `after`."""
 
     words: ClassVar[str] = "ITAE"
     dimension: ClassVar[Dimension] = Dimension.TIME_AREA
-    target: Level = 0.0
 
     def figure(self, time: FloatArray, values: FloatArray, hold: bool) -> float:
         return measures.itae(time, values - float(self.target), hold)

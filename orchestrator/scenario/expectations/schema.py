@@ -99,7 +99,11 @@ class Sources:
 
 
 class StepBlock(Block):
-    """Events of a signal, as a step of `in_order`."""
+    """Events of a signal, as a step of `in_order`.
+
+    Attributes:
+        signal: component.variable that they are looked for in.
+    """
 
     signal: str
     crossings: Crossings | None = None
@@ -122,7 +126,12 @@ class StepBlock(Block):
 
 
 class SomeBlock(Block):
-    """At least so many of these hold."""
+    """At least so many of these hold.
+
+    Attributes:
+        least: how many.
+        of: the expectations.
+    """
 
     least: int = Field(ge=1)
     of: list[ExpectationBlock] = Field(min_length=1)
@@ -141,9 +150,14 @@ class ExpectationBlock(Block):
         signal, signals: what it is about; `signals` ask the same of each.
         after, before: which samples it looks at [s]; all by default.
         near, within: no sample is farther than `within` from a value, or from the reference.
+        below, above: every sample lies below, or above, this value.
         reference: a signal of a trace file, or `accepted`, the one that `servotwin accept` keeps of the case, or
             `accepted per platform`, that of this kind of machine; one of `within`, `funnel`, `nrmse`, `fit`,
             `deviation`, `lag` and `band` says how close it is.
+        nrmse: root of the mean square distance from the reference, over the reference's range.
+        fit: 1 where it is equal to the reference, 0 where it is no closer than the reference's mean.
+        deviation: largest distance from the reference [unit of the signal].
+        lag: by how much it comes earlier or later than the reference, where both go together best [s].
         seeds, share, vary: it holds in that share of so many more runs that differ by the seeds of components, of these
             or of all that are given one.
         refused: words of the error that the run ends in.

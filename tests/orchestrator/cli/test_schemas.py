@@ -73,6 +73,18 @@ def kind_of(file: Path) -> str:
     return schema.stem
 
 
+@pytest.mark.parametrize("kind", ["scenario", "part", "procedure"])
+def test_no_key_is_left_unexplained(kind: str) -> None:
+    document = json.loads(committed(kind).read_text())
+    blocks = {kind: document, **document.get("$defs", {})}
+    assert [
+        f"{name}.{key}"
+        for name, block in blocks.items()
+        for key, said in block.get("properties", {}).items()
+        if not said.get("description", "").strip()
+    ] == []
+
+
 def complaints(file: Path, document: Any) -> list[str]:
     validator = jsonschema.Draft202012Validator(json.loads(committed(kind_of(file)).read_text()))
     return [error.message for error in validator.iter_errors(document)]
