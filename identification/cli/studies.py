@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from identification.output_error.validate import ValidationSummary
     from identification.results import ClaimsSummary, FitsSummary, FitSummary, Summary, VerdictSummary
     from identification.subspace.summary import SubspaceSummary
-    from identification.tuning.summary import TuningSummary
+    from identification.tuning.summary import RigSummary, TuningSummary
 
 app = typer.Typer()
 
@@ -91,7 +91,8 @@ def tune(
 ) -> Answer:
     """A controller's values for several plants at once, written into its FMU, with summary.json and report.html.
 
-    Exit code 1 when no values hold all hard goals: those that miss least are shown, and the goals that bind.
+    Exit code 1 when no values hold all hard goals (those that miss least are shown, and the goals that bind), or what
+    is expected of them on the nonlinear rig (`judged_on`).
     """
     from identification.calibrate import tune_study
 
@@ -100,6 +101,7 @@ def tune(
         document = tune_study(study, folder, move)
     tuned = cast("TuningSummary", document)
     shown: list[Listing | str] = [_parameters(document), _goals(tuned)]
+    shown += [_rig(rig) for rig in tuned.get("rigs", [])]
     shown += [f"{name}: {figure:.6g}" for name, figure in tuned.get("design", {}).items()]
     shown += [*_draws(tuned), *_remarks(document)]
     shown.append(f"FMUs in {folder / 'fmus'}, report in {folder / 'report.html'}")
@@ -130,6 +132,16 @@ def _draws(document: TuningSummary) -> list[Listing | str]:
     rows.append(("all hard goals", share_words(unseen["held"])))
     title = f"{draws['count']:,} draws that nothing was fitted to"
     return [Listing(("holds", "share (95 % interval)"), rows, title)]
+
+
+def _rig(rig: RigSummary) -> Listing:
+    """Each case on the rig, and what of it did not hold."""
+    rows = []
+    for case in rig["cases"]:
+        lost = [f"{check['text']}: {check['found']}" for check in case["checks"] if not check["held"]]
+        held = f"{len(case['checks']) - len(lost)} of {len(case['checks'])}"
+        rows.append((case["name"], held, "; ".join(lost) or case["error"] or "held"))
+    return Listing(("case", "expectations", ""), rows, rig["scenario"])
 
 
 def _judged(

@@ -15,6 +15,7 @@ from identification.recordings.schema import StudyBlock
 from identification.tuning.goals.goal import Over, Relative
 from identification.tuning.goals.table import MEASURES
 from identification.tuning.procedures.schema import DesignBlock
+from identification.tuning.rig import Rig
 from identification.tuning.sources.calibrated import calibrated_system
 from identification.tuning.sources.plants import CalibratedPlant, FmuPlant, GivenPlant, LinearPlant, PlantSpec
 from identification.tuning.sources.system_plant import PlantOutput, Spread, SystemPlant, independent, set_over
@@ -250,6 +251,25 @@ class DrawsBlock(Block):
         return DrawSpec(self.count, self.seed, self.share)
 
 
+class RigBlock(Block):
+    """A scenario on which the design is judged; see `rig.Rig`.
+
+    Attributes:
+        component: of the scenario, in whose place the controller's FMU is put.
+        gains_only: whether the component stays, and only takes what was found: PDP's gains into PDPC.
+        set: component.variable -> value over those of the file.
+    """
+
+    scenario: Path
+    component: str = Rig.component
+    gains_only: bool = Rig.gains_only
+    set: Values = {}
+
+    def rig(self, base: Path) -> Rig:
+        """As a plain value."""
+        return Rig(base / self.scenario, self.component, self.gains_only, self.set)
+
+
 class TuneBlock(StudyBlock):
     """A study that finds the values of a controller for several plants at once.
 
@@ -260,6 +280,7 @@ class TuneBlock(StudyBlock):
         delay: computing delay, from a sample to the command that comes of it [s].
         draws: of plants whose parameters have a spread, by which hard goals have to be held, too.
         design: the procedure and its keys.
+        judged_on: scenarios on the nonlinear rig, all of whose expectations the design has to hold.
     """
 
     method: Literal["tune"]
@@ -274,6 +295,7 @@ class TuneBlock(StudyBlock):
     goals: list[GoalBlock] = []
     minimise: list[TermBlock] = []
     design: DesignBlock
+    judged_on: list[RigBlock] = []
 
     @model_validator(mode="after")
     def _asked(self) -> TuneBlock:
@@ -296,6 +318,7 @@ class TuneBlock(StudyBlock):
             float(self.delay),
             self.draws.spec() if self.draws else None,
             self.description,
+            tuple(block.rig(base) for block in self.judged_on),
         )
 
     def _goals(self) -> Iterator[GoalSpec]:

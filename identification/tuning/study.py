@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from identification.tuning.procedures.procedure import Procedure
+from identification.tuning.rig import Rig
 from identification.tuning.sources.plants import PlantSpec
 from orchestrator.assembly.assembly import ComponentSpec
 
@@ -79,6 +80,7 @@ class TuningStudy:
         reference: the controller's input that tells where to go.
         tracked: the plant's output that is to follow it.
         delay: between a sample and the command that comes of it [s].
+        rigs: on which what is found is judged before it is written back.
     """
 
     title: str
@@ -93,3 +95,4 @@ class TuningStudy:
     delay: float = 0.0
     draws: DrawSpec | None = None
     description: str = ""
+    rigs: tuple[Rig, ...] = ()

@@ -14,10 +14,11 @@ from identification.tuning.goals.goal import Goal
 from identification.tuning.goals.table import MEASURES
 from identification.tuning.procedures.problem import Judgement
 from identification.tuning.procedures.procedure import HELD, Descent, held_share
+from identification.tuning.rig import cases, not_held
 from identification.tuning.study import CONTROLLER
 from identification.tuning.tuning import Tuning
 from orchestrator.measures import share_interval
-from orchestrator.results import versions
+from orchestrator.results import CaseDocument, versions
 from orchestrator.trace import BoolArray
 
 PERCENTILES = (0, 1, 50, 99, 100)
@@ -104,6 +105,14 @@ class DrawsSummary(TypedDict):
     unseen: UnseenSummary
 
 
+class RigSummary(TypedDict):
+    """How the design did in the cases of a scenario on the nonlinear rig."""
+
+    scenario: str
+    held: bool
+    cases: list[CaseDocument]
+
+
 class TuningSummary(Summary):
     """The summary of a tuning.
 
@@ -121,6 +130,7 @@ class TuningSummary(Summary):
     agree: int
     design: NotRequired[dict[str, float]]
     draws: NotRequired[DrawsSummary]
+    rigs: NotRequired[list[RigSummary]]
 
 
 def summary(result: Tuning) -> TuningSummary:
@@ -142,6 +152,10 @@ def summary(result: Tuning) -> TuningSummary:
         "warnings": result.remarks,
         "verdict": verdict(result),
     }
+    if result.rigs:
+        document["rigs"] = [
+            {"scenario": rig.scenario.path.name, "held": rig.passed, "cases": cases(rig)} for rig in result.rigs
+        ]
     if found.figures:
         document["design"] = dict(found.figures)
     if found.drawn is not None and result.unseen is not None:
@@ -175,7 +189,20 @@ def share_words(share: ShareSummary) -> str:
 
 
 def verdict(result: Tuning) -> VerdictSummary:
-    """Whether all hard goals are held, and if not by how much and which."""
+    """Whether all hard goals and all rigs are held, and if not by how much and which."""
+    judged = _of_goals(result)
+    if not result.rigs:
+        return judged
+    count, lines = sum(len(rig.cases) for rig in result.rigs), not_held(result.rigs)
+    said = f"MISSED in {len(lines)} of {count} cases on the rig: {'; '.join(lines)}"
+    if not lines:
+        said = f"all {count} cases on the rig are held"
+    joined = "; ".join(part for part in (judged["said"], said) if part)
+    return {**judged, "held": judged["held"] and not lines, "said": joined}
+
+
+def _of_goals(result: Tuning) -> VerdictSummary:
+    """Whether all hard goals are held."""
     found, names = result.found, result.problem.plants.names
     plants = f"{len(names)} plant{'s' * (len(names) > 1)}"
     hard = found.best.hard
@@ -231,10 +258,9 @@ def goal_summaries(result: Tuning) -> list[GoalSummary]:
 
 def calibrated(result: Tuning, folder: Path) -> Calibrated:
     """The controller's FMU with the study's values and those that were found."""
-    values = {f"{CONTROLLER}.{name}": value for name, value in result.found.best.values.items()}
     units = {f"{CONTROLLER}.{name}": _unit(result, name) for name in result.found.best.values}
     kept = {name: unit for name, unit in units.items() if unit != "1"}
-    return Calibrated(result.parts.built.calibrated(values), values, kept)
+    return Calibrated({CONTROLLER: result.controller}, result.values, kept)
 
 
 def _goal(best: Judgement, number: int, names: tuple[str, ...], binding: list[int]) -> GoalSummary:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from identification.estimation.threads import single_threaded
+from identification.method import CalibratedFmu
 from identification.tuning.assembled import Assembled, assembled
 from identification.tuning.procedures.problem import Judgement, Problem
 from identification.tuning.procedures.procedure import Found
-from identification.tuning.study import TuningStudy
+from identification.tuning.study import CONTROLLER, TuningStudy
 from orchestrator.progress import Progress, silent
+from orchestrator.scenario.run import ScenarioResult
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,12 +20,14 @@ class Tuning:
 
     Attributes:
         unseen: what the values do with draws that they were not fitted to, where there are draws.
+        rigs: how the controller did in the scenarios on which the study has it judged.
     """
 
     study: TuningStudy
     parts: Assembled
     found: Found
     unseen: Judgement | None
+    rigs: tuple[ScenarioResult, ...] = ()
 
     @property
     def problem(self) -> Problem:
@@ -35,16 +39,30 @@ class Tuning:
         """What a reader of the figures must know."""
         return [*self.parts.remarks, *self.found.remarks]
 
+    @property
+    def values(self) -> dict[str, float]:
+        """controller.parameter -> value that was found."""
+        return {f"{CONTROLLER}.{name}": value for name, value in self.found.best.values.items()}
+
+    @property
+    def controller(self) -> CalibratedFmu:
+        """The controller's FMU with the study's values and those that were found."""
+        return self.parts.built.calibrated(self.values)[CONTROLLER]
+
 
 @single_threaded
 def tune(study: TuningStudy, progress: Progress = silent) -> Tuning:
-    """The values that a study's procedure comes to.
+    """The values that a study's procedure comes to, and how they do on the study's rigs.
 
     Raises:
         InputError: the study's parts do not fit together.
+        FmuError: FMUs fail, but for a case on a rig, which has then failed.
     """
+    for number, rig in enumerate(study.rigs):
+        rig.check(f"judged_on.{number}")
     parts = assembled(study)
     found = study.procedure.run(parts.problem, parts.interface, progress)
     parts.problem.controller.require_slopes(found.best.values)
     unseen = None if parts.unseen is None else parts.problem.on(parts.unseen).judged(found.best.values)
-    return Tuning(study, parts, found, unseen)
+    result = Tuning(study, parts, found, unseen)
+    return replace(result, rigs=tuple(rig.judged(result.controller, found.best.values, progress) for rig in study.rigs))

@@ -1,0 +1,74 @@
+"""A design judged on a scenario before it is written back: with its FMU, or with its gains in another controller."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from fmus.errors import InputError
+from identification.calibrate import tune_study
+from identification.cli import app
+from identification.tuning.summary import TuningSummary
+from orchestrator.progress import silent
+from tests.support.tuning_study import study, write
+
+
+def rig(folder: Path, at_least: float) -> None:
+    """A scenario in which the gain itself is seen: the first command after a step of 1 V."""
+    (folder / "rig.yaml").write_text(f"""
+title: The first command after a step
+components:
+  source: {{model: excitation, parameters: {{shape: square, frequency: 0.01, amplitude: 1}}}}
+  servo: {{model: pi, parameters: {{sample_time: 0.01, ki: 0, kp: 0.1}}}}
+connections: [source.signal -> servo.reference]
+run: {{stop: 0.1, step: 0.01}}
+expect:
+  - {{signal: servo.voltage, after: 0.02, above: {at_least}}}
+""")
+
+
+def tuned(folder: Path, **block: Any) -> TuningSummary:
+    judged = [{"scenario": "rig.yaml", "component": "servo", **block}]
+    return tune_study(write(folder, study(judged_on=judged)), folder / "out", silent)  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize("gains_only", [False, True])
+def test_a_design_holds_a_scenario_that_the_component_there_does_not(gains_only: bool, tmp_path: Path) -> None:
+    rig(tmp_path, at_least=1.0)
+    found = tuned(tmp_path, gains_only=gains_only)
+    [judged] = found["rigs"]
+    assert judged["held"] and judged["scenario"] == "rig.yaml"
+    [case] = judged["cases"]
+    gain = found["parameters"]["controller.kp"]["value"]
+    assert case["checks"][0]["margin"] == pytest.approx(gain - 1, rel=1e-9)
+    assert found["verdict"]["held"] and "all 1 cases on the rig are held" in found["verdict"]["said"]
+
+
+def test_values_of_the_rig_stand_over_the_files(tmp_path: Path) -> None:
+    rig(tmp_path, at_least=1.0)
+    found = tuned(tmp_path, set={"source.amplitude": 0.1})
+    assert not found["rigs"][0]["held"]
+
+
+def test_the_command_leaves_with_1_where_the_rig_does_not_bear_a_design_out(tmp_path: Path) -> None:
+    rig(tmp_path, at_least=1e3)
+    judged = [{"scenario": "rig.yaml", "component": "servo"}]
+    file = write(tmp_path, study(judged_on=judged))
+    left = CliRunner().invoke(app, ["tune", str(file), "--out", str(tmp_path / "out")])
+    assert left.exit_code == 1
+    assert "MISSED in 1 of 1 cases on the rig: rig.yaml" in left.stdout
+    assert "servo.voltage stays above 1000" in left.stdout
+
+
+def test_a_component_that_is_not_there_is_refused_before_anything_is_sought(tmp_path: Path) -> None:
+    rig(tmp_path, at_least=1.0)
+    with pytest.raises(InputError, match=r"judged_on\.0\.component: 'motor' is no component of rig\.yaml; there are"):
+        tuned(tmp_path, component="motor")
+
+
+def test_a_scenario_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"rig\.yaml"):
+        tuned(tmp_path)
