@@ -20,7 +20,9 @@ from identification.output_error.schema import OutputErrorBlock
 from identification.output_error.validate import Validation, ValidationSummary
 from identification.results import STUDY, SUMMARY, ClaimsSummary, ClaimSummary, ParameterSummary, Summary, result_file
 from identification.study import Study, load_study
+from orchestrator.assembly.schema import SystemBlock
 from orchestrator.display.table import Cell, table
+from orchestrator.documents.parts import INCLUDE
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.fmi.said import LOG_FILE, kept
 from orchestrator.formats import Layout
@@ -35,7 +37,7 @@ from orchestrator.results import (
     result_folder,
     write_json,
 )
-from orchestrator.yaml_file import naming
+from orchestrator.yaml_file import joined, naming, text_of
 
 PROVENANCE = ("title", "method", "parameters", "models", "data", "versions")
 """What of a summary travels inside the FMUs, where it says something."""
@@ -227,8 +229,13 @@ def _write_fmus(calibrated: Calibrated, folder: Path, provenance: Mapping[str, A
 
 
 def _keep(study: Study, folder: Path) -> None:
-    """Copy the study into a result folder, and the databases of its CAN logs beside it."""
-    shutil.copyfile(study.file, folder / STUDY)
+    """Copy the study, joined with what it includes, into a result folder, and the databases of its CAN logs."""
+    if isinstance(study.block, SystemBlock) and study.block.include:
+        document, _ = joined(study.file, type(study.block))
+        del document[INCLUDE]
+        (folder / STUDY).write_bytes(text_of(document))
+    else:
+        shutil.copyfile(study.file, folder / STUDY)
     for database in study.block.databases(study.base):
         if database.is_file():
             shutil.copyfile(database, folder / database.name)

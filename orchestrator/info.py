@@ -15,6 +15,7 @@ from fmus.errors import InputError
 from fmus.packaging import archive, defaults
 from fmus.packaging.native import foreign_sources
 from orchestrator.can.log_suffixes import is_log
+from orchestrator.documents.sources import is_ssp
 from orchestrator.marks import listed
 from orchestrator.progress import Progress, silent
 from orchestrator.results import MARKS, RECORD
@@ -31,7 +32,7 @@ InfoDocument = Mapping[str, object]
 
 
 def about(path: Path) -> InfoDocument:
-    """The contents of an FMU, a trace, or a folder of results.
+    """The contents of an FMU, an SSP, a trace, or a folder of results.
 
     Raises:
         InputError: there is no such file, or it is none of these.
@@ -42,6 +43,8 @@ def about(path: Path) -> InfoDocument:
         return about_result(path)
     if path.suffix.lower() == ".fmu":
         return about_fmu(path)
+    if is_ssp(path):
+        return about_ssp(path)
     return about_trace(path)
 
 
@@ -73,6 +76,31 @@ def about_fmu(path: Path) -> InfoDocument:
         provenance = _document(path, files[PROVENANCE])
         document["calibrated by"] = f"{provenance.get('title', '')} ({provenance.get('method', '')})"
     return document
+
+
+def about_ssp(path: Path) -> InfoDocument:
+    """Components, wires and values of a system as an SSP."""
+    from orchestrator.ssp.document import imported  # noqa: PLC0415 (it brings FMPy along)
+
+    found = imported(path)
+    document, run = found.document, found.document.get("run", {})
+    components = {name: Path(one["fmu"]).name for name, one in document["components"].items()}
+    return {
+        "name": document["title"],
+        **{key: str(run[key]) for key in ("stop", "step") if key in run},
+        "components": [
+            {"name": name, "in the SSP": found.names[name], "FMU": file} for name, file in components.items()
+        ],
+        "values": [
+            {"name": f"{name}.{variable}", "value": value}
+            for name, one in document["components"].items()
+            for variable, value in one.get("parameters", {}).items()
+        ],
+        "connections": [{"connection": line} for line in document["connections"]],
+        "stimuli": [{"name": name, **block} for name, block in document.get("stimuli", {}).items()],
+        "recorded": [{"name": name} for name in document.get("record", [])],
+        "notes": list(found.notes),
+    }
 
 
 def _ports(interface: Interface, causality: str) -> list[InfoDocument]:

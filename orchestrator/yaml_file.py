@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import io
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,12 +16,13 @@ from typing import Annotated, Any, ClassVar, TypeVar, Union, get_args, get_origi
 from pydantic import BaseModel, BeforeValidator, ConfigDict, GetJsonSchemaHandler, StringConstraints, ValidationError
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
+from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
 from fmus.errors import FmuFileError, ScenarioError, ServotwinError, TraceError, WiringError
 from orchestrator.documents.docstrings import attributes, summary
 from orchestrator.documents.parsing import one_line, parse
-from orchestrator.documents.parts import PART, document_of, place_of
+from orchestrator.documents.parts import INCLUDE, PART, document_of, place_of
 from orchestrator.documents.sources import plain
 from orchestrator.rational import seconds
 
@@ -123,8 +125,16 @@ def joined(path: Path, schema: type[Block]) -> tuple[dict[str, Any], list[tuple[
     return made, list(_named_files(schema, made))
 
 
+def text_of(document: dict[str, Any]) -> bytes:
+    """A document as YAML."""
+    yaml, made = YAML(), io.BytesIO()
+    yaml.width = 1 << 20  # no line of text is broken
+    yaml.dump(document, made)
+    return made.getvalue()
+
+
 def load_as(path: Path, mark: type[M], choose: Callable[[M], type[B]]) -> B:
-    """The file's contents as the schema that a part of them chooses.
+    """The file's contents, joined with the parts that it includes, as the schema that a key of the file chooses.
 
     Args:
         mark: schema of that part.
@@ -133,7 +143,8 @@ def load_as(path: Path, mark: type[M], choose: Callable[[M], type[B]]) -> B:
         ScenarioError: as `load`, or what `choose` raises.
     """
     document = parse(path)
-    return _checked(path, document, choose(_checked(path, document, mark)))
+    schema = choose(_checked(path, document, mark))
+    return load_joined(path, schema)[0] if INCLUDE in document else _checked(path, document, schema)
 
 
 def _checked(path: Path, document: Any, schema: type[B]) -> B:

@@ -205,11 +205,13 @@ class SystemBlock(Block):
     """Components and how they are wired.
 
     Attributes:
+        include: files with parts, and SSPs, that it is joined with, relative to it; what it says itself counts.
         components: name -> what it is.
         connections: `component.output -> component.input`, one a line; `2.5 * component.output + 1 -> ...` converts by
             a factor and an offset over what the units say.
     """
 
+    include: list[Path] = []
     components: Annotated[Components, Field(min_length=1)]
     connections: Connections = []
 

@@ -173,7 +173,7 @@ def _compiled(terminal: Terminal, originals: list[Path], platforms: list[str], o
 @command(app)
 def run(
     terminal: Terminal,
-    scenario: Annotated[Path, typer.Argument(help="A scenario file.")],
+    scenario: Annotated[Path, typer.Argument(help="A scenario file, or an SSP.")],
     *,
     out: Out = None,
     set_: Overrides = None,
@@ -235,9 +235,9 @@ def run(
 
 @command(app)
 def info(
-    terminal: Terminal, file: Annotated[Path, typer.Argument(help="An FMU, a trace, or a folder of results.")]
+    terminal: Terminal, file: Annotated[Path, typer.Argument(help="An FMU, an SSP, a trace, or a folder of results.")]
 ) -> Answer:
-    """What an FMU, a trace or a result holds."""
+    """What an FMU, an SSP, a trace or a result holds."""
     from orchestrator.info import about
 
     document = about(file)

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-from ruamel.yaml import YAML
 
 from fmus.errors import InputError
 from fmus.files import atomic_writes
@@ -21,7 +18,7 @@ from orchestrator.scenario.schema import ScenarioBlock, load_scenario
 from orchestrator.ssp.outline import Outline, Times, Tool
 from orchestrator.ssp.writing import write
 from orchestrator.system import Part, System, typed, wire
-from orchestrator.yaml_file import joined
+from orchestrator.yaml_file import joined, text_of
 
 _BUILT_IN = ("fmu", "model", "parameters", "tables")
 _ELSEWHERE = ("include", "connections")
@@ -71,7 +68,7 @@ def unpack(file: Path, out: Path) -> Path:
     if target.exists():
         raise InputError(target, "is there already", "give --out another folder, or move it away")
     packed = _packed(places, file.parent, {".fmu": "fmus"})
-    atomic_writes({**{out / name: content for name, content in packed.items()}, target: _text(document)})
+    atomic_writes({**{out / name: content for name, content in packed.items()}, target: text_of(document)})
     return target
 
 
@@ -132,7 +129,7 @@ def _extras(file: Path) -> dict[str, bytes]:
     for name, component in components.items():
         components[name] = {key: value for key, value in component.items() if key not in _BUILT_IN}
     rest = {key: value for key, value in document.items() if key not in _ELSEWHERE}
-    return {SCENARIO: _text(rest), **{f"{EXTRA}/{name}": content for name, content in packed.items()}}
+    return {SCENARIO: text_of(rest), **{f"{EXTRA}/{name}": content for name, content in packed.items()}}
 
 
 def _packed(places: list[tuple[Any, Any]], base: Path, folders: Mapping[str, str]) -> dict[str, bytes]:
@@ -158,11 +155,3 @@ def _packed(places: list[tuple[Any, Any]], base: Path, folders: Mapping[str, str
             names[source], contents[name] = name, source.read_bytes()
         holder[key] = names[source]
     return contents
-
-
-def _text(document: dict[str, Any]) -> bytes:
-    """A document as YAML."""
-    yaml, made = YAML(), io.BytesIO()
-    yaml.width = 1 << 20
-    yaml.dump(document, made)
-    return made.getvalue()

@@ -262,7 +262,6 @@ class ScenarioBlock(SystemBlock):
         recorder: samples the run as hardware does; its samples are written instead of the trace.
         cases: variants, each with a name; by default the scenario as it is.
         expect: what must hold in every case.
-        include: files with parts of scenarios that it is joined with, relative to it; what it says itself counts.
         sets: name -> component.variable -> value, for cases that `use` them.
         matrix: cases that are all combinations of some axes; those of `cases` come after them.
         own_noise: whether every case draws noise of its own: each `seed` that a component is given, and the case does
@@ -272,7 +271,6 @@ class ScenarioBlock(SystemBlock):
 
     model_config = ConfigDict(json_schema_extra=_parts_may_have_the_rest)
 
-    include: list[Path] = []
     title: str
     description: str = ""
     stimuli: dict[str, StimulusBlock] = {}

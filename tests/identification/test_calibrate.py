@@ -22,6 +22,7 @@ from identification.output_error import calibration
 from identification.output_error.simulator import SystemSimulator
 from orchestrator import formats
 from orchestrator.results import RECORD
+from orchestrator.scenario.exchange import export
 from orchestrator.trace import Trace
 from tests.support.small_study import COUNT, LENGTH, STEP, record, study, voltage, write_study
 
@@ -454,3 +455,22 @@ def test_the_layout_of_a_study_reads_recordings_elsewhere(tmp_path: Path) -> Non
 def test_validating_twice_gives_the_same_verdict(result: Path, data: Path, tmp_path: Path) -> None:
     one, other = (validate_result(result, data, tmp_path / name, lambda at, remark: None) for name in ("a", "b"))
     assert one == other
+
+
+def test_a_study_takes_its_system_from_an_ssp(tmp_path: Path, data: Path) -> None:
+    system = {key: study()[key] for key in ("components", "connections")}
+    scenario = {"title": "rig", **system, "run": {"stop": 1, "step": 0.01}}
+    (tmp_path / "rig.yaml").write_text(json.dumps(scenario))
+    export(tmp_path / "rig.yaml", tmp_path / "rig.ssp")
+    plain = write_study(tmp_path / "plain.yaml")
+    taken = write_study(tmp_path / "taken.yaml", include=["rig.ssp"], components=None, connections=None)
+    expected, found = (
+        calibrate_study(file, data, tmp_path / file.stem, lambda fraction, doing: None)["parameters"]
+        for file in (plain, taken)
+    )
+    assert {name: one["value"] for name, one in found.items()} == {name: one["value"] for name, one in expected.items()}
+    judged = [
+        validate_result(tmp_path / name, data, tmp_path / f"{name}-judged", lambda fraction, doing: None)
+        for name in ("taken", "plain")
+    ]
+    assert judged[0]["fit"] == judged[1]["fit"]

@@ -22,6 +22,8 @@ from orchestrator.info import about, about_trace
 from orchestrator.results import write_json
 from orchestrator.trace import Trace
 from tests.support import third_party
+from tests.support.ssps import archive as ssp
+from tests.support.ssps import bindings, component, connection, connectors, real, system, values
 
 
 def strict(document: dict[str, Any]) -> dict[str, Any]:
@@ -135,3 +137,15 @@ def test_any_bytes_are_shown_or_refused(tmp_path_factory: pytest.TempPathFactory
         strict(about(path))
     except ServotwinError as error:
         assert str(path) in str(error) and "\n" not in str(error)
+
+
+def test_an_ssp_is_shown_with_its_components_wires_and_values(tmp_path: Path) -> None:
+    inner = bindings(values({"k": real(5)}))
+    inside = system([component("w", inner=inner)], [connection("in", "w.u")], "m", connectors(**{"in": "input"}))
+    document = about(ssp(tmp_path / "s.ssp", system([component("a"), inside], [connection("a.y", "m.in")])))
+    assert document["components"] == [
+        {"name": "a", "in the SSP": "a", "FMU": "gain.fmu"},
+        {"name": "m__w", "in the SSP": "m.w", "FMU": "gain.fmu"},
+    ]
+    assert document["connections"] == [{"connection": "a.y -> m__w.u"}]
+    assert document["values"] == [{"name": "m__w.k", "value": 5.0}]
