@@ -27,9 +27,16 @@ def phase_margins(loop: OpenLoop) -> FloatArray:
 
 
 def delay_margins(loop: OpenLoop) -> FloatArray:
-    """(N,) [s] the shortest further delay that makes the loop unstable."""
+    """(N,) [s] the shortest further delay that makes the loop unstable.
+
+    Where |L| is 1 or more at half the sampling frequency a delay of one sample turns its sign there: the margin is at
+    most that sample, and told as 0 where L is negative, for between samples this response does not tell.
+    """
     crossed = gain_crossings(loop)
-    return crossed.least(np.mod(np.angle(-crossed.value), 2 * np.pi) / crossed.omega, len(loop.plants))
+    inner = crossed.least(np.mod(np.angle(-crossed.value), 2 * np.pi) / crossed.omega, len(loop.plants))
+    last = loop.values[:, -1].real
+    outer = np.where(np.abs(last) >= 1, np.where(last > 0, np.pi, 0.0) / loop.frequencies[:, -1], np.inf)
+    return np.minimum(inner, outer)
 
 
 def modulus_margins(loop: OpenLoop) -> FloatArray:

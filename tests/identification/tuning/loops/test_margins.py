@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import HealthCheck, assume, example, given, settings
 from hypothesis import strategies as st
 
 from identification.linear.model import LinearModel
@@ -48,13 +48,14 @@ def test_a_stable_loop_becomes_unstable_at_its_gain_margin_and_not_before(seed: 
 
 
 @given(seed=SEEDS, gain=GAINS)
+@example(seed=32, gain=1.75)  # |L| is more than 1 at half the sampling frequency
 @settings(deadline=None, max_examples=25, suppress_health_check=[HealthCheck.filter_too_much])
 def test_a_stable_loop_stays_stable_under_every_delay_below_its_delay_margin(seed: int, gain: float) -> None:
     model = plant(seed)
     loop = loops(model, gain)
     assume(loop.stable[0])
     margin = margins.delay_margins(loop.opened())[0]
-    assume(model.step < margin < 40 * model.step)
+    assume(margin < 40 * model.step)
     for samples in range(1, math.ceil(margin / model.step)):
         assert loops(delayed("plant", model, samples * model.step, ["u"]), gain).stable[0]
 

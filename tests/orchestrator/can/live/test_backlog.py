@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from orchestrator.can.live.backlog import Backlog
@@ -27,7 +27,7 @@ def busy(backlog: Backlog, begin: int, end: int, others: int, ours: int = 1) -> 
 def test_frames_get_out_where_others_leave_time_and_wait_where_they_do_not() -> None:
     backlog = Backlog(BusSettings("slcan", "port", 500_000))
     busy(backlog, 0, 1000, others=2)
-    assert backlog.age() <= 0.003  # its own time and the longest frame's, in what four fifths of load leave
+    assert backlog.age() <= 0.008  # its own time, the longest frame's and a look's, in what four fifths of load leave
     busy(backlog, 1000, 2000, others=5)
     assert backlog.age() > 0.9 and not backlog.empty()
     busy(backlog, 2000, 2400, others=0, ours=0)
@@ -35,6 +35,7 @@ def test_frames_get_out_where_others_leave_time_and_wait_where_they_do_not() -> 
 
 
 @settings(max_examples=60, deadline=None)
+@example(load=1.0, late=0.03, look=0.002, pause=0.5)
 @given(
     load=st.floats(0, 1),
     late=st.sampled_from([0.001, 0.01, 0.03, 0.06]),
@@ -73,7 +74,9 @@ def test_no_frame_is_out_before_it_is_and_none_waits_where_there_is_room(
         worst = max(worst, backlog.age())
         assert taken - backlog.waiting().total() <= sum(end <= now for end in out)
     if load <= 0.7:
-        assert worst <= 0.1
+        bunch = pause / 0.01 + 2  # given at once after the pause, and what may just pass
+        apart = max(look, min(pause, 0.03))  # a short pause passes for a look like others
+        assert worst <= (bunch * each + apart) / (1 - load) + late + 2 * apart
     if load == 1:
         assert worst > 1.3
 
