@@ -43,6 +43,7 @@ def build(
     path: Path,
     units: Mapping[str, str] | None = None,
     start: Sequence[float] | None = None,
+    zero: tuple[Sequence[float], Sequence[float]] | None = None,
     target: str | None = None,
     fmi: int = 2,
 ) -> Path:
@@ -53,6 +54,7 @@ def build(
     Args:
         units: units of inputs and outputs, "1" by default.
         start: (n,) state at the start, the origin by default.
+        zero: (m,) of the inputs and (p,) of the outputs that the matrices are about; 0 without, and no parameters.
         target: "native" or "python"; None takes the preferred one.
 
     Raises:
@@ -61,10 +63,10 @@ def build(
     inputs, outputs = _with_units(system.inputs, units), _with_units(system.outputs, units)
     direct = bool(np.any(np.asarray(system.d) != 0))
     try:
-        model = state_space(len(system.a), inputs, outputs, direct)
+        model = state_space(len(system.a), inputs, outputs, direct, zero is not None)
     except ValueError as error:
         raise ModelError("linear model", str(error), "name inputs and outputs by distinct identifiers") from error
-    values = matrices(system.a, system.b, system.c, system.d if direct else None, start)
+    values = matrices(system.a, system.b, system.c, system.d if direct else None, start, zero)
     values["sample_time"] = float(system.step)
     return targets.build(model, path, target=target, fmi=fmi, parameters=values)
 

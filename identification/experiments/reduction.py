@@ -10,7 +10,7 @@ from identification.linear.model import LinearModel
 from identification.linear.modes import Mode, ReductionMethod, kept, labels, modes, ranked
 from identification.linear.poles import stabilised
 from identification.linear.records import InputOutputData
-from identification.linear.updating import UpdatedMatrix, reduced, updated
+from identification.linear.reduction import UpdatedMatrix, reduced, updated
 from orchestrator.trace import FloatArray
 
 

@@ -15,7 +15,22 @@ from fmus.errors import IdentificationError
 from identification.linear.model import LinearModel
 from identification.linear.records import InputOutputData, between_gaps
 from identification.signals.processing import low_pass
-from orchestrator.trace import FloatArray
+from orchestrator.trace import FloatArray, ReadOnlyArrays
+
+
+@dataclass(frozen=True, eq=False)
+class Offsets(ReadOnlyArrays):
+    """Where a linear model has its zero: u (m,) of the inputs and y (p,) of the outputs."""
+
+    u: FloatArray
+    y: FloatArray
+
+
+def offsets_of(records: Sequence[InputOutputData]) -> Offsets:
+    """The means over all records, gaps left out."""
+    u, y = (np.concatenate([getattr(record, name) for record in records]) for name in "uy")
+    known = np.isfinite(np.hstack([u, y])).all(axis=1)
+    return Offsets(u[known].mean(axis=0), y[known].mean(axis=0))
 
 
 @dataclass(frozen=True)
@@ -23,11 +38,13 @@ class Preparation:
     """Steps that are taken, in this order.
 
     Attributes:
-        zero_mean: names of the outputs that are centred, such as strains; the others start at zero.
+        zero_mean: names of the outputs that are centred, such as strains; the others start at zero, or where there are
+            offsets have these taken off.
         cutoff: corner of a second-order Butterworth low-pass [Hz]; None filters nothing.
         causal: filter forwards only, as an instrument would; else forwards and backwards, without a lag.
         filter_input: filter inputs as outputs are.
         scaled: bring each output's greatest magnitude in all records to that of the first input.
+        offsets: taken off inputs and outputs; None takes nothing off inputs.
     """
 
     zero_mean: tuple[str, ...] = ()
@@ -35,6 +52,7 @@ class Preparation:
     causal: bool = False
     filter_input: bool = True
     scaled: bool = True
+    offsets: Offsets | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +99,9 @@ def _centred(record: InputOutputData, how: Preparation) -> InputOutputData:
     known = record.y[np.isfinite(record.y).all(axis=1)]
     if not len(known):
         return record
-    return replace(record, y=record.y - np.where(centred, known.mean(axis=0), known[0]))
+    zero = known[0] if how.offsets is None else how.offsets.y
+    u = record.u if how.offsets is None else record.u - how.offsets.u
+    return replace(record, u=u, y=record.y - np.where(centred, known.mean(axis=0), zero))
 
 
 def _filtered(record: InputOutputData, how: Preparation) -> InputOutputData:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from identification.linear.preparation import Preparation
+from identification.linear.preparation import Offsets, Preparation
 from orchestrator.yaml_file import Block
 
 
@@ -20,6 +20,6 @@ class ConditioningBlock(Block):
     causal: bool = Preparation.causal
     filter_input: bool = Preparation.filter_input
 
-    def preparation(self, *, scaled: bool = Preparation.scaled) -> Preparation:
-        """The steps; `scaled` brings outputs to the size of the input."""
-        return Preparation(self.zero_mean, self.cutoff, self.causal, self.filter_input, scaled)
+    def preparation(self, *, scaled: bool = Preparation.scaled, offsets: Offsets | None = None) -> Preparation:
+        """The steps; `scaled` brings outputs to the size of the input, `offsets` are taken off."""
+        return Preparation(self.zero_mean, self.cutoff, self.causal, self.filter_input, scaled, offsets)

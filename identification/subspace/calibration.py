@@ -8,44 +8,23 @@ from pathlib import Path
 
 import numpy as np
 
-from identification.estimation.validation import fit
-from identification.linear.mode_tracking import Spread, spreads
-from identification.linear.model import LinearModel
+from fmus.errors import IdentificationError
+from identification.estimation.stopped import stopped
+from identification.linear.mode_tracking import spreads
 from identification.linear.modes import kept, modes
-from identification.linear.preparation import Preparation, PreparedData, prepared, without_compensation
+from identification.linear.preparation import Offsets, Preparation, offsets_of, prepared, without_compensation
 from identification.linear.records import InputOutputData
-from identification.linear.updating import reduced, updated
+from identification.linear.reduction import Reduction, reduced, together, updated
 from identification.recordings.campaign import StudyTrace, load_campaign, split
 from identification.recordings.marks import nothing_left, sound
 from identification.recordings.units import in_common_units
 from identification.subspace.prediction_error import Refined, refine, uncertainty
-from identification.subspace.realisation import SubspaceResult, simulated
 from identification.subspace.schema import ReductionBlock, SubspaceBlock
-from identification.subspace.subspace import subspace
+from identification.subspace.trials import Candidate, Sides, Trial, Trying
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.progress import Progress
-from orchestrator.trace import FloatArray
 
-
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """A model and how it runs free along the traces.
-
-    Attributes:
-        model: in the signals' own units.
-        why: how its order came about.
-        train, unseen: (R, p) FIT of each record and output.
-        runs: record -> (K, p) free run.
-        spreads: uncertainty of its modes, which only a refined model has.
-    """
-
-    name: str
-    model: LinearModel
-    why: str
-    train: FloatArray
-    unseen: FloatArray
-    runs: dict[str, FloatArray]
-    spreads: tuple[Spread, ...] = ()
+_ATTEMPTS = 3  # of the best models that are tried to be refined, one after the other
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,32 +32,56 @@ class SubspaceCalibration:
     """What a study gave.
 
     Attributes:
-        records: name -> the record that models are judged on: bias and compensation taken off, nothing filtered.
+        records: name -> the record that models are judged on: offsets and compensation taken off, nothing filtered.
         pieces: name of each of these -> trace that it is cut from, between its marks.
         dropped: samples in pieces that were too short.
-        subspaces: weighting -> its estimate.
-        refined: what the refinement gave, where it was asked for.
+        trials: every way that was tried; the best of each weighting is a candidate.
+        refined: what the refinement gave, where it was asked for and could be had.
+        offsets: where inputs and outputs have their zero; None where records begin at rest.
+        failures: sentences about what was asked for and could not be had.
+        stopped: why there is less than was asked for; nothing where the calibration came to its end.
     """
 
     study: SubspaceBlock
     recorded: tuple[StudyTrace, ...]
     records: dict[str, InputOutputData]
     candidates: dict[str, Candidate]
-    subspaces: dict[str, SubspaceResult]
+    trials: tuple[Trial, ...]
     refined: Refined | None
     pieces: dict[str, str]
     dropped: int
+    offsets: Offsets | None = None
+    failures: tuple[str, ...] = ()
+    reduction: Reduction | None = None
+    stopped: str = ""
 
     @property
     def taken(self) -> Candidate:
-        """The one that is written."""
-        return self.candidates[self.study.taken]
+        """The one that is written: that of `take`, the reduced one where there is one, else that of the best free run.
+
+        Of equally good ones it is the first.
+        """
+        wanted = self.study.take or ("reduced" if self.study.reduce else None)
+        if wanted in self.candidates:
+            return self.candidates[wanted]
+        return max(self.candidates.values(), key=lambda candidate: candidate.score)
+
+    @property
+    def zero(self) -> Offsets | None:
+        """What the written model counts from; None where records begin at rest."""
+        known = self.offsets
+        return None if known is None else Offsets(known.u, known.y + self.taken.offset)
+
+    @property
+    def best(self) -> Trial:
+        """The trial with the best free run."""
+        return max(self.trials, key=lambda trial: trial.score)
 
 
 def calibrate(
     study: SubspaceBlock, base: Path, data: Path | None, progress: Progress, isolation: Isolation | None = None
 ) -> SubspaceCalibration:
-    """Identify, refine, reduce, and judge on the traces kept aside.
+    """Identify in every way that is left open, refine the best, reduce, and judge on the traces kept aside.
 
     Args:
         base: folder of the study file.
@@ -86,45 +89,134 @@ def calibrate(
         isolation: of FMUs whose runs are the recordings.
 
     Raises:
-        InputError: the study and the traces do not fit together, or the data do not bear the model.
+        InputError: the study and the traces do not fit together, or the data bear no model at all.
+        EstimationInterrupted: interrupted when there was a model, which it carries.
     """
     source = study.source(base)
-    recorded = load_campaign(source, data, lambda fraction, doing: progress(0.5 * fraction, doing), isolation)
+    recorded = load_campaign(source, data, lambda fraction, doing: progress(0.3 * fraction, doing), isolation)
     recorded = in_common_units(recorded, [*study.inputs, *study.outputs])
+    cut = _cut(study, recorded)
+    trials = list[Trial]()
+    found = SubspaceCalibration(
+        cut.study, tuple(recorded), cut.judged, {}, (), None, cut.origin, cut.dropped, cut.offsets
+    )
+    try:
+        for number, weighting in enumerate(study.weightings):
+            for trial in cut.trying.by(cut.study.ways(weighting, cut.samples)):
+                trials.append(trial)
+                progress(0.3 + 0.4 * number / len(study.weightings), f"{weighting}, {len(trials)} ways tried")
+        found = replace(found, trials=tuple(trials), candidates=_best_of_each(trials))
+        found = _refined(found, cut, progress) if study.refine else found
+        return _reduced(found, cut, study.reduce) if study.reduce is not None else found
+    except KeyboardInterrupt as error:
+        if not any(trial.candidate for trial in trials):
+            raise
+        found = found if found.trials else replace(found, trials=tuple(trials), candidates=_best_of_each(trials))
+        raise stopped(error, replace(found, stopped="interrupted")) from error
+
+
+@dataclass(frozen=True, eq=False)
+class _Cut:
+    """Traces cut for identification and for judging; see `SubspaceCalibration`."""
+
+    study: SubspaceBlock
+    judged: dict[str, InputOutputData]
+    origin: dict[str, str]
+    dropped: int
+    offsets: Offsets | None
+    trying: Trying
+
+    @property
+    def samples(self) -> int:
+        """Samples of the fitted records together."""
+        return sum(map(len, self.trying.ready))
+
+
+def _cut(study: SubspaceBlock, recorded: list[StudyTrace]) -> _Cut:
     fitted, aside = split(recorded, study.traces.hold_out)
     given = {known.trace.name: _record(study, known) for known in recorded}
     if any(np.isnan(record.u).any() for record in given.values()):
         study = study.model_copy(update={"initial_states": True})  # nothing rests where a piece begins
-    how = study.preparation.preparation(scaled=study.preparation.scaled)
-    plain = Preparation(how.zero_mean, scaled=False)
+    first = [given[known.trace.name] for known in fitted]
+    offsets = offsets_of(first) if study.initial_states else None
+    how = study.preparation.preparation(scaled=study.preparation.scaled, offsets=offsets)
+    plain = Preparation(how.zero_mean, scaled=False, offsets=offsets)
     there = {trace: record for trace, record in given.items() if np.isfinite(record.u).any()}
     cut = [(trace, piece) for trace, record in there.items() for piece in prepared([record], plain).records]
     judged = {piece.name: piece for trace, piece in cut if len(piece) >= study.shortest or piece.name == trace}
     origin = {piece.name: trace for trace, piece in cut if piece.name in judged}
-    names = tuple(_of(side, origin, study) for side in (fitted, aside))
-    ready = prepared([given[known.trace.name] for known in fitted], how)
-    ready = replace(ready, records=tuple(record for record in ready.records if record.name in judged))
-    sides = tuple([judged[name] for name in side] for side in names)
-    found: dict[str, SubspaceResult] = {}
-    candidates: dict[str, Candidate] = {}
-    for number, weighting in enumerate(study.weightings):
-        progress(0.5 + 0.2 * number / len(study.weightings), weighting)
-        found[weighting] = subspace(ready.records, study.rule, study.settings(weighting))
-        candidates[weighting] = _judged(study, weighting, found[weighting].why, found[weighting].model, ready, sides)
-    best, why = found[study.weightings[0]].model, found[study.weightings[0]].why
-    refined = None
-    if study.refine:
-        progress(0.7, "refining")
-        refined = refine(best, ready.records, study.refinement, found[study.weightings[0]].gain)
-        best = refined.model
-        spread = spreads(best, refined.directions.a, uncertainty(refined).matrix)
-        candidates["refined"] = replace(_judged(study, "refined", why, best, ready, sides), spreads=tuple(spread))
-    if study.reduce is not None:
-        best = _reduced(best, study.reduce, ready.records)
-        why = f"{best.order} states by {study.reduce.by.upper()}"
-        candidates["reduced"] = _judged(study, "reduced", why, best, ready, sides)
+    sides = [tuple(judged[name] for name in _of(side, origin, study)) for side in (fitted, aside)]
+    ready = prepared(first, how)
+    records = tuple(record for record in ready.records if record.name in judged)
     dropped = sum(len(piece) for _, piece in cut if piece.name not in judged)
-    return SubspaceCalibration(study, tuple(recorded), judged, candidates, found, refined, origin, dropped)
+    trying = Trying(
+        records,
+        ready.scale,
+        Sides(sides[0], sides[1], study.start, not study.initial_states),
+        study.rule,
+        study.compared_poles,
+        study.compared_feedthrough,
+    )
+    return _Cut(study, judged, origin, dropped, offsets, trying)
+
+
+def _best_of_each(trials: Sequence[Trial]) -> dict[str, Candidate]:
+    """Weighting -> its best candidate.
+
+    Raises:
+        IdentificationError: no way gave a model; the first says why.
+    """
+    best: dict[str, Candidate] = {}
+    for trial in trials:
+        known = trial.candidate
+        if known is not None and (known.name not in best or known.score > best[known.name].score):
+            best[known.name] = known
+    if not best:
+        raise trials[0].error or IdentificationError("model", "none could be had", "use other records")
+    return best
+
+
+def _refined(found: SubspaceCalibration, cut: _Cut, progress: Progress) -> SubspaceCalibration:
+    """With the best trial refined, or the next best where it cannot be."""
+    failures = list[str]()
+    known = [trial for trial in found.trials if trial.result is not None]
+    for trial in sorted(known, key=lambda trial: -trial.score)[:_ATTEMPTS]:
+        assert trial.result is not None
+        start = trial.result
+        settings = cut.study.refinement(trial.settings, stable=start.model.stable)
+        try:
+            refined = refine(
+                start.model,
+                cut.trying.ready,
+                settings,
+                start.gain,
+                lambda share, cost: progress(0.7 + 0.25 * share, f"refining, error {cost:.4g}"),
+            )
+            spread = spreads(refined.model, refined.directions.a, uncertainty(refined).matrix)
+        except (IdentificationError, np.linalg.LinAlgError) as error:
+            failures.append(f"the model by {trial.settings.weighting} could not be refined: {error}")
+            continue
+        judged = cut.trying.sides.judged("refined", start.why, cut.trying.unscaled(refined.model))
+        candidates = {**found.candidates, "refined": replace(judged, spreads=tuple(spread))}
+        found = replace(found, candidates=candidates, refined=refined, failures=tuple(failures))
+        if refined.interrupted:
+            raise stopped(KeyboardInterrupt(), replace(found, stopped="interrupted while it was refined"))
+        return found
+    return replace(found, failures=tuple(failures))
+
+
+def _reduced(found: SubspaceCalibration, cut: _Cut, how: ReductionBlock) -> SubspaceCalibration:
+    """With the best model reduced; its scaled records are those that it is updated by."""
+    trying, first = cut.trying, found.best.result
+    assert first is not None
+    refined = found.refined is not None and found.candidates["refined"].score >= found.best.score
+    model = found.refined.model if refined and found.refined is not None else first.model
+    u = np.concatenate([record.u for record in trying.ready])
+    numbers = kept(how.by, modes(model), u, how.order, how.flexible)
+    best = updated(reduced(model, numbers), trying.ready, how.update)
+    why = f"{best.order} states by {how.by.upper()}"
+    judged = trying.sides.judged("reduced", why, trying.unscaled(best))
+    return replace(found, candidates={**found.candidates, "reduced": judged}, reduction=together(model, numbers, u))
 
 
 def _of(side: Sequence[StudyTrace], origin: Mapping[str, str], study: SubspaceBlock) -> list[str]:
@@ -151,29 +243,3 @@ def _record(study: SubspaceBlock, recorded: StudyTrace) -> InputOutputData:
     u = without_compensation(given.u, study.preparation.compensation)
     used = sound(trace, marks)[:, None]
     return replace(given, u=np.where(used, u, np.nan), y=np.where(used, given.y, np.nan))
-
-
-def _reduced(model: LinearModel, how: ReductionBlock, records: Sequence[InputOutputData]) -> LinearModel:
-    u = np.concatenate([record.u for record in records])
-    numbers = kept(how.by, modes(model), u, how.order, how.flexible)
-    return updated(reduced(model, numbers), records, how.update)
-
-
-def _judged(
-    study: SubspaceBlock,
-    name: str,
-    why: str,
-    model: LinearModel,
-    ready: PreparedData,
-    sides: Sequence[Sequence[InputOutputData]],
-) -> Candidate:
-    """A model of prepared records, in the signals' own units, with its free runs of both sides: fitted and kept."""
-    own = ready.unscaled(model)
-    horizon = max(round(study.start / own.step), own.order + 1) if study.initial_states else 0
-    runs: dict[str, FloatArray] = {}
-    fits = []
-    for side in sides:
-        free = simulated(own, side, horizon) if horizon else [own.simulate(record.u) for record in side]
-        runs |= {record.name: run for record, run in zip(side, free, strict=True)}
-        fits.append(np.array([fit(record.y, run) for record, run in zip(side, free, strict=True)]))
-    return Candidate(name, own, why, fits[0], fits[1].reshape(-1, len(own.outputs)), runs)

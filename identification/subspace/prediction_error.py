@@ -7,7 +7,7 @@ model's own sensitivities, simulated.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -31,6 +31,7 @@ _ROUGHNESS = 1e3  # times the tolerance: what a linear model may still promise o
 _NO_EFFECT = 1e-10
 _DISTURBANCE = 1e-3
 _OVERFLOW = 1e100
+INTERRUPTED = "was interrupted"
 
 
 @dataclass(frozen=True)
@@ -87,6 +88,10 @@ class Refined:
     candidate: LinearModel
 
     @property
+    def interrupted(self) -> bool:
+        return self.why == INTERRUPTED
+
+    @property
     def directions(self) -> Directions:
         """What a step along each degree of freedom changes in the model's matrices; `uncertainty` is of these steps."""
         own, candidate = self.problem.directions(self.candidate), self.candidate
@@ -103,13 +108,22 @@ class Refined:
 
 
 @single_threaded
-def refine(model: LinearModel, records: Records, settings: Refinement, gain: FloatArray | None = None) -> Refined:
+def refine(
+    model: LinearModel,
+    records: Records,
+    settings: Refinement,
+    gain: FloatArray | None = None,
+    report: Callable[[float, float], None] = lambda share, cost: None,
+) -> Refined:
     """The model, changed until its error over all records is least.
 
     Args:
         model: where to start, from `subspace`.
         gain: (n, p) Kalman gain to start the innovations from; when not given, that of a model whose states are
             disturbed by a thousandth of their power.
+        report: told after each step which share of the iterations is done, and the cost.
+
+    An interrupt ends it: what was found until then comes back and says so.
 
     Raises:
         IdentificationError: records that do not fit the model, or a start whose errors are not finite.
@@ -126,7 +140,7 @@ def refine(model: LinearModel, records: Records, settings: Refinement, gain: Flo
     first = _at(problem, start.transformed(balanced_basis(start, [u for u, _ in problem.data])))
     if not np.isfinite(first.cost):
         raise IdentificationError("refinement", "the free run of the start overflows", "start from a stable model")
-    last, iterations, converged, why = _minimised(problem, first, settings)
+    last, iterations, converged, why = _minimised(problem, first, settings, report)
     found, k = _unposed(problem, last.model, model, weights)
     return Refined(
         found, k, last.starts, pieces, last.cost, first.cost, iterations, converged, why, weights, problem, last.model
@@ -166,15 +180,26 @@ def _at(problem: PredictionProblem, model: LinearModel) -> _Point:
     return _Point(model, starts, cost if np.isfinite(cost) else np.inf)
 
 
-def _minimised(problem: PredictionProblem, point: _Point, settings: Refinement) -> tuple[_Point, int, bool, str]:
+def _minimised(
+    problem: PredictionProblem, point: _Point, settings: Refinement, report: Callable[[float, float], None]
+) -> tuple[_Point, int, bool, str]:
     """The last point, steps taken, whether it is a minimum, and why it ended."""
     damping = 1e-3
     for iteration in range(settings.iterations):
-        directions = problem.directions(point.model)
-        quadratic = _Quadratic.of(problem.triangle(point.model, directions, point.starts))
-        if quadratic.promise < settings.tolerance:
-            return point, iteration, True, f"no step promises to lower the error by more than {settings.tolerance:g}"
-        trial, damping = _stepped(problem, point, directions, quadratic, damping)
+        report(iteration / settings.iterations, point.cost)
+        try:
+            directions = problem.directions(point.model)
+            quadratic = _Quadratic.of(problem.triangle(point.model, directions, point.starts))
+            if quadratic.promise < settings.tolerance:
+                why = f"no step promises to lower the error by more than {settings.tolerance:g}"
+                return point, iteration, True, why
+            trial, damping = _stepped(problem, point, directions, quadratic, damping)
+        except KeyboardInterrupt:
+            return point, iteration, False, INTERRUPTED
+        except IdentificationError as error:
+            if not iteration:
+                raise
+            return point, iteration, False, f"ended where it could not go on ({error.problem})"
         if trial is None:
             rough = quadratic.promise < _ROUGHNESS * settings.tolerance
             why = f"no step lowers the error, although one promised {quadratic.promise:.2g} of it"
@@ -191,7 +216,10 @@ def _stepped(
     """The first point with a lower cost as the damping grows, and the damping to go on with."""
     while damping < _MOST_DAMPING:
         moved = directions.moved(point.model, quadratic.step(damping))
-        trial = _at(problem, problem.placed(moved))
+        try:
+            trial = _at(problem, problem.placed(moved))
+        except IdentificationError:  # no model: no pole to be an integrator, or a run that overflows
+            trial = replace(point, cost=np.inf)
         if trial.cost < point.cost:
             return trial, max(damping / 10, _LEAST_DAMPING)
         damping *= 10

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fmus.errors import IdentificationError
 from identification.estimation.threads import single_threaded
 from identification.estimation.validation import delta, rms
 from identification.linear.input_matrices import InputFit, fit_inputs
@@ -69,6 +70,15 @@ def realise(space: RangeSpace, order: int, why: str = "") -> SubspaceResult:
         IdentificationError: the block size or the data do not bear the order, or the poles cannot be had.
     """
     checked(order, space.values, space.limit)
+    try:
+        return _realised(space, order, why)
+    except np.linalg.LinAlgError as error:
+        raise IdentificationError(
+            "model", f"of order {order} cannot be computed ({error})", "ask for another"
+        ) from None
+
+
+def _realised(space: RangeSpace, order: int, why: str) -> SubspaceResult:
     a, c = space.shift_invariant(order)
     fitted = _by_prediction(space, a, c) if space.settings.closed_loop else _by_simulation(space, a, c)
     records, scale = space.pieces.records, 1 / space.weights

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
+from fmus.errors import IdentificationError
 from identification.linear.mode_tracking import stabilisation
+from identification.linear.model import LinearModel
 from identification.linear.modes import modes, ranked
+from identification.linear.reduction import one_by_one
 from identification.recordings.units import unit_documents
 from identification.results import data_summary, provenance, verdict_callout
-from identification.subspace.calibration import Candidate, SubspaceCalibration
+from identification.subspace.calibration import SubspaceCalibration
 from identification.subspace.orders import borne
+from identification.subspace.range_space import RangeSpace
 from identification.subspace.realisation import realise
 from identification.subspace.summary import medians, subspace_verdict, uncertain_modes, warnings_of
+from identification.subspace.trials import Candidate
 from orchestrator.display.table import Cell
 from orchestrator.report import Report, Section, figures
 from orchestrator.trace import Trace
@@ -31,6 +35,9 @@ def report(result: SubspaceCalibration) -> Report:
     for warning in warnings_of(result):
         section.callout("warning", warning)
     section.table(*fit_table(result), caption="Median FIT over the traces, free runs")
+    section.table(*_tried(result), caption="All that was tried: mean FIT of the traces that models are compared on")
+    if result.reduction is not None:
+        section.paragraph(f"Reduced: {result.reduction}, before `update` (under all inputs in a row, from rest).")
     _free_runs(page.section("Free runs"), result)
     _modes(page.section("Modes"), result)
     _extraction(page.section("Singular values"), result)
@@ -50,6 +57,17 @@ def fit_table(result: SubspaceCalibration) -> tuple[list[str], list[list[Cell]]]
     return headers, rows
 
 
+def _tried(result: SubspaceCalibration) -> tuple[list[str], list[list[Cell]]]:
+    headers = ["weighting", "block", "poles", "D", "order", "mean FIT", ""]
+    rows: list[list[Cell]] = []
+    for trial in result.trials:
+        model, settings = trial.candidate, trial.settings
+        order, score = (None, None) if model is None else (model.model.order, model.score)
+        direct, why = "yes" if settings.feedthrough else "no", str(trial.error or "")
+        rows.append([settings.weighting, settings.block, settings.poles, direct, order, score, why])
+    return headers, rows
+
+
 def _free_runs(section: Section, result: SubspaceCalibration) -> None:
     kept = [name for name, trace in result.pieces.items() if trace in result.study.traces.hold_out]
     shown = (kept or list(result.records))[:SHOWN]
@@ -66,46 +84,60 @@ def _free_runs(section: Section, result: SubspaceCalibration) -> None:
 
 
 def _drawn(result: SubspaceCalibration) -> list[Candidate]:
-    """The model that is written, and the first weighting's."""
-    first = result.candidates[result.study.weightings[0]]
+    """The model that is written, and the best of the weightings'."""
+    first = result.best.candidate or result.taken
     return [result.taken] if result.taken is first else [first, result.taken]
 
 
 def _modes(section: Section, result: SubspaceCalibration) -> None:
-    model = result.taken.model
-    found = modes(model)
-    u = np.concatenate([record.u for record in result.records.values()])
-    magnitudes = ranked([mode.response_magnitude(u) for mode in found])
-    values = ranked([mode.mode_singular_value(len(u)) for mode in found])
-    entries = uncertain_modes(result.taken)
-    rows = [
-        [
-            entry["mode"],
-            entry["frequency"],
-            _half(entry["frequency_std"]),
-            entry["damping"],
-            _half(entry["damping_std"]),
-            by_mrm,
-            by_msv,
+    """The modes of the model that is written: how sure, how strong, and what leaving one out does."""
+    model, u = result.taken.model, np.concatenate([record.u for record in result.records.values()])
+    try:
+        found, alone = modes(model), one_by_one(model, u)
+    except IdentificationError as error:
+        section.callout("warning", f"The model that is written has no table of modes: {error}")
+    else:
+        with np.errstate(over="ignore", invalid="ignore"):
+            magnitudes = ranked([mode.response_magnitude(u) for mode in found])
+            values = ranked([mode.mode_singular_value(len(u)) for mode in found])
+        rows: list[list[Cell]] = [
+            [
+                entry["mode"],
+                *(entry["frequency"], _half(entry["frequency_std"])),
+                *(entry["damping"], _half(entry["damping_std"])),
+                *(by_mrm, by_msv),
+                *(100 * dropped.bound, 100 * dropped.measured),
+            ]
+            for entry, by_mrm, by_msv, dropped in zip(
+                uncertain_modes(result.taken), magnitudes, values, alone, strict=True
+            )
         ]
-        for entry, by_mrm, by_msv in zip(entries, magnitudes, values, strict=True)
-    ]
-    headers = ["mode", "frequency [Hz]", "± 95 %", "damping", "± 95 %", "MRM rank", "MSV rank"]
-    section.table(headers, rows, caption=f"Modes of the model that is written ({result.taken.name})")
-    section.figure(_stabilisation(result), "Stabilisation diagram: a mode of the system stays from order to order")
+        headers = ["mode", "frequency [Hz]", "± 95 %", "damping", "± 95 %", "MRM rank", "MSV rank"]
+        headers += ["dropped: error at most [%]", "measured [%]"]
+        section.table(headers, rows, caption=f"Modes of the model that is written ({result.taken.name})")
+        section.paragraph(
+            "Errors are mean absolute ones of any output, over the greatest mean magnitude of an output, under the "
+            "inputs of all records in a row and from rest; for several modes the bounds add up."
+        )
+    _stabilisation(section, result)
 
 
 def _half(std: float | None) -> float | None:
     return None if std is None else 1.96 * std
 
 
-def _stabilisation(result: SubspaceCalibration) -> Any:
-    """Of the first weighting's models of all orders, as free as they come: only their A and C are looked at."""
-    space = result.subspaces[result.study.weightings[0]].space
-    free = replace(space, settings=replace(space.settings, poles="free", initial_states=True))
-    orders = range(2, borne(space.values, min(SCANNED, space.limit)) + 1)
-    sightings = stabilisation([realise(free, order).model for order in orders])
-    nyquist = 0.5 / space.pieces.records[0].step
+def _stabilisation(section: Section, result: SubspaceCalibration) -> None:
+    """Of the best trial's range space, models of all orders as free as they come: only A and C are looked at."""
+    best = result.best.result
+    assert best is not None
+    space = replace(best.space, settings=replace(best.space.settings, poles="free", initial_states=True))
+    found, failed = list[LinearModel](), list[str]()
+    for order in range(2, borne(space.values, min(SCANNED, space.limit)) + 1):
+        try:
+            found.append(_with_modes(space, order))
+        except IdentificationError:
+            failed.append(str(order))
+    sightings = stabilisation(found)
     groups = {
         "stable": [s for s in sightings if s.stable],
         "in frequency": [s for s in sightings if s.in_frequency and not s.stable],
@@ -114,11 +146,28 @@ def _stabilisation(result: SubspaceCalibration) -> Any:
     points = {
         name: ([s.mode.frequency for s in group], [float(s.order) for s in group]) for name, group in groups.items()
     }
-    return figures.points(points, "frequency [Hz]", "order", limit=nyquist)
+    figure = figures.points(points, "frequency [Hz]", "order", limit=0.5 / space.pieces.records[0].step)
+    without = f"; orders {', '.join(failed)} overflow and are not shown" if failed else ""
+    section.figure(figure, f"Stabilisation diagram: a mode of the system stays from order to order{without}")
+
+
+def _with_modes(space: RangeSpace, order: int) -> LinearModel:
+    """A model that has modal coordinates.
+
+    Raises:
+        IdentificationError: it has none, or overflows.
+    """
+    model = realise(space, order).model
+    modes(model)
+    return model
 
 
 def _extraction(section: Section, result: SubspaceCalibration) -> None:
-    spaces = {name: found.space for name, found in result.subspaces.items()}
+    spaces = {
+        f"{trial.settings.weighting}, block {trial.settings.block}": trial.result.space
+        for trial in result.trials
+        if trial.result is not None
+    }
     curves = {
         name: (list(range(1, len(space.values) + 1)), (space.values / space.values[0]).tolist())
         for name, space in spaces.items()

@@ -9,14 +9,16 @@ from pydantic import Field, model_validator
 from identification.linear.modes import ReductionMethod
 from identification.linear.poles import Poles
 from identification.linear.preparation import Preparation
+from identification.linear.reduction import UpdatedMatrix
 from identification.linear.schema import ConditioningBlock
-from identification.linear.updating import UpdatedMatrix
 from identification.recordings.schema import RecordedStudyBlock, UsedSignals
 from identification.subspace.orders import Best, Gap, OrderRule, Threshold
 from identification.subspace.prediction_error import Refinement
 from identification.subspace.range_space import SubspaceSettings
 from identification.subspace.weightings import Weighting
 from orchestrator.yaml_file import Block
+
+_BLOCKS = (5, 10, 20, 30)
 
 
 class PreparationBlock(ConditioningBlock):
@@ -85,11 +87,17 @@ class SubspaceBlock(RecordedStudyBlock):
         inputs, outputs: signals of the traces.
         sample: even distance of samples that the traces are brought to [s], inputs held and outputs interpolated; None
             takes them as they are.
-        block: block rows of the data matrices (q of the flexible-manipulator thesis).
-        weightings: methods that are compared; the first is the one that is refined and reduced.
+        block: block rows of the data matrices (q of the flexible-manipulator thesis); some sizes are compared without.
+        weightings: methods that are compared; the model with the best free run is refined and reduced.
+        order: how many states; the best of up to 10 without.
+        feedthrough: whether inputs act on outputs at once; both are compared without.
+        poles: without, free ones and stable ones are compared.
         refine: whether the free-run error is minimised from there.
-        take: which model is written: a weighting, "refined" or "reduced"; by default the last of these that there is.
-        start: seconds at the beginning of a trace kept aside that its initial state is estimated from.
+        take: which model is written: a weighting, "refined" or "reduced"; by default the reduced one where there is
+            one, else that of the best free run along the traces kept aside (without any, along the fitted ones).
+        start: seconds at the beginning of a trace kept aside that its initial state is estimated from; some periods of
+            the model without.
+        at_least: median FIT that the model that is written has to reach.
         name: of the FMU.
     """
 
@@ -98,18 +106,18 @@ class SubspaceBlock(RecordedStudyBlock):
     outputs: list[str] = Field(min_length=1)
     sample: float | None = Field(None, gt=0)
     preparation: PreparationBlock = PreparationBlock()
-    block: int = Field(ge=2)
+    block: int | None = Field(None, ge=2)
     past: int | None = Field(SubspaceSettings.past, ge=1)
-    weightings: list[Weighting] = Field(["orse"], min_length=1)
-    order: int | OrderBlock
-    feedthrough: bool = SubspaceSettings.feedthrough
+    weightings: list[Weighting] = Field(["cva", "moesp", "n4sid"], min_length=1)
+    order: int | OrderBlock = OrderBlock(best=(1, 10))
+    feedthrough: bool | None = None
     closed_loop: bool = SubspaceSettings.closed_loop
-    poles: Poles = SubspaceSettings.poles
+    poles: Poles | None = None
     initial_states: bool = SubspaceSettings.initial_states
     refine: bool = False
     reduce: ReductionBlock | None = None
     take: str | None = None
-    start: float = Field(0.0, ge=0)
+    start: float | None = Field(None, gt=0)
     at_least: float | None = None
     name: str = "plant"
 
@@ -132,9 +140,14 @@ class SubspaceBlock(RecordedStudyBlock):
         return UsedSignals(frozenset(self.inputs), frozenset(self.outputs))
 
     @property
+    def blocks(self) -> tuple[int, ...]:
+        """The block sizes that are compared."""
+        return _BLOCKS if self.block is None else (self.block,)
+
+    @property
     def shortest(self) -> int:
         """Samples that a piece of a trace between marks has at least; enough to fit it, and to judge it."""
-        return self.block * (2 + max(2, len(self.outputs)))
+        return min(self.blocks) * (2 + max(2, len(self.outputs)))
 
     @property
     def models(self) -> list[str]:
@@ -142,33 +155,44 @@ class SubspaceBlock(RecordedStudyBlock):
         return [*self.weightings, *(["refined"] if self.refine else []), *(["reduced"] if self.reduce else [])]
 
     @property
-    def taken(self) -> str:
-        """Name of the one that is written."""
-        return self.take or self.models[-1]
-
-    @property
     def rule(self) -> OrderRule:
         """How the order is found."""
         return self.order if isinstance(self.order, int) else self.order.rule
 
-    def settings(self, weighting: Weighting) -> SubspaceSettings:
-        """How a model is estimated with one of the weightings."""
+    @property
+    def compared_poles(self) -> tuple[Poles, ...]:
+        """Where poles may lie, of models that are compared."""
+        return ("free", "stable") if self.poles is None else (self.poles,)
+
+    @property
+    def compared_feedthrough(self) -> tuple[bool, ...]:
+        """Whether models that are compared have a D; in closed loop none has, unless the study asks for one."""
+        if self.feedthrough is not None:
+            return (self.feedthrough,)
+        return (False,) if self.closed_loop else (True, False)
+
+    def ways(self, weighting: Weighting, samples: int) -> list[SubspaceSettings]:
+        """How a weighting's models are estimated, one for each block size that so many samples bear, or the least."""
+        rows = 2 * (len(self.inputs) + len(self.outputs))
+        blocks = [block for block in self.blocks if 2 * block * rows <= samples] or [min(self.blocks)]
+        return [self._settings(weighting, block) for block in blocks]
+
+    def _settings(self, weighting: Weighting, block: int) -> SubspaceSettings:
         return SubspaceSettings(
-            self.block,
+            block,
             weighting,
             past=self.past,
             closed_loop=self.closed_loop,
-            feedthrough=self.feedthrough,
+            feedthrough=self.compared_feedthrough[0],
             initial_states=self.initial_states,
-            poles=self.poles,
+            poles=self.compared_poles[0],
         )
 
-    @property
-    def refinement(self) -> Refinement:
-        """How the first weighting's model is refined."""
+    def refinement(self, settings: SubspaceSettings, *, stable: bool) -> Refinement:
+        """How a model that was estimated so is refined; a stable one stays so, unless its poles are to be free."""
         return Refinement(
             "innovations" if self.closed_loop else "output-error",
-            feedthrough=self.feedthrough,
-            poles=self.poles,
+            feedthrough=settings.feedthrough,
+            poles="stable" if stable and self.poles is None else settings.poles,
             initial_states=self.initial_states,
         )

@@ -33,7 +33,12 @@ def subspace(records: Records, order: OrderRule, settings: SubspaceSettings) -> 
 
     Source: the flexible-manipulator thesis, Section 2.2.3, for weighting "orse".
     """
-    space = range_space(records, settings)
+    return in_range_space(range_space(records, settings), order)
+
+
+@single_threaded
+def in_range_space(space: RangeSpace, order: OrderRule) -> SubspaceResult:
+    """The linear model in a range space, as its settings ask; raises as `subspace`."""
     if isinstance(order, Best):
         return _best(space, order)
     return realise(space, *from_singular_values(order, space.values, space.limit))

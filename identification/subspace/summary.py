@@ -6,7 +6,9 @@ import itertools
 from pathlib import Path
 
 import numpy as np
+from typing_extensions import TypedDict
 
+from fmus.errors import IdentificationError
 from identification.linear.fmu import linear_fmu
 from identification.linear.modes import modes
 from identification.linear.summary import ModelSummary, ModeSummary, mode_summaries, model_summary
@@ -14,7 +16,8 @@ from identification.method import Calibrated
 from identification.recordings.campaign import recording_warnings
 from identification.recordings.units import unit_documents
 from identification.results import FitsSummary, FitSummary, Summary, VerdictSummary, data_summary, finite, verdict
-from identification.subspace.calibration import Candidate, SubspaceCalibration
+from identification.subspace.calibration import SubspaceCalibration
+from identification.subspace.trials import Candidate, Trial
 from orchestrator.results import versions
 from orchestrator.trace import FloatArray
 
@@ -36,10 +39,41 @@ class CandidateSummary(ModelSummary):
     modes: list[UncertainModeSummary]
 
 
+class TrialSummary(TypedDict):
+    """A way that was tried: its order and mean FIT of the traces that models are compared on, or why it failed."""
+
+    weighting: str
+    block: int
+    poles: str
+    feedthrough: bool
+    order: int | None
+    fit: float | None
+    problem: str
+
+
+class OffsetsSummary(TypedDict):
+    """Where a model has its zero: signal -> value, of inputs and of outputs."""
+
+    inputs: dict[str, float]
+    outputs: dict[str, float]
+
+
+class ReductionSummary(TypedDict):
+    """Modes that were left out, the bound on the mean absolute error of an output, and what it is, both relative."""
+
+    dropped: list[str]
+    bound: float
+    measured: float
+
+
 class SubspaceSummary(Summary):
-    """The summary of a subspace study; `models` by their names."""
+    """The summary of a subspace study; `models` by their names, `written` the one in the FMU."""
 
     models: dict[str, CandidateSummary]
+    written: str
+    tried: list[TrialSummary]
+    offsets: OffsetsSummary | None
+    reduction: ReductionSummary | None
 
 
 def summary(result: SubspaceCalibration) -> SubspaceSummary:
@@ -50,6 +84,10 @@ def summary(result: SubspaceCalibration) -> SubspaceSummary:
         "method": f"subspace ({taken.name})",
         "parameters": {},
         "models": {name: _model(result, candidate) for name, candidate in result.candidates.items()},
+        "written": taken.name,
+        "tried": [_trial(trial) for trial in result.trials],
+        "offsets": _offsets(result),
+        "reduction": _reduction(result),
         "fit": _fits(result, taken),
         "data": data_summary(result.recorded, study.traces.hold_out),
         "units": unit_documents(result.recorded),
@@ -59,15 +97,47 @@ def summary(result: SubspaceCalibration) -> SubspaceSummary:
     }
 
 
+def _trial(trial: Trial) -> TrialSummary:
+    model, settings = trial.candidate, trial.settings
+    return {
+        "weighting": settings.weighting,
+        "block": settings.block,
+        "poles": settings.poles,
+        "feedthrough": settings.feedthrough,
+        "order": None if model is None else model.model.order,
+        "fit": None if model is None else finite(model.score),
+        "problem": "" if trial.error is None else str(trial.error),
+    }
+
+
+def _offsets(result: SubspaceCalibration) -> OffsetsSummary | None:
+    known = result.zero
+    if known is None:
+        return None
+    inputs, outputs = result.study.inputs, result.study.outputs
+    return {
+        "inputs": dict(zip(inputs, known.u.tolist(), strict=True)),
+        "outputs": dict(zip(outputs, known.y.tolist(), strict=True)),
+    }
+
+
+def _reduction(result: SubspaceCalibration) -> ReductionSummary | None:
+    known = result.reduction
+    return None if known is None else {"dropped": list(known.dropped), "bound": known.bound, "measured": known.measured}
+
+
 def subspace_verdict(result: SubspaceCalibration) -> VerdictSummary:
     """Whether the model that is written reaches the study's target, and the refinement its end."""
+    if result.stopped:
+        said = f"STOPPED, {result.stopped}; the best model until then is written"
+        return {"at_least": result.study.at_least, "reached": None, "held": False, "converged": False, "said": said}
     fits, refined = _fits(result, result.taken), result.refined
     judged, side = fits["validation"], "unseen"
     if judged is None:
         judged, side = fits["train"], "fitted (no trace was held out)"
     unsettled = ""
-    if refined is not None and not refined.converged:
-        unsettled = f"the refinement {refined.why}; try another `order`, or another first of `weightings` to start from"
+    if refined is not None and result.taken.name == "refined" and not refined.converged:
+        unsettled = f"the refinement {refined.why}; try another `order`, or other `weightings` to start from"
     remedy = "try another `order` or a larger `block`"
     target, recorded = result.study.at_least, result.recorded
     return verdict(judged["median"], side, target, unsettled=unsettled, remedy=remedy, recorded=recorded)
@@ -77,12 +147,17 @@ def calibrated(result: SubspaceCalibration, folder: Path) -> Calibrated:
     """The model as a `state_space` FMU."""
     study, first = result.study, result.recorded[0].trace
     units = {name: first.units.get(name, "1") for name in (*study.inputs, *study.outputs)}
-    return Calibrated({study.name: linear_fmu(result.taken.model, folder / f"{study.name}.fmu", units)})
+    return Calibrated({study.name: linear_fmu(result.taken.model, folder / f"{study.name}.fmu", units, result.zero)})
 
 
 def medians(fit: FloatArray) -> list[float | None]:
     """By output, over traces."""
-    return [finite(float(np.nanmedian(column))) for column in fit.T] if len(fit) else []
+    return [_median(column) for column in fit.T] if len(fit) else []
+
+
+def _median(fit: FloatArray) -> float | None:
+    known = fit[~np.isnan(fit)]
+    return finite(float(np.median(known))) if known.size else None
 
 
 def _fits(result: SubspaceCalibration, candidate: Candidate) -> FitsSummary:
@@ -94,9 +169,9 @@ def _fit(result: SubspaceCalibration, fit: FloatArray, *, aside: bool) -> FitSum
     held_out = result.study.traces.hold_out
     names = [trace for trace in result.pieces.values() if (trace in held_out) == aside]
     rows = {name: fit[[other == name for other in names]] for name in names}
-    by_trace = {name: finite(float(np.nanmedian(own))) for name, own in rows.items()}
+    by_trace = {name: _median(own) for name, own in rows.items()}
     by_output = dict(zip(result.study.outputs, medians(fit), strict=True))
-    return {"median": finite(float(np.nanmedian(fit))), "windows": len(fit), "traces": by_trace, "outputs": by_output}
+    return {"median": _median(fit), "windows": len(fit), "traces": by_trace, "outputs": by_output}
 
 
 def _model(result: SubspaceCalibration, candidate: Candidate) -> CandidateSummary:
@@ -111,8 +186,12 @@ def _model(result: SubspaceCalibration, candidate: Candidate) -> CandidateSummar
 
 
 def uncertain_modes(candidate: Candidate) -> list[UncertainModeSummary]:
-    """The modes of a model with what is known of their uncertainty."""
+    """The modes of a model with what is known of their uncertainty; none where it has no modal coordinates."""
     model = candidate.model
+    try:
+        modes(model)
+    except IdentificationError:
+        return []
     return [
         {
             **entry,
@@ -126,12 +205,11 @@ def uncertain_modes(candidate: Candidate) -> list[UncertainModeSummary]:
 
 def warnings_of(result: SubspaceCalibration) -> list[str]:
     """What a reader of the figures must know."""
-    taken, found = result.taken, result.subspaces[result.study.weightings[0]]
-    warnings = []
+    taken, found = result.taken, result.best.result
+    warnings = list(result.failures)
     if not taken.model.stable:
         warnings.append("the model is unstable; ask for `poles: stable`, or for another order")
-    pieces = found.space.pieces
-    if pieces.dropped:
+    if found is not None and (pieces := found.space.pieces).dropped:
         warnings.append(f"{pieces.dropped} pieces between gaps were too short, {pieces.lost} samples are left out")
     if result.dropped:
         warnings.append(f"pieces between marks are too short: {result.dropped} samples are left out for that")

@@ -1,4 +1,4 @@
-"""After modes were left out: the remaining model's B or C computed anew, by least squares.
+"""Modes left out: what that does, as a bound before and measured after, and B or C computed anew by least squares.
 
 The flexible-manipulator thesis, Section 3.1: A and one of the two stay, so that the problem is linear and has one
 answer, unlike a search over all elements.
@@ -7,7 +7,7 @@ answer, unlike a search over all elements.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -15,7 +15,7 @@ import numpy as np
 from fmus.errors import IdentificationError
 from identification.linear.input_matrices import fit_inputs
 from identification.linear.model import LinearModel
-from identification.linear.modes import from_modes, modes
+from identification.linear.modes import Mode, dropping_bound, from_modes, labels, modes
 from identification.linear.records import InputOutputData
 from orchestrator.trace import FloatArray
 
@@ -69,3 +69,58 @@ def updated_input(
     data = [(record.u, y / sizes) for record, y in zip(records, measured, strict=True)]
     fixed = np.zeros(model.d.shape, dtype=bool)
     return replace(model, b=fit_inputs(model.a, model.c / sizes[:, None], data, fixed, starts=False).b)
+
+
+@dataclass(frozen=True)
+class DroppedMode:
+    """What leaving out one mode alone does, over the greatest mean magnitude of an output's response.
+
+    Attributes:
+        bound: on the mean absolute error of any output: its MRM.
+        measured: the largest of an output, by the free run without it.
+    """
+
+    label: str
+    bound: float
+    measured: float
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """What leaving out several modes does, before B or C are computed anew; as of one mode.
+
+    Attributes:
+        dropped: labels of the modes that are left out.
+    """
+
+    dropped: tuple[str, ...]
+    bound: float
+    measured: float
+
+    def __str__(self) -> str:
+        error = f"{100 * self.measured:.2g} %, at most {100 * self.bound:.2g} % by the sum of their MRMs"
+        return f"without modes {', '.join(self.dropped) or 'none'} the mean absolute error is {error}"
+
+
+def one_by_one(model: LinearModel, u: FloatArray) -> list[DroppedMode]:
+    """What leaving out each of the modes does under u (K, m), from rest."""
+    found = modes(model)
+    every = range(len(found))
+    return [DroppedMode(labels(found)[i], *_errors(model, found, [j for j in every if j != i], u)) for i in every]
+
+
+def together(model: LinearModel, kept: Sequence[int], u: FloatArray) -> Reduction:
+    """What leaving out all modes but these does under u (K, m), from rest."""
+    found = modes(model)
+    dropped = tuple(label for i, label in enumerate(labels(found)) if i not in set(kept))
+    return Reduction(dropped, *_errors(model, found, kept, u))
+
+
+def _errors(model: LinearModel, found: Sequence[Mode], kept: Sequence[int], u: FloatArray) -> tuple[float, float]:
+    """The bound and the measured error, over the size of the response."""
+    whole = model.simulate(u)
+    left = from_modes([found[i] for i in kept], model).simulate(u) if kept else u @ model.d.T
+    with np.errstate(over="ignore", invalid="ignore"):
+        size, error = (float(np.abs(y).mean(axis=0).max()) for y in (whole, whole - left))
+    size = size if size > 0 else 1.0
+    return dropping_bound(found, kept, u) / size, error / size

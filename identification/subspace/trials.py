@@ -1,0 +1,147 @@
+"""Every way of estimating a linear model that a study leaves open, tried; what fails is an entry like the others."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fmus.errors import IdentificationError
+from identification.linear.mode_tracking import Spread
+from identification.linear.model import LinearModel
+from identification.linear.poles import Poles
+from identification.linear.records import InputOutputData
+from identification.subspace.free_runs import free_runs, horizon, offset_of
+from identification.subspace.orders import OrderRule
+from identification.subspace.range_space import RangeSpace, SubspaceSettings, range_space
+from identification.subspace.realisation import SubspaceResult
+from identification.subspace.subspace import in_range_space
+from orchestrator.trace import FloatArray
+
+_LOWEST = -1.0  # FIT from which on it does not matter how bad a run is
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A model and how it runs free along the traces.
+
+    Attributes:
+        model: in the signals' own units.
+        why: how its order came about.
+        train, unseen: (R, p) FIT of each record and output.
+        runs: record -> (K, p) free run.
+        offset: (p,) of the outputs, beside what was taken off all records.
+        spreads: uncertainty of its modes, which only a refined model has.
+    """
+
+    name: str
+    model: LinearModel
+    why: str
+    train: FloatArray
+    unseen: FloatArray
+    runs: dict[str, FloatArray]
+    offset: FloatArray
+    spreads: tuple[Spread, ...] = ()
+
+    @property
+    def score(self) -> float:
+        """Mean FIT of the free runs along records kept aside, without any along the fitted ones."""
+        known = self.unseen if len(self.unseen) else self.train
+        known = np.maximum(known[~np.isnan(known)], _LOWEST)
+        return float(known.mean()) if known.size else _LOWEST
+
+
+@dataclass(frozen=True)
+class Sides:
+    """Records that models are judged on.
+
+    Attributes:
+        start: seconds of an unseen record that its state is estimated from; None takes some periods of the model.
+        rest: whether every record begins at rest.
+    """
+
+    fitted: tuple[InputOutputData, ...]
+    unseen: tuple[InputOutputData, ...]
+    start: float | None = None
+    rest: bool = False
+
+    def judged(self, name: str, why: str, model: LinearModel) -> Candidate:
+        """A model with its free runs: of fitted records from their fitted states, of others from a horizon's."""
+        own, other = (None, None) if self.rest else (math.inf, self._horizon(model))
+        offset = np.zeros(len(model.outputs)) if self.rest else offset_of(model, self.fitted)
+        seen, train = free_runs(model, self.fitted, own, offset)
+        new, unseen = free_runs(model, self.unseen, other, offset)
+        records = (*self.fitted, *self.unseen)
+        runs = {record.name: run for record, run in zip(records, [*seen, *new], strict=True)}
+        return Candidate(name, model, why, train, unseen, runs, offset)
+
+    def _horizon(self, model: LinearModel) -> float:
+        return horizon(model) if self.start is None else max(round(self.start / model.step), model.order + 1)
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A way that was tried.
+
+    Attributes:
+        result, candidate: what it gave; None where it failed, with the error.
+    """
+
+    settings: SubspaceSettings
+    result: SubspaceResult | None = None
+    candidate: Candidate | None = None
+    error: IdentificationError | None = None
+
+    @property
+    def score(self) -> float:
+        return -math.inf if self.candidate is None else self.candidate.score
+
+
+@dataclass(frozen=True, eq=False)
+class Trying:
+    """What is tried on which records.
+
+    Attributes:
+        ready: the records that are fitted, scaled by (p,) `scale`.
+        poles, feedthrough: those that are compared; the first is tried everywhere, the others where that is best.
+    """
+
+    ready: tuple[InputOutputData, ...]
+    scale: FloatArray
+    sides: Sides
+    rule: OrderRule
+    poles: tuple[Poles, ...]
+    feedthrough: tuple[bool, ...]
+
+    def by(self, settings: Sequence[SubspaceSettings]) -> Iterator[Trial]:
+        """Trials of one weighting, with each of these block sizes; then the other poles and D of the best of them."""
+        spaces = [self._space(one) for one in settings]
+        first = [self._tried(space, self.poles[0], self.feedthrough[0]) for space in spaces]
+        yield from first
+        best = max(range(len(first)), key=lambda i: first[i].score)
+        for poles in self.poles:
+            for feedthrough in self.feedthrough:
+                if (poles, feedthrough) != (self.poles[0], self.feedthrough[0]):
+                    yield self._tried(spaces[best], poles, feedthrough)
+
+    def _space(self, settings: SubspaceSettings) -> RangeSpace | Trial:
+        try:
+            return range_space(self.ready, settings)
+        except IdentificationError as error:
+            return Trial(settings, error=error)
+
+    def _tried(self, space: RangeSpace | Trial, poles: Poles, feedthrough: bool) -> Trial:
+        if isinstance(space, Trial):
+            return space
+        settings = replace(space.settings, poles=poles, feedthrough=feedthrough)
+        try:
+            found = in_range_space(replace(space, settings=settings), self.rule)
+        except IdentificationError as error:
+            return Trial(settings, error=error)
+        return Trial(settings, found, self.sides.judged(settings.weighting, found.why, self.unscaled(found.model)))
+
+    def unscaled(self, model: LinearModel) -> LinearModel:
+        """A model of the scaled records in the outputs' own units."""
+        return replace(model, c=model.c / self.scale[:, None], d=model.d / self.scale[:, None])
