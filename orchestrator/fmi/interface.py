@@ -168,6 +168,8 @@ class Port:
         if found is None:
             raise FmuFileError(place, f"cannot be '{text}'", f"give a {self.type}")
         number, name = found
+        if name == self.unit:
+            return number
         unit, own = self.meaning(name), self.measure
         if unit.unit is None or own.unit is None:
             unknown = f"'{name}' is no unit that is known" if unit.unit is None else "the variable has no unit"

@@ -94,6 +94,7 @@ class Scenario:
         can: how it is coupled to a CAN bus.
         notes: what was seen in the recordings that it takes, a line each.
         parts: the files that it includes.
+        parameter_sets: the files of those that give it values.
     """
 
     path: Path
@@ -108,6 +109,7 @@ class Scenario:
     can: CanBlock | None = None
     notes: Sequence[str] = ()
     parts: tuple[Path, ...] = ()
+    parameter_sets: tuple[Path, ...] = ()
 
     def with_systems(self, change: Callable[[SystemSpec], SystemSpec]) -> Scenario:
         """The scenario with its system, and those that cases have of their own, changed; equal ones once."""
@@ -134,10 +136,11 @@ class Scenario:
 
     @property
     def recordings(self) -> dict[str, list[Path]]:
-        """What it reads recordings for -> their files."""
+        """What it reads files for, besides its parts -> the files."""
         driving = {f"stimulus {name}": one.file for name, one in sorted(self.stimuli.items())}
         compared = dict.fromkeys(file for case in self.cases for expected in case.expected for file in expected.files)
-        read = {what: [file] for what, file in driving.items() if file is not None}
+        read = {"parameters": list(self.parameter_sets)} if self.parameter_sets else {}
+        read |= {what: [file] for what, file in driving.items() if file is not None}
         return read | ({"reference": list(compared)} if compared else {})
 
     @property

@@ -18,7 +18,7 @@ from orchestrator.assembly.schema import Components, Connections, RunBlock, Sign
 from orchestrator.assembly.stimulus import Stimulus
 from orchestrator.assembly.whole_arrays import Values, elements, shapes
 from orchestrator.formats.schema import LayoutBlock
-from orchestrator.scenario import matrix
+from orchestrator.scenario import matrix, parameter_sets
 from orchestrator.scenario.can_block import CanBlock
 from orchestrator.scenario.expectations.schema import ExpectationBlock
 from orchestrator.scenario.references import CaseReferences, unused
@@ -257,6 +257,8 @@ class ScenarioBlock(SystemBlock):
         title: what it is, in a line.
         description: more of it, and why its expectations are what they are.
         stimuli: component.input -> what drives it.
+        parameters: parameter sets (SSV), as a calibration writes them, over what components are given; later ones
+            count, and what a case sets over all. Their names are component.variable.
         run: when it begins and ends, and how it steps.
         record: component.variable that the trace holds, by default all outputs.
         recorder: samples the run as hardware does; its samples are written instead of the trace.
@@ -274,6 +276,7 @@ class ScenarioBlock(SystemBlock):
     title: str
     description: str = ""
     stimuli: dict[str, StimulusBlock] = {}
+    parameters: Path | list[Path] | None = None
     run: RunBlock
     record: list[str] | None = None
     recorder: DataLoggerBlock | None = None
@@ -348,17 +351,20 @@ class ScenarioBlock(SystemBlock):
             CaseReferences(path, name, stem, references) for name, stem in zip(names, file_stems(names), strict=True)
         ]
         shared = self.system(base, said)
+        sets = parameter_sets.joined(self.parameters, base)
+        components = [*shared.components, *(name for case in self.all_cases for name in case.components)]
+        given = parameter_sets.values_of(sets, components)
         systems = self._systems(shared, base, said)
         cases = tuple(
             Case(
                 case.name,
-                self._values(number, systems[number] or shared) | elements(case.set),
+                self._values(number, systems[number] or shared, given) | elements(case.set),
                 tuple(
                     expected
                     for block in (*self.expect, *case.expect)
                     for expected in common.get(id(block)) or block.expectations(base, said, accepted[number])
                 ),
-                shapes(case.set),
+                shapes({**given, **case.set}),
                 systems[number],
             )
             for number, case in enumerate(self.all_cases)
@@ -377,6 +383,7 @@ class ScenarioBlock(SystemBlock):
             cases,
             self.can,
             said,
+            parameter_sets=tuple(sets),
         )
 
     def _systems(self, shared: SystemSpec, base: Path, said: list[str]) -> list[SystemSpec | None]:
@@ -385,9 +392,14 @@ class ScenarioBlock(SystemBlock):
             return [None for _ in self.all_cases]
         return [case.system(shared, base, said) for case in self.all_cases]
 
-    def _values(self, number: int, system: SystemSpec) -> dict[str, Any]:
-        """component.variable -> value in the case with this number, before what the case sets."""
-        values: dict[str, Any] = system.values()
+    def _values(self, number: int, system: SystemSpec, given: Mapping[str, Any]) -> dict[str, Any]:
+        """component.variable -> value in the case with this number, before what the case sets.
+
+        Args:
+            given: values of parameter sets.
+        """
+        own = {name: value for name, value in given.items() if name.partition(".")[0] in system.components}
+        values: dict[str, Any] = system.values() | elements(own)
         if not self.own_noise:
             return values
         seeds = {name: seed for name, seed in values.items() if name.endswith(".seed") and isinstance(seed, int)}
