@@ -19,6 +19,7 @@ METHODS = {
     "subspace": "identification.subspace.method",
     "experiments": "identification.experiments.method",
     "motion": "identification.motion.method",
+    "inverse-dynamics": "identification.inverse_dynamics.method",
     "tune": "identification.tuning.method",
 }
 """name -> module of the methods here, each with a METHOD, imported when a study asks for it; other packages add theirs

@@ -1,0 +1,1 @@
+"""Inverse dynamics: linear least squares and instrumental variables on filtered motions."""
