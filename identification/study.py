@@ -21,6 +21,7 @@ METHODS = {
     "motion": "identification.motion.method",
     "inverse-dynamics": "identification.inverse_dynamics.method",
     "tune": "identification.tuning.method",
+    "tune-simulated": "identification.tuning.simulated.method",
 }
 """name -> module of the methods here, each with a METHOD, imported when a study asks for it; other packages add theirs
 as entry points of `servotwin.methods`."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from pathlib import Path
-from typing import NotRequired
 
 import numpy as np
 from typing_extensions import TypedDict
@@ -68,25 +67,19 @@ class ReductionSummary(TypedDict):
 
 
 class SubspaceSummary(Summary):
-    """The summary of a subspace study; `models` by their names, `written` the one in the FMU.
-
-    Attributes:
-        changes: what one standard deviation changes in the written model's matrices a, b, c and d, along axes that are
-            independent of each other; only of a refined model.
-    """
+    """The summary of a subspace study; `models` by their names, `written` the one in the FMU."""
 
     models: dict[str, CandidateSummary]
     written: str
     tried: list[TrialSummary]
     offsets: OffsetsSummary | None
     reduction: ReductionSummary | None
-    changes: NotRequired[list[dict[str, list[list[float]]]]]
 
 
 def summary(result: SubspaceCalibration) -> SubspaceSummary:
     """The study as `summary.json` holds it."""
     taken, study = result.taken, result.study
-    document: SubspaceSummary = {
+    return {
         "title": study.title,
         "method": f"subspace ({taken.name})",
         "parameters": {},
@@ -102,9 +95,6 @@ def summary(result: SubspaceCalibration) -> SubspaceSummary:
         "warnings": warnings_of(result),
         "verdict": subspace_verdict(result),
     }
-    if taken.changes:
-        document["changes"] = [model_summary(one)["matrices"] for one in taken.changes]
-    return document
 
 
 def _trial(trial: Trial) -> TrialSummary:

@@ -65,7 +65,7 @@ def goal(spec: GoalSpec, step: StepSpec, system: System, wiring: Wiring, plant: 
             raise IdentificationError(f"{place}.disturbed", f"'{spec.disturbed}' is no input of the plant", "name one")
         disturbed = at.number
     unit = measure.unit
-    lower, upper = (_bound(place, key, end, unit) for key, end in (("at_least", spec.lower), ("at_most", spec.upper)))
+    lower, upper = (bound(place, key, end, unit) for key, end in (("at_least", spec.lower), ("at_most", spec.upper)))
     if lower is not None and upper is not None and lower > upper:
         raise IdentificationError(place, f"asks for at least {lower:g} and at most {upper:g}", "swap them")
     return Goal(
@@ -107,8 +107,12 @@ def _opened(place: str, line: str | None, wiring: Wiring) -> Path | None:
     return found
 
 
-def _bound(place: str, key: str, given: float | str | None, unit: str) -> float | None:
-    """A bound in the measure's unit."""
+def bound(place: str, key: str, given: float | str | None, unit: str) -> float | None:
+    """A bound in the measure's unit.
+
+    Raises:
+        InputError: it is in a unit of another quantity.
+    """
     return None if given is None else quantity_in(given, unit, f"{place}.{key}")
 
 

@@ -12,6 +12,7 @@ from identification.method import Calibrated
 from identification.results import ParameterSummary, Summary, VerdictSummary, finite
 from identification.tuning.goals.goal import Goal
 from identification.tuning.goals.table import MEASURES
+from identification.tuning.outcome import Outcome
 from identification.tuning.procedures.problem import Judgement
 from identification.tuning.procedures.procedure import HELD, Descent, held_share
 from identification.tuning.rig import cases, not_held
@@ -135,15 +136,29 @@ class TuningSummary(Summary):
 
 def summary(result: Tuning) -> TuningSummary:
     """The tuning as `summary.json` holds it."""
+    found, document = result.found, basic_summary(result, "tune")
+    document["loops"] = _loops(result)
+    if found.drawn is not None and result.unseen is not None:
+        document["draws"] = {
+            "count": len(found.drawn.radius),
+            "asked": found.share,
+            "held": held_share(found.drawn),
+            "unseen": _unseen(result.unseen),
+        }
+    return document
+
+
+def basic_summary(result: Outcome, method: str) -> TuningSummary:
+    """What all tunings tell, without loops and draws."""
     found = result.found
     document: TuningSummary = {
         "title": result.study.title,
-        "method": "tune",
+        "method": method,
         "parameters": _parameters(result),
         "feasible": found.feasible,
         "objective": finite(found.best.objective),
         "goals": goal_summaries(result),
-        "loops": _loops(result),
+        "loops": {},
         "starts": [_descent(descent) for descent in found.descents],
         "agree": found.agreeing,
         "fit": {},
@@ -158,13 +173,6 @@ def summary(result: Tuning) -> TuningSummary:
         ]
     if found.figures:
         document["design"] = dict(found.figures)
-    if found.drawn is not None and result.unseen is not None:
-        document["draws"] = {
-            "count": len(found.drawn.radius),
-            "asked": found.share,
-            "held": held_share(found.drawn),
-            "unseen": _unseen(result.unseen),
-        }
     return document
 
 
@@ -188,7 +196,7 @@ def share_words(share: ShareSummary) -> str:
     return f"{100 * share['share']:.2f} % ({100 * low:.2f} to {100 * high:.2f} %)"
 
 
-def verdict(result: Tuning) -> VerdictSummary:
+def verdict(result: Outcome) -> VerdictSummary:
     """Whether all hard goals and all rigs are held, and if not by how much and which."""
     judged = _of_goals(result)
     if not result.rigs:
@@ -201,9 +209,9 @@ def verdict(result: Tuning) -> VerdictSummary:
     return {**judged, "held": judged["held"] and not lines, "said": joined}
 
 
-def _of_goals(result: Tuning) -> VerdictSummary:
+def _of_goals(result: Outcome) -> VerdictSummary:
     """Whether all hard goals are held."""
-    found, names = result.found, result.problem.plants.names
+    found, names = result.found, result.names
     plants = f"{len(names)} plant{'s' * (len(names) > 1)}"
     hard = found.best.hard
     base: VerdictSummary = {"at_least": None, "reached": None, "held": found.feasible, "converged": True, "said": ""}
@@ -250,13 +258,13 @@ def words(goal: Goal) -> str:
     return text
 
 
-def goal_summaries(result: Tuning) -> list[GoalSummary]:
+def goal_summaries(result: Outcome) -> list[GoalSummary]:
     """All goals with their figures."""
-    best, names = result.found.best, result.problem.plants.names
+    best, names = result.found.best, result.names
     return [_goal(best, i, names, [j for goal, j in result.found.binding if goal == i]) for i in range(len(best.goals))]
 
 
-def calibrated(result: Tuning, folder: Path) -> Calibrated:
+def calibrated(result: Outcome, folder: Path) -> Calibrated:
     """The controller's FMU with the study's values and those that were found."""
     units = {f"{CONTROLLER}.{name}": _unit(result, name) for name in result.found.best.values}
     kept = {name: unit for name, unit in units.items() if unit != "1"}
@@ -304,7 +312,7 @@ def _descent(descent: Descent) -> DescentSummary:
     }
 
 
-def _parameters(result: Tuning) -> dict[str, ParameterSummary]:
+def _parameters(result: Outcome) -> dict[str, ParameterSummary]:
     starts = result.found.starts
     return {
         f"{CONTROLLER}.{name}": {
@@ -318,5 +326,5 @@ def _parameters(result: Tuning) -> dict[str, ParameterSummary]:
     }
 
 
-def _unit(result: Tuning, name: str) -> str:
-    return result.parts.interface.ports[name].unit or "1"
+def _unit(result: Outcome, name: str) -> str:
+    return result.interface.ports[name].unit or "1"

@@ -10,6 +10,7 @@ from identification.tuning.assembled import Assembled, assembled
 from identification.tuning.procedures.problem import Judgement, Problem
 from identification.tuning.procedures.procedure import Found
 from identification.tuning.study import CONTROLLER, TuningStudy
+from orchestrator.fmi.interface import Interface
 from orchestrator.progress import Progress, silent
 from orchestrator.scenario.run import ScenarioResult
 
@@ -33,6 +34,16 @@ class Tuning:
     def problem(self) -> Problem:
         """Plants, controller and goals."""
         return self.parts.problem
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the plants."""
+        return self.problem.plants.names
+
+    @property
+    def interface(self) -> Interface:
+        """Of the controller."""
+        return self.parts.interface
 
     @property
     def remarks(self) -> list[str]:

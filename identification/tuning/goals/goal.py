@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
@@ -99,6 +99,31 @@ class StepTest:
     band: float = 0.02
 
 
+class Moves(Protocol):
+    """What measures of responses look at: N loops' answers to one step."""
+
+    test: StepTest
+
+    @property
+    def band(self) -> float:
+        """Within which of its end a response has settled [unit of the reference]."""
+
+    def time(self, goal: Goal) -> FloatArray:
+        """(K,) [s], from the step on."""
+
+    def signal(self, goal: Goal) -> FloatArray:
+        """(N, K) the goal's signal."""
+
+    def tracked(self, goal: Goal) -> FloatArray:
+        """(N, K) what is tracked."""
+
+    def target(self, goal: Goal) -> float:
+        """Where the goal's signal is to be."""
+
+    def aim(self, goal: Goal) -> float:
+        """Where what is tracked is to be."""
+
+
 class Trial:
     """The loops of one candidate, and their responses where a measure asks for them."""
 
@@ -115,6 +140,18 @@ class Trial:
     def band(self) -> float:
         """Within which of its end a response has settled [unit of the reference]."""
         return self.test.band * abs(self.test.height)
+
+    def time(self, goal: Goal) -> FloatArray:
+        """(K,) [s], from the step on."""
+        return self.response(goal.disturbed).time
+
+    def tracked(self, goal: Goal) -> FloatArray:
+        """(N, K) what is tracked."""
+        return np.asarray(self.response(goal.disturbed).outputs[:, :, self.loops.wiring.tracked])
+
+    def aim(self, goal: Goal) -> float:
+        """Where what is tracked is to be: at the reference, or after a disturbance at 0."""
+        return self.test.height if goal.disturbed is None else 0.0
 
     def signal(self, goal: Goal) -> FloatArray:
         """(N, K) the goal's signal."""
@@ -143,12 +180,12 @@ class Measure:
 
     Attributes:
         unit: "" where it depends on the signal's.
-        figures: (trial, goal) -> (N,).
+        figures: (trial, goal) -> (N,); those of responses take any `Moves` for a trial.
         needs: of the keys of a goal those that it takes.
         words: what it is.
     """
 
     unit: str
-    figures: Callable[[Trial, Goal], FloatArray]
+    figures: Callable[[Any, Goal], FloatArray]
     needs: frozenset[Need]
     words: str

@@ -6,31 +6,31 @@ from collections.abc import Callable
 
 import numpy as np
 
-from identification.tuning.goals.goal import Goal, Measure, Need, Trial
+from identification.tuning.goals.goal import Goal, Measure, Moves, Need
 from orchestrator import measures
 from orchestrator.trace import FloatArray
 
 LAST = 0.1  # of the response, over which it has ended
 _SIGNAL: frozenset[Need] = frozenset({"signal"})
 _COMMAND: frozenset[Need] = frozenset({"signal", "command"})
-Figure = Callable[[FloatArray, FloatArray, float, Trial], float | None]  # (times, values, target, trial)
+Figure = Callable[[FloatArray, FloatArray, float, Moves], float | None]  # (times, values, target, trial)
 
 
-def _each(figure: Figure, relative: bool = False) -> Callable[[Trial, Goal], FloatArray]:
+def _each(figure: Figure, relative: bool = False) -> Callable[[Moves, Goal], FloatArray]:
     """A figure of the goal's signal in every loop; inf where there is none."""
 
-    def figures(trial: Trial, goal: Goal) -> FloatArray:
-        response, target = trial.response(goal.disturbed), trial.target(goal)
+    def figures(trial: Moves, goal: Goal) -> FloatArray:
+        time, target = trial.time(goal), trial.target(goal)
         found = []
         for values in trial.signal(goal):
-            one = figure(response.time, values, target, trial)
+            one = figure(time, values, target, trial)
             found.append(np.inf if one is None else one / (_divisor(values - target, trial, goal) if relative else 1.0))
         return np.array(found)
 
     return figures
 
 
-def _divisor(error: FloatArray, trial: Trial, goal: Goal) -> float:
+def _divisor(error: FloatArray, trial: Moves, goal: Goal) -> float:
     if goal.relative == "reference":
         return abs(trial.test.height)
     if goal.relative == "peak":
@@ -38,35 +38,33 @@ def _divisor(error: FloatArray, trial: Trial, goal: Goal) -> float:
     return 1.0
 
 
-def residual(trial: Trial, goal: Goal) -> FloatArray:
+def residual(trial: Moves, goal: Goal) -> FloatArray:
     """(N,) rms of the signal from the moment on at which what is tracked has settled; inf where it does not."""
-    response, tracked = trial.response(goal.disturbed), trial.loops.wiring.tracked
-    target = trial.test.height if goal.disturbed is None else 0.0
-    found = []
-    for position, values in zip(response.outputs[:, :, tracked], trial.signal(goal), strict=True):
-        settled = measures.settling_time(response.time, position, target, trial.band)
-        late = response.time >= (np.inf if settled is None else settled)
-        found.append(measures.rms(response.time[late], values[late] - trial.target(goal)) if late.any() else np.inf)
+    time, aim, found = trial.time(goal), trial.aim(goal), []
+    for position, values in zip(trial.tracked(goal), trial.signal(goal), strict=True):
+        settled = measures.settling_time(time, position, aim, trial.band)
+        late = time >= (np.inf if settled is None else settled)
+        found.append(measures.rms(time[late], values[late] - trial.target(goal)) if late.any() else np.inf)
     return np.array(found)
 
 
-def _ended(t: FloatArray, y: FloatArray, target: float, trial: Trial) -> float:
+def _ended(t: FloatArray, y: FloatArray, target: float, trial: Moves) -> float:
     return abs(measures.steady_error(t, y, target, LAST * float(t[-1])))
 
 
-def _overshoot(t: FloatArray, y: FloatArray, target: float, trial: Trial) -> float:
+def _overshoot(t: FloatArray, y: FloatArray, target: float, trial: Moves) -> float:
     return measures.overshoot(t, y, 0.0, target)
 
 
-def _rise(t: FloatArray, y: FloatArray, target: float, trial: Trial) -> float | None:
+def _rise(t: FloatArray, y: FloatArray, target: float, trial: Moves) -> float | None:
     return measures.rise_time(t, y, 0.0, target)
 
 
-def _settling(t: FloatArray, y: FloatArray, target: float, trial: Trial) -> float | None:
+def _settling(t: FloatArray, y: FloatArray, target: float, trial: Moves) -> float | None:
     return measures.settling_time(t, y, target, trial.band)
 
 
-def _saturation(t: FloatArray, y: FloatArray, target: float, trial: Trial) -> float:
+def _saturation(t: FloatArray, y: FloatArray, target: float, trial: Moves) -> float:
     return measures.saturated_share(t, y, -trial.test.limit, trial.test.limit)
 
 

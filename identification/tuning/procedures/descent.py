@@ -5,7 +5,8 @@ Where no point holds all hard goals the one that misses least is sought.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Protocol
 
 import numpy as np
 from scipy.optimize import OptimizeResult, minimize
@@ -36,7 +37,7 @@ def descent(problem: Problem, unknowns: Sequence[Span], point: FloatArray, evalu
     for _ in range(2):
         before = seen(point)
         point = _least(seen, [point, program(seen, point)])
-        point = _least(seen, [point, _simplex(seen.penalised(point), point, evaluations)])
+        point = _least(seen, [point, simplex(seen.penalised(point), point, evaluations)])
         if rank(before) <= rank(seen(point)):
             break
     if seen(point).most_missed > HELD:
@@ -51,23 +52,35 @@ def _until_stable(seen: Seen, point: FloatArray) -> FloatArray:
         if seen(intermediate_result.x).stable:
             raise StopIteration
 
-    return _simplex(lambda z: seen(z).most_missed, point, MOST, stop)
+    return simplex(lambda z: seen(z).most_missed, point, MOST, stop)
 
 
 def _least(seen: Seen, points: Sequence[FloatArray]) -> FloatArray:
     return min(points, key=lambda point: rank(seen(point)))
 
 
+class Judge(Protocol):
+    """What judges candidates."""
+
+    def judged(self, values: Mapping[str, float]) -> Judgement:
+        """What these values do."""
+
+
 class Seen:
     """Candidates between the bounds, from 0 to 1, each judged once."""
 
-    def __init__(self, problem: Problem, unknowns: Sequence[Span]) -> None:
+    def __init__(self, problem: Judge, unknowns: Sequence[Span]) -> None:
         self._problem, self._unknowns = problem, unknowns
         self._known: dict[bytes, Judgement] = {}
 
     @property
     def evaluations(self) -> int:
         return len(self._known)
+
+    @property
+    def judged(self) -> list[Judgement]:
+        """All candidates so far."""
+        return list(self._known.values())
 
     def __call__(self, point: FloatArray) -> Judgement:
         inside = np.clip(point, 0.0, 1.0)
@@ -134,11 +147,14 @@ def program(seen: Seen, point: FloatArray) -> FloatArray:
     return np.asarray(done.x)
 
 
-def _simplex(
-    merit: Merit, point: FloatArray, evaluations: int, stop: Callable[[OptimizeResult], None] | None = None
+def simplex(
+    merit: Merit,
+    point: FloatArray,
+    evaluations: int,
+    stop: Callable[[OptimizeResult], None] | None = None,
+    size: float = 0.02,
 ) -> FloatArray:
-    """The end of a simplex that begins small."""
-    size = 0.02
+    """The end of a simplex that begins with sides of this size."""
     corners = np.array(
         [point, *(point + size * (1 if point[i] <= 0.5 else -1) * row for i, row in enumerate(np.eye(len(point))))]
     )
@@ -158,7 +174,7 @@ def _least_infeasible(seen: Seen, point: FloatArray, evaluations: int) -> FloatA
     for _ in range(2):
         ends = [point, _most_missed_lowered(seen, point)]
         point = min(ends, key=lambda z: seen(z).most_missed)
-        ends = [point, _simplex(lambda z: seen(z).most_missed, point, evaluations)]
+        ends = [point, simplex(lambda z: seen(z).most_missed, point, evaluations)]
         point = min(ends, key=lambda z: seen(z).most_missed)
     return point
 

@@ -54,11 +54,11 @@ class Search:
         Raises:
             InputError: one is not, or its bounds are none.
         """
-        self._points(interface)
+        self.points(interface)
 
     def run(self, problem: Problem, interface: Interface, progress: Progress) -> Found:
         """The best of where all starts lead."""
-        spans, points = self._points(interface)
+        spans, points = self.points(interface)
         rng = np.random.default_rng(self.seed)
         points += [rng.uniform(0, 1, len(spans)) for _ in range(self.more)]
         descents = []
@@ -66,15 +66,15 @@ class Search:
             progress(number / len(points), f"start {number + 1} of {len(points)}")
             descents.append(descent(problem, spans, point, self.evaluations))
         best = min((descent.found for descent in descents), key=rank)
-        agreeing = _agreeing(spans, descents, best)
+        alike = agreeing(spans, descents, best)
         starts = {span.name: descents[0].start[span.name] for span in spans}
         drawn, searched = None, problem
         if problem.draws is not None:
             best, drawn, searched = _with_draws(problem, spans, best, points, self.evaluations, progress)
         cost = trades(searched, spans, searched.judged(best.values), progress)
-        return Found(best, starts, tuple(descents), agreeing, (), drawn, problem.share, trades=cost)
+        return Found(best, starts, tuple(descents), alike, (), drawn, problem.share, trades=cost)
 
-    def _points(self, interface: Interface) -> tuple[list[Span], list[FloatArray]]:
+    def points(self, interface: Interface) -> tuple[list[Span], list[FloatArray]]:
         """The unknowns in numbers, and the given starts between their bounds."""
         ports = [_port(interface, name) for name in self.unknowns]
         spans = [unknown.span(port) for unknown, port in zip(self.unknowns.values(), ports, strict=True)]
@@ -139,6 +139,7 @@ def _with_draws(
     return best, drawn, some
 
 
-def _agreeing(unknowns: Sequence[Span], descents: Sequence[Descent], best: Judgement) -> int:
+def agreeing(unknowns: Sequence[Span], descents: Sequence[Descent], best: Judgement) -> int:
+    """How many of them led to the best values."""
     there = parts(unknowns, best.values)
     return sum(bool(np.abs(parts(unknowns, d.found.values) - there).max() <= TOGETHER) for d in descents)

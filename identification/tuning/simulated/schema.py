@@ -1,0 +1,98 @@
+"""The study file of a tuning on simulated closed loops."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from identification.recordings.schema import StudyBlock
+from identification.tuning.goals.table import MEASURES
+from identification.tuning.procedures.schema import SearchBlock
+from identification.tuning.schema import GoalBlock, RigBlock, TermBlock
+from identification.tuning.simulated.study import LoopSpec, SimulatedStudy
+from identification.tuning.study import GoalSpec
+from orchestrator.assembly.schema import ComponentBlock
+from orchestrator.assembly.whole_arrays import Values, elements
+from orchestrator.yaml_file import Block
+
+
+class LoopBlock(Block):
+    """A closed loop, a case of a scenario; see `study.LoopSpec`.
+
+    Attributes:
+        component: of the scenario, in whose place the controller's FMU is put.
+        case: its name, the first by default; what it expects is not judged.
+        set: component.variable -> value over those of the file.
+    """
+
+    scenario: Path
+    component: str = LoopSpec.component
+    case: str | None = LoopSpec.case
+    set: Values = {}
+
+    def spec(self, base: Path) -> LoopSpec:
+        """As a plain value."""
+        return LoopSpec(base / self.scenario, self.component, self.case, elements(self.set))
+
+
+class SimulatedBlock(StudyBlock):
+    """A study that finds the values of any controller's FMU for several simulated closed loops at once, nonlinear ones.
+
+    Attributes:
+        plants: name -> a scenario in which the controller closes the loop; the reference's last step is the move.
+        reference, tracked: signals of all scenarios, in one unit: where to go, and what is to follow it.
+        command: what the controller gives, for goals that are of it.
+        band: part of the move within which it has settled.
+        limit: of the command [its unit]; what counts as saturation.
+        judged_on: further scenarios, all of whose expectations the design has to hold.
+    """
+
+    method: Literal["tune-simulated"]
+    controller: ComponentBlock
+    plants: dict[str, LoopBlock] = Field(min_length=1)
+    reference: str
+    tracked: str
+    command: str | None = None
+    band: float = Field(SimulatedStudy.band, gt=0, lt=1)
+    limit: float | None = Field(SimulatedStudy.limit, gt=0)
+    goals: list[GoalBlock] = []
+    minimise: list[TermBlock] = []
+    design: SearchBlock
+    judged_on: list[RigBlock] = []
+
+    @model_validator(mode="after")
+    def _asked(self) -> SimulatedBlock:
+        if not (self.goals or self.minimise):
+            raise ValueError("asks for nothing; give `goals` or `minimise`")
+        for asked in (*self.goals, *self.minimise):
+            if "signal" not in MEASURES[asked.measure].needs:
+                raise ValueError(f"'{asked.measure}' is of linear loops; use `method: tune` for it")
+            if asked.disturbed is not None:
+                raise ValueError("`disturbed` is of linear loops; let a scenario of its own disturb the plant")
+        return self
+
+    def study(self, base: Path) -> SimulatedStudy:
+        """The study as plain values; `base` is the folder of its file."""
+        return SimulatedStudy(
+            self.title,
+            self.controller.spec(base),
+            {name: block.spec(base) for name, block in self.plants.items()},
+            self.reference,
+            self.tracked,
+            self.command,
+            tuple(self._goals()),
+            self.design.procedure(),
+            self.band,
+            self.limit,
+            self.description,
+            tuple(block.rig(base) for block in self.judged_on),
+        )
+
+    def _goals(self) -> Iterator[GoalSpec]:
+        for number, goal in enumerate(self.goals):
+            yield goal.spec(f"goals.{number}")
+        for number, term in enumerate(self.minimise):
+            yield term.spec(f"minimise.{number}")

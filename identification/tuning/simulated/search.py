@@ -1,0 +1,42 @@
+"""A search on simulated loops: a simplex from each start, begun anew at its end, for runs with friction, noise and
+rounding have no slopes that a quadratic program could follow."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from identification.tuning.procedures.descent import Seen, rank, simplex
+from identification.tuning.procedures.procedure import HELD, Descent, Found
+from identification.tuning.procedures.search import Search, agreeing
+from identification.tuning.procedures.unknowns import Span
+from identification.tuning.simulated.problem import SimulatedProblem
+from orchestrator.fmi.interface import Interface
+from orchestrator.progress import Progress
+from orchestrator.trace import FloatArray
+
+SIZES = (0.15, 0.03)  # of the simplex, of the span between the bounds: first, and when it is begun anew
+
+
+def searched(search: Search, problem: SimulatedProblem, interface: Interface, progress: Progress) -> Found:
+    """The best of where all starts lead."""
+    spans, points = search.points(interface)
+    rng = np.random.default_rng(search.seed)
+    points += [rng.uniform(0, 1, len(spans)) for _ in range(search.more)]
+    descents = []
+    for number, point in enumerate(points):
+        progress(number / len(points), f"start {number + 1} of {len(points)}")
+        descents.append(_descent(problem, spans, point, search.evaluations))
+    best = min((descent.found for descent in descents), key=rank)
+    starts = {span.name: descents[0].start[span.name] for span in spans}
+    return Found(best, starts, tuple(descents), agreeing(spans, descents, best))
+
+
+def _descent(problem: SimulatedProblem, spans: list[Span], point: FloatArray, evaluations: int) -> Descent:
+    """From one start to its end; the best of all that was seen on the way."""
+    seen = Seen(problem, spans)
+    start = seen(point)
+    for size in SIZES:
+        merit = seen.penalised(point) if seen(point).most_missed <= HELD else lambda z: seen(z).most_missed
+        point = min((point, simplex(merit, point, evaluations, size=size)), key=lambda z: rank(seen(z)))
+    best = min(seen.judged, key=rank)
+    return Descent(start.values, best, seen.evaluations)

@@ -1,0 +1,116 @@
+"""A study of tuning on simulated closed loops, from its parts to values, judged."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import cast
+
+import numpy as np
+
+from fmus.errors import IdentificationError, WiringError
+from identification.built_system import BuiltSystem
+from identification.estimation.threads import single_threaded
+from identification.method import CalibratedFmu
+from identification.tuning.asked import FOLLOWING, bound
+from identification.tuning.goals.goal import Goal, Over, Relative, Signal
+from identification.tuning.goals.table import MEASURES
+from identification.tuning.procedures.procedure import Found
+from identification.tuning.simulated.plants import SimulatedLoop
+from identification.tuning.simulated.problem import SimulatedProblem
+from identification.tuning.simulated.search import searched
+from identification.tuning.simulated.study import SimulatedStudy
+from identification.tuning.study import CONTROLLER, GoalSpec
+from orchestrator.assembly.assembly import OpenSystem, SystemSpec
+from orchestrator.fmi.interface import Interface
+from orchestrator.progress import Progress, silent
+from orchestrator.scenario.run import ScenarioResult
+from orchestrator.system import check_values
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedTuning:
+    """What a study gave; attributes as of `tuning.Tuning`."""
+
+    study: SimulatedStudy
+    problem: SimulatedProblem
+    built: BuiltSystem
+    interface: Interface
+    found: Found
+    rigs: tuple[ScenarioResult, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the plants."""
+        return tuple(self.problem.loops)
+
+    @property
+    def remarks(self) -> list[str]:
+        """What a reader of the figures must know."""
+        return [f"runs of {name} failed on the way, last: {said}" for name, said in self.problem.failures.items()]
+
+    @property
+    def values(self) -> dict[str, float]:
+        """controller.parameter -> value that was found."""
+        return {f"{CONTROLLER}.{name}": value for name, value in self.found.best.values.items()}
+
+    @property
+    def controller(self) -> CalibratedFmu:
+        """The controller's FMU with the study's values and those that were found."""
+        return self.built.calibrated(self.values)[CONTROLLER]
+
+
+@single_threaded
+def tune(study: SimulatedStudy, progress: Progress = silent) -> SimulatedTuning:
+    """The values that the study's search comes to, and how they do on its rigs.
+
+    Raises:
+        InputError: the study's parts do not fit together.
+        FmuError: an FMU cannot be opened or run at all.
+    """
+    for number, rig in enumerate(study.rigs):
+        rig.check(f"judged_on.{number}")
+    built = BuiltSystem(SystemSpec({CONTROLLER: study.controller}))
+    with OpenSystem(built.assembled) as opened:
+        check_values(opened.system, built.assembled.system.values())
+        interface = opened.system.parts[CONTROLLER].interface
+    study.search.check(interface)
+    problem = _problem(study, built)
+    found = searched(study.search, problem, interface, progress)
+    result = SimulatedTuning(study, problem, built, interface, found)
+    return replace(result, rigs=tuple(rig.judged(result.controller, found.best.values, progress) for rig in study.rigs))
+
+
+def _problem(study: SimulatedStudy, built: BuiltSystem) -> SimulatedProblem:
+    goals = tuple(_goal(spec, study) for spec in study.goals)
+    named = [study.reference, study.tracked, *(goal.signal.name for goal in goals if goal.signal is not None)]
+    signals, values = list(dict.fromkeys(named)), built.assembled.system.components[CONTROLLER].parameters
+    loops = {}
+    for name, spec in study.plants.items():
+        file = built.assembled.files[CONTROLLER]
+        loop = SimulatedLoop(f"plants.{name}", spec, file, values, signals)
+        units = {each: loop.unit(each, f"plants.{name}") for each in (study.reference, study.tracked)}
+        if len({unit for unit in units.values() if unit}) > 1:
+            problem = f"is in {units[study.tracked]}, and {study.reference} in {units[study.reference]}"
+            raise WiringError(f"plants.{name}: {study.tracked}", problem, "track a signal in the reference's unit")
+        loops[name] = loop
+    limit = np.inf if study.limit is None else study.limit
+    return SimulatedProblem(loops, study.reference, study.tracked, study.band, limit, goals)
+
+
+def _goal(spec: GoalSpec, study: SimulatedStudy) -> Goal:
+    """A goal in numbers."""
+    measure = MEASURES[spec.measure]
+    name = spec.of or (study.command if "command" in measure.needs else study.tracked)
+    if name is None:
+        raise IdentificationError(spec.place, f"'{spec.measure}' is of the command", "name it by `command`")
+    if spec.measure == "saturation" and study.limit is None:
+        raise IdentificationError(spec.place, "asks for saturation, and there is no `limit`", "give the command's")
+    if spec.measure in FOLLOWING and name != study.tracked:
+        problem = f"'{name}' follows nothing"
+        raise IdentificationError(f"{spec.place}.of", problem, f"'{spec.measure}' is of what is tracked")
+    lower, upper = (
+        bound(spec.place, key, end, measure.unit) for key, end in (("at_least", spec.lower), ("at_most", spec.upper))
+    )
+    signal = Signal(name, "output", 0)
+    relative, over = cast("Relative | None", spec.relative), cast("Over", spec.over)
+    return Goal(spec.measure, lower, upper, spec.weight, spec.hard, None, signal, None, relative, over)
