@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from fmus.errors import InputError
 from fmus.files import atomic_writes
+from fmus.parameters.write_back import write_back
 from orchestrator.assembly.assembly import Assembled, ComponentSpec, assemble
 from orchestrator.documents.sources import EXTRA, SCENARIO
 from orchestrator.fmi.file import FmuDescription, Kind
@@ -48,6 +49,8 @@ def export(file: Path, out: Path, tool: Tool = Tool.ANY) -> Exported:
     with scratch(None) as folder:
         assembled = assemble(scenario.system, folder, scenario.driven)
         outline = _outline(file, scenario, assembled)
+        if tool is not Tool.ANY:
+            outline = _with_defaults(outline, folder)
         notes = write(out, outline, tool)
     if any(case.system is not None for case in scenario.cases):
         notes.append("components that cases have of their own are known here only")
@@ -96,6 +99,19 @@ def _outline(file: Path, scenario: Scenario, assembled: Assembled) -> Outline:
         recorded=tuple(name for name in scenario.record or () if _is_output(system, name)),
         others=_extras(file),
     )
+
+
+def _with_defaults(outline: Outline, folder: Path) -> Outline:
+    """The same with FMUs that have their values as defaults, where they are ours: tools that do not take some kind of
+    value from an SSP then have it all the same."""
+    files = dict(outline.files)
+    for name, file in outline.files.items():
+        start = f"{name}."
+        own = {key.removeprefix(start): value for key, value in outline.values.items() if key.startswith(start)}
+        if own and FmuDescription(file).is_ours:
+            files[name] = folder / "defaults" / f"{name}.fmu"
+            write_back(file, own, files[name])
+    return replace(outline, files=files)
 
 
 def _kind(component: ComponentSpec) -> Kind | None:

@@ -32,6 +32,11 @@ class Tool(StrEnum):
         return self in (Tool.ANY, Tool.ECOS, Tool.LIBCOSIM)
 
     @property
+    def knows_items(self) -> bool:
+        """Whether it knows of enumerations."""
+        return self not in (Tool.ECOS, Tool.LIBCOSIM)
+
+    @property
     def sets_values(self) -> bool:
         """Whether it gives components the values that stand with them."""
         return self is not Tool.FMPY

@@ -9,6 +9,7 @@ import tempfile
 import threading
 import zipfile
 import zlib
+from functools import cached_property
 from pathlib import Path, PurePosixPath
 from types import TracebackType
 from typing import TYPE_CHECKING
@@ -113,7 +114,7 @@ class Package:
         Raises:
             FmuFileError: see `read`; or there is no room for it.
         """
-        file = self._folder() / name
+        file = self._folder / name
         with _lock:
             if not file.is_file():
                 content = self.read(name)
@@ -123,6 +124,7 @@ class Package:
                 part.replace(file)
         return file
 
+    @cached_property
     def _folder(self) -> Path:
         digest = sha256(self.path)
         with _lock:

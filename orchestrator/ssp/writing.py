@@ -12,7 +12,7 @@ from fmus.packaging.description.xml import document
 from fmus.parameters.ssv import Item, SetValue, parameter_set_element
 from fmus.units import BASES
 from orchestrator.crossing import NamedUnit
-from orchestrator.fmi.file import Kind
+from orchestrator.fmi.file import FmuDescription, Kind
 from orchestrator.fmi.interface import Interface, Port, Value
 from orchestrator.ssp.names import FMU, SSC, SSD
 from orchestrator.ssp.outline import Outline, Tool
@@ -23,6 +23,7 @@ OMS = "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/
 OSP = "http://opensimulationplatform.com/SSP/OSPAnnotations"
 ET.register_namespace("oms", OMS)
 ET.register_namespace("osp", OSP)
+VALUES = "values"  # name of the parameter sets; one for all, since ecos is told one for all components
 _KINDS = {"input": "input", "output": "output", "parameter": "parameter"}
 _PLAIN = {"Float64": "Real", "Float32": "Real", "Binary": "", "Clock": ""}
 
@@ -73,7 +74,7 @@ class _Writing:
             for name in (*inputs, *outputs):
                 self._add_connector(connectors, _outer(name), "input" if name in inputs else "output", self._port(name))
         constants = {_outer(name): value for name, value in inputs.items() if value is not None}
-        self._add_values(system, "stimuli", constants, {_outer(name): self._port(name) for name in inputs})
+        self._add_values(system, VALUES, constants, {_outer(name): self._port(name) for name in inputs})
         elements = ET.SubElement(system, f"{SSD}Elements")
         for name in self.outline.files:
             elements.append(self._component(name))
@@ -101,18 +102,20 @@ class _Writing:
             element.set("implementation", way)
         connectors = ET.Element(f"{SSD}Connectors")
         for port in interface.ports.values():
-            if port.causality in _KINDS and not port.alone and (port.array is None or self._used(name, port)):
+            if self._is_connector(name, port):
                 self._add_connector(connectors, port.name, _KINDS[port.causality], port)
         if len(connectors):
             element.append(connectors)
         values = self._values(name, interface)
-        self._add_values(element, f"{name}_values", values, interface.ports)
+        self._add_values(element, VALUES, values, interface.ports)
         return element
 
-    def _used(self, component: str, port: Port) -> bool:
-        """Whether an element of an array is connected."""
+    def _is_connector(self, component: str, port: Port) -> bool:
+        """Whether a variable is one: of an array an element that is connected, an enumeration where it is known."""
+        if port.causality not in _KINDS or port.alone or (port.items and not self.tool.knows_items):
+            return False
         end = Endpoint(component, port.name)
-        return any(end in (link.source, link.target) for link in self.outline.system.connections)
+        return port.array is None or any(end in (link.source, link.target) for link in self.outline.system.connections)
 
     def _values(self, component: str, interface: Interface) -> dict[str, Value]:
         """Those of a component; what drives an input there, too, where the tool does not take it from outside."""
@@ -122,10 +125,13 @@ class _Writing:
         own = {
             name.removeprefix(f"{component}."): value for name, value in given.items() if _split(name)[0] == component
         }
-        if own and not self.tool.sets_values:
-            changed = [name for name, value in own.items() if not _is_start(interface.ports[name], value)]
-            self.notes += [f"{component}.{name}: {self.tool} does not take its value from an SSP" for name in changed]
-        return own
+        taken = {key: value for key, value in own.items() if self.tool.knows_items or not interface.ports[key].items}
+        starts = FmuDescription(self.outline.files[component]).interface.ports
+        for name in own if not self.tool.sets_values else own.keys() - taken.keys():
+            port = starts[name]
+            if port.start is None or port.parsed(port.start) != port.typed(name, own[name]):
+                self.notes.append(f"{component}.{name}: {self.tool} does not take its value from an SSP")
+        return taken
 
     def _add_connector(self, parent: ET.Element, name: str, kind: str, port: Port) -> None:
         connector = ET.SubElement(parent, f"{SSD}Connector", {"name": name, "kind": kind})
@@ -233,7 +239,3 @@ def _set_value(port: Port, name: str, value: Value) -> SetValue:
     if port.items:
         return Item(next(item for item, number in port.items.items() if number == typed))
     return typed
-
-
-def _is_start(port: Port, value: Value) -> bool:
-    return port.start is not None and port.parsed(port.start) == port.typed(port.name, value)

@@ -36,6 +36,7 @@ BENCH = {
     "loop_scaling": "time and memory over components and steps",
     "can_bridge": "deadlines and lost frames of a bridge at 1 kHz over serial adapters",
     "live_changes": "steps that changes of a run in real time make late",
+    "ssp_import": "an SSP with 200 FMUs and 5,000 connections",
     "suite_speed": "200 short scenarios as a suite, one after the other and two at a time",
 }
 ENDURANCE = {

@@ -46,16 +46,18 @@ def gain(unit: str = "1", out: str | None = None) -> Path:
 
 def archive(path: Path, system: str, files: Mapping[str, Path | str] | None = None, version: str = "1.0") -> Path:
     """An SSP with a description around `system`, and files by name; by default the gain as `resources/gain.fmu`."""
-    description = system
-    if system.startswith("<ssd:System "):
-        description = f'<ssd:SystemStructureDescription {XMLNS} version="{version}" name="foreign">{system}' + (
-            '<ssd:DefaultExperiment startTime="0" stopTime="1"/></ssd:SystemStructureDescription>'
-        )
+    description = described(system, version) if system.startswith("<ssd:System ") else system
     with zipfile.ZipFile(path, "w") as made:
         made.writestr("SystemStructure.ssd", description)
         for name, content in ({"resources/gain.fmu": gain()} if files is None else files).items():
             made.writestr(name, content.read_bytes() if isinstance(content, Path) else content)
     return path
+
+
+def described(system: str, version: str = "1.0") -> str:
+    """The description around a system."""
+    head = f'<ssd:SystemStructureDescription {XMLNS} version="{version}" name="foreign">'
+    return f'{head}{system}<ssd:DefaultExperiment startTime="0" stopTime="1"/></ssd:SystemStructureDescription>'
 
 
 def component(name: str, source: str = "resources/gain.fmu", inner: str = "", units: str = "") -> str:
