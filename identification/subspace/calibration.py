@@ -20,6 +20,7 @@ from identification.recordings.marks import nothing_left, sound
 from identification.recordings.units import in_common_units
 from identification.subspace.prediction_error import Refined, refine, uncertainty
 from identification.subspace.schema import ReductionBlock, SubspaceBlock
+from identification.subspace.spread import changes
 from identification.subspace.trials import Candidate, Sides, Trial, Trying
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.progress import Progress
@@ -192,12 +193,14 @@ def _refined(found: SubspaceCalibration, cut: _Cut, progress: Progress) -> Subsp
                 start.gain,
                 lambda share, cost: progress(0.7 + 0.25 * share, f"refining, error {cost:.4g}"),
             )
-            spread = spreads(refined.model, refined.directions.a, uncertainty(refined).matrix)
+            directions, covariance = refined.directions, uncertainty(refined).matrix
+            spread = spreads(refined.model, directions.a, covariance)
         except (IdentificationError, np.linalg.LinAlgError) as error:
             failures.append(f"the model by {trial.settings.weighting} could not be refined: {error}")
             continue
         judged = cut.trying.sides.judged("refined", start.why, cut.trying.unscaled(refined.model))
-        candidates = {**found.candidates, "refined": replace(judged, spreads=tuple(spread))}
+        moved = tuple(cut.trying.unscaled(one) for one in changes(refined.model, directions, covariance))
+        candidates = {**found.candidates, "refined": replace(judged, spreads=tuple(spread), changes=moved)}
         found = replace(found, candidates=candidates, refined=refined, failures=tuple(failures))
         if refined.interrupted:
             raise stopped(KeyboardInterrupt(), replace(found, stopped="interrupted while it was refined"))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from pathlib import Path
+from typing import NotRequired
 
 import numpy as np
 from typing_extensions import TypedDict
@@ -67,19 +68,25 @@ class ReductionSummary(TypedDict):
 
 
 class SubspaceSummary(Summary):
-    """The summary of a subspace study; `models` by their names, `written` the one in the FMU."""
+    """The summary of a subspace study; `models` by their names, `written` the one in the FMU.
+
+    Attributes:
+        changes: what one standard deviation changes in the written model's matrices a, b, c and d, along axes that are
+            independent of each other; only of a refined model.
+    """
 
     models: dict[str, CandidateSummary]
     written: str
     tried: list[TrialSummary]
     offsets: OffsetsSummary | None
     reduction: ReductionSummary | None
+    changes: NotRequired[list[dict[str, list[list[float]]]]]
 
 
 def summary(result: SubspaceCalibration) -> SubspaceSummary:
     """The study as `summary.json` holds it."""
     taken, study = result.taken, result.study
-    return {
+    document: SubspaceSummary = {
         "title": study.title,
         "method": f"subspace ({taken.name})",
         "parameters": {},
@@ -95,6 +102,9 @@ def summary(result: SubspaceCalibration) -> SubspaceSummary:
         "warnings": warnings_of(result),
         "verdict": subspace_verdict(result),
     }
+    if taken.changes:
+        document["changes"] = [model_summary(one)["matrices"] for one in taken.changes]
+    return document
 
 
 def _trial(trial: Trial) -> TrialSummary:

@@ -34,6 +34,7 @@ class Candidate:
         runs: record -> (K, p) free run.
         offset: (p,) of the outputs, beside what was taken off all records.
         spreads: uncertainty of its modes, which only a refined model has.
+        changes: and of its matrices; see `spread.changes`.
     """
 
     name: str
@@ -44,6 +45,7 @@ class Candidate:
     runs: dict[str, FloatArray]
     offset: FloatArray
     spreads: tuple[Spread, ...] = ()
+    changes: tuple[LinearModel, ...] = ()
 
     @property
     def score(self) -> float:

@@ -19,6 +19,7 @@ from identification.tuning.loops.plants import PlantSet, alike, delayed
 from identification.tuning.loops.wiring import Path, Wiring
 from identification.tuning.procedures.problem import Controller, Problem
 from identification.tuning.procedures.riccati import unreached, unseen
+from identification.tuning.sources.calibrated_model import CalibratedPlant
 from identification.tuning.sources.fmu_controller import FmuController
 from identification.tuning.sources.model_controller import ModelController
 from identification.tuning.sources.plants import LinearPlant
@@ -138,11 +139,13 @@ def _drawn(study: TuningStudy, step: float) -> dict[str, LinearModel]:
     rng = np.random.default_rng(study.draws.seed)
     found: dict[str, LinearModel] = {}
     for name, spec in study.plants.items():
-        if isinstance(spec, SystemPlant) and spec.spread.names:
+        if isinstance(spec, SystemPlant | CalibratedPlant) and spec.uncertain:
             models = spec.drawn(f"plants.{name}", step, 2 * study.draws.count, rng)
             found |= {f"{name}, draw {number}": model for number, model in enumerate(models, 1)}
     if not found:
-        fix = "give one a `spread`, or the folder of an output-error calibration"
+        fix = (
+            "give one a `spread`, or the folder of an output-error study, or of a subspace study that refines its model"
+        )
         raise IdentificationError("draws", "are asked for, and no plant has a spread", fix)
     return found
 

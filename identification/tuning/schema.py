@@ -17,7 +17,8 @@ from identification.tuning.goals.table import MEASURES
 from identification.tuning.procedures.schema import DesignBlock
 from identification.tuning.rig import Rig
 from identification.tuning.sources.calibrated import calibrated_system
-from identification.tuning.sources.plants import CalibratedPlant, FmuPlant, GivenPlant, LinearPlant, PlantSpec
+from identification.tuning.sources.calibrated_model import CalibratedPlant
+from identification.tuning.sources.plants import FmuPlant, GivenPlant, LinearPlant, PlantSpec
 from identification.tuning.sources.system_plant import PlantOutput, Spread, SystemPlant, independent, set_over
 from identification.tuning.study import DrawSpec, GoalSpec, StepSpec, TuningStudy
 from orchestrator.assembly.assembly import SystemSpec, link

@@ -11,7 +11,6 @@ import numpy as np
 
 from fmus.errors import IdentificationError
 from identification.linear.model import LinearModel
-from identification.results import result_file
 from orchestrator.fmi.file import FmuDescription
 from orchestrator.fmi.interface import Interface, Value
 from orchestrator.trace import FloatArray
@@ -58,27 +57,6 @@ class FmuPlant:
         direct = d if d.size else np.zeros((len(outputs), len(inputs)))
         units = {port.name: port.unit for port in (*inputs, *outputs) if port.unit}
         return LinearPlant(LinearModel(a, b, c, direct, own, *names), units)
-
-
-@dataclass(frozen=True)
-class CalibratedPlant:
-    """The model that a subspace study has left in its result folder."""
-
-    folder: Path
-
-    def linear(self, place: str, step: float) -> LinearPlant:
-        """The model in the folder's only FMU.
-
-        Raises:
-            InputError: the folder holds no result.
-            IdentificationError: the result is no linear model.
-        """
-        result_file(self.folder, "summary.json")
-        fmus = sorted((self.folder / "fmus").glob("*.fmu"))
-        if len(fmus) != 1:
-            problem = f"{self.folder} holds {len(fmus)} FMUs, not the one of a linear model"
-            raise IdentificationError(place, problem, "name the FMU by `fmu`")
-        return FmuPlant(fmus[0]).linear(place, step)
 
 
 @dataclass(frozen=True, eq=False)

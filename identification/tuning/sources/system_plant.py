@@ -106,6 +106,11 @@ class SystemPlant:
         """
         return _Wired(place, self).models(step, {name: values}, len(values))
 
+    @property
+    def uncertain(self) -> bool:
+        """Whether something is known of its parameters' spread."""
+        return bool(self.spread.names)
+
     def drawn(self, place: str, step: float, count: int, rng: np.random.Generator) -> list[LinearModel]:
         """Models with parameters drawn from their spread.
 

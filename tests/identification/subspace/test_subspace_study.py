@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import fmpy
 import numpy as np
 import pytest
 
 from fmus.errors import IdentificationError, ScenarioError, TraceError
+from identification import tune
 from identification.calibrate import calibrate_study, validate_result
+from identification.linear.modes import modes
 from identification.study import load_study
+from identification.tuning.sources.calibrated_model import CalibratedPlant
 from orchestrator import formats
 from orchestrator.progress import silent
 from orchestrator.trace import Trace
@@ -162,3 +166,73 @@ def test_a_record_of_which_nothing_is_left_is_refused(study: Path) -> None:
     study.write_text(STUDY.replace("[third]", "[third], exclude: [{trace: third, from: 0}]"))
     with pytest.raises(TraceError, match=r"third\.csv: 60 samples in a row are not left beside excluded from"):
         calibrate_study(study, study.parent, study.parent / "out", silent)
+
+
+def noisy(study: Path) -> None:
+    """The recordings with noise, all in volts."""
+    noise = np.random.default_rng(7)
+    for name in ("first", "second", "third"):
+        raw = formats.read(study.parent / f"{name}.csv").trace
+        added = {key: (key != "u") * 0.05 * np.std(y) * noise.standard_normal(len(y)) for key, y in raw.signals.items()}
+        signals = {key: y + added[key] for key, y in raw.signals.items()}
+        formats.write(Trace(raw.time, signals, dict.fromkeys(signals, "V"), name), study.parent / f"{name}.csv")
+
+
+def test_draws_of_a_refined_model_have_the_spread_of_its_modes(study: Path) -> None:
+    """Over draws frequency and damping have the standard deviations of the first order, which are found otherwise."""
+    noisy(study)
+    document = calibrated(study, "refine: true\ntake: refined\n")
+    plant = CalibratedPlant(study.parent / "out")
+    assert plant.uncertain
+    model = plant.linear("plant", STEP).model
+    drawn = [modes(one) for one in plant.drawn("plant", STEP, 400, np.random.default_rng(0))]
+    for number, mode in enumerate(document["models"]["refined"]["modes"][:2]):  # type: ignore[index]
+        frequency, damping = (np.array([getattr(m[number], key) for m in drawn]) for key in ("frequency", "damping"))
+        assert modes(model)[number].frequency == pytest.approx(mode["frequency"])
+        assert frequency.std() == pytest.approx(mode["frequency_std"], rel=0.15)
+        assert damping.std() == pytest.approx(mode["damping_std"], rel=0.15)
+
+
+def test_a_controller_is_tuned_for_draws_of_an_identified_model(study: Path) -> None:
+    noisy(study)
+    study.write_text(STUDY.replace("{best: [3, 7]}", "5") + "refine: true\ntake: refined\n")
+    calibrate_study(study, study.parent, study.parent / "out", silent)
+    tuning = {
+        "title": "PI for what was identified",
+        "method": "tune",
+        "controller": {"model": "pi", "parameters": {"sample_time": STEP, "ki": 0}},
+        "plants": {"identified": {"calibrated": "out"}},
+        "connections": ["plant.y -> controller.position", "controller.voltage -> plant.u"],
+        "reference": "controller.reference",
+        "tracked": "plant.y",
+        "goals": [{"measure": "modulus margin", "at_least": 0.5}],
+        "minimise": [{"measure": "iae"}],
+        "delay": STEP,
+        "draws": {"count": 50, "share": 0.9},
+        "design": {"unknowns": {"kp": {"start": 0.01, "min": 0.001, "max": 10}}},
+    }
+    (study.parent / "tuning.yaml").write_text(json.dumps(tuning))
+    found: Any = tune(study.parent / "tuning.yaml").summary
+    assert found["draws"]["held"] >= 0.9
+    least, *_, most = found["draws"]["unseen"]["goals"][0]["percentiles"]
+    assert least < found["goals"][0]["figures"]["identified"] < most
+
+
+@pytest.mark.parametrize("more", ["", "refine: true\ntake: reduced\nreduce: {order: 4, by: msv, update: output}\n"])
+def test_a_model_that_is_not_refined_last_has_no_draws(study: Path, more: str) -> None:
+    calibrated(study, more)
+    assert not CalibratedPlant(study.parent / "out").uncertain
+
+
+def test_a_spread_of_another_model_is_refused(study: Path) -> None:
+    calibrated(study)
+    file = study.parent / "out" / "summary.json"
+    summary = json.loads(file.read_text())
+    for changes, problem in (
+        ([{name: [[1.0]] for name in "abcd"}], "of another model than its FMU's"),
+        ([{"a": [[1.0]]}], "that are none"),
+        ({"a": 1}, "that are no list"),
+    ):
+        file.write_text(json.dumps(summary | {"changes": changes}))
+        with pytest.raises(IdentificationError, match=problem):
+            CalibratedPlant(file.parent).drawn("plant", STEP, 2, np.random.default_rng(0))
