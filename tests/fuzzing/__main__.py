@@ -17,6 +17,7 @@ from pathlib import Path
 from tests.fuzzing.targets import TARGETS, seeds
 
 MEMORY = 4096  # [MB]
+GROWN = 20  # from one pass over all inputs to the next [MB]
 SLOW = 20  # [s]
 
 
@@ -51,13 +52,17 @@ def _fuzzed(name: str, seconds: float, out: Path) -> int:
             capture_output=True,
             check=False,
         )
+        again = [sys.executable, "-m", "tests.fuzzing.again", name, str(corpus)]
+        growth = float(subprocess.run(again, capture_output=True, check=True, text=True).stdout)
     counted = json.loads((out / "counts.json").read_text())
     found = sorted(counted["faults"])
+    if growth > GROWN:
+        found.append(f"a pass over all inputs adds {growth:.0f} MB")
     if done.returncode:
         (out / "end.txt").write_bytes(done.stderr[-20000:])
         found.append(f"the process ended with {done.returncode}, see {out / 'end.txt'}")
     print(
-        f"{name:14}{counted['inputs']:10,}{counted['taken']:10,}{counted['slowest']:13.2f}{counted['grown']:12.0f}  "
+        f"{name:14}{counted['inputs']:10,}{counted['taken']:10,}{counted['slowest']:13.2f}{growth:12.1f}  "
         f"{'; '.join(found) or 'none'}",
         flush=True,
     )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-import resource
 import sys
 import tempfile
 import traceback
@@ -18,8 +17,6 @@ with atheris.instrument_imports(include=["fmus", "orchestrator", "identification
     from fmus.errors import ServotwinError
     from tests.fuzzing.targets import TARGETS
 
-_WARM = 200  # inputs after which memory should not grow any more
-
 
 class Fuzzing:
     """Uses inputs and counts what came of them."""
@@ -28,8 +25,7 @@ class Fuzzing:
         self._target, self._out = TARGETS[name], out
         self._file = folder / f"input{self._target.suffix}"
         self._told = perf_counter()
-        self._warm = 0.0
-        self.counts = {"inputs": 0, "taken": 0, "slowest": 0.0, "grown": 0.0, "faults": []}
+        self.counts = {"inputs": 0, "taken": 0, "slowest": 0.0, "faults": []}
 
     def __call__(self, content: bytes) -> None:
         self._file.write_bytes(content)
@@ -58,10 +54,6 @@ class Fuzzing:
 
     def _tell(self) -> None:
         self._told = perf_counter()
-        most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        if self.counts["inputs"] <= _WARM:
-            self._warm = most
-        self.counts["grown"] = most - self._warm
         (self._out / "counts.json").write_text(json.dumps(self.counts))
 
 

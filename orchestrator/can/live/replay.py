@@ -20,11 +20,11 @@ from orchestrator.can.database.sources import DatabaseFiles
 from orchestrator.can.frames import Frames
 from orchestrator.can.live.bus import BusSettings, is_bus_off, send
 from orchestrator.can.live.channels import Channel, Channels, listening
+from orchestrator.can.live.last_frames import LastFrames
 from orchestrator.can.live.link import REFUSING
 from orchestrator.can.live.passes import ahead, passes
 from orchestrator.can.live.safe_end import Last, SafeEnd
 from orchestrator.can.live.selection import Chosen, Selection
-from orchestrator.can.statistics import identifier_text
 from orchestrator.interrupts import endings, handling
 from orchestrator.progress import Progress, silent
 from orchestrator.realtime.lateness import Lateness
@@ -49,7 +49,7 @@ class Replayed:
         left_out: frames that are not chosen; missing: names of what is chosen and was not in the log.
         homeless: frames of channels for which there is no bus; channels: those that the frames are of; mixed:
             whether they went onto one bus.
-        last: frames that were sent last, as `123#00`.
+        last: frames that were sent last, as `123#00`; dropped: those before that a full bus had no room for by then.
         setbacks: stamps before the one of the frame before; such a frame follows at once, later ones keep their
             distance to it.
         lateness: of the frames.
@@ -74,17 +74,19 @@ class Replayed:
     channels: set[int] = field(default_factory=set)
     last: list[str] = field(default_factory=list)
     refused: int = 0
+    dropped: int = 0
 
     @property
     def out(self) -> int:
-        """Frames that were not refused."""
-        return self.sent - self.refused
+        """Frames that were neither refused nor dropped."""
+        return self.sent - self.refused - self.dropped
 
     def document(self) -> dict[str, Any]:
         """For --json."""
         return {
             "sent": self.out,
             "refused": self.refused,
+            "dropped": self.dropped,
             "skipped": self.skipped,
             "left_out": self.left_out,
             "missing": self.missing,
@@ -105,6 +107,7 @@ class Replayed:
         told = {
             f"sent last: {', '.join(self.last)}": self.last,
             f"{self.refused:,} frames were not sent: the adapter refused them": self.refused,
+            f"{self.dropped:,} frames were not sent: the bus was full at the end": self.dropped,
             f"{self.skipped:,} error frames of the log were not sent": self.skipped,
             f"{self.left_out:,} frames of the log were not chosen": self.left_out,
             f"the log holds no frame of {', '.join(self.missing)}": self.missing,
@@ -209,7 +212,8 @@ class _Sender:
     """Sends frames on the bus of their channel."""
 
     def __init__(self, plan: Replay, channels: Channels, end: SafeEnd, done: Replayed) -> None:
-        self._plan, self._channels, self._end, self._done = plan, channels.all, end, done
+        self._plan, self._channels, self._done = plan, channels.all, done
+        self._last = LastFrames(channels.all, end)
 
     def send_all(self, batches: Iterable[Frames], stop: Stop) -> Iterator[float]:
         """Send frame by frame; when each was sent."""
@@ -239,22 +243,12 @@ class _Sender:
         """Send what is to go out last.
 
         Raises:
-            BusError: an adapter has not taken it.
+            BusError: an adapter has not taken it, or it may not have got out.
         """
-        problems = []
-        for number, message in self._end.frames(len(self._channels)):
-            channel = self._channels[number]
-            name = f"{identifier_text(message.arbitration_id, message.is_extended_id)}#{message.data.hex().upper()}"
-            try:
-                send(channel.bus, message)
-            except Exception as error:  # drivers raise anything
-                problems.append(f"{name} on {channel.settings.place} ({error})")
-            else:
-                self._done.last.append(name)
-        if problems:
-            raise BusError(
-                self._plan.log, f"ended, and was NOT followed by {' and '.join(problems)}", "stop the machine otherwise"
-            )
+        try:
+            self._last.send(self._plan.log)
+        finally:
+            self._done.last, self._done.dropped = self._last.sent, self._last.dropped
 
     def check(self) -> None:
         """See how the buses take it; what else is received is of no interest.
@@ -264,8 +258,8 @@ class _Sender:
         """
         flows = [flow for channel in self._channels if (flow := getattr(channel.bus, "flow", None))]
         self._done.refused = sum(flow.refused for flow in flows)
-        for channel in self._channels:
-            messages = channel.receiver.take()
+        for number, channel in enumerate(self._channels):
+            messages = self._last.take(number)
             self._done.errors += sum(message.is_error_frame for message in messages)
             if any(map(is_bus_off, messages)):
                 raise BusError(
@@ -297,7 +291,7 @@ class _Sender:
             send(channel.bus, message)
         except can.CanError as error:
             raise self._failed(channel, error) from error
-        self._end.note(message, number)
+        self._last.given(number, message)
 
     def _failed(self, channel: Channel, error: Exception) -> BusError:
         return BusError(

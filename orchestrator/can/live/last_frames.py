@@ -1,0 +1,110 @@
+"""What goes out last: given to the adapters, and seen to get out as far as that can be known."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+import can
+
+from fmus.errors import BusError
+from orchestrator.can.live.backlog import Backlog
+from orchestrator.can.live.bus import send
+from orchestrator.can.live.channels import Channel
+from orchestrator.can.live.safe_end import SafeEnd
+from orchestrator.can.statistics import identifier_text
+
+_WAY = 0.3  # for which what was sent before may still wait [s]
+_CONFIRMING = 1.0  # for which the last frames may [s]
+_NAP = 0.005  # between two looks [s]
+
+
+class LastFrames:
+    """The last frames, and what of all that was sent still waits in each adapter.
+
+    Attributes:
+        sent: names of those that adapters took, as `123#00`.
+        dropped: frames before them that had no room on the bus and would have kept them from it.
+    """
+
+    def __init__(self, channels: Sequence[Channel], end: SafeEnd) -> None:
+        self._channels, self._end = channels, end
+        self._backlogs = [Backlog(channel.settings) for channel in channels]
+        self.sent: list[str] = []
+        self.dropped = 0
+
+    def given(self, number: int, message: can.Message) -> None:
+        """An adapter has taken a frame."""
+        self._backlogs[number].sent(message, time.monotonic())
+        self._end.note(message, number)
+
+    def take(self, number: int) -> list[can.Message]:
+        """What has been received on a bus since the last call."""
+        messages, backlog = self._channels[number].receiver.take(), self._backlogs[number]
+        for message in messages:
+            if message.is_rx and not message.is_error_frame:
+                backlog.heard(message)
+        backlog.look(time.monotonic())
+        return messages
+
+    def send(self, place: object) -> None:
+        """Send them; `place` names what they follow in errors.
+
+        Raises:
+            BusError: an adapter has not taken one, or it may not have got out.
+        """
+        frames = self._end.frames(len(self._channels))
+        used = sorted({number for number, _ in frames})
+        crowded = self._waiting(used, _WAY)
+        for number in crowded:
+            self._make_room(number)
+        problems = [problem for number, message in frames if (problem := self._sent(number, message))]
+        kept = self._waiting(used, _CONFIRMING)
+        staying = [number for number in {*crowded, *kept} if hasattr(self._channels[number].bus, "stays")]
+        for number in staying:  # of the crowded ones, too: what is out is known by an estimate
+            self._channels[number].bus.stays = True  # type: ignore[attr-defined]
+        if problems:
+            problem = f"ended, and was NOT followed by {' and '.join(problems)}"
+        elif kept:
+            full = " and ".join(self._channels[number].settings.place for number in kept)
+            pending = ", and the adapter sends it when it has room" if {*kept} <= {*staying} else ""
+            problem = f"ended, and {', '.join(self.sent)} may not have got out: {full} is full{pending}"
+        else:
+            return
+        raise BusError(place, problem, "stop the machine otherwise")
+
+    def _waiting(self, numbers: Sequence[int], patience: float) -> list[int]:
+        """The buses on which something still waits after so long [s]."""
+        until, left = time.monotonic() + patience, list(numbers)
+        while left:
+            for number in list(left):
+                self.take(number)
+                flow = getattr(self._channels[number].bus, "flow", None)
+                if self._backlogs[number].empty() and not (flow is not None and flow.answers and flow.owed):
+                    left.remove(number)
+            if time.monotonic() >= until:
+                break
+            time.sleep(_NAP)
+        return left
+
+    def _make_room(self, number: int) -> None:
+        """Have an adapter forget what it has not sent, where it can."""
+        waiting = self._backlogs[number].waiting().total()
+        try:
+            self._channels[number].bus.flush_tx_buffer()
+        except (NotImplementedError, can.CanError):
+            return  # what follows waits behind it
+        self._backlogs[number].clear()
+        self.dropped += waiting
+
+    def _sent(self, number: int, message: can.Message) -> str:
+        """Why an adapter has not taken a frame; nothing where it has."""
+        channel = self._channels[number]
+        name = f"{identifier_text(message.arbitration_id, message.is_extended_id)}#{message.data.hex().upper()}"
+        try:
+            send(channel.bus, message)
+        except Exception as error:  # drivers raise anything
+            return f"{name} on {channel.settings.place} ({error})"
+        self._backlogs[number].sent(message, time.monotonic())
+        self.sent.append(name)
+        return ""
