@@ -16,13 +16,21 @@ if sys.platform != "win32":
     import termios
 
 _LOOK = 0.1  # between two looks whether it is over [s]
-_NAMES = {"\x1b[A": "up", "\x1b[B": "down", "\x1b[C": "right", "\x1b[D": "left", "\r": "enter", "\n": "enter"}
+_NAMES = {
+    " ": "space",
+    "\x1b[A": "up",
+    "\x1b[B": "down",
+    "\x1b[C": "right",
+    "\x1b[D": "left",
+    "\r": "enter",
+    "\n": "enter",
+}
 
 
 @contextmanager
 def keys(press: Callable[[str], None]) -> Iterator[None]:
     """Each key that is pressed within the block goes to `press`, on a thread of its own: its letter, or up, down, left,
-    right, enter. Without effect where there is no terminal that can do that."""
+    right, enter, space. Without effect where there is no terminal that can do that."""
     if sys.platform == "win32":
         yield
         return

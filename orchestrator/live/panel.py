@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -27,7 +29,8 @@ WIDTH = 60  # samples that are drawn of a signal
 SHOWN = 12  # values that are listed
 PERCENT = 0.01  # by how much the arrows change a value
 REFRESH = 5  # pictures a second
-HELP = "↑ ↓ choose, ← → change by 1 %, or type a value and Enter"
+ENDS = "space ends it"
+HELP = f"↑ ↓ choose, ← → change by 1 %, or type a value and Enter; {ENDS}"
 
 
 class Panel:
@@ -67,7 +70,10 @@ class Panel:
             yield
 
     def press(self, key: str) -> None:
-        """Do what a key is for."""
+        """Do what a key is for; space ends the run as Ctrl-C does, whatever has been typed."""
+        if key == "space":
+            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+            return
         names = self._names()
         if not names:
             return
@@ -96,7 +102,7 @@ class Panel:
             typed = f"→ {self._typed}" if number == self._chosen and self._typed else ""
             table.add_row(f"{mark} {plain(name)}", self._value(name), plain(typed))
         head = Text(f"{plain(self._label)}  {100 * self._fraction:.0f} %  {plain(self._doing)}")
-        return Group(head, table, Text(plain(self._said) if names else "", style="dim"))
+        return Group(head, table, Text(plain(self._said) if names else ENDS, style="dim"))
 
     def _names(self) -> list[str]:
         return [] if self._live is None else list(self._live.tuned.ports)

@@ -5,10 +5,9 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -88,27 +87,3 @@ def joined(port: Path, **others: Any) -> Iterator[SlcanBus]:
     with opened(settings(port, **others)) as bus:
         assert isinstance(bus, SlcanBus)
         yield bus
-
-
-@contextmanager
-def flooded(port: Path) -> Iterator[None]:
-    """A node of the highest priority that leaves the bus to nobody."""
-    with joined(port) as bus:
-        over = threading.Event()
-        line = b"t0018FFFFFFFFFFFFFFFF\r"
-
-        def flood() -> None:
-            while not over.is_set():
-                with suppress(BlockingIOError):
-                    os.write(bus.serialPortOrig.fd, line * 8)
-                while bus.recv(0.0) is not None:
-                    pass
-                time.sleep(0.001)
-
-        thread = threading.Thread(target=flood)
-        thread.start()
-        try:
-            yield
-        finally:
-            over.set()
-            thread.join()

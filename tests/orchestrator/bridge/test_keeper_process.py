@@ -19,7 +19,7 @@ import pytest
 from orchestrator import formats
 from orchestrator.can.slcan.hub import Hub, hub_process
 from tests.support.coupling_samples import DBC, frame
-from tests.support.wiring import BITRATE, HANG, command, flooded, joined, wait_for
+from tests.support.wiring import BITRATE, HANG, command, joined, wait_for
 
 pytestmark = pytest.mark.slow  # processes
 
@@ -135,6 +135,30 @@ def test_any_number_of_signals_leaves_the_safe_value_and_the_result(tmp_path: Pa
         wait_for(peer.rests)
     assert json.loads((tmp_path / "out" / "manifest.json").read_text())["ended"] == "stopped"
     assert bridge.returncode == 130
+
+
+@contextmanager
+def flooded(port: Path) -> Iterator[None]:
+    """A node of the highest priority that leaves the bus to nobody."""
+    with joined(port) as bus:
+        over = threading.Event()
+        line = b"t0018FFFFFFFFFFFFFFFF\r"
+
+        def flood() -> None:
+            while not over.is_set():
+                with suppress(BlockingIOError):
+                    os.write(bus.serialPortOrig.fd, line * 8)
+                while bus.recv(0.0) is not None:
+                    pass
+                time.sleep(0.001)
+
+        thread = threading.Thread(target=flood)
+        thread.start()
+        try:
+            yield
+        finally:
+            over.set()
+            thread.join()
 
 
 def test_safe_values_are_the_first_that_goes_when_a_full_bus_has_room(tmp_path: Path) -> None:

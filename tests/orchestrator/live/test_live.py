@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,6 +17,7 @@ from fmus.errors import FmuEnded, FmuError, InputError, ServotwinError
 from orchestrator.engine import LiveRun, Result, Run, RunFailed, Simulation
 from orchestrator.fmi.interface import Value
 from orchestrator.live import panel as panels
+from orchestrator.live.keys import split
 from orchestrator.live.paced import Paced
 from orchestrator.live.panel import Panel, nudged, sparkline
 from orchestrator.live.requests import Requests
@@ -189,6 +191,15 @@ def test_the_keys_choose_change_and_type_values() -> None:
         ("clock.factor", 2.02),
         ("plant.u0", -0.01),
     ]
+
+
+def test_space_ends_a_run_as_ctrl_c_does_whatever_is_typed() -> None:
+    panel = Panel("a run")
+    pressing = threading.Timer(0.1, lambda: [panel.press(key) for key in split("1 ")])
+    pressing.start()
+    with pytest.raises(KeyboardInterrupt):
+        time.sleep(300)
+    pressing.join()
 
 
 def test_the_panel_shows_signals_values_and_why_one_was_not_taken() -> None:

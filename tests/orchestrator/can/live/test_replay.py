@@ -29,7 +29,7 @@ from orchestrator.can.statistics import FrameStatistics
 from orchestrator.progress import Progress, silent
 from orchestrator.realtime.lateness import Lateness
 from tests.support.scripted_adapter import ScriptedAdapter, willing
-from tests.support.wiring import HANG, command, flooded, frame, heard, joined, number
+from tests.support.wiring import HANG, command, frame, heard, joined, number
 
 pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
 
@@ -314,29 +314,6 @@ def test_a_safe_end_that_is_not_taken_is_an_error(tmp_path: Path, rig: Path, mon
         monkeypatch.setattr(f"orchestrator.can.live.{module}.send", send)
     with pytest.raises(BusError, match=r"NOT followed by 100#\w+ on virtual:replay"):
         replay(BUS, log, database=rig, last=Last(["torque=0"]))
-
-
-def test_on_a_full_bus_the_safe_end_goes_before_what_waits_and_stays_with_the_adapter(
-    tmp_path: Path, rig: Path
-) -> None:
-    """Seen by another node: once there is room, the first and only frame is the safe one."""
-    log = mixed(tmp_path / "log.blf", 300)
-    with hub_process(tmp_path / "bus", 3) as hub, joined(hub.paths[1]) as peer:
-        bus = ["--interface", "slcan", "--channel", hub.paths[0], "--bitrate", "500000"]
-        with (
-            flooded(hub.paths[2]),
-            command("can", "replay", log, *bus, "--dbc", rig, "--safe", "torque=0") as process,
-        ):
-            while process.poll() is None:
-                peer.recv(0.01)
-            _, said = process.communicate()
-        others = [message for message in heard(peer, 1) if message.arbitration_id != 1]
-        while not others:
-            others = [message for message in heard(peer, 1) if message.arbitration_id != 1]
-    assert [(message.arbitration_id, bytes(message.data[:2])) for message in others] == [(0x100, bytes(2))]
-    assert process.returncode == 3
-    said = " ".join(said.split())
-    assert "may not have got out: slcan:" in said and "is full, and the adapter sends it when it has room" in said
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,85 @@
+"""The last frames of a replay get out before what waits, and where a full bus keeps them that is said."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import can
+import pytest
+
+from fmus.errors import BusError
+from orchestrator.can.live.bus import BusSettings, occupied
+from orchestrator.can.live.channels import Channel
+from orchestrator.can.live.last_frames import LastFrames
+from orchestrator.can.live.safe_end import Last, SafeEnd
+
+SETTINGS = BusSettings("slcan", "port", bitrate=500_000)
+URGENT = can.Message(arbitration_id=1, is_extended_id=False, data=bytes(8))
+
+
+class Adapter:
+    """Takes all frames; what it does is kept in order."""
+
+    def __init__(self) -> None:
+        self.done: list[str] = []
+
+    def send(self, message: can.Message, timeout: float | None = None) -> None:
+        self.done.append(f"{message.arbitration_id:X}")
+
+    def flush_tx_buffer(self) -> None:
+        raise NotImplementedError
+
+
+class Staying(Adapter):
+    """One that can forget what waits, and stay on the bus."""
+
+    stays = False
+
+    def flush_tx_buffer(self) -> None:
+        self.done.append("forgets")
+
+
+class Heard:
+    """What others send: as much as there is time for, or nothing."""
+
+    def __init__(self, full: bool) -> None:
+        self._full, self._until = full, time.monotonic()
+
+    def take(self) -> list[can.Message]:
+        count = int((time.monotonic() - self._until) / occupied(URGENT, SETTINGS)) + 1 if self._full else 0
+        self._until += count * occupied(URGENT, SETTINGS)
+        return [URGENT] * count
+
+
+def last_frames(adapter: Any, full: bool) -> LastFrames:
+    """The end of a replay that has given the adapter five frames."""
+    heard: Any = Heard(full)
+    last = LastFrames([Channel(SETTINGS, adapter, heard)], SafeEnd(Last([], ["100#0000"]), None))
+    last.take(0)
+    for _ in range(5):
+        last.given(0, can.Message(arbitration_id=0x200, is_extended_id=False, data=bytes(8)))
+    return last
+
+
+def test_on_a_bus_with_room_all_gets_out_in_order() -> None:
+    adapter = Staying()
+    last = last_frames(adapter, full=False)
+    last.send("log")
+    assert (adapter.done, adapter.stays, last.sent, last.dropped) == (["100"], False, ["100#0000"], 0)
+
+
+def test_on_a_full_bus_what_waits_is_forgotten_and_the_last_frame_is_left_with_the_adapter() -> None:
+    adapter = Staying()
+    last = last_frames(adapter, full=True)
+    with pytest.raises(BusError, match="100#0000 may not have got out: slcan:port is full, and the adapter sends it"):
+        last.send("log")
+    assert (adapter.done, adapter.stays, last.dropped) == (["forgets", "100"], True, 5)
+
+
+def test_nothing_is_promised_of_an_adapter_that_neither_forgets_nor_stays() -> None:
+    adapter = Adapter()
+    last = last_frames(adapter, full=True)
+    with pytest.raises(BusError, match="may not have got out: slcan:port is full; stop the machine otherwise"):
+        last.send("log")
+    assert (adapter.done, last.dropped, hasattr(adapter, "stays")) == (["100"], 0, False)
