@@ -15,10 +15,10 @@ from fmus.errors import InputError
 from fmus.packaging import archive, defaults
 from fmus.packaging.native import foreign_sources
 from orchestrator.can.log_suffixes import is_log
-from orchestrator.documents.sources import is_ssp
 from orchestrator.marks import listed
 from orchestrator.progress import Progress, silent
 from orchestrator.results import MARKS, RECORD
+from orchestrator.ssp import is_ssp
 
 if TYPE_CHECKING:
     from orchestrator import formats

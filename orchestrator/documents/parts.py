@@ -18,6 +18,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from fmus.errors import ScenarioError
 from orchestrator.documents import sources
 from orchestrator.documents.parsing import one_line
+from orchestrator.ssp import is_ssp
 
 INCLUDE, PART = "include", "part"
 MOST = 100  # files that make one document
@@ -135,7 +136,7 @@ def _project(path: Path) -> Path:
 
 def _parsed(part: Path) -> CommentedMap:
     document, _ = sources.parse(part)
-    if sources.is_ssp(part):
+    if is_ssp(part):
         for key in [key for key in document if key not in _SYSTEM]:
             del document[key]
         document[PART] = part.name

@@ -10,17 +10,12 @@ from typing import Any
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
 from orchestrator.documents import parsing
+from orchestrator.ssp import is_ssp
 
 LOG = logging.getLogger("servotwin.ssp")
-SSP = ".ssp"
 EXTRA = "extra/servotwin"  # folder in an SSP of what a description of a system cannot say
 SCENARIO = f"{EXTRA}/scenario.yaml"
 _OF_THE_SYSTEM = ("fmu", "model", "parameters", "tables")
-
-
-def is_ssp(path: Path) -> bool:
-    """Whether a file is an SSP, by its name."""
-    return path.suffix.lower() == SSP
 
 
 def parse(path: Path) -> tuple[CommentedMap, Path]:
