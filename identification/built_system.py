@@ -10,7 +10,8 @@ from pathlib import Path
 
 from identification.method import CalibratedFmu
 from orchestrator.assembly.assembly import SystemSpec, assemble
-from orchestrator.fmi.interface import Value
+from orchestrator.fmi.file import FmuDescription
+from orchestrator.fmi.interface import Port, Value
 
 
 class BuiltSystem:
@@ -25,12 +26,28 @@ class BuiltSystem:
         weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
         self.assembled = assemble(system, Path(folder), stimulated)
 
-    def calibrated(self, values: Mapping[str, float]) -> dict[str, CalibratedFmu]:
-        """component -> its FMU with the study's values and these, by component.variable."""
+    def calibrated(self, values: Mapping[str, float], step: float | None = None) -> dict[str, CalibratedFmu]:
+        """component -> its FMU with the study's values and these by component.variable, for this step [s]."""
         merged = {**self.assembled.system.values(), **values}
         return {
-            name: CalibratedFmu(file, component_values(name, merged)) for name, file in self.assembled.files.items()
+            name: CalibratedFmu(file, component_values(name, merged), step)
+            for name, file in self.assembled.files.items()
         }
+
+    def changed(self, values: Mapping[str, float]) -> dict[str, Value]:
+        """component.variable -> value, of the study's values and these, those that the FMUs do not start with; these
+        always."""
+        ports = {name: FmuDescription(file).interface.ports for name, file in self.assembled.files.items()}
+        own = {name: value for name, value in self.assembled.system.values().items() if name not in values}
+        kept = {name: value for name, value in own.items() if not _starts_so(ports, name, value)}
+        return {**kept, **values}
+
+
+def _starts_so(ports: Mapping[str, Mapping[str, Port]], name: str, value: Value) -> bool:
+    """Whether an FMU starts with this value."""
+    component, _, variable = name.partition(".")
+    port = ports[component].get(variable)
+    return port is not None and port.start == value
 
 
 def component_values(component: str, values: Mapping[str, Value]) -> dict[str, Value]:

@@ -221,7 +221,7 @@ def _write_fmus(calibrated: Calibrated, folder: Path, provenance: Mapping[str, A
     """The FMUs with their values, or those that cannot hold them with a parameter set beside; and all parameters."""
     for name, fmu in calibrated.fmus.items():
         target = folder / "fmus" / f"{name}.fmu"
-        if target not in write_back(fmu.source, fmu.values, target, provenance):
+        if target not in write_back(fmu.source, fmu.values, target, provenance, fmu.step):
             shutil.copyfile(fmu.source, target)
     if calibrated.parameters:
         parameters = ssv.parameter_set("calibrated", calibrated.parameters, calibrated.units)

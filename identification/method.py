@@ -26,10 +26,12 @@ class CalibratedFmu:
     Attributes:
         source: the FMU file.
         values: variable -> value [unit of the variable].
+        step: with which the values were found, which importers then take by default [s].
     """
 
     source: Path
     values: Mapping[str, Value]
+    step: float | None = None
 
 
 @dataclass(frozen=True)
@@ -38,12 +40,13 @@ class Calibrated:
 
     Attributes:
         fmus: file name without suffix -> FMU.
-        parameters: component.variable -> value for `parameters.ssv`; without any there is no such file.
+        parameters: component.variable -> value for `parameters.ssv`, all that differ from what FMUs start with; without
+            any there is no such file.
         units: of the parameters that have one.
     """
 
     fmus: Mapping[str, CalibratedFmu]
-    parameters: Mapping[str, float] = field(default_factory=dict)
+    parameters: Mapping[str, Value] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
 
 

@@ -13,6 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 from typing_extensions import TypedDict
 
 from fmus.errors import InputError
+from identification.fits import FitSummary, WorstSummary, told
 from identification.messages import MessagesSummary
 from identification.recordings.campaign import StudyTrace
 from orchestrator.crossing import CrossingDocument
@@ -46,15 +47,6 @@ class ParameterSummary(TypedDict):
     unit: str
     start: Value | None
     truth: NotRequired[float]
-
-
-class FitSummary(TypedDict):
-    """FIT of some windows: the median of all, of each trace and of each output; null where none moves."""
-
-    median: float | None
-    traces: dict[str, float | None]
-    windows: NotRequired[int]
-    outputs: NotRequired[dict[str, float | None]]
 
 
 class FitsSummary(TypedDict, total=False):
@@ -96,6 +88,7 @@ class VerdictSummary(TypedDict):
 
     Attributes:
         at_least: the median FIT asked for, null without a target; `reached` is what counts against it.
+        worst_at_least: the FIT asked for of every window and output, null without; `worst` is what counts against it.
         held: whether the target is reached, or claims come out as stated: the exit code is 1 where it is not.
         converged: whether the search came to its end.
         said: all that in a line, with what to do; nothing where there is no target and nothing to do.
@@ -103,6 +96,8 @@ class VerdictSummary(TypedDict):
 
     at_least: float | None
     reached: float | None
+    worst_at_least: NotRequired[float | None]
+    worst: NotRequired[WorstSummary | None]
     held: bool
     converged: bool
     said: str
@@ -160,15 +155,16 @@ class ClaimsSummary(Summary):
 
 
 def verdict(
-    fit: float | None,
+    fit: FitSummary,
     side: str,
     at_least: float | None,
     *,
+    worst_at_least: float | None = None,
     unsettled: str = "",
     remedy: str = "",
     recorded: Iterable[StudyTrace] = (),
 ) -> VerdictSummary:
-    """The verdict on a median FIT.
+    """The verdict on a median FIT, and on the worst one.
 
     Args:
         side: whose FIT it is, such as "unseen".
@@ -176,10 +172,10 @@ def verdict(
         remedy: what to try where the target is missed.
         recorded: where something was seen in these that may spoil a fit, it has to be `POOR` at least without a target.
     """
-    reached = None if fit is None else finite(fit)
+    reached, worst = fit["median"], fit.get("worst")
     spoilt = at_least is None and any(recording.damaged for recording in recorded)
     least = POOR if spoilt else at_least
-    held = least is None or (reached is not None and reached >= least)
+    held = _reaches(reached, least)
     said = []
     if spoilt and not held:
         found = "none" if reached is None else f"{reached:.4f}"
@@ -187,11 +183,28 @@ def verdict(
     if at_least is not None:
         found = "none" if reached is None else f"{reached:.4f}"
         said = [f"{'held' if held else 'MISSED'}: median FIT, {side}, {found}, at least {at_least:g} asked for"]
+    if worst_at_least is not None:
+        holds = _reaches(worst["fit"] if worst else None, worst_at_least)
+        found = f"worst FIT, {side}, {told(worst)}, at least {worst_at_least:g} asked for"
+        said.append(f"{'held' if holds else 'MISSED'}: {found}")
+        held = held and holds
     if not held and remedy:
         said.append(remedy)
     if unsettled:
         said.append(f"NOT CONVERGED: {unsettled}")
-    return {"at_least": at_least, "reached": reached, "held": held, "converged": not unsettled, "said": "; ".join(said)}
+    return {
+        "at_least": at_least,
+        "reached": reached,
+        "worst_at_least": worst_at_least,
+        "worst": worst,
+        "held": held,
+        "converged": not unsettled,
+        "said": "; ".join(said),
+    }
+
+
+def _reaches(fit: float | None, least: float | None) -> bool:
+    return least is None or (fit is not None and fit >= least)
 
 
 def verdict_callout(section: Section, verdict: VerdictSummary) -> None:

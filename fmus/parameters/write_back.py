@@ -43,6 +43,7 @@ def write_back(
     values: Mapping[str, SetValue],
     path: str | Path,
     provenance: Mapping[str, Any] | None = None,
+    step: float | None = None,
 ) -> list[Path]:
     """Write an FMU with these start values; the files written come back, the FMU or its SSP first.
 
@@ -52,6 +53,7 @@ def write_back(
             element of an array as `A[1,2]`.
         path: the FMU to write; for a foreign FMU its suffix gives way to .ssp, .ssv and .provenance.json.
         provenance: what the values come from, kept as JSON.
+        step: that importers are to take by default [s], of one of our FMUs; None leaves what it says.
 
     Raises:
         FmuFileError: no such FMU, it has no such variable, it has no start value that could be set, or the value is not
@@ -73,6 +75,9 @@ def write_back(
         return _beside(source, ports, {name: s.shown for name, s in starts.items()}, parameters, target, origin)
     for name, start in starts.items():
         _put(*_find(source, variables, name), xml_number(start.value))
+    experiment = root.find("DefaultExperiment")
+    if step is not None and experiment is not None:
+        experiment.set("stepSize", repr(float(step)))
     files["modelDescription.xml"] = etree.tostring(root, encoding="UTF-8", xml_declaration=True, pretty_print=True)
     old = _defaults(source, files[defaults.RESOURCE])
     files[defaults.RESOURCE] = defaults.dump(old | {name: start.value for name, start in starts.items()}).encode()

@@ -13,8 +13,9 @@ from orchestrator.cli.scenarios import Isolate
 from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 
 if TYPE_CHECKING:
+    from identification.fits import FitSummary
     from identification.output_error.validate import ValidationSummary
-    from identification.results import ClaimsSummary, FitsSummary, FitSummary, Summary, VerdictSummary
+    from identification.results import ClaimsSummary, FitsSummary, Summary, VerdictSummary
     from identification.subspace.summary import SubspaceSummary
     from identification.tuning.summary import RigSummary, TuningSummary
 
@@ -174,14 +175,18 @@ def _cell(header: str, value: object) -> str:
 
 def _models(document: SubspaceSummary) -> Listing:
     """Order and median FIT of each output, on fitted and on unseen traces, of every model of a subspace study."""
+    from identification.fits import told
+
     outputs = list(document["fit"]["train"]["outputs"])
     rows = []
     for name, model in document["models"].items():
         fits = (model["fit"]["train"], model["fit"]["validation"])
         values = [_figure(fit["outputs"][output] if fit else None) for fit in fits for output in outputs]
-        rows.append([name, str(model["order"]), *values])
-    headers = ("model", "order", *(f"{output}, {side}" for side in ("fitted", "unseen") for output in outputs))
-    return Listing(headers, rows, "median FIT")
+        worst = told((fits[1] or fits[0]).get("worst"))
+        rows.append([name, str(model["order"]), *values, worst])
+    of_sides = (f"{output}, {side}" for side in ("fitted", "unseen") for output in outputs)
+    title = "median FIT, and the worst of the traces that models are compared on"
+    return Listing(("model", "order", *of_sides, "worst"), rows, title)
 
 
 def _claims(document: ClaimsSummary) -> Listing:
@@ -193,12 +198,18 @@ def _claims(document: ClaimsSummary) -> Listing:
 
 
 def _fits(groups: FitsSummary | Mapping[str, FitSummary]) -> list[str]:
+    from identification.fits import told
+
     lines = []
     for group, judged in cast("Mapping[str, Any]", groups).items():
         if group == "compared":
-            lines += [f"median FIT of {name}: {_figure(fit['median'])}" for name, fit in judged.items()]
+            lines += [
+                f"median FIT of {name}: {_figure(fit['median'])}, worst {told(fit.get('worst'))}"
+                for name, fit in judged.items()
+            ]
         elif judged is not None:
-            lines.append(f"median FIT, {group}: {_figure(judged['median'])} ({len(judged['traces'])} traces)")
+            worst = f", worst {told(judged['worst'])}" if judged.get("worst") else ""
+            lines.append(f"median FIT, {group}: {_figure(judged['median'])} ({len(judged['traces'])} traces){worst}")
             outputs = judged.get("outputs", {})
             lines += [f"  {name}: {_figure(value)}" for name, value in outputs.items() if len(outputs) > 1]
     return lines

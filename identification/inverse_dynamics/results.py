@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from statistics import median
 
+import numpy as np
 from typing_extensions import TypedDict
 
 from identification.estimation.estimated_value import EstimatedValue
+from identification.fits import FitSummary, fit_summary
 from identification.inverse_dynamics.calibration import Found, InverseCalibration
 from identification.inverse_dynamics.terms import Term
 from identification.method import Calibrated
 from identification.recordings.units import unit_documents
-from identification.results import FitSummary, ParameterSummary, Summary, VerdictSummary, data_summary, finite, verdict
+from identification.results import ParameterSummary, Summary, VerdictSummary, data_summary, finite, verdict
 from orchestrator.results import versions
 
 
@@ -63,8 +64,7 @@ def inverse_verdict(result: InverseCalibration) -> VerdictSummary:
     """Whether the rounds came to an end."""
     taken = result.taken
     unsettled = "" if taken.settled else f"the values still change after {taken.rounds} rounds; `take: least-squares`"
-    fit = median(result.fits(aside=False).values())
-    return verdict(fit, "force", None, unsettled=unsettled, recorded=result.recorded)
+    return verdict(_fit(result.fits(aside=False)), "force", None, unsettled=unsettled, recorded=result.recorded)
 
 
 def calibrated(result: InverseCalibration, folder: Path) -> Calibrated:
@@ -96,4 +96,5 @@ def _entry(result: InverseCalibration, term: Term, one: EstimatedValue, target: 
 
 
 def _fit(fits: dict[str, float]) -> FitSummary:
-    return {"median": finite(median(fits.values())), "traces": {name: finite(one) for name, one in fits.items()}}
+    names = list(fits)
+    return fit_summary(np.array(list(fits.values()))[:, None], names, names, ["force"])

@@ -12,7 +12,6 @@ from identification.motion.balance import UNITS
 from identification.motion.calibration import MotionCalibration
 from identification.motion.found import Found
 from identification.motion.tube import Tube
-from identification.output_error.results import judged_summary
 from identification.recordings.units import unit_documents
 from identification.results import ParameterSummary, Summary, VerdictSummary, data_summary, finite
 from orchestrator.results import versions
@@ -75,7 +74,7 @@ class MotionSummary(Summary):
 def summary(result: MotionCalibration) -> MotionSummary:
     """The recalibration as `summary.json` holds it; what is not determined is null."""
     tube, taken = result.tube, result.taken
-    fits = judged_summary(tube.judged[result.study.take]) if tube else None
+    fits = tube.judged[result.study.take].summary if tube else None
     return {
         "title": result.study.title,
         "method": f"motion ({result.study.take})",
@@ -92,7 +91,7 @@ def summary(result: MotionCalibration) -> MotionSummary:
         "fit": {
             "train": fits or {"median": None, "traces": {}},
             "validation": None,
-            "compared": {name: judged_summary(judged) for name, judged in (tube.judged if tube else {}).items()},
+            "compared": {name: judged.summary for name, judged in (tube.judged if tube else {}).items()},
         },
         "data": data_summary(result.recorded),
         "units": unit_documents(result.recorded),

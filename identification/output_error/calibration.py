@@ -14,6 +14,7 @@ from identification.built_system import BuiltSystem
 from identification.estimation.arrow_least_squares import Loss
 from identification.estimation.parameters import InitialState, Parameter, ParameterSet
 from identification.estimation.stopped import STOPPED, reason, stopped
+from identification.fits import FitSummary, fit_summary
 from identification.output_error.search.estimator import Estimate, SearchState, Watch, estimate, predict
 from identification.output_error.search.problem import Problem, spread_weights
 from identification.output_error.simulator import SystemFactory
@@ -57,6 +58,12 @@ class Judged(ReadOnlyArrays):
     def crossings(self) -> list[Crossing]:
         """How the windows' signals got to the units of the variables."""
         return [crossing for window in self.windows for crossing in window.crossings]
+
+    @property
+    def summary(self) -> FitSummary:
+        """FIT in few figures."""
+        names, traces = [window.name for window in self.windows], [window.trace for window in self.windows]
+        return fit_summary(self.fit, names, traces, self.outputs)
 
     def by_trace(self) -> dict[str, float]:
         """trace -> median FIT of its windows."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from fmus.errors import IdentificationError
 from identification.estimation.validation import whiteness
+from identification.fits import told
 from identification.output_error.calibration import Calibration, Judged
 from identification.output_error.results import summary
 from identification.output_error.windows import FreeRunWindow
@@ -47,13 +48,15 @@ def _overview(section: Section, calibration: Calibration) -> None:
     validation = calibration.validation
     highlights: list[tuple[str, str, str]] = []
     if validation is not None:
-        remark = f"{len(validation.windows)} windows of traces not used in the fit"
+        worst = told(validation.summary.get("worst"))
+        remark = f"{len(validation.windows)} windows of traces not used in the fit, worst {worst}"
         highlights.append(("median FIT, unseen", f"{validation.median:.3f}", remark))
-    highlights.append(
-        ("median FIT, fitted", f"{calibration.train.median:.3f}", f"{len(calibration.train.windows)} windows")
-    )
+    train = calibration.train
+    remark = f"{len(train.windows)} windows, worst {told(train.summary.get('worst'))}"
+    highlights.append(("median FIT, fitted", f"{train.median:.3f}", remark))
     for name, judged in calibration.compared.items():
-        highlights.append((f"median FIT, {name}", f"{judged.median:.3f}", "the same windows as the first figure"))
+        remark = f"the same windows as the first figure, worst {told(judged.summary.get('worst'))}"
+        highlights.append((f"median FIT, {name}", f"{judged.median:.3f}", remark))
     section.highlights(highlights)
     found = summary(calibration)
     verdict_callout(section, found["verdict"])
@@ -77,6 +80,9 @@ def fits(section: Section, groups: Mapping[str, Judged], target: float | None) -
         ]
         rows += [
             ["median", name, *(f"{fit:.3f}" for fit in judged.by_output().values())] for name, judged in groups.items()
+        ]
+        rows += [
+            ["worst", name, *(f"{fit:.3f}" for fit in np.nanmin(judged.fit, axis=0))] for name, judged in groups.items()
         ]
         section.table(["trace", "", *outputs], rows, caption="Median FIT of the trace's windows, by output")
 

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing_extensions import TypedDict
 
 from identification.method import Calibrated
-from identification.output_error.calibration import Calibration, Judged
+from identification.output_error.calibration import Calibration
 from identification.output_error.verdict import calibration_verdict
-from identification.results import FitSummary, ParameterSummary, Summary, data_summary, finite
+from identification.results import ParameterSummary, Summary, data_summary, finite
 from orchestrator.crossing import documents_of
 from orchestrator.results import versions
 
@@ -59,9 +59,9 @@ def summary(calibration: Calibration) -> OutputErrorSummary:
         "method": "output-error",
         "parameters": {name: _parameter(calibration, name) for name in found.values},
         "fit": {
-            "train": judged_summary(calibration.train),
-            "validation": judged_summary(calibration.validation) if calibration.validation else None,
-            "compared": {name: judged_summary(judged) for name, judged in calibration.compared.items()},
+            "train": calibration.train.summary,
+            "validation": calibration.validation.summary if calibration.validation else None,
+            "compared": {name: judged.summary for name, judged in calibration.compared.items()},
         },
         "uncertainty": {
             "method": found.uncertainty.method,
@@ -91,18 +91,12 @@ def summary(calibration: Calibration) -> OutputErrorSummary:
     }
 
 
-def judged_summary(judged: Judged) -> FitSummary:
-    """FIT of some windows: the median of all, of each trace and of each output; null where none moves."""
-    by_trace = {name: finite(value) for name, value in judged.by_trace().items()}
-    by_output = {name: finite(value) for name, value in judged.by_output().items()}
-    return {"median": finite(judged.median), "windows": len(judged.windows), "traces": by_trace, "outputs": by_output}
-
-
 def calibrated(calibration: Calibration, folder: Path) -> Calibrated:
-    """The system's FMUs with the study's values and the estimates, and the estimates but for delays."""
+    """The system's FMUs with the study's values, the estimates and the study's step; and all values but delays."""
     values = {name: value for name, value in calibration.estimate.values.items() if "." in name}
     units = {name: unit for name, unit in calibration.units.items() if name in values and unit != "1"}
-    return Calibrated(calibration.system.calibrated(values), values, units)
+    system = calibration.system
+    return Calibrated(system.calibrated(values, float(calibration.study.run.step)), system.changed(values), units)
 
 
 def _parameter(calibration: Calibration, name: str) -> ParameterSummary:

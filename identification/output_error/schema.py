@@ -100,9 +100,15 @@ class WindowsBlock(Block):
 
 
 class ValidationBlock(WindowsBlock):
-    """Windows of the traces kept out of the fit, and the median FIT they have to reach."""
+    """Windows of the traces kept out of the fit, and what they have to reach.
+
+    Attributes:
+        at_least: the median FIT.
+        worst_at_least: FIT of every window and output that moves.
+    """
 
     at_least: float | None = None
+    worst_at_least: float | None = None
 
 
 class ParameterBlock(Block):
@@ -301,6 +307,7 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
             validation=(self.validation or self.windows).spec(),
             parameters=self._parameter_set(),
             at_least=self.validation.at_least if self.validation else None,
+            worst_at_least=self.validation.worst_at_least if self.validation else None,
             description=self.description,
             weight=self.weight,
             loss=Loss(self.loss.kind, self.loss.scale),

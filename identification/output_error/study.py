@@ -150,6 +150,7 @@ class OutputErrorStudy:
     Attributes:
         validation: windows of the traces kept out of the fit.
         at_least: median FIT that these have to reach, where the study asks for one.
+        worst_at_least: FIT that every window and output of these has to reach.
         parameters: what is estimated, component.variable or a delay; their units are the FMUs'.
         weight: whether outputs are scaled by their spread in each window, over all windows, or not at all.
         compare: name -> parameters that are judged beside the estimate on the same windows.
@@ -164,6 +165,7 @@ class OutputErrorStudy:
     validation: WindowSpec
     parameters: ParameterSet
     at_least: float | None = None
+    worst_at_least: float | None = None
     description: str = ""
     weight: OutputWeight = "output"
     loss: Loss = LEAST_SQUARES

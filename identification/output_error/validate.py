@@ -14,17 +14,16 @@ from fmus.errors import InputError
 from fmus.packaging import archive
 from fmus.parameters import ssv
 from fmus.parameters.write_back import description_of, is_ours
+from identification.fits import FitSummary, told
 from identification.messages import MessagesSummary
 from identification.output_error.calibration import Judged, isolated, judge, ports_of
 from identification.output_error.report import fits, overlays
-from identification.output_error.results import judged_summary
 from identification.output_error.study import OutputErrorStudy
 from identification.output_error.windows import cut_windows
 from identification.recordings.campaign import StudyTrace, load_campaign, recording_warnings
 from identification.results import (
     STUDY,
     SUMMARY,
-    FitSummary,
     Summary,
     TraceSummary,
     VerdictSummary,
@@ -86,7 +85,14 @@ class Validation:
     def verdict(self) -> VerdictSummary:
         """Whether the study's target is met, by the unseen recordings where there are some."""
         side = next(iter(self.judged))
-        return verdict(self.judged[side].median, side, self.study.at_least, recorded=self.recorded)
+        study = self.study
+        return verdict(
+            self.judged[side].summary,
+            side,
+            study.at_least,
+            worst_at_least=study.worst_at_least,
+            recorded=self.recorded,
+        )
 
 
 def validate(
@@ -158,7 +164,7 @@ def summary(validation: Validation) -> ValidationSummary:
     nothing_new = "every recording was used in the fit; this judges nothing new"
     return {
         "title": validation.study.title,
-        "fit": {name: judged_summary(judged) for name, judged in validation.judged.items()},
+        "fit": {name: judged.summary for name, judged in validation.judged.items()},
         "at_least": validation.study.at_least,
         "held": validation.verdict["held"],
         "data": data_summary(validation.recorded, validation.unseen),
@@ -179,7 +185,11 @@ def report(validation: Validation) -> Report:
     section, judged, target = page.section("Result"), validation.judged, validation.study.at_least
     section.highlights(
         [
-            (f"median FIT, {name}", f"{group.median:.3f}", f"{len(group.windows)} windows")
+            (
+                f"median FIT, {name}",
+                f"{group.median:.3f}",
+                f"{len(group.windows)} windows, worst {told(group.summary.get('worst'))}",
+            )
             for name, group in judged.items()
         ]
     )

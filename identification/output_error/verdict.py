@@ -25,9 +25,10 @@ def calibration_verdict(calibration: Calibration) -> VerdictSummary:
     unsettled = "" if found.converged else f"{found.message}; try {', '.join(_remedies(calibration))}"
     found_nothing = found.message.startswith(SILENT)
     judgement = verdict(
-        judged.median,
+        judged.summary,
         side,
         calibration.study.at_least,
+        worst_at_least=calibration.study.worst_at_least,
         unsettled=unsettled,
         remedy=_remedy(calibration),
         recorded=calibration.recorded,

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from fmus.errors import IdentificationError
+from identification.fits import told
 from identification.linear.mode_tracking import stabilisation
 from identification.linear.model import LinearModel
 from identification.linear.modes import modes, ranked
@@ -17,7 +18,7 @@ from identification.subspace.calibration import SubspaceCalibration
 from identification.subspace.orders import borne
 from identification.subspace.range_space import RangeSpace
 from identification.subspace.realisation import realise
-from identification.subspace.summary import medians, subspace_verdict, uncertain_modes, warnings_of
+from identification.subspace.summary import fits_of, medians, subspace_verdict, uncertain_modes, warnings_of
 from identification.subspace.trials import Candidate
 from orchestrator.display.table import Cell
 from orchestrator.report import Report, Section, figures
@@ -48,13 +49,13 @@ def report(result: SubspaceCalibration) -> Report:
 
 def fit_table(result: SubspaceCalibration) -> tuple[list[str], list[list[Cell]]]:
     """Headers and rows: each model's order and its median FIT of each output, on fitted and on unseen traces."""
-    outputs = result.study.outputs
-    headers = ["model", "order", *(f"{name}, fitted" for name in outputs), *(f"{name}, unseen" for name in outputs)]
-    rows = [
-        [name, model.model.order, *medians(model.train), *(medians(model.unseen) or [None] * len(outputs))]
+    outputs, nothing = result.study.outputs, [None] * len(result.study.outputs)
+    of_sides = [f"{name}, {side}" for side in ("fitted", "unseen") for name in outputs]
+    rows: list[list[Cell]] = [
+        [name, model.model.order, *medians(model.train), *(medians(model.unseen) or nothing), _worst(result, model)]
         for name, model in result.candidates.items()
     ]
-    return headers, rows
+    return ["model", "order", *of_sides, "worst"], rows
 
 
 def _tried(result: SubspaceCalibration) -> tuple[list[str], list[list[Cell]]]:
@@ -66,6 +67,12 @@ def _tried(result: SubspaceCalibration) -> tuple[list[str], list[list[Cell]]]:
         direct, why = "yes" if settings.feedthrough else "no", str(trial.error or "")
         rows.append([settings.weighting, settings.block, settings.poles, direct, order, score, why])
     return headers, rows
+
+
+def _worst(result: SubspaceCalibration, model: Candidate) -> str:
+    """Of the traces that models are compared on."""
+    fits = fits_of(result, model)
+    return told((fits["validation"] or fits["train"]).get("worst"))
 
 
 def _free_runs(section: Section, result: SubspaceCalibration) -> None:

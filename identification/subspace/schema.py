@@ -98,6 +98,7 @@ class SubspaceBlock(RecordedStudyBlock):
         start: seconds at the beginning of a trace kept aside that its initial state is estimated from; some periods of
             the model without.
         at_least: median FIT that the model that is written has to reach.
+        worst_at_least: FIT that it has to reach along every trace and of every output that moves.
         name: of the FMU.
     """
 
@@ -119,6 +120,7 @@ class SubspaceBlock(RecordedStudyBlock):
     take: str | None = None
     start: float | None = Field(None, gt=0)
     at_least: float | None = None
+    worst_at_least: float | None = None
     name: str = "plant"
 
     @model_validator(mode="after")

@@ -6,17 +6,17 @@ import itertools
 from pathlib import Path
 from typing import NotRequired
 
-import numpy as np
 from typing_extensions import TypedDict
 
 from fmus.errors import IdentificationError
+from identification.fits import FitSummary, fit_summary, median
 from identification.linear.fmu import linear_fmu
 from identification.linear.modes import modes
 from identification.linear.summary import ModelSummary, ModeSummary, mode_summaries, model_summary
 from identification.method import Calibrated
 from identification.recordings.campaign import recording_warnings
 from identification.recordings.units import unit_documents
-from identification.results import FitsSummary, FitSummary, Summary, VerdictSummary, data_summary, finite, verdict
+from identification.results import FitsSummary, Summary, VerdictSummary, data_summary, finite, verdict
 from identification.subspace.calibration import SubspaceCalibration
 from identification.subspace.trials import Candidate, Trial
 from orchestrator.results import versions
@@ -95,7 +95,7 @@ def summary(result: SubspaceCalibration) -> SubspaceSummary:
         "tried": [_trial(trial) for trial in result.trials],
         "offsets": _offsets(result),
         "reduction": _reduction(result),
-        "fit": _fits(result, taken),
+        "fit": fits_of(result, taken),
         "data": data_summary(result.recorded, study.traces.hold_out),
         "units": unit_documents(result.recorded),
         "versions": versions(),
@@ -141,7 +141,7 @@ def subspace_verdict(result: SubspaceCalibration) -> VerdictSummary:
     if result.stopped:
         said = f"STOPPED, {result.stopped}; the best model until then is written"
         return {"at_least": result.study.at_least, "reached": None, "held": False, "converged": False, "said": said}
-    fits, refined = _fits(result, result.taken), result.refined
+    fits, refined = fits_of(result, result.taken), result.refined
     judged, side = fits["validation"], "unseen"
     if judged is None:
         judged, side = fits["train"], "fitted (no trace was held out)"
@@ -150,7 +150,15 @@ def subspace_verdict(result: SubspaceCalibration) -> VerdictSummary:
         unsettled = f"the refinement {refined.why}; try another `order`, or other `weightings` to start from"
     remedy = "try another `order` or a larger `block`"
     target, recorded = result.study.at_least, result.recorded
-    return verdict(judged["median"], side, target, unsettled=unsettled, remedy=remedy, recorded=recorded)
+    return verdict(
+        judged,
+        side,
+        target,
+        worst_at_least=result.study.worst_at_least,
+        unsettled=unsettled,
+        remedy=remedy,
+        recorded=recorded,
+    )
 
 
 def calibrated(result: SubspaceCalibration, folder: Path) -> Calibrated:
@@ -162,26 +170,19 @@ def calibrated(result: SubspaceCalibration, folder: Path) -> Calibrated:
 
 def medians(fit: FloatArray) -> list[float | None]:
     """By output, over traces."""
-    return [_median(column) for column in fit.T] if len(fit) else []
+    return [median(column) for column in fit.T] if len(fit) else []
 
 
-def _median(fit: FloatArray) -> float | None:
-    known = fit[~np.isnan(fit)]
-    return finite(float(np.median(known))) if known.size else None
-
-
-def _fits(result: SubspaceCalibration, candidate: Candidate) -> FitsSummary:
+def fits_of(result: SubspaceCalibration, candidate: Candidate) -> FitsSummary:
+    """How a model runs along fitted traces and along those kept aside."""
     aside = _fit(result, candidate.unseen, aside=True) if len(candidate.unseen) else None
     return {"train": _fit(result, candidate.train, aside=False), "validation": aside}
 
 
 def _fit(result: SubspaceCalibration, fit: FloatArray, *, aside: bool) -> FitSummary:
     held_out = result.study.traces.hold_out
-    names = [trace for trace in result.pieces.values() if (trace in held_out) == aside]
-    rows = {name: fit[[other == name for other in names]] for name in names}
-    by_trace = {name: _median(own) for name, own in rows.items()}
-    by_output = dict(zip(result.study.outputs, medians(fit), strict=True))
-    return {"median": _median(fit), "windows": len(fit), "traces": by_trace, "outputs": by_output}
+    pieces = {name: trace for name, trace in result.pieces.items() if (trace in held_out) == aside}
+    return fit_summary(fit, list(pieces), list(pieces.values()), result.study.outputs)
 
 
 def _model(result: SubspaceCalibration, candidate: Candidate) -> CandidateSummary:
@@ -190,7 +191,7 @@ def _model(result: SubspaceCalibration, candidate: Candidate) -> CandidateSummar
         **model_summary(model),
         "why": candidate.why,
         "stable": model.stable,
-        "fit": _fits(result, candidate),
+        "fit": fits_of(result, candidate),
         "modes": uncertain_modes(candidate),
     }
 

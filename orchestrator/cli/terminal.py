@@ -200,7 +200,7 @@ def _answered(work: Callable[[], Answer], terminal: Terminal) -> NoReturn:
     if answer.interrupted or interrupts.requested:
         _interrupted(answer.interrupted or "interrupted")
     if answer.failure is not None:
-        _fail(answer.failure, terminal)
+        _fail(answer.failure, terminal, told=True)
     raise typer.Exit(0 if answer.held else 1)
 
 
@@ -244,11 +244,16 @@ def _interrupted(line: str = "interrupted") -> NoReturn:
     raise typer.Exit(130) from None
 
 
-def _fail(error: ServotwinError, terminal: Terminal, met: Exception | None = None) -> NoReturn:
-    """Leave with an error; `met` is the exception behind it, by default itself."""
+def _fail(error: ServotwinError, terminal: Terminal, met: Exception | None = None, *, told: bool = False) -> NoReturn:
+    """Leave with an error; `met` is the exception behind it, by default itself. With --json there is a document of it,
+    unless an answer has been told."""
     if terminal.verbose >= 2:
         _err().print(_traceback(met or error))
     _err().print(plain(f"servotwin: {error}"), style="red", soft_wrap=True, markup=False)
+    if terminal.json and not told:
+        failed = {"place": error.place, "problem": error.problem, "fix": error.fix, "exit_code": error.exit_code}
+        sys.stdout.write(json.dumps({"error": failed}, indent=2) + "\n")
+        sys.stdout.flush()
     raise typer.Exit(error.exit_code) from None
 
 

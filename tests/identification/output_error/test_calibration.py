@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fmpy import simulate_fmu
+from fmpy import read_model_description, simulate_fmu
 from fmpy.ssp.ssd import read_ssd, read_ssv
 
 from fmus.packaging import archive, defaults, targets
@@ -101,8 +101,14 @@ def test_the_folder_holds_what_was_promised(result: Path) -> None:
     assert files == {"fmus/motor.fmu", "fmus/hand.fmu", "parameters.ssv", "summary.json", "report.html", "study.yaml"}
     assert (result / "study.yaml").read_bytes() == (result.parent / "small.yaml").read_bytes()
     values = {name: entry["value"] for name, entry in summary(result)["parameters"].items()}
-    assert read_values(result / "parameters.ssv") == values
+    assert read_values(result / "parameters.ssv") == values | {"hand.added_length": LENGTH}
     read_ssv(str(result / "parameters.ssv"), validate=True)
+
+
+def test_importers_step_as_the_study_did(result: Path) -> None:
+    for name in ("motor", "hand"):
+        description = read_model_description(str(result / "fmus" / f"{name}.fmu"))
+        assert float(description.defaultExperiment.stepSize) == STEP
 
 
 def test_the_summary_has_every_key_that_others_rely_on(result: Path, data: Path) -> None:

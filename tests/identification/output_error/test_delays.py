@@ -162,7 +162,7 @@ def test_a_clock_that_is_ahead_is_a_negative_delay(tmp_path: Path) -> None:
 
 
 def test_delays_are_no_parameters_of_fmus_but_validation_uses_them(result: Path, data: Path, tmp_path: Path) -> None:
-    names = set(summary(result)["parameters"]) - {"wire", "reading"}
+    names = set(summary(result)["parameters"]) - {"wire", "reading"} | {"hand.added_length"}
     assert set(read_values(result / "parameters.ssv")) == names
     assert re.search(r"wire.{0,200}0\.0037", (result / "report.html").read_text(), re.DOTALL)
     judged = validate_result(result, data, tmp_path / "judged", lambda fraction, remark: None)

@@ -224,7 +224,8 @@ def test_a_set_that_does_not_fit_is_refused_in_one_line(
     scenario: Path, tmp_path: Path, override: str, problem: str
 ) -> None:
     answer = servotwin("run", scenario, "--out", tmp_path / "out", "--set", override, "--json")
-    assert answer.exit_code == 2 and answer.stdout == ""
+    failed = json.loads(answer.stdout)["error"]
+    assert answer.exit_code == failed["exit_code"] == 2 and set(failed) == {"place", "problem", "fix", "exit_code"}
     (line,) = answer.stderr.splitlines()
     assert problem in line and not (tmp_path / "out").exists()
 
