@@ -24,6 +24,7 @@ from identification.tuning.study import DrawSpec, GoalSpec, StepSpec, TuningStud
 from orchestrator.assembly.assembly import SystemSpec, link
 from orchestrator.assembly.schema import ComponentBlock
 from orchestrator.assembly.whole_arrays import Values, elements
+from orchestrator.scenario import parameter_sets
 from orchestrator.yaml_file import Block, Quantity, Seconds
 
 
@@ -95,7 +96,9 @@ class PlantBlock(Block):
     """A plant: a linear model, as an FMU, in matrices or the result folder of its study; or a system.
 
     Attributes:
-        components, connections: a system that is linearised where it rests.
+        components, connections: a system that is linearised where it rests: models by their equations, FMUs of any
+            supplier by Model Exchange.
+        parameters: of an `fmu` its values; of a system files with parameter sets (SSV), over its own values.
         calibrated: a result folder, of a linear model or of a system.
         set: component.variable -> value over the system's own.
         inputs: of a system, name -> component.input.
@@ -104,7 +107,7 @@ class PlantBlock(Block):
     """
 
     fmu: Path | None = None
-    parameters: Values = {}
+    parameters: Path | list[Path] | Values = {}
     calibrated: Path | None = None
     matrices: MatricesBlock | None = None
     components: dict[str, ComponentBlock] | None = Field(None, min_length=1)
@@ -119,8 +122,9 @@ class PlantBlock(Block):
         sources = (self.fmu, self.calibrated, self.matrices, self.components)
         if sum(source is not None for source in sources) != 1:
             raise ValueError("give one of `fmu`, `calibrated`, `matrices` and `components`")
-        if self.parameters and self.fmu is None:
-            raise ValueError("`parameters` need an `fmu`")
+        values = isinstance(self.parameters, dict)
+        if self.parameters and (self.fmu is None if values else not self.inputs):
+            raise ValueError("`parameters` are values of an `fmu`, or parameter sets (SSV) of a system with `inputs`")
         if self.connections and self.components is None:
             raise ValueError("`connections` need `components`")
         if bool(self.inputs) != bool(self.outputs) or (self.components is not None and not self.inputs):
@@ -137,7 +141,7 @@ class PlantBlock(Block):
     def plant(self, base: Path) -> PlantSpec:
         """As a plain value; its files are relative to `base`."""
         if self.fmu is not None:
-            return FmuPlant(base / self.fmu, elements(self.parameters))
+            return FmuPlant(base / self.fmu, elements(self.parameters if isinstance(self.parameters, dict) else {}))
         if self.matrices is not None:
             return GivenPlant(self.matrices.plant())
         if not self.inputs:
@@ -145,6 +149,8 @@ class PlantBlock(Block):
         system, spread = self._system(base)
         outputs = {name: PlantOutput(o) if isinstance(o, str) else o.output() for name, o in self.outputs.items()}
         own = independent(self.spread) if self.spread else spread
+        sets = [] if isinstance(self.parameters, dict) else parameter_sets.joined(self.parameters, base)
+        system = system.given(elements(parameter_sets.values_of(sets, system.components)))
         return SystemPlant(set_over(system, self.set, "set"), self.inputs, outputs, own)
 
     def _system(self, base: Path) -> tuple[SystemSpec, Spread]:

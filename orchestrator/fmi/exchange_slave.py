@@ -148,6 +148,22 @@ class ExchangeSlave(FmuInstance[ModelExchange]):
                     "give its `solver` more `most_steps`, or another `method`",
                 )
 
+    @property
+    def next_event(self) -> float:
+        """Time of the next event that is known in advance [s], infinity without one."""
+        return self._now.next_event
+
+    def states(self) -> FloatArray:
+        """(n,) where its states are."""
+        self._require(self._fmi.states.get(), "get its states")
+        return self._fmi.states.values.copy()
+
+    def answer(self, states: FloatArray, inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Derivatives (n,) and bound outputs at other states (n,) and bound inputs, where nothing is stepped."""
+        super().write(inputs.tolist())
+        rates = self._rates(self._now.time, states).copy()
+        return rates, np.array(self.read(), dtype=float)
+
     def save(self) -> Any:
         memory = super().save()
         self._snapshots += 1

@@ -13,6 +13,7 @@ from fmus.modelling.model import Model
 from identification.built_system import BuiltSystem
 from identification.linear.model import LinearModel
 from identification.tuning.sources.equations import Slopes, slopes
+from identification.tuning.sources.fmu_slopes import fmu_slopes
 from identification.tuning.sources.interconnection import Shown, joined
 from identification.tuning.sources.plants import LinearPlant
 from orchestrator.assembly.assembly import ComponentSpec, OpenSystem, SystemSpec
@@ -170,15 +171,15 @@ class _Wired:
 
     def _slopes(self, name: str, component: ComponentSpec, drawn: Mapping[str, FloatArray], count: int) -> Slopes:
         place = f"{self._place}.components.{name}"
-        if component.fmu is not None:
-            raise IdentificationError(place, f"{component.fmu.name} is an FMU", "name its `model`")
-        source = component.source
-        model = library.of_size(source if isinstance(source, Model) else library.find(str(source)), component.arrays)
         values: dict[str, Value | FloatArray] = dict(self._built.assembled.system.components[name].parameters)
         for key, value in drawn.items():
             end = Endpoint.parse(key)
             if end.component == name:
                 values[end.variable] = value
+        if component.fmu is not None:
+            return fmu_slopes(place, component.fmu, values, count)
+        source = component.source
+        model = library.of_size(source if isinstance(source, Model) else library.find(str(source)), component.arrays)
         return slopes(place, model, values, count)
 
     def _shown(self, name: str, output: PlantOutput) -> Shown:
