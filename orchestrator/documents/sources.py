@@ -37,7 +37,7 @@ def plain(node: Any) -> Any:
 
 def _of_ssp(path: Path) -> tuple[CommentedMap, Path]:
     from orchestrator.ssp.document import imported  # noqa: PLC0415 (it brings FMPy along)
-    from orchestrator.ssp.package import Package  # noqa: PLC0415
+    from orchestrator.ssp.package import SYSTEM, Package  # noqa: PLC0415
 
     found = imported(path)
     for note in found.notes:
@@ -45,6 +45,7 @@ def _of_ssp(path: Path) -> tuple[CommentedMap, Path]:
     with Package(path) as package:
         extras = [name for name in package.names if name.startswith(f"{EXTRA}/")]
         files = {name: package.unpacked(name) for name in extras}
+        found.document["ssp"] = str(package.unpacked(SYSTEM))
     if SCENARIO not in files:
         return _placed(found.document), path.parent
     scenario = plain(parsing.parse(files[SCENARIO]))
@@ -61,7 +62,7 @@ def _over(document: dict[str, Any], scenario: dict[str, Any]) -> dict[str, Any]:
             **{key: v for key, v in own.get(name, {}).items() if key not in _OF_THE_SYSTEM},
             **component,
         }
-    made["components"], made["connections"] = components, document["connections"]
+    made |= {"components": components, "connections": document["connections"], "ssp": document["ssp"]}
     made["run"] = {**document.get("run", {}), **scenario.get("run", {})}
     for key in ("start", "stop"):
         said, own_time = document.get("run", {}).get(key, "0"), scenario.get("run", {}).get(key, "0")

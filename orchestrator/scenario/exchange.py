@@ -16,13 +16,14 @@ from orchestrator.fmi.file import FmuDescription, Kind
 from orchestrator.fmi.isolation import scratch
 from orchestrator.scenario.scenario import Scenario
 from orchestrator.scenario.schema import ScenarioBlock, load_scenario
+from orchestrator.ssp.annotations import kept
 from orchestrator.ssp.outline import Outline, Times, Tool
 from orchestrator.ssp.writing import write
 from orchestrator.system import Part, System, typed, wire
 from orchestrator.yaml_file import joined, text_of
 
 _BUILT_IN = ("fmu", "model", "parameters", "tables")
-_ELSEWHERE = ("include", "connections")
+_ELSEWHERE = ("include", "connections", "ssp")
 
 
 @dataclass(frozen=True)
@@ -97,6 +98,7 @@ def _outline(file: Path, scenario: Scenario, assembled: Assembled) -> Outline:
         times=times,
         driven=_driven(scenario, system),
         recorded=tuple(name for name in scenario.record or () if _is_output(system, name)),
+        annotations=_annotations(file),
         others=_extras(file),
     )
 
@@ -134,13 +136,23 @@ def _is_output(system: System, name: str) -> bool:
     return port is not None and port.causality == "output"
 
 
+def _annotations(file: Path) -> dict[str, list[bytes]]:
+    """Those of the description that a scenario was imported from."""
+    described = joined(file, ScenarioBlock)[0].get("ssp")
+    return {} if described is None else kept(file.parent / described)
+
+
 def _extras(file: Path) -> dict[str, bytes]:
     """What a description of a system cannot say: the rest of the scenario, and the files that it names."""
     document, places = joined(file, ScenarioBlock)
     components = document.get("components", {})
     in_system = [id(component) for component in components.values()]
     tables = [id(block) for one in components.values() for block in one.get("tables", {}).values()]
-    places = [(holder, key) for holder, key in places if id(holder) not in (*in_system, *tables)]
+    places = [
+        (holder, key)
+        for holder, key in places
+        if id(holder) not in (*in_system, *tables) and not (holder is document and key in _ELSEWHERE)
+    ]
     packed = _packed(places, file.parent, {})
     for name, component in components.items():
         components[name] = {key: value for key, value in component.items() if key not in _BUILT_IN}

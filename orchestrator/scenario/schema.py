@@ -268,6 +268,7 @@ class ScenarioBlock(SystemBlock):
         matrix: cases that are all combinations of some axes; those of `cases` come after them.
         own_noise: whether every case draws noise of its own: each `seed` that a component is given, and the case does
             not set, grows by 1000 from case to case.
+        ssp: the description (`.ssd`) that it was imported from, whose annotations go along when it is exported.
         can: how it is coupled to a CAN bus; a plain run takes the safe values, as if nobody else were there.
     """
 
@@ -281,6 +282,7 @@ class ScenarioBlock(SystemBlock):
     record: list[str] | None = None
     recorder: DataLoggerBlock | None = None
     own_noise: bool = False
+    ssp: Path | None = None
     can: CanBlock | None = None
     sets: dict[str, Values] = {}
     matrix: MatrixBlock | None = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -60,6 +60,7 @@ class Outline:
         values: component.variable -> value, in the unit of the variable.
         driven: input -> its constant value, None where it changes in time.
         recorded: what the outputs of the system show.
+        annotations: of other tools, see `annotations.kept`.
         others: name in the archive -> contents of what else goes along.
     """
 
@@ -72,4 +73,5 @@ class Outline:
     times: Times
     driven: Mapping[str, float | None] = field(default_factory=dict)
     recorded: tuple[str, ...] = ()
+    annotations: Mapping[str, Sequence[bytes]] = field(default_factory=dict)
     others: Mapping[str, bytes] = field(default_factory=dict)

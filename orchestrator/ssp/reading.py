@@ -90,7 +90,7 @@ class _File:
             times.get("startTime"),
             times.get("stopTime"),
             step,
-            tuple(f"annotations of {kind} are not used" for kind in others),
+            tuple(f"annotations of {kind} are kept and not used" for kind in others),
         )
 
     def system(self, entry: etree._Element) -> System:

@@ -14,9 +14,10 @@ from fmus.units import BASES
 from orchestrator.crossing import NamedUnit
 from orchestrator.fmi.file import FmuDescription, Kind
 from orchestrator.fmi.interface import Interface, Port, Value
+from orchestrator.ssp import package
+from orchestrator.ssp.annotations import ROOT, SYSTEM
 from orchestrator.ssp.names import FMU, SSC, SSD
 from orchestrator.ssp.outline import Outline, Tool
-from orchestrator.ssp.package import SYSTEM
 from orchestrator.system import Connection, Endpoint
 
 OMS = "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd"
@@ -32,7 +33,7 @@ def write(path: Path, outline: Outline, tool: Tool = Tool.ANY) -> list[str]:
     """Write the SSP; what the tool will do otherwise than we do comes back, a line each."""
     written = _Writing(outline, tool)
     description = document(written.root())
-    files = {SYSTEM: description, **outline.others}
+    files = {package.SYSTEM: description, **outline.others}
     files |= {name: file.read_bytes() for file, name in written.resources.values()}
     archive.write(path, files)
     return written.notes
@@ -63,6 +64,7 @@ class _Writing:
         if self.tool is Tool.LIBCOSIM:
             inner = _annotation(experiment, "com.opensimulationplatform", f"{{{OSP}}}Algorithm")
             ET.SubElement(inner, f"{{{OSP}}}FixedStepAlgorithm", {"baseStepSize": repr(times.step)})
+        self._add_annotations(root, ROOT)
         return root
 
     def _system(self) -> ET.Element:
@@ -92,6 +94,7 @@ class _Writing:
             f"{{{OMS}}}FixedStepMaster",
             step | {"absoluteTolerance": "1e-06", "relativeTolerance": "1e-06"},
         )
+        self._add_annotations(system, SYSTEM)
         return system
 
     def _component(self, name: str) -> ET.Element:
@@ -108,7 +111,16 @@ class _Writing:
             element.append(connectors)
         values = self._values(name, interface)
         self._add_values(element, VALUES, values, interface.ports)
+        self._add_annotations(element, name)
         return element
+
+    def _add_annotations(self, element: ET.Element, name: str) -> None:
+        """Those of other tools, behind our own."""
+        kept = self.outline.annotations.get(name, ())
+        parent = element.find(f"{SSD}Annotations")
+        if kept:
+            parent = ET.SubElement(element, f"{SSD}Annotations") if parent is None else parent
+            parent.extend(ET.fromstring(one) for one in kept)
 
     def _is_connector(self, component: str, port: Port) -> bool:
         """Whether a variable is one: of an array an element that is connected, an enumeration where it is known."""

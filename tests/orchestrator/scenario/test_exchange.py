@@ -6,6 +6,7 @@ import json
 import zipfile
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 
@@ -13,6 +14,8 @@ from fmus.errors import InputError, WiringError
 from orchestrator.scenario.exchange import export, unpack
 from orchestrator.scenario.run import ScenarioResult, run_scenario
 from orchestrator.ssp.checking import check
+from tests.support import ssps
+from tests.support.ssps import archive, component, system
 
 STAIR = "time,torque\n0,0\n0.1,0.01\n0.3,-0.01\n0.5,0\n"
 COMPONENTS: dict[str, Any] = {
@@ -132,3 +135,28 @@ def test_a_file_that_is_there_is_not_written_over(tmp_path: Path) -> None:
     unpack(tmp_path / "turn.ssp", tmp_path / "again")
     with pytest.raises(InputError, match="is there already"):
         unpack(tmp_path / "turn.ssp", tmp_path / "again")
+
+
+def test_annotations_of_other_tools_go_along_both_ways(tmp_path: Path) -> None:
+    def noted(what: str) -> str:
+        inside = f'<v:Color xmlns:v="urn:vendor" of="{what}"><v:Deep/></v:Color>'
+        return f'<ssd:Annotations><ssc:Annotation type="com.vendor">{inside}</ssc:Annotation></ssd:Annotations>'
+
+    inner = system([component("w", inner=noted("w"))], name="m")
+    described = ssps.described(system([component("a", inner=noted("a")), inner], after=noted("top")))
+    described = described.replace("</ssd:SystemStr", f"{noted('all')}</ssd:SystemStr")
+    foreign = archive(tmp_path / "foreign.ssp", described)
+    export(foreign, tmp_path / "direct.ssp")
+    export(unpack(foreign, tmp_path / "out"), tmp_path / "by_folder.ssp")
+    for name in ("direct.ssp", "by_folder.ssp"):
+        assert check(tmp_path / name).problems == ()
+        with zipfile.ZipFile(tmp_path / name) as made:
+            text = made.read("SystemStructure.ssd").decode()
+        root = ElementTree.fromstring(text)
+        owners = {
+            child.get("of"): owner.get("name")
+            for owner in root.iter()
+            for child in owner.findall("{*}Annotations/{*}Annotation/{urn:vendor}Color")
+        }
+        assert owners == {"all": root.get("name"), "top": root.get("name"), "a": "a", "w": "m__w"}
+        assert text.count("Deep") == 4
