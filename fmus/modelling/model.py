@@ -36,6 +36,8 @@ class Variable:
         unit: FMI unit name ("N.m", "rad/s"), "1" for a pure number.
         start: default value (inputs and parameters).
         choices: names of the values 1, 2, ... of an integer that selects.
+        tunable: whether a parameter may change between two steps; of models without continuous states, whose steps
+            and requirements do not depend on it.
     """
 
     name: str
@@ -47,6 +49,7 @@ class Variable:
     maximum: float | None = None
     nominal: float | None = None
     choices: tuple[str, ...] = ()
+    tunable: bool = False
 
     @property
     def type(self) -> str:
@@ -178,10 +181,19 @@ def _problems(model: Model) -> Iterator[str]:
             yield f"state '{state.name}' has the name of a variable that is no output"
     for variable in model.variables:
         yield from _problems_of_values(variable)
+    yield from _problems_of_tunables(model)
     if model.sampled and model.sample_time not in parameters:
         yield f"sampled states need a sample period, and '{model.sample_time}' is no parameter"
     if model.continuous and model.solver_step is None:
         yield "continuous states need a solver_step"
+
+
+def _problems_of_tunables(model: Model) -> Iterator[str]:
+    """Parameters that may not change between two steps although they are to."""
+    used = {model.sample_time, *(state.start for state in model.states)}
+    for variable in model.variables:
+        if variable.tunable and (variable.causality != "parameter" or variable.name in used or model.continuous):
+            yield f"'{variable.name}' cannot be tunable: states, samples or the solver's steps depend on it"
 
 
 def _problems_of_values(variable: Variable) -> Iterator[str]:
@@ -247,7 +259,7 @@ def array(
 
 
 def parameter(name: str, unit: str, start: Number, description: str, **limits: Any) -> Variable:
-    """A parameter; limits: minimum, maximum, nominal, choices."""
+    """A parameter; limits: minimum, maximum, nominal, choices, tunable."""
     return Variable(name, unit, "parameter", description, start, **limits)
 
 

@@ -46,13 +46,13 @@ MODEL = Model(
         output("effort", "V", "What the gains ask for: the input for identification with compensation removed"),
         output("compensation", "V", "What is added against dry friction"),
         # Gains of the thesis' closed-loop experiments (Table A-3); whether they are V/V or A/V it does not say.
-        parameter("kp", "1", 1.0, "Gain of the position's error"),
-        parameter("kd", "1", 2.8, "Gain of the speed"),
+        parameter("kp", "1", 1.0, "Gain of the position's error", tunable=True),
+        parameter("kd", "1", 2.8, "Gain of the speed", tunable=True),
         *control.UNIT_OF_GAINS,
         parameter(
             "compensated_by", "1", 1, "Whose sign the compensation has", minimum=1, maximum=len(SIGNS), choices=SIGNS
         ),
-        parameter("compensation_voltage", "V", 0.8, "Height of the compensation", minimum=0),
+        parameter("compensation_voltage", "V", 0.8, "Height of the compensation", minimum=0, tunable=True),
         parameter("error_band", "V", 0.0, "Error below which there is no compensation", minimum=0),
         parameter("speed_band", "V", 0.0, "Speed below which there is no compensation", minimum=0),
         parameter("sample_time", "s", 1 / 300, "Sample period", minimum=1e-6),

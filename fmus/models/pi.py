@@ -25,8 +25,8 @@ MODEL = Model(
         control.MANUAL,
         *control.VOLTAGE,
         # The optimum on the model of order 8 from closed-loop experiments (Table 4-1).
-        parameter("kp", "1", 0.3998, "Gain of the position's error"),
-        parameter("ki", "1/s", 0.0178, "Gain of the error's integral"),
+        parameter("kp", "1", 0.3998, "Gain of the position's error", tunable=True),
+        parameter("ki", "1/s", 0.0178, "Gain of the error's integral", tunable=True),
         *control.UNIT_OF_GAINS,
         control.ANTI_WINDUP,
         control.TRANSFER_TIME,

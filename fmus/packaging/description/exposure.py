@@ -37,7 +37,7 @@ def _declared(model: Model, starts: Mapping[str, Number]) -> tuple[Exposed, ...]
 
 def _variable(model: Model, variable: Variable, reference: int, starts: Mapping[str, Number]) -> Exposed:
     kinds: dict[str, tuple[str, str | None]] = {
-        "parameter": ("fixed", "exact"),
+        "parameter": ("tunable" if variable.tunable else "fixed", "exact"),
         "input": ("continuous" if variable.type == "Real" else "discrete", None),
         "output": ("discrete" if model.sampled and not model.plant else "continuous", "calculated"),
     }

@@ -187,7 +187,7 @@ class _Source:
 
     def _variable(self, variable: Exposed) -> str:
         states = {state.name for state in self.model.states}
-        role = "STATE" if variable.name in states else _ROLES[variable.causality]
+        role = "STATE" if variable.name in states else _role(variable)
         start, size = c_code.literal(variable.start or 0.0), self._size(variable.name)
         return f"{{{c_code.string(variable.name)}, {variable.type.upper()}, {role}, {start}, {size}}}"
 
@@ -305,3 +305,7 @@ def _function(head: str, lines: Sequence[str], arguments: Sequence[str]) -> str:
     silent = [f"(void){name};" for name in arguments if not re.search(rf"\b{name}\b", text)]
     body = "".join(f"    {line}\n" for line in [*silent, *lines])
     return f"{head}\n{{\n{body}}}\n"
+
+
+def _role(variable: Exposed) -> str:
+    return "TUNABLE" if variable.variability == "tunable" else _ROLES[variable.causality]

@@ -181,7 +181,7 @@ static void follow(Instance *it, int parameter)
 /* Why a variable cannot be set now, NULL when it can. */
 static const char *obstacle(const Instance *it, const Variable *variable)
 {
-    if (variable->role == INPUT || (variable->role == STATE && it->model_exchange))
+    if (variable->role == INPUT || variable->role == TUNABLE || (variable->role == STATE && it->model_exchange))
         return NULL;
     if (variable->role != PARAMETER)
         return "is computed and cannot be set";

@@ -9,7 +9,7 @@
 #include "ops.h"
 
 typedef enum { REAL = 1, INTEGER = 2, BOOLEAN = 4, ENUMERATION = 8 } Type;
-typedef enum { INPUT, PARAMETER, STATE, OUTPUT, RATE, TIME } Role;
+typedef enum { INPUT, PARAMETER, TUNABLE, STATE, OUTPUT, RATE, TIME } Role; /* TUNABLE: a parameter, at any time */
 
 typedef struct {
     const char *name;
