@@ -13,7 +13,8 @@ from orchestrator.report.chart import COLOURS
 from orchestrator.trace import FloatArray
 
 SHEET = (resources.files("orchestrator.report") / "style.css").read_text(encoding="utf-8")
-LIGHT, DARK, *PAPER = re.findall(r":root(?:\.paper)? \{(.*?)\}", SHEET, re.DOTALL)
+LIGHT, DARK, OF_PAPER = re.findall(r":root(?::not\(\.paper\)|\.paper)? \{(.*?)\}", SHEET, re.DOTALL)
+PAPER = OF_PAPER + LIGHT  # what it does not say of a colour, the light theme does
 
 # What is left of linear RGB for eyes without one kind of cone (Machado, Oliveira and Fernandes 2009, severity 1).
 EYES = {
@@ -52,14 +53,14 @@ def contrast(one: FloatArray, other: FloatArray) -> float:
     return (lighter + 0.05) / (darker + 0.05)
 
 
-@pytest.mark.parametrize("theme", [LIGHT, DARK, *PAPER], ids=["light", "dark", "asked for paper", "paper"])
+@pytest.mark.parametrize("theme", [LIGHT, DARK, PAPER], ids=["light", "dark", "paper"])
 @pytest.mark.parametrize("eyes", EYES)
 def test_no_two_curves_look_alike_to_any_eyes(theme: str, eyes: str) -> None:
     seen = [lab(EYES[eyes] @ linear(theme, f"c{number}")) for number in range(COLOURS)]
     assert min(float(np.linalg.norm(one - other)) for one, other in combinations(seen, 2)) > 18
 
 
-@pytest.mark.parametrize("theme", [LIGHT, DARK, *PAPER], ids=["light", "dark", "asked for paper", "paper"])
+@pytest.mark.parametrize("theme", [LIGHT, DARK, PAPER], ids=["light", "dark", "paper"])
 def test_curves_and_words_stand_out_from_the_paper(theme: str) -> None:
     paper = linear(theme, "paper")
     for number in range(COLOURS):
