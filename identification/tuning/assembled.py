@@ -212,8 +212,9 @@ def _require_in_reach(place: str, model: LinearModel, wiring: Wiring) -> None:
 
 def _remarks(plants: Mapping[str, LinearPlant]) -> list[str]:
     """What a reader must know of the plants."""
-    found = []
+    found: list[str] = []
     for name, plant in plants.items():
+        found += plant.remarks
         if not plant.model.stable:
             away = float(np.abs(plant.model.eigenvalues).max())
             found.append(f"plant {name} is unstable by itself (largest modulus of a pole {away:.7g})")

@@ -8,7 +8,7 @@ from __future__ import annotations
 import ctypes
 import math
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -120,6 +120,21 @@ class ModelExchange(FmiFunctions):
         event, ending = self.flag(), self.flag()
         status = self.call("CompletedIntegratorStep", final, ctypes.byref(event), ctypes.byref(ending))
         return status, bool(event.value), bool(ending.value)
+
+    @property
+    def directional(self) -> bool:
+        """Whether it offers directional derivatives."""
+        offered = self.description.modelExchange.providesDirectionalDerivative
+        return bool(offered) and self.has("GetDirectionalDerivative")
+
+    def along(self, known: int, unknown: Sequence[int]) -> tuple[int, FloatArray]:
+        """The status, and how variables (by their references) change with another one."""
+        seed, found = (ctypes.c_double * 1)(1.0), (ctypes.c_double * len(unknown))()
+        one, many = ctypes.c_size_t(1), ctypes.c_size_t(len(unknown))
+        of, by = (ctypes.c_uint * len(unknown))(*unknown), (ctypes.c_uint * 1)(known)
+        tail = (seed, one, found, many) if self.prefix == "fmi3" else (seed, found)
+        status = self.call("GetDirectionalDerivative", of, many, by, one, *tail)
+        return status, np.array(found[:])
 
     def rate_name(self, number: int) -> str:
         """How a derivative is called."""

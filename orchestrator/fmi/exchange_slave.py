@@ -164,6 +164,23 @@ class ExchangeSlave(FmuInstance[ModelExchange]):
         rates = self._rates(self._now.time, states).copy()
         return rates, np.array(self.read(), dtype=float)
 
+    def directional(self) -> FloatArray | None:
+        """(n + p, n + m) directional derivatives of rates and bound outputs by states and bound inputs, where it is;
+        None where it offers none."""
+        rates = [unknown.variable for unknown in self._fmi.description.derivatives]
+        ports = [[self._port(name) for name in names] for names in self._bound]
+        arrays = any(port.array for side in ports for port in side)
+        if not self._fmi.directional or arrays or len(rates) != self._fmi.states.values.size:
+            return None
+        inputs, outputs = ([port.reference for port in side] for side in ports)
+        unknown = [*(rate.valueReference for rate in rates), *outputs]
+        columns = []
+        for known in (*(rate.derivative.valueReference for rate in rates), *inputs):
+            status, column = self._fmi.along(known, unknown)
+            self._require(status, "get directional derivatives")
+            columns.append(column)
+        return np.stack(columns, axis=1) if columns else None
+
     def save(self) -> Any:
         memory = super().save()
         self._snapshots += 1

@@ -186,7 +186,12 @@ def _alone(text: bytes) -> io.BytesIO:
 
 
 def _amend(description: ModelDescription, root: etree._Element) -> None:
-    """Add what FMPy does not read: bounds of unsigned integers, start values of texts, which units are inverse."""
+    """Add what FMPy does not read: directional derivatives of FMI 3, bounds of unsigned integers, start values of
+    texts, which units are inverse."""
+    for tag, offer in (("ModelExchange", description.modelExchange), ("CoSimulation", description.coSimulation)):
+        entry = root.find(tag)
+        if offer is not None and entry is not None and entry.get("providesDirectionalDerivatives") in ("true", "1"):
+            offer.providesDirectionalDerivative = True
     inverse = {shown.get("name") for shown in root.iterfind(".//DisplayUnit") if shown.get("inverse") in ("true", "1")}
     for unit in description.unitDefinitions:
         unit.displayUnits = [shown for shown in unit.displayUnits if shown.name not in inverse]

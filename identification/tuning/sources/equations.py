@@ -33,6 +33,7 @@ class Slopes:
     Attributes:
         a, b, c, d: (N, n, n), (N, n, m), (N, p, n), (N, p, m).
         states, inputs, outputs: names.
+        by: what they were found by, where that is to be told.
     """
 
     a: FloatArray
@@ -42,6 +43,7 @@ class Slopes:
     states: tuple[str, ...]
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
+    by: str = ""
 
 
 def slopes(place: str, model: Model, parameters: Parameters, count: int = 1) -> Slopes:

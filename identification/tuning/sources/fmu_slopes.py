@@ -1,4 +1,7 @@
-"""Slopes of any Model Exchange FMU where it rests, by differences; see `equations.Slopes`."""
+"""Slopes of any Model Exchange FMU where it rests; see `equations.Slopes`.
+
+They are its directional derivatives where it offers them, which differences have to bear out, and else the differences.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +19,8 @@ from orchestrator.fmi.exchange_slave import ExchangeSlave
 from orchestrator.fmi.file import FmuDescription, FmuFile, Kind
 from orchestrator.trace import FloatArray
 
+DIRECTIONAL, DIFFERENCES = "its directional derivatives", "differences of its derivatives and outputs"
+
 
 def fmu_slopes(place: str, file: Path, values: Mapping[str, Any], count: int = 1) -> Slopes:
     """The FMU's matrices for N sets of values over its own.
@@ -27,7 +32,8 @@ def fmu_slopes(place: str, file: Path, values: Mapping[str, Any], count: int = 1
     Raises:
         FmuFileError: it cannot be read.
         FmuError: it fails, or takes no such values.
-        IdentificationError: it has no Model Exchange, does not rest where it starts, samples, or has no slope there.
+        IdentificationError: it has no Model Exchange, does not rest where it starts, samples, has no slope there, or
+            directional derivatives of its own making.
     """
     description = FmuDescription(file)
     if Kind.MODEL_EXCHANGE not in description.kinds:
@@ -38,10 +44,12 @@ def fmu_slopes(place: str, file: Path, values: Mapping[str, Any], count: int = 1
     with FmuFile(file, Kind.MODEL_EXCHANGE) as opened:
         slave = ExchangeSlave(opened, place)
         try:
-            models = []
+            models, by = [], ""
             for number in range(count):
                 slave.set({name: v[number] if isinstance(v, np.ndarray) else v for name, v in values.items()})
-                models.append(_Resting.of(place, slave, inputs, outputs).matrices(place))
+                resting = _Resting.of(place, slave, inputs, outputs)
+                models.append(resting.matrices(place))
+                by = DIFFERENCES if resting.directional is None else DIRECTIONAL
                 slave.terminate()
                 slave.reset()
         finally:
@@ -50,16 +58,17 @@ def fmu_slopes(place: str, file: Path, values: Mapping[str, Any], count: int = 1
     whole = np.stack(models)
     top, bottom = whole[:, :n], whole[:, n:]
     names = tuple(f"state {number + 1}" for number in range(n)), inputs, outputs
-    return Slopes(top[:, :, :n], top[:, :, n : n + m], bottom[:, :, :n], bottom[:, :, n:], *names)
+    return Slopes(top[:, :, :n], top[:, :, n : n + m], bottom[:, :, :n], bottom[:, :, n:], *names, by)
 
 
 @dataclass(frozen=True, eq=False)
 class _Resting:
-    """An instance where it starts: states (n,) and inputs (m,) there."""
+    """An instance where it starts: states (n,) and inputs (m,) there, and directional derivatives (n + p, n + m)."""
 
     slave: ExchangeSlave
     states: FloatArray
     inputs: FloatArray
+    directional: FloatArray | None
 
     @classmethod
     def of(cls, place: str, slave: ExchangeSlave, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> _Resting:
@@ -73,16 +82,20 @@ class _Resting:
         if np.any(np.abs(rates) > SLOW):
             problem = f"does not rest where it starts: a state changes by {np.abs(rates).max():.3g} a second"
             raise IdentificationError(place, problem, "give start values at which it rests")
-        return cls(slave, states, rest)
+        return cls(slave, states, rest, slave.directional())
 
     def matrices(self, place: str) -> FloatArray:
         """(n + p, n + m) slopes of rates and outputs by states and inputs."""
         wide, narrow = (self._differences(width) for width in WIDTHS)
-        apart = np.abs(wide - narrow) > ALIKE * np.maximum(np.abs(wide), np.abs(narrow)) + 1e-6
-        if not np.isfinite(wide).all() or apart.any():
+        if not np.isfinite(wide).all() or _apart(wide, narrow):
             fix = "switch off what does, such as dry friction, play and noise, by its parameters"
             raise IdentificationError(place, "jumps or bends where it rests", fix)
-        return wide
+        if self.directional is None:
+            return wide
+        if not np.isfinite(self.directional).all() or _apart(self.directional, wide):
+            problem = "has directional derivatives that differences of its derivatives and outputs do not bear out"
+            raise IdentificationError(place, problem, "ask its supplier, or name its `model`")
+        return self.directional
 
     def _differences(self, width: float) -> FloatArray:
         point = np.concatenate([self.states, self.inputs])
@@ -95,3 +108,8 @@ class _Resting:
                 ends.append(np.concatenate(self.slave.answer(*np.split(moved, [len(self.states)]))))
             columns.append((ends[0] - ends[1]) / (2 * width))
         return np.stack(columns, axis=1) if columns else np.zeros((0, 0))
+
+
+def _apart(one: FloatArray, other: FloatArray) -> bool:
+    """Whether two estimates of slopes differ by more than rounding and curvature explain."""
+    return bool(np.any(np.abs(one - other) > ALIKE * np.maximum(np.abs(one), np.abs(other)) + 1e-6))

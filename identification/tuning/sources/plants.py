@@ -20,10 +20,11 @@ NAMES = ("A", "B", "C", "D")
 
 @dataclass(frozen=True, eq=False)
 class LinearPlant:
-    """A linear model, and the units of its inputs and outputs that have one."""
+    """A linear model, the units of its inputs and outputs that have one, and what a reader must know of it."""
 
     model: LinearModel
     units: Mapping[str, str] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
 
 
 class PlantSpec(Protocol):

@@ -92,7 +92,8 @@ class SystemPlant:
             InputError: components do not fit together, do not rest, or have no slopes.
         """
         wired = _Wired(place, self)
-        return LinearPlant(wired.models(step, {}, 1)[0], wired.units)
+        [model] = wired.models(step, {}, 1)
+        return LinearPlant(model, wired.units, tuple(wired.remarks.values()))
 
     def value(self, place: str, name: str) -> float | None:
         """Of a real parameter, component.variable; None of another."""
@@ -130,6 +131,7 @@ class _Wired:
 
     def __init__(self, place: str, plant: SystemPlant) -> None:
         self._place, self._plant = place, plant
+        self.remarks: dict[str, str] = {}
         self._built = BuiltSystem(plant.system, sorted(plant.inputs.values()))
         with OpenSystem(self._built.assembled) as opened:
             self._system: System = opened.system
@@ -177,7 +179,9 @@ class _Wired:
             if end.component == name:
                 values[end.variable] = value
         if component.fmu is not None:
-            return fmu_slopes(place, component.fmu, values, count)
+            found = fmu_slopes(place, component.fmu, values, count)
+            self.remarks[name] = f"{place} ({component.fmu.name}) is linearised by {found.by}"
+            return found
         source = component.source
         model = library.of_size(source if isinstance(source, Model) else library.find(str(source)), component.arrays)
         return slopes(place, model, values, count)
