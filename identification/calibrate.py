@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from fmus.errors import IdentificationError, ScenarioError
-from fmus.parameters import ssv
+from fmus.parameters import srmd, ssv
 from fmus.parameters.write_back import write_back
 from identification.estimation.stopped import STOPPED
 from identification.messages import Messages
@@ -64,7 +64,7 @@ class CalibratedStudy:
         return self.summary["parameters"]
 
     def write(self, folder: str | Path) -> Path:
-        """Write FMUs with the estimates in them, parameters.ssv, summary.json and report.html; the folder comes back.
+        """Write FMUs with the estimates, parameters.ssv and .srmd, summary.json and report.html; the folder comes back.
 
         Raises:
             InputError: the folder holds something else, or an FMU does not take a value.
@@ -72,9 +72,10 @@ class CalibratedStudy:
         calibrated = self.study.method.calibrated
         known = {key: self.summary.get(key) for key in PROVENANCE}
         with tempfile.TemporaryDirectory(prefix="servotwin-") as built, result_folder(Path(folder)) as fresh:
-            _write_fmus(
-                calibrated(self.result, Path(built)), fresh, {key: value for key, value in known.items() if value}
-            )
+            made = calibrated(self.result, Path(built))
+            _write_fmus(made, fresh, {key: value for key, value in known.items() if value})
+            if made.parameters:
+                self._write_parameters(made, fresh)
             _keep(self.study, fresh)
             page = self.study.method.report(self.result)
             if self.messages is not None:
@@ -82,6 +83,22 @@ class CalibratedStudy:
             page.write(fresh / "report.html")
             write_json(fresh / SUMMARY, self.summary)
         return Path(folder)
+
+    def _write_parameters(self, calibrated: Calibrated, folder: Path) -> None:
+        """All parameters as a parameter set, and where they come from: data, method, intervals and versions."""
+        written = ssv.parameter_set("calibrated", calibrated.parameters, calibrated.units)
+        (folder / "parameters.ssv").write_bytes(written)
+        summary = self.summary
+        facts = {
+            "calibration": {"title": summary["title"], "method": summary["method"]},
+            "data": {
+                f"{one['trace']} ({one['role']})": f"{one['file']}, SHA-256 {one['sha256']}" for one in summary["data"]
+            },
+            "interval": {name: _interval(one) for name, one in self.parameters.items() if one["ci95"] is not None},
+            "version": summary["versions"],
+        }
+        about = srmd.meta_data(summary["title"], "parameters.ssv", written, facts)
+        (folder / "parameters.srmd").write_bytes(about)
 
     def __repr__(self) -> str:
         names = ", ".join(self.parameters)
@@ -218,14 +235,17 @@ def _written(found: CalibratedStudy, target: Path, progress: Progress) -> Summar
 
 
 def _write_fmus(calibrated: Calibrated, folder: Path, provenance: Mapping[str, Any]) -> None:
-    """The FMUs with their values, or those that cannot hold them with a parameter set beside; and all parameters."""
+    """The FMUs with their values, or those that cannot hold them with a parameter set beside."""
     for name, fmu in calibrated.fmus.items():
         target = folder / "fmus" / f"{name}.fmu"
         if target not in write_back(fmu.source, fmu.values, target, provenance, fmu.step):
             shutil.copyfile(fmu.source, target)
-    if calibrated.parameters:
-        parameters = ssv.parameter_set("calibrated", calibrated.parameters, calibrated.units)
-        (folder / "parameters.ssv").write_bytes(parameters)
+
+
+def _interval(parameter: ParameterSummary) -> str:
+    """The 95 % interval in words."""
+    ends = ["unknown" if end is None else repr(end) for end in parameter["ci95"] or ()]
+    return f"95 % from {' to '.join(ends)} {parameter['unit']}".rstrip()
 
 
 def _keep(study: Study, folder: Path) -> None:

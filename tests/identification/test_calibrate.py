@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -474,3 +476,16 @@ def test_a_study_takes_its_system_from_an_ssp(tmp_path: Path, data: Path) -> Non
         for name in ("taken", "plain")
     ]
     assert judged[0]["fit"] == judged[1]["fit"]
+
+
+def test_the_parameter_set_comes_with_what_it_is_from(tmp_path: Path, data: Path) -> None:
+    summary = calibrate_study(write_study(tmp_path / "s.yaml"), data, tmp_path / "out", lambda fraction, doing: None)
+    root = ElementTree.fromstring((tmp_path / "out" / "parameters.srmd").read_bytes())
+    content = (tmp_path / "out" / "parameters.ssv").read_bytes()
+    assert root.get("checksum") == hashlib.sha3_256(content).hexdigest()
+    said = {str(entry.get("keyword")): str(entry.text) for entry in root.iter() if entry.get("keyword")}
+    assert said["method"] == "output-error"
+    assert all(any(one["sha256"] in text for text in said.values()) for one in summary["data"])
+    for name, parameter in summary["parameters"].items():
+        low, high = parameter["ci95"] or (None, None)
+        assert said[name] == f"95 % from {low!r} to {high!r} {parameter['unit']}"
