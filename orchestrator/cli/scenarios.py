@@ -235,9 +235,16 @@ def run(
 
 @command(app)
 def info(
-    terminal: Terminal, file: Annotated[Path, typer.Argument(help="An FMU, an SSP, a trace, or a folder of results.")]
+    terminal: Terminal,
+    file: Annotated[Path, typer.Argument(help="An FMU, an SSP, a trace, or a folder of results.")],
+    tree: Annotated[bool, typer.Option("--tree", help="What FMUs are inside of an FMU or an SSP.")] = False,
 ) -> Answer:
     """What an FMU, an SSP, a trace or a result holds."""
+    if tree:
+        from orchestrator.ssp import tree as trees
+
+        inside = trees.tree(file)
+        return Answer(inside.document(), list(inside.lines()))
     from orchestrator.info import about
 
     document = about(file)
