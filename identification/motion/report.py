@@ -10,7 +10,7 @@ from identification.motion.results import summary
 from identification.motion.tube import Tube
 from identification.output_error.calibration import Judged
 from identification.recordings.units import unit_documents
-from identification.results import data_summary, parameter_rows, provenance, verdict_callout
+from identification.results import data_summary, draw_parameters, provenance, verdict_callout
 from orchestrator.display.table import Cell
 from orchestrator.report import Report, Section, figures
 from orchestrator.report.chart import HEIGHT, Chart, Curve, Panel
@@ -50,10 +50,11 @@ def _overview(section: Section, result: MotionCalibration) -> None:
     verdict_callout(section, found["verdict"])
     for warning in result.warnings:
         section.callout("warning", warning)
-    headers, rows = parameter_rows(found["parameters"])
-    section.table(headers, rows, caption="What is written, with half of the 95 % intervals")
+    draw_parameters(section, found["parameters"], "What is written, with half of the 95 % intervals")
     names = [name for name in result.generic if any(name in one.parameters for one in result.found.values())]
-    rows = [["generic model", *(result.generic[name] for name in names), result.generic["p3"] / result.generic["p1"]]]
+    rows: list[list[Cell]] = [
+        ["generic model", *(result.generic[name] for name in names), result.generic["p3"] / result.generic["p1"]]
+    ]
     for way, one in result.found.items():
         values = [one.parameters[name].value if name in one.parameters else None for name in names]
         rows.append([way, *values, one.ratios["p3/p1"].value])

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from identification.estimation.parameters import Scale
+from identification.tuning.procedures.given import Given
 from identification.tuning.procedures.search import Search
 from identification.tuning.procedures.state_feedback import StateFeedback
 from identification.tuning.procedures.unknowns import Unknown
@@ -103,11 +104,24 @@ class StateFeedbackBlock(Block):
         return StateFeedback(weights, noise, self.observer.faster, self.plant, integral)
 
 
+class GivenBlock(Block):
+    """The controller as it is given: its goals are judged, nothing is sought."""
+
+    by: Literal["given"]
+
+    def procedure(self) -> Given:
+        """As a plain value."""
+        return Given()
+
+
 def _by(value: Any) -> str:
     """What a design's block is told by."""
     return str(value.get("by", "search") if isinstance(value, dict) else getattr(value, "by", "search"))
 
 
 DesignBlock = Annotated[
-    Annotated[SearchBlock, Tag("search")] | Annotated[StateFeedbackBlock, Tag("state-feedback")], Discriminator(_by)
+    Annotated[SearchBlock, Tag("search")]
+    | Annotated[StateFeedbackBlock, Tag("state-feedback")]
+    | Annotated[GivenBlock, Tag("given")],
+    Discriminator(_by),
 ]

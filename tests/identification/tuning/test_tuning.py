@@ -225,6 +225,31 @@ def test_the_thesis_starts_lead_to_one_optimum_within_its_margins(tmp_path: Path
     assert values == pytest.approx([0.6493, 4.4115], rel=1e-3)
 
 
+def test_values_that_are_given_are_judged_and_written_as_they_are(tmp_path: Path) -> None:
+    sought = tuned(tmp_path)
+    gain = sought["parameters"]["controller.kp"]["value"]
+    controller = {"model": "pi", "parameters": {"sample_time": STEP, "ki": 0, "kp": gain}}
+    given = tuned(tmp_path, controller=controller, design={"by": "given"})
+    assert given["feasible"]
+    assert given["parameters"] == {}
+    assert [goal["figures"] for goal in given["goals"]] == [pytest.approx(goal["figures"]) for goal in sought["goals"]]
+    [kp] = [port for port in about(tmp_path / "out" / "fmus" / "controller.fmu")["parameters"] if port["name"] == "kp"]
+    assert float(kp["start"]) == gain
+    faster = controller | {"parameters": controller["parameters"] | {"kp": 2 * gain}}  # type: ignore[operator]
+    missed = tuned(tmp_path, controller=faster, design={"by": "given"})
+    assert "phase margin at least 60 deg" in missed["verdict"]["said"]
+
+
+@pytest.mark.slow
+def test_one_setting_has_less_phase_margin_the_heavier_the_payload_and_the_same_gain_margin() -> None:
+    """Figure 4-8, but for its gain margin."""
+    found = tune(SCENARIO.with_name("trial.yaml")).summary
+    gain, phase = ([goal["figures"][f"{load} g"] for load in (0, 200, 400)] for goal in found["goals"][:2])  # type: ignore[typeddict-item]
+    assert phase[0] > 1.3 * phase[1] > 1.5 * phase[2]
+    assert max(gain) - min(gain) < 1.0
+    assert found["verdict"]["held"]
+
+
 def test_every_measure_can_be_a_goal_in_its_own_unit(tmp_path: Path) -> None:
     """The overshoot binds: the light plant goes as far beyond as it may."""
     asked: list[dict[str, Any]] = [
