@@ -17,9 +17,21 @@ from identification.messages import Messages
 from identification.method import Calibrated
 from identification.output_error import validate as output_error_validation
 from identification.output_error.schema import OutputErrorBlock
-from identification.output_error.validate import Validation, ValidationSummary
-from identification.results import STUDY, SUMMARY, ClaimsSummary, ClaimSummary, ParameterSummary, Summary, result_file
+from identification.output_error.validate import Validation
+from identification.results import (
+    STUDY,
+    SUMMARY,
+    ClaimsSummary,
+    ClaimSummary,
+    ParameterSummary,
+    Summary,
+    ValidationSummary,
+    result_file,
+)
 from identification.study import Study, load_study
+from identification.subspace import validate as subspace_validation
+from identification.subspace.schema import SubspaceBlock
+from identification.subspace.validate import LinearValidation
 from orchestrator.assembly.schema import SystemBlock
 from orchestrator.display.table import Cell, table
 from orchestrator.documents.parts import INCLUDE
@@ -28,6 +40,7 @@ from orchestrator.fmi.said import LOG_FILE, kept
 from orchestrator.formats import Layout
 from orchestrator.interrupts import whole
 from orchestrator.progress import Progress, silent
+from orchestrator.report import Report
 from orchestrator.results import (
     CaseDocument,
     CheckDocument,
@@ -263,7 +276,7 @@ def _keep(study: Study, folder: Path) -> None:
 
 def validate(
     folder: str | Path, data: str | Path, progress: Progress = silent, isolation: Isolation | None = None
-) -> Validation:
+) -> Validation | LinearValidation:
     """Free runs of the calibrated FMUs in a folder that `CalibratedStudy.write` made, on recordings.
 
     Recordings that the fit used count apart from the others; FIT is `1 - |y - ŷ| / |y - mean y|`.
@@ -273,12 +286,15 @@ def validate(
         isolation: how long a simulation may take, in processes of their own.
 
     Raises:
-        InputError: the folder holds no output-error result, or the recordings do not fit its study.
+        InputError: the folder holds no result of FMUs or of a linear model, or the recordings do not fit its study.
         FmuError: the FMUs fail.
     """
     study = load_study(result_file(Path(folder), STUDY))
+    if isinstance(study.block, SubspaceBlock) and study.block.traces.files is not None:
+        with naming(study.file):
+            return subspace_validation.validate(study.block, Path(folder), Path(data), isolation)
     if not isinstance(study.block, OutputErrorBlock) or study.block.traces.files is None:
-        raise IdentificationError(study.file, "is no output-error study of recordings", "calibrate one")
+        raise IdentificationError(study.file, "is no study of FMUs or of a linear model on recordings", "calibrate one")
     result, block = Path(folder), study.block
     calibrated = output_error_validation.calibrated_system(block, result)
     asked = block.study(calibrated, block.source(result))
@@ -298,15 +314,20 @@ def validate_result(
         with kept(near / LOG_FILE):
             validation = validate(folder, data, progress, isolation)
         messages = Messages.of(near / LOG_FILE)
-        summary = output_error_validation.summary(validation)
+        summary, page = _documents(validation)
         summary["warnings"] += messages.warnings
         summary["messages"] = messages.summary
         with result_folder(target) as fresh:
-            page = output_error_validation.report(validation)
             messages.write(page, fresh)
             page.write(fresh / "report.html")
             write_json(fresh / SUMMARY, summary)
     return summary
+
+
+def _documents(validation: Validation | LinearValidation) -> tuple[ValidationSummary, Report]:
+    if isinstance(validation, LinearValidation):
+        return validation.summary, validation.report()
+    return output_error_validation.summary(validation), output_error_validation.report(validation)
 
 
 def judge_claims(study_file: Path, target: Path) -> FileDocument:

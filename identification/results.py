@@ -122,6 +122,26 @@ class Summary(TypedDict):
     messages: NotRequired[MessagesSummary | None]
 
 
+class ValidationSummary(TypedDict):
+    """What a validation's `summary.json` holds.
+
+    Attributes:
+        fit: "unseen" and "fitted": recordings that the fit did not use, and those that it did.
+        held: whether the study's target `at_least` is met, by the unseen ones where there are some.
+    """
+
+    title: str
+    fit: dict[str, FitSummary]
+    at_least: float | None
+    held: bool
+    data: list[TraceSummary]
+    units: list[CrossingDocument]
+    versions: dict[str, str]
+    warnings: list[str]
+    verdict: VerdictSummary
+    messages: NotRequired[MessagesSummary | None]
+
+
 class ComparisonSummary(TypedDict):
     """An inequality of a claim in words, its two sides, and whether it holds."""
 

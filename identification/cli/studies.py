@@ -14,8 +14,7 @@ from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 
 if TYPE_CHECKING:
     from identification.fits import FitSummary
-    from identification.output_error.validate import ValidationSummary
-    from identification.results import ClaimsSummary, FitsSummary, Summary, VerdictSummary
+    from identification.results import ClaimsSummary, FitsSummary, Summary, ValidationSummary, VerdictSummary
     from identification.subspace.summary import SubspaceSummary
     from identification.tuning.summary import RigSummary, TuningSummary
 

@@ -5,17 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NotRequired
 
 import numpy as np
-from typing_extensions import TypedDict
 
 from fmus.errors import InputError
 from fmus.packaging import archive
 from fmus.parameters import ssv
 from fmus.parameters.write_back import description_of, is_ours
-from identification.fits import FitSummary, told
-from identification.messages import MessagesSummary
+from identification.fits import told
 from identification.output_error.calibration import Judged, isolated, judge, ports_of
 from identification.output_error.report import fits, overlays
 from identification.output_error.study import OutputErrorStudy
@@ -25,7 +22,7 @@ from identification.results import (
     STUDY,
     SUMMARY,
     Summary,
-    TraceSummary,
+    ValidationSummary,
     VerdictSummary,
     data_summary,
     read_summary,
@@ -34,33 +31,13 @@ from identification.results import (
 )
 from orchestrator.assembly.assembly import OpenSystem, SystemSpec, assemble
 from orchestrator.assembly.schema import SystemBlock
-from orchestrator.crossing import Crossing, CrossingDocument, documents_of, noted
+from orchestrator.crossing import Crossing, documents_of, noted
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.progress import Progress, silent
 from orchestrator.report import Report, figures
 from orchestrator.results import versions
 from orchestrator.yaml_file import naming
-
-
-class ValidationSummary(TypedDict):
-    """What a validation's `summary.json` holds.
-
-    Attributes:
-        fit: "unseen" and "fitted": recordings that the fit did not use, and those that it did.
-        held: whether the study's target `at_least` is met, by the unseen ones where there are some.
-    """
-
-    title: str
-    fit: dict[str, FitSummary]
-    at_least: float | None
-    held: bool
-    data: list[TraceSummary]
-    units: list[CrossingDocument]
-    versions: dict[str, str]
-    warnings: list[str]
-    verdict: VerdictSummary
-    messages: NotRequired[MessagesSummary | None]
 
 
 @dataclass(frozen=True, eq=False)

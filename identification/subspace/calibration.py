@@ -18,7 +18,7 @@ from identification.linear.reduction import Reduction, reduced, together, update
 from identification.recordings.campaign import StudyTrace, load_campaign, split
 from identification.recordings.marks import nothing_left, sound
 from identification.recordings.units import in_common_units
-from identification.subspace.prediction_error import Refined, refine, uncertainty
+from identification.subspace.refinement.prediction_error import Refined, refine, uncertainty
 from identification.subspace.schema import ReductionBlock, SubspaceBlock
 from identification.subspace.spread import changes
 from identification.subspace.trials import Candidate, Sides, Trial, Trying
@@ -135,23 +135,21 @@ class _Cut:
 
 def _cut(study: SubspaceBlock, recorded: list[StudyTrace]) -> _Cut:
     fitted, aside = split(recorded, study.traces.hold_out)
-    given = {known.trace.name: _record(study, known) for known in recorded}
+    given = records(study, recorded)
     if any(np.isnan(record.u).any() for record in given.values()):
         study = study.model_copy(update={"initial_states": True})  # nothing rests where a piece begins
     first = [given[known.trace.name] for known in fitted]
     offsets = offsets_of(first) if study.initial_states else None
     how = study.preparation.preparation(scaled=study.preparation.scaled, offsets=offsets)
-    plain = Preparation(how.zero_mean, scaled=False, offsets=offsets)
-    there = {trace: record for trace, record in given.items() if np.isfinite(record.u).any()}
-    cut = [(trace, piece) for trace, record in there.items() for piece in prepared([record], plain).records]
+    cut = pieces(study, given, offsets)
     judged = {piece.name: piece for trace, piece in cut if len(piece) >= study.shortest or piece.name == trace}
     origin = {piece.name: trace for trace, piece in cut if piece.name in judged}
     sides = [tuple(judged[name] for name in _of(side, origin, study)) for side in (fitted, aside)]
     ready = prepared(first, how)
-    records = tuple(record for record in ready.records if record.name in judged)
+    fitted_records = tuple(record for record in ready.records if record.name in judged)
     dropped = sum(len(piece) for _, piece in cut if piece.name not in judged)
     trying = Trying(
-        records,
+        fitted_records,
         ready.scale,
         Sides(sides[0], sides[1], study.start, not study.initial_states),
         study.rule,
@@ -233,6 +231,20 @@ def _of(side: Sequence[StudyTrace], origin: Mapping[str, str], study: SubspaceBl
     if side and not names:
         raise nothing_left(side[0].place, f"{study.shortest} samples in a row are not", side[0].marks)
     return names
+
+
+def records(study: SubspaceBlock, recorded: Sequence[StudyTrace]) -> dict[str, InputOutputData]:
+    """Trace -> its record at the study's samples, with gaps where it is marked."""
+    return {known.trace.name: _record(study, known) for known in recorded}
+
+
+def pieces(
+    study: SubspaceBlock, given: Mapping[str, InputOutputData], offsets: Offsets | None
+) -> list[tuple[str, InputOutputData]]:
+    """What models are judged on, each with its trace: records between gaps, without offsets, not filtered."""
+    plain = Preparation(study.preparation.zero_mean, scaled=False, offsets=offsets)
+    there = {trace: record for trace, record in given.items() if np.isfinite(record.u).any()}
+    return [(trace, piece) for trace, record in there.items() for piece in prepared([record], plain).records]
 
 
 def _record(study: SubspaceBlock, recorded: StudyTrace) -> InputOutputData:

@@ -30,6 +30,11 @@ def horizon(model: LinearModel) -> float:
     return max(_PERIODS * slowest, 10.0 * model.order)
 
 
+def samples_for(model: LinearModel, start: float | None) -> float:
+    """At the beginning of an unseen record, for its state: those within `start` [s], or those of the `horizon`."""
+    return horizon(model) if start is None else max(round(start / model.step), model.order + 1)
+
+
 def offset_of(model: LinearModel, records: Sequence[InputOutputData]) -> FloatArray:
     """(p,) constant of the outputs, the same in all records, beside the best initial state of each; 0 where a model's
     free response overflows.

@@ -13,8 +13,8 @@ from identification.linear.reduction import UpdatedMatrix
 from identification.linear.schema import ConditioningBlock
 from identification.recordings.schema import RecordedStudyBlock, UsedSignals
 from identification.subspace.orders import Best, Gap, OrderRule, Threshold
-from identification.subspace.prediction_error import Refinement
 from identification.subspace.range_space import SubspaceSettings
+from identification.subspace.refinement.prediction_error import Refinement
 from identification.subspace.weightings import Weighting
 from orchestrator.yaml_file import Block
 

@@ -13,7 +13,7 @@ from identification.linear.mode_tracking import Spread
 from identification.linear.model import LinearModel
 from identification.linear.poles import Poles
 from identification.linear.records import InputOutputData
-from identification.subspace.free_runs import free_runs, horizon, offset_of
+from identification.subspace.free_runs import free_runs, offset_of, samples_for
 from identification.subspace.orders import OrderRule
 from identification.subspace.range_space import RangeSpace, SubspaceSettings, range_space
 from identification.subspace.realisation import SubspaceResult
@@ -71,16 +71,13 @@ class Sides:
 
     def judged(self, name: str, why: str, model: LinearModel) -> Candidate:
         """A model with its free runs: of fitted records from their fitted states, of others from a horizon's."""
-        own, other = (None, None) if self.rest else (math.inf, self._horizon(model))
+        own, other = (None, None) if self.rest else (math.inf, samples_for(model, self.start))
         offset = np.zeros(len(model.outputs)) if self.rest else offset_of(model, self.fitted)
         seen, train = free_runs(model, self.fitted, own, offset)
         new, unseen = free_runs(model, self.unseen, other, offset)
         records = (*self.fitted, *self.unseen)
         runs = {record.name: run for record, run in zip(records, [*seen, *new], strict=True)}
         return Candidate(name, model, why, train, unseen, runs, offset)
-
-    def _horizon(self, model: LinearModel) -> float:
-        return horizon(model) if self.start is None else max(round(self.start / model.step), model.order + 1)
 
 
 @dataclass(frozen=True, eq=False)

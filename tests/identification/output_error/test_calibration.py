@@ -98,7 +98,8 @@ def test_other_parameters_are_judged_on_the_same_unseen_windows(result: Path) ->
 
 def test_the_folder_holds_what_was_promised(result: Path) -> None:
     files = {str(path.relative_to(result)) for path in result.rglob("*") if path.is_file()} - {RECORD}
-    assert files == {"fmus/motor.fmu", "fmus/hand.fmu", "parameters.ssv", "summary.json", "report.html", "study.yaml"}
+    parameters = {"parameters.ssv", "parameters.srmd"}
+    assert files == {"fmus/motor.fmu", "fmus/hand.fmu", *parameters, "summary.json", "report.html", "study.yaml"}
     assert (result / "study.yaml").read_bytes() == (result.parent / "small.yaml").read_bytes()
     values = {name: entry["value"] for name, entry in summary(result)["parameters"].items()}
     assert read_values(result / "parameters.ssv") == values | {"hand.added_length": LENGTH}

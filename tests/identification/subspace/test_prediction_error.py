@@ -16,8 +16,8 @@ from identification.linear.local_coordinates import balanced_basis, local_direct
 from identification.linear.model import LinearModel
 from identification.linear.poles import Poles
 from identification.linear.records import InputOutputData
-from identification.subspace.prediction_error import Error, Refined, Refinement, refine, uncertainty
 from identification.subspace.range_space import SubspaceSettings
+from identification.subspace.refinement.prediction_error import Error, Refined, Refinement, refine, uncertainty
 from identification.subspace.subspace import subspace
 from identification.subspace.weightings import Weighting
 from tests.support.linear_systems import STEP, distance, random_system, record_of, system

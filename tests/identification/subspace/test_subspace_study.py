@@ -140,10 +140,14 @@ def test_an_order_needs_one_rule(study: Path, rule: str) -> None:
         load_study(study)
 
 
-def test_validating_a_subspace_result_is_refused(study: Path) -> None:
-    calibrated(study)
-    with pytest.raises(IdentificationError, match="no output-error study"):
-        validate_result(study.parent / "out", study.parent, study.parent / "judged", silent)
+def test_a_result_is_judged_on_recordings_that_it_has_not_seen(study: Path) -> None:
+    """The same free runs of the model in the FMU; those of the fitted recordings count apart."""
+    document = calibrated(study)
+    judged = validate_result(study.parent / "out", study.parent, study.parent / "judged", silent)
+    found, told = judged["fit"], document["fit"]
+    assert found["unseen"]["median"] == pytest.approx(told["validation"]["median"], abs=1e-6)  # type: ignore[index]
+    assert found["fitted"]["median"] == pytest.approx(told["train"]["median"], abs=1e-6)  # type: ignore[index]
+    assert judged["held"] and (study.parent / "judged" / "report.html").is_file()
 
 
 def test_what_is_excluded_is_a_gap_whose_sides_still_give_the_plant(study: Path) -> None:

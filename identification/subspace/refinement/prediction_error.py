@@ -22,7 +22,7 @@ from identification.linear.local_coordinates import Directions, balanced_basis
 from identification.linear.model import LinearModel
 from identification.linear.poles import Poles, constrained
 from identification.linear.records import InputOutputData, Records, checked_weights, without_gaps
-from identification.subspace.prediction_problem import PredictionProblem
+from identification.subspace.refinement.prediction_problem import PredictionProblem
 from orchestrator.trace import FloatArray
 
 Error = Literal["output-error", "innovations"]

@@ -1,0 +1,1 @@
+"""Refinement of a linear model by its prediction error."""

@@ -1,0 +1,120 @@
+"""A linear model that a calibration wrote, judged on other recordings by its free runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fmus.errors import IdentificationError
+from identification.fits import FitSummary, fit_summary, told
+from identification.linear.fmu import model_in, zero_in
+from identification.linear.model import LinearModel
+from identification.linear.records import InputOutputData
+from identification.recordings.campaign import StudyTrace, load_campaign, recording_warnings
+from identification.recordings.units import in_common_units, unit_documents
+from identification.results import ValidationSummary, data_summary, read_summary, verdict, verdict_callout
+from identification.subspace.calibration import pieces, records
+from identification.subspace.free_runs import free_runs, samples_for
+from identification.subspace.schema import SubspaceBlock
+from orchestrator.fmi.file import FmuDescription
+from orchestrator.fmi.isolation import Isolation
+from orchestrator.report import Report, figures
+from orchestrator.results import versions
+from orchestrator.trace import FloatArray, Trace
+
+_SHOWN = 8  # records with their free runs
+
+
+@dataclass(frozen=True, eq=False)
+class LinearValidation:
+    """Free runs of a linear model.
+
+    Attributes:
+        sides: "unseen" and "fitted" -> FIT of the recordings that its fit did not use, and of those that it did.
+        runs: a record and its free run (K, p), for the report.
+    """
+
+    study: SubspaceBlock
+    recorded: tuple[StudyTrace, ...]
+    sides: Mapping[str, FitSummary]
+    runs: tuple[tuple[InputOutputData, FloatArray], ...]
+    unseen: tuple[str, ...]
+
+    @property
+    def summary(self) -> ValidationSummary:
+        """The validation as `summary.json` holds it."""
+        nothing_new = "every recording was used in the fit; this judges nothing new"
+        side, target = next(iter(self.sides)), self.study.at_least
+        judged = verdict(
+            self.sides[side], side, target, worst_at_least=self.study.worst_at_least, recorded=self.recorded
+        )
+        return {
+            "title": self.study.title,
+            "fit": dict(self.sides),
+            "at_least": target,
+            "held": judged["held"],
+            "data": data_summary(self.recorded, self.unseen),
+            "units": unit_documents(self.recorded),
+            "versions": versions(),
+            "warnings": [*([] if "unseen" in self.sides else [nothing_new]), *recording_warnings(self.recorded)],
+            "verdict": judged,
+        }
+
+    def report(self) -> Report:
+        """FIT and free runs."""
+        page = Report(f"Validation: {self.study.title}", self.study.description)
+        section, known = page.section("Result"), self.summary
+        verdict_callout(section, known["verdict"])
+        rows = [[name, fit["median"], told(fit.get("worst"))] for name, fit in self.sides.items()]
+        section.table(["recordings", "median FIT", "worst"], rows)
+        section = page.section("Free runs")
+        for record, run in self.runs[:_SHOWN]:
+            time = record.step * np.arange(len(record), dtype=float)
+            measured, free = (
+                Trace(time, dict(zip(record.outputs, y.T, strict=True)), {}, record.name) for y in (record.y, run)
+            )
+            section.figure(figures.overlay(measured, [("the model", free)]), record.name)
+        return page
+
+
+def validate(
+    study: SubspaceBlock, folder: Path, data: Path | None = None, isolation: Isolation | None = None
+) -> LinearValidation:
+    """Free runs of the model in a result folder; recordings that the fit used (by their hash) count apart.
+
+    Raises:
+        InputError: the folder holds no result of the study, or the recordings do not fit it.
+    """
+    used = {trace["sha256"] for trace in read_summary(folder)["data"] if trace["role"] == "fit"}
+    file = folder / "fmus" / f"{study.name}.fmu"
+    interface = FmuDescription(file).interface
+    model, zero = model_in(interface, str(file)), zero_in(interface, str(file))
+    recorded = load_campaign(study.source(folder), data, isolation=isolation, foreign=True)
+    recorded = in_common_units(recorded, [*study.inputs, *study.outputs])
+    groups = {
+        "unseen": [trace for trace in recorded if trace.sha256 not in used],
+        "fitted": [trace for trace in recorded if trace.sha256 in used],
+    }
+    sides, runs = dict[str, FitSummary](), list[tuple[InputOutputData, FloatArray]]()
+    for name, traces in groups.items():
+        cut = pieces(study, records(study, traces), zero)
+        if not cut:
+            continue
+        free, fits = free_runs(model, [piece for _, piece in cut], _samples(study, model, name))
+        runs += zip([piece for _, piece in cut], free, strict=True)
+        sides[name] = fit_summary(fits, [piece.name for _, piece in cut], [trace for trace, _ in cut], study.outputs)
+    if not sides:
+        raise IdentificationError(str(data or folder), "holds nothing to judge a model on", "give other recordings")
+    unseen = tuple(trace.trace.name for trace in groups["unseen"])
+    return LinearValidation(study, tuple(recorded), sides, tuple(runs), unseen)
+
+
+def _samples(study: SubspaceBlock, model: LinearModel, side: str) -> float | None:
+    """From which the state at the beginning of a record is estimated; None starts at rest."""
+    if not study.initial_states:
+        return None
+    return math.inf if side == "fitted" else samples_for(model, study.start)
