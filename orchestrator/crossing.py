@@ -16,7 +16,8 @@ from fmus.errors import WiringError
 from fmus.unit_table import TURN
 from fmus.units import ONE, SAME, SECOND, Conversion, Unit
 
-_QUANTITY = re.compile(r"\s*([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)\s*([^\s0-9.].*)")
+_NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
+_QUANTITY = re.compile(rf"\s*({_NUMBER})(?:\s*(?=[^\s0-9.])|\s+(?=1\s*/))(.*)")
 LOG = logging.getLogger("servotwin.units")
 
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from fmus.errors import InputError
 from fmus.packaging import archive
-from fmus.parameters import ssv
 from fmus.parameters.write_back import description_of, is_ours
 from identification.fits import told
 from identification.output_error.calibration import Judged, isolated, judge, ports_of
@@ -31,12 +30,14 @@ from identification.results import (
 )
 from orchestrator.assembly.assembly import OpenSystem, SystemSpec, assemble
 from orchestrator.assembly.schema import SystemBlock
+from orchestrator.assembly.whole_arrays import elements
 from orchestrator.crossing import Crossing, documents_of, noted
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.progress import Progress, silent
 from orchestrator.report import Report, figures
 from orchestrator.results import versions
+from orchestrator.scenario.parameter_sets import values_in
 from orchestrator.yaml_file import naming
 
 
@@ -129,11 +130,11 @@ def calibrated_system(block: SystemBlock, folder: Path) -> SystemSpec:
 
 
 def _beside(file: Path) -> dict[str, Value]:
-    """Values from the parameter set beside an FMU that is not ours; nothing is set in one of ours."""
+    """Values with their units from the parameter set beside an FMU that is not ours; of one of ours nothing is set."""
     contents = archive.read(file)
     if is_ours(contents, description_of(file, contents)):
         return {}
-    return {name: str(v) if isinstance(v, str) else v for name, v in ssv.read_values(file.with_suffix(".ssv")).items()}
+    return elements(values_in(file.with_suffix(".ssv")))
 
 
 def summary(validation: Validation) -> ValidationSummary:

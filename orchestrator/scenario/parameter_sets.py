@@ -29,7 +29,7 @@ def values_of(files: Sequence[Path], components: Iterable[str]) -> dict[str, Val
     """
     known, found = list(components), dict[str, Value | list[Any]]()
     for file in files:
-        for name, value in _read(file).items():
+        for name, value in values_in(file).items():
             component, dot, _ = name.partition(".")
             if not dot or component not in known:
                 raise FmuFileError(f"{file}: {name}", f"no component '{component}'", nearest(component, known))
@@ -37,7 +37,12 @@ def values_of(files: Sequence[Path], components: Iterable[str]) -> dict[str, Val
     return found
 
 
-def _read(file: Path) -> dict[str, Value | list[Any]]:
+def values_in(file: Path) -> dict[str, Value | list[Any]]:
+    """Parameter -> value with its unit of a set, of an array nested lists.
+
+    Raises:
+        FmuFileError: it is no parameter set, or means something else by the name of a unit.
+    """
     if not file.is_file():
         raise FmuFileError(file, absence(file), "check the path")
     root = parse_xml(file, file.read_bytes())

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from fmus import units
 from fmus.errors import WiringError
 from fmus.units import BASES, Conversion, Unit
-from orchestrator.crossing import Basis, Given, NamedUnit, crossing, documents_of, named, noted
+from orchestrator.crossing import Basis, Given, NamedUnit, crossing, documents_of, named, noted, quantity
 
 ALIKE = [  # units of one quantity, as people write them and as pint does
     {"mNm": "mN*m", "N·m": "N*m", "kN m": "kN*m", "Ncm": "N*cm", "J": "J", "kWh": "kWh", "lbf-ft": "lbf*ft"},
@@ -157,3 +157,22 @@ def test_what_is_told_is_told_once_and_in_plain_values() -> None:
             "text": "c.u: degC to K, times 1 + 273.15",
         }
     ]
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("3000 rpm", (3000.0, "rpm")),
+        ("-1.5e-3m", (-1.5e-3, "m")),
+        ("5.0 1/s", (5.0, "1/s")),
+        ("60 1 / min", (60.0, "1 / min")),
+        (".5 %", (0.5, "%")),
+        ("5", None),
+        ("5 6", None),
+        ("rpm", None),
+    ],
+)
+def test_a_quantity_is_a_number_and_its_unit_also_where_that_begins_with_a_one(
+    text: str, found: tuple[float, str] | None
+) -> None:
+    assert quantity(text) == found

@@ -13,8 +13,9 @@ import pytest
 from fmpy import read_model_description, simulate_fmu
 from fmpy.ssp.ssd import read_ssd, read_ssv
 
+from fmus.errors import WiringError
 from fmus.packaging import archive, defaults, targets
-from fmus.parameters.ssv import read_values
+from fmus.parameters.ssv import parameter_set, read_values
 from fmus.parameters.write_back import PROVENANCE
 from identification.calibrate import calibrate_study, validate_result
 from identification.output_error import calibration
@@ -378,6 +379,15 @@ def test_a_foreign_fmu_is_calibrated_by_sets_beside_it_and_validated_with_them(d
         assert low <= TRUTH[name] <= high, name
     verdict = validate_result(tmp_path / "out", data, tmp_path / "judged", lambda fraction, remark: None)
     assert verdict["fit"]["unseen"] == document["fit"]["validation"]
+    inertia = read_values(fmus / "hand.ssv")["inertia"]
+    units = {"inertia": "g.m2"}  # as another tool may write it
+    changed = parameter_set("changed", {"added_length": LENGTH, **values, "inertia": 1000 * float(inertia)}, units)
+    (fmus / "hand.ssv").write_bytes(changed)
+    verdict = validate_result(tmp_path / "out", data, tmp_path / "judged", lambda fraction, remark: None)
+    assert verdict["fit"]["unseen"]["median"] == pytest.approx(document["fit"]["validation"]["median"], abs=1e-9)
+    (fmus / "hand.ssv").write_bytes(changed.replace(b'unit="g.m2"', b'unit="bar"'))
+    with pytest.raises(WiringError, match=r"hand\.inertia: bar does not fit kg\.m2"):
+        validate_result(tmp_path / "out", data, tmp_path / "judged", lambda fraction, remark: None)
 
 
 def test_choices_given_by_name_are_written_back_too(tmp_path: Path, data: Path) -> None:
