@@ -44,14 +44,15 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def refused(folder: Path, data: Path, code: int, **changes: Any) -> str:
-    """The one line with which the command ends with this exit code, nothing written."""
+    """The one line with which the command ends with this exit code, and which its document has; nothing written."""
     study_file = write_study(folder / "study.yaml", **changes)
     before = {path.name for path in folder.iterdir()}
     command = ["calibrate", str(study_file), "--data", str(data), "--out", str(folder / "out" / "deep"), "--json"]
     result = CliRunner().invoke(app, command)
     assert result.exit_code == code, (result.stderr, result.exception)
-    assert result.stdout == ""
     (line,) = result.stderr.splitlines()
+    told = json.loads(result.stdout)["error"]
+    assert told["exit_code"] == code and all(told[part] in line for part in ("place", "problem", "fix"))
     assert {path.name for path in folder.iterdir()} == before
     return str(line)
 
@@ -436,7 +437,7 @@ def test_a_folder_that_is_no_result_is_refused_in_one_line(
     shutil.copytree(result, copy)
     spoil(copy)
     answer = validate(copy, data, "--out", str(tmp_path / "out"), "--json")
-    assert answer.exit_code == 2 and answer.stdout == ""
+    assert answer.exit_code == 2 and json.loads(answer.stdout)["error"]["exit_code"] == 2
     (line,) = answer.stderr.splitlines()
     assert problem in line
     assert not (tmp_path / "out").exists()

@@ -1,7 +1,8 @@
 """Messages of more than 8 bytes that come in J1939's transport protocol, put together again from their frames.
 
-SAE J1939-21, 5.10: a broadcast announcement (BAM) or a request to send (RTS) says how many packets follow and what they
-are; each data frame brings 7 bytes.
+SAE J1939-21, 5.10: a broadcast announcement (BAM) or a request to send (RTS) says how many packets follow and what
+they are; each data frame brings 7 bytes. ISO 11783-3, 5.12: what is longer than 1785 bytes goes by the extended
+protocol, whose sender says before each group of packets how many precede it (DPO).
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ from orchestrator.can.frames import Flag, Frames
 from orchestrator.trace import BoolArray, Bytes
 
 CONNECTION, DATA = 0xEC, 0xEB  # formats (PF) of the two kinds of frames
-RTS, BAM, ABORT = 16, 32, 255
+LONG_CONNECTION, LONG_DATA = 0xC8, 0xC7  # of the extended protocol
+RTS, LONG_RTS, DPO, BAM, ABORT = 16, 20, 22, 32, 255
 PATIENCE = 1.25  # [s] between two frames; T2 and T3 of the standard
 MOST = 4096  # messages under way at once
 
@@ -37,10 +39,14 @@ class _Session:
     size: int
     latest: float
     parts: dict[int, bytes] = field(default_factory=dict)
+    offset: int = 0  # packets before those that come now
 
     @property
     def complete(self) -> bool:
         return 7 * len(self.parts) >= self.size
+
+
+Key = tuple[int, int, int, bool]  # channel, source, destination, whether by the extended protocol
 
 
 @dataclass
@@ -52,7 +58,7 @@ class Transport:
     """
 
     broken: int = 0
-    _sessions: dict[tuple[int, int, int], _Session] = field(default_factory=dict)
+    _sessions: dict[Key, _Session] = field(default_factory=dict)
 
     @property
     def unfinished(self) -> int:
@@ -66,28 +72,33 @@ class Transport:
     def _packets(self, frames: Frames) -> Iterator[Packet]:
         columns = (frames.time.tolist(), frames.channel.tolist(), frames.id.tolist(), frames.data)
         for time, channel, identifier, data in zip(*columns, strict=True):
-            key = channel, identifier & 0xFF, identifier >> 8 & 0xFF
-            if identifier >> 16 & 0xFF == CONNECTION:
+            kind = identifier >> 16 & 0xFF
+            key = channel, identifier & 0xFF, identifier >> 8 & 0xFF, kind in (LONG_CONNECTION, LONG_DATA)
+            if kind in (CONNECTION, LONG_CONNECTION):
                 self._connect(key, time, data[:8].tobytes())
             elif packet := self._take(key, time, data[:8].tobytes()):
                 yield packet
 
-    def _connect(self, key: tuple[int, int, int], time: float, data: bytes) -> None:
-        channel, source, destination = key
+    def _connect(self, key: Key, time: float, data: bytes) -> None:
+        channel, source, destination, long = key
         if data[0] == ABORT:
             self._give_up(key)
-            self._give_up((channel, destination, source))
-        if data[0] not in (RTS, BAM):
+            self._give_up((channel, destination, source, long))
+        session = self._sessions.get(key)
+        if long and data[0] == DPO and session is not None:
+            session.offset, session.latest = int.from_bytes(data[2:5], "little"), time
+        if data[0] not in ((LONG_RTS,) if long else (RTS, BAM)):
             return
         self._give_up(key)
-        size, count, group = int.from_bytes(data[1:3], "little"), data[3], int.from_bytes(data[5:8], "little")
-        if group >> 18 or count != -(-size // 7) or len(self._sessions) >= MOST:
+        size, group = int.from_bytes(data[1 : 5 if long else 3], "little"), int.from_bytes(data[5:8], "little")
+        wrong = not size if long else data[3] != -(-size // 7)
+        if group >> 18 or wrong or len(self._sessions) >= MOST:
             self.broken += 1
             return
         to = destination if group >> 8 & 0xFF < 240 else 0
         self._sessions[key] = _Session(6 << 26 | (group | to) << 8 | source, size, time)
 
-    def _take(self, key: tuple[int, int, int], time: float, data: bytes) -> Packet | None:
+    def _take(self, key: Key, time: float, data: bytes) -> Packet | None:
         session = self._sessions.get(key)
         if session is None:
             return None
@@ -95,24 +106,23 @@ class Transport:
             self._give_up(key)
             return None
         session.latest = time
-        if 0 < data[0] <= -(-session.size // 7):
-            session.parts[data[0]] = data[1:]
+        if data[0] and (number := session.offset + data[0]) <= -(-session.size // 7):
+            session.parts[number] = data[1:]
         if not session.complete:
             return None
         del self._sessions[key]
         whole = b"".join(part for _, part in sorted(session.parts.items()))
         return Packet(time, key[0], session.identifier, whole[: session.size])
 
-    def _give_up(self, key: tuple[int, int, int]) -> None:
+    def _give_up(self, key: Key) -> None:
         self.broken += self._sessions.pop(key, None) is not None
 
 
 def is_transport(frames: Frames) -> BoolArray:
     """(K,) which frames are of the transport protocol."""
-    kind = frames.id >> np.uint32(16) & np.uint32(0xFF)
-    return np.asarray(
-        frames.has(Flag.EXTENDED) & ((kind == CONNECTION) | (kind == DATA)) & (frames.length == 8), np.bool_
-    )
+    kind = frames.id >> np.uint32(16) & np.uint32(0x3FF)  # on data page 0
+    of_kind = np.isin(kind, (CONNECTION, DATA, LONG_CONNECTION, LONG_DATA))
+    return np.asarray(frames.has(Flag.EXTENDED) & of_kind & (frames.length == 8), np.bool_)
 
 
 def frames_of(packets: list[Packet], length: NDArray[np.int64], data: Bytes) -> Frames:

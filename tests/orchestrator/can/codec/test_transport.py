@@ -164,10 +164,71 @@ def test_payloads_of_several_senders_at_once_come_back_in_batches_of_any_size(
     assert found == dict(enumerate(payloads)) and transport.broken == 0
 
 
+def long_parts(payload: bytes, source: int, to: int, windows: list[int], group: int = 0xEF00) -> list[Line]:
+    """The frames of the extended protocol (ISO 11783-3, 5.12) with which the receiver asks for so many packets each."""
+    about, count = [*group.to_bytes(3, "little")], -(-len(payload) // 7)
+    connect, send, answer = (
+        (0x18C8 << 16 | to << 8 | source),
+        (0x18C7 << 16 | to << 8 | source),
+        0x18C8 << 16 | source << 8 | to,
+    )
+    lines: list[Line] = [(0.0, connect, [20, *len(payload).to_bytes(4, "little"), *about])]
+    done = 0
+    while done < count:
+        window = min(windows[len(lines) % len(windows)], count - done)
+        lines.append((0.0, answer, [21, window, *(done + 1).to_bytes(3, "little"), *about]))
+        lines.append((0.0, connect, [22, window, *done.to_bytes(3, "little"), *about]))
+        for number in range(window):
+            piece = payload[7 * (done + number) :][:7].ljust(7, b"\xff")
+            lines.append((0.0, send, [number + 1, *piece]))
+        done += window
+    return [*lines, (0.0, answer, [23, *len(payload).to_bytes(4, "little"), *about])]
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.binary(min_size=1786, max_size=5000),
+    st.lists(st.integers(1, 255), min_size=1, max_size=4),
+    st.binary(min_size=9, max_size=99),
+)
+def test_what_is_longer_comes_by_the_extended_protocol_also_beside_a_short_one_of_the_same_pair(
+    payload: bytes, windows: list[int], short: bytes
+) -> None:
+    lines = long_parts(payload, 3, 0x21, windows)
+    lines[3:3] = parts(short, 3, 0x21)
+    lines = [(0.001 * number, identifier, data) for number, (_, identifier, data) in enumerate(lines)]
+    transport = Transport()
+    packets = transport.feed(frames(*lines))
+    assert [packet.data for packet in packets] == [short, payload]
+    assert (packets[1].identifier, transport.broken, transport.unfinished) == (0x18EF2103, 0, 0)
+
+
+def test_a_long_message_without_a_packet_is_told_and_one_that_is_sent_again_comes() -> None:
+    payload = bytes(range(256)) * 8
+    lines = long_parts(payload, 3, 0x21, [100])
+    again = [*lines[:50], *lines[60:104], (0.0, 0x18C82103, [22, 10, *(47).to_bytes(3, "little"), 0, 0xEF, 0])]
+    again += [(0.0, identifier, [data[0] - 47, *data[1:]]) for _, identifier, data in lines[50:60]] + lines[104:]
+    for sent, found, broken in ((again, [payload], 0), (lines[:50] + lines[51:], [], 1)):
+        transport = Transport()
+        packets = transport.feed(
+            frames(*((0.001 * n, identifier, data) for n, (_, identifier, data) in enumerate(sent)))
+        )
+        assert [packet.data for packet in packets] == found
+        assert transport.broken + transport.unfinished == broken
+
+
+def test_another_data_page_is_no_transport() -> None:
+    lines = [(time, identifier | 1 << 24, data) for time, identifier, data in parts(bytes(20), 3)]
+    assert Transport().feed(frames(*lines)) == []
+
+
 @settings(max_examples=200, deadline=None)
 @given(
     st.lists(
-        st.tuples(st.sampled_from([0x18ECFF03, 0x18EBFF03, 0x18EC0300, 0x1CEB2103]), st.binary(min_size=8, max_size=8))
+        st.tuples(
+            st.sampled_from([0x18ECFF03, 0x18EBFF03, 0x18EC0300, 0x1CEB2103, 0x18C82103, 0x18C72103]),
+            st.binary(min_size=8, max_size=8),
+        )
     )
 )
 def test_no_frames_of_transport_end_the_reading(lines: list[tuple[int, bytes]]) -> None:
