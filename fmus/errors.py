@@ -15,6 +15,7 @@ ServotwinError            anything we refuse; the command line prints its one li
 │   │   ├── RunFailed         of a run
 │   │   ├── ScenarioFailed    of a scenario: the cases before it, and all up to there
 │   │   └── EstimationFailed  of an estimation
+│   ├── TangentsMissing   it cannot be differentiated exactly: whoever asked takes differences
 │   └── FmuEnded          it asked to stop: the run ends well where whoever steps it knows what to do with one that ends
 ├── RecordError           what is recorded from something real cannot be kept (exit code 3)
 ├── BusError              a CAN bus or its adapter failed while it was used (exit code 3)
@@ -95,6 +96,10 @@ class PartialError(FmuError):
 
     def __reduce__(self) -> tuple[type, tuple[str, str, str]]:
         return FmuError, (self.place, self.problem, self.fix)
+
+
+class TangentsMissing(FmuError):  # noqa: N818 - nothing has failed
+    """A run cannot carry the derivatives that it was asked for."""
 
 
 class FmuEnded(FmuError):  # noqa: N818 - nothing is wrong

@@ -12,9 +12,11 @@ from typing import Any
 
 import sympy
 from sympy.functions.elementary.piecewise import ExprCondPair
+from sympy.logic.boolalg import Boolean
 
 from fmus.errors import ModelError
 from fmus.modelling import ops
+from fmus.modelling.symbolic import symbols_in
 
 Expr = Any  # a SymPy expression
 _ZERO, _ONE = sympy.S.Zero, sympy.S.One
@@ -41,12 +43,12 @@ def jacobian(place: str, expressions: Sequence[Expr], symbols: Sequence[sympy.Sy
     Raises:
         ModelError: a function whose derivative is not known.
     """
-    entries = {}
+    entries, occurring = {}, [symbols_in(expression) for expression in expressions]
     with sympy.evaluate(False):
         for column, symbol in enumerate(symbols):
             differentiate = _Differentiation(place, symbol)
             for row, expression in enumerate(expressions):
-                derivative = differentiate(expression)
+                derivative = differentiate(expression) if symbol in occurring[row] else _ZERO
                 if derivative != 0:
                     entries[row, column] = derivative
     return entries
@@ -61,7 +63,7 @@ class _Differentiation:
 
     def __call__(self, node: Expr) -> Expr:
         if node not in self._known:
-            self._known[node] = _ZERO if node.is_Atom else self._derive(node)
+            self._known[node] = _ZERO if node.is_Atom or isinstance(node, Boolean) else self._derive(node)
         return self._known[node]
 
     def _derive(self, node: Expr) -> Expr:

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol, Self, runtime_checkable
 
-from fmus.errors import FmuError, IdentificationError
+from fmus.errors import FmuError, IdentificationError, TangentsMissing
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.fmi.said import kept, kept_in
 from orchestrator.processes import Died, Processes
@@ -36,6 +36,19 @@ class Simulator(Protocol):
         """Free everything."""
 
 
+@runtime_checkable
+class Differentiable(Protocol):
+    """A simulator that also knows exact derivatives."""
+
+    def sensitivities(self, window: int, values: Mapping[str, float], by: Sequence[str]) -> FloatArray:
+        """(K, m, 1 + d) outputs, and behind them their derivatives by d of the values.
+
+        Raises:
+            TangentsMissing: they are not to be had.
+            FmuError: the run failed, or a derivative is not finite.
+        """
+
+
 Factory = Callable[[], Simulator]
 
 
@@ -46,11 +59,13 @@ class Task:
     Attributes:
         values: name -> value of all parameters and of the window's initial states.
         group: of simulations that are worthless once one of them has failed; None where it stands for itself.
+        by: names of the values whose derivatives are wanted beside the outputs.
     """
 
     window: int
     values: Mapping[str, float]
     group: int | None = None
+    by: tuple[str, ...] = ()
 
 
 Simulated = FloatArray | FmuError
@@ -212,6 +227,10 @@ class _Simulating:
 
 def _simulated(simulator: Simulator, task: Task) -> Simulated:
     try:
-        return simulator.simulate(task.window, task.values)
+        if not task.by:
+            return simulator.simulate(task.window, task.values)
+        if isinstance(simulator, Differentiable):
+            return simulator.sensitivities(task.window, task.values, task.by)
+        return TangentsMissing("simulator", "knows no derivatives")
     except FmuError as error:
         return error

@@ -41,6 +41,7 @@ class SearchSummary(TypedDict):
     evaluations: int
     simulations: int
     failures: int
+    differences: str
     reasons: list[str]
 
 
@@ -81,6 +82,7 @@ def summary(calibration: Calibration) -> OutputErrorSummary:
             "evaluations": found.tally.evaluations,
             "simulations": found.tally.simulations,
             "failures": found.tally.failures,
+            "differences": found.tally.differences,
             "reasons": list(found.tally.reasons),
         },
         "data": data_summary(calibration.recorded, study.traces.hold_out),

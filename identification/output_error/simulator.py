@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from identification.output_error.windows import FreeRunWindow
 from orchestrator.assembly.assembly import Assembled, OpenSystem
 from orchestrator.engine import Run, Simulation, Timing
@@ -48,11 +50,19 @@ class SystemSimulator:
 
         Values of names without a dot are delays.
         """
+        return self._factory.windows[window].recorded(self._simulation.rows(self._run(window, values)), values)
+
+    def sensitivities(self, window: int, values: Mapping[str, float], by: Sequence[str]) -> FloatArray:
+        """(K, m, 1 + d) the same, and behind it the derivatives by values that the FMUs are given."""
+        found = self._simulation.sensitivities(self._run(window, values), by)
+        slices = [found.rows, *np.moveaxis(found.slopes, 2, 0)]
+        return np.stack([self._factory.windows[window].recorded(one, values) for one in slices], axis=2)
+
+    def _run(self, window: int, values: Mapping[str, float]) -> Run:
         cut = self._factory.windows[window]
         own = {name: value for name, value in values.items() if "." in name}
         merged = {**self._factory.values, **cut.constants, **own, **cut.start_values(values)}
-        run = Run(merged, cut.driven(values), self._factory.outputs, cut.stop)
-        return cut.recorded(self._simulation.rows(run), values)
+        return Run(merged, cut.driven(values), self._factory.outputs, cut.stop)
 
     def close(self) -> None:
         """Free the FMUs."""

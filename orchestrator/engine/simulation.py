@@ -19,13 +19,14 @@ from orchestrator.engine.live import FARTHEST, HELD, LiveRun
 from orchestrator.engine.loop import Loop, Node, Statistics, Stepper
 from orchestrator.engine.plan import REFUSED, CycleSettings, Order, Plan, make_plan
 from orchestrator.engine.recording import ROWS, Columns, Recorder, Sink, require_room
+from orchestrator.engine.tangents import NOTHING, Carried, Sensitivities, carried
 from orchestrator.engine.tuned import Change, Tuned
 from orchestrator.fmi.component import Component
 from orchestrator.fmi.interface import Value
 from orchestrator.interrupts import requested
 from orchestrator.rational import clock, multiples, written
 from orchestrator.realtime.deadlines import Deadlines
-from orchestrator.system import Endpoint, Settable, System, recordable, settable
+from orchestrator.system import Connection, Endpoint, Settable, System, recordable, settable
 from orchestrator.trace import FloatArray, Trace
 
 
@@ -124,13 +125,20 @@ class _Prepared:
     Attributes:
         loop: to be begun anew for each run.
         outputs: component -> outputs and other variables that are read.
+        inputs: component -> inputs that are driven.
     """
 
     key: tuple[object, ...]
     loop: Loop
     columns: Columns
-    steppers: Steppers
     outputs: Mapping[str, Sequence[str]]
+    inputs: Mapping[str, Sequence[str]]
+    steppers: Steppers
+
+    def bind(self, components: Mapping[str, Component]) -> None:
+        """Have the components carry these values."""
+        for name, component in components.items():
+            component.bind(self.inputs[name], self.outputs[name])
 
     @property
     def slots(self) -> dict[str, int]:
@@ -179,7 +187,8 @@ class Simulation:
         self._fresh = True
         self._settable: dict[str, Settable] = {}
         self._counts: dict[tuple[int, int], int] = {}
-        self._prepared: _Prepared | None = None
+        self._carried = NOTHING  # of the latest run that carried tangents
+        self._prepared: list[_Prepared] = []  # that of the latest run, which the components are bound to, comes last
 
     def instants(self) -> FloatArray:
         """(K,) the communication instants, at which stimuli are wanted and rows recorded [s]."""
@@ -262,14 +271,43 @@ class Simulation:
             raise FmuEnded(done.ended, "before the run was over", "shorten it")
         return done.recorder.kept()
 
-    def _executed(self, run: Run, progress: Callable[[float], None] | None = None, sink: Sink | None = None) -> _Done:
+    def sensitivities(self, run: Run, by: Sequence[str]) -> Sensitivities:
+        """What `rows` gives, with its exact derivatives by parameters and start values, in the same run.
+
+        Args:
+            by: component.variable of each.
+
+        Raises:
+            WiringError: one of them is nothing that can be set.
+            TangentsMissing: an FMU that these values reach carries no tangents, or not along one of them.
+            FmuError: the run failed, or a derivative is not finite.
+        """
+        if self._carried.by != tuple(by):
+            for name in by:
+                settable(self.system, name)
+            self._carried = carried(self.system, self.plan, by)
+        along = self._carried
+        done = self._executed(run, along=along)
+        if done.ended:
+            raise FmuEnded(done.ended, "before the run was over", "shorten it")
+        chosen = self.outputs if run.record is None else tuple(dict.fromkeys(run.record))
+        return along.parted(chosen, done.recorder.kept())
+
+    def _executed(
+        self,
+        run: Run,
+        progress: Callable[[float], None] | None = None,
+        sink: Sink | None = None,
+        along: Carried = NOTHING,
+    ) -> _Done:
         stop = self.timing.stop if run.stop is None else run.stop
         steps, every = self._steps(stop), self._every
         if run.record_every < 1:
             raise WiringError("record_every", f"is {run.record_every}", "give 1 or more")
         own, stimuli = self._checked(run.values), self.driven(run.stimuli, steps + 1)
         self._reset()
-        prepared, count = self._prepare(run.record, (), every), steps // run.record_every + 1
+        along.begin(self.components)
+        prepared, count = self._prepare(run.record, (), every, along), steps // run.record_every + 1
         if sink is None:
             require_room(count, len(prepared.columns.places))
         loop = prepared.loop
@@ -402,22 +440,39 @@ class Simulation:
             side_by_side[:, place] = samples
         return side_by_side
 
-    def _prepare(self, record: Iterable[str] | None, read: Sequence[str], hold: int) -> _Prepared:
-        """A loop that records these and reads those outputs too; that of the run before where it asked for the same."""
+    def _prepare(
+        self, record: Iterable[str] | None, read: Sequence[str], hold: int, carried: Carried = NOTHING
+    ) -> _Prepared:
+        """A loop that records these, and their tangents, and reads those outputs too; that of one of the two runs
+        before where it asked for the same."""
         chosen = self.outputs if record is None else tuple(dict.fromkeys(record))
-        key = chosen, tuple(read), hold
-        if self._prepared is None or self._prepared.key != key:
-            self.check_record([*chosen, *read])
-            outputs = self._read([*chosen, *read])
-            for name, component in self.components.items():
-                component.bind(self._inputs[name], outputs[name])
-            loop = self._loop(chosen, outputs, hold)
-            known = {name: self.system.port(Endpoint.parse(name)).unit for name in chosen}
-            units = {name: unit for name, unit in known.items() if unit}
-            names = sorted(chosen, key=self._driven_inputs.__contains__)  # what is read comes first, as in the rows
-            steppers = Steppers(loop, self.timing.engine)
-            self._prepared = _Prepared(key, loop, Columns(names, chosen, units), steppers, outputs)
-        return self._prepared
+        key = chosen, tuple(read), hold, carried
+        found = next((prepared for prepared in self._prepared if prepared.key == key), None)
+        if found is None:
+            found = self._newly_prepared(key, chosen, read, hold, carried)
+        elif found is not self._prepared[-1]:
+            found.bind(self.components)
+        self._prepared = [*(one for one in self._prepared[-2:] if one is not found), found][-2:]
+        return found
+
+    def _newly_prepared(
+        self, key: tuple[object, ...], chosen: tuple[str, ...], read: Sequence[str], hold: int, carried: Carried
+    ) -> _Prepared:
+        self.check_record([*chosen, *read])
+        values, links = self._read([*chosen, *read]), carried.links(self.system.connections)
+        outputs = {name: [*of, *carried.of_component(name, of)] for name, of in values.items()}
+        inputs = {name: list(driven) for name, driven in self._inputs.items()}
+        for link in links:
+            inputs[link.target.component].append(link.target.variable)
+        columns = [*chosen, *carried.columns(chosen)]
+        loop = self._loop(columns, outputs, inputs, links, hold)
+        known = {name: self.system.port(Endpoint.parse(name)).unit for name in chosen}
+        units = {name: unit for name, unit in known.items() if unit}
+        names = sorted(columns, key=self._driven_inputs.__contains__)  # what is read comes first, as in the rows
+        for name, component in self.components.items():
+            component.bind(inputs[name], outputs[name])
+        steppers = Steppers(loop, self.timing.engine)
+        return _Prepared(key, loop, Columns(names, columns, units), outputs, inputs, steppers)
 
     def _read(self, recorded: Sequence[str]) -> dict[str, list[str]]:
         """component -> outputs that are recorded or drive an input, all where cycles are iterated, so that when they
@@ -435,7 +490,7 @@ class Simulation:
         fresh, self._fresh = self._fresh, False
         moved = [component.reset() for component in self.components.values() if not fresh]
         if any(moved):
-            self._prepared = None
+            self._prepared.clear()
 
     def _terminate(self) -> None:
         for component in self.components.values():
@@ -457,11 +512,19 @@ class Simulation:
         for node in loop.nodes if not math.isfinite(sum(values)) else ():
             loop.require_finite(node, values[node.first : node.first + len(node.outputs)], "initialisation")
 
-    def _loop(self, chosen: Sequence[str], outputs: Mapping[str, Sequence[str]], hold: int) -> Loop:
+    def _loop(
+        self,
+        chosen: Sequence[str],
+        outputs: Mapping[str, Sequence[str]],
+        inputs: Mapping[str, Sequence[str]],
+        tangents: Sequence[Connection],
+        hold: int,
+    ) -> Loop:
         read = [f"{name}.{variable}" for name, variables in outputs.items() for variable in variables]
         slots = {name: slot for slot, name in enumerate([*read, *self.stimuli])}
-        nodes = {name: self._node(name, outputs[name], slots) for name in self.components}
-        inputs = [Endpoint.parse(name) for name in chosen if name in self._driven_inputs]
+        links = {str(link.target): link for link in [*self.system.connections, *tangents]}
+        nodes = {name: self._node(name, inputs[name], outputs[name], links, slots) for name in self.components}
+        held = [Endpoint.parse(name) for name in chosen if name in self._driven_inputs]
         return Loop(
             groups=[[nodes[name] for name in group] for group in self.plan.groups],
             size=len(slots),
@@ -470,14 +533,20 @@ class Simulation:
             time=clock(self.timing.start, self.plan.tick),
             cycles=self.timing.cycles,
             record_slots=[slots[name] for name in chosen if name not in self._driven_inputs],
-            record_inputs=[(nodes[e.component], self._inputs[e.component].index(e.variable)) for e in inputs],
+            record_inputs=[(nodes[e.component], self._inputs[e.component].index(e.variable)) for e in held],
             finite=self.timing.finite,
         )
 
-    def _node(self, name: str, outputs: Sequence[str], slots: Mapping[str, int]) -> Node:
-        links = {str(link.target): link for link in self.system.connections}
+    def _node(
+        self,
+        name: str,
+        inputs: Sequence[str],
+        outputs: Sequence[str],
+        links: Mapping[str, Connection],
+        slots: Mapping[str, int],
+    ) -> Node:
         sources, scale = [], []
-        for target in [f"{name}.{variable}" for variable in self._inputs[name]]:
+        for target in [f"{name}.{variable}" for variable in inputs]:
             link = links.get(target)
             sources.append(slots[str(link.source) if link else target])
             scale.append((link.factor, link.offset) if link else (1.0, 0.0))

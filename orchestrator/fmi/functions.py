@@ -20,11 +20,12 @@ from fmpy.model_description import ModelDescription
 
 from fmus.errors import FmuError, FmuFileError
 from orchestrator.fmi.file import FmuFile
-from orchestrator.fmi.interface import Port, Value
+from orchestrator.fmi.interface import TANGENT, Port, Value
 from orchestrator.fmi.library import FMU2Slave, FMU3Slave, absent
 
 DISCARD = FAILED = 2  # status discard, and worse
 ALMOST = 1 - 1e-9  # of a step that is whole but for rounding
+_VENDOR = "servotwin"  # what names of functions begin with that FMI does not have, before its version
 FATAL = 4  # no function of the FMU may be called again
 
 
@@ -268,6 +269,8 @@ class FmiFunctions(ABC):
     def accessor(self, verb: str, kind: str) -> Callable[..., int]:
         """The function that gets or sets values, to be called with arguments in C's types: to convert them takes longer
         than the call."""
+        if kind == TANGENT:
+            return self.vendor(f"{verb}Tangents")
         name = f"{verb}{kind}"
         self.function(name)
         untyped: Callable[..., int] = self.fmu.dll[self.prefix + name]
@@ -275,6 +278,8 @@ class FmiFunctions(ABC):
 
     def ctype(self, kind: str) -> Any:
         """C type of a value."""
+        if kind == TANGENT:
+            return ctypes.c_double
         try:
             return self.types[kind]
         except KeyError:
@@ -315,6 +320,16 @@ class FmiFunctions(ABC):
         found = getattr(self.fmu.dll, self.prefix + name, None)
         if found is None:
             raise FmuError(self.fmu.instanceName, absent(self.prefix + name), "ask its supplier for a whole one")
+        return found
+
+    @property
+    def carries(self) -> bool:
+        """Whether the library has the functions that carry tangents."""
+        return hasattr(self.fmu.dll, f"{_VENDOR}{self.prefix[-1]}CarryTangents")
+
+    def vendor(self, name: str) -> Callable[..., int]:
+        """The function of this name that only FMUs of the library have."""
+        found: Callable[..., int] = self.fmu.dll[f"{_VENDOR}{self.prefix[-1]}{name}"]
         return found
 
     def state(self, verb: str, argument: Any) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from fmus import units
 from fmus.errors import FmuFileError
@@ -36,6 +36,8 @@ class Written(str):
 
 _REAL = ("Real", "Float64", "Float32")
 _ALONE = ("Binary", "Clock")  # nothing connects, sets or records them
+TANGENT = "Tangent"  # type of a derivative along a direction, which native FMUs of the library carry beside values
+_TANGENT_NAME = re.compile(r"(.+) along direction (\d+)")
 _WHOLE = re.compile(r"(U?)Int(\d+)")
 
 
@@ -235,3 +237,17 @@ class Interface:
     def of(self, causality: str) -> tuple[Port, ...]:
         """Ports of one causality."""
         return tuple(port for port in self.ports.values() if port.causality == causality)
+
+
+def along(variable: str, directions: int) -> list[str]:
+    """Names of a variable's tangents, which are variables like others in a loop."""
+    return [f"{variable} along direction {number}" for number in range(1, directions + 1)]
+
+
+def tangent(interface: Interface, name: str, directions: int) -> Port | None:
+    """The tangent of this name; None where it is none."""
+    named = _TANGENT_NAME.fullmatch(name)
+    port = interface.ports.get(named[1]) if named else None
+    if named is None or port is None:
+        return None
+    return replace(port, name=name, type=TANGENT, array=Array(name, (directions,)), element=int(named[2]) - 1)

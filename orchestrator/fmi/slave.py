@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-from fmus.errors import FmuEnded
+import ctypes
+from collections.abc import Mapping
+
+from fmus.errors import FmuEnded, TangentsMissing
+from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.functions import CoSimulation, Fmi2, Fmi3, VariableGroup
-from orchestrator.fmi.instance import FmuInstance, stepping
+from orchestrator.fmi.instance import FmuInstance, returned, stepping
+from orchestrator.fmi.interface import Port, tangent
+from orchestrator.fmi.interface import along as names_along
 
 
 class Slave(FmuInstance[CoSimulation]):
@@ -12,6 +18,11 @@ class Slave(FmuInstance[CoSimulation]):
 
     versions = (Fmi2, Fmi3)
     _asked = False  # to stop, at the end of the latest step
+    _directions = 0  # of the tangents that it carries
+
+    def __init__(self, fmu: FmuFile, name: str, *, debug_log: bool = False) -> None:
+        self._seeds: dict[object, tuple[VariableGroup, list[float]]] = {}  # what tangents begin with
+        super().__init__(fmu, name, debug_log=debug_log)
 
     @property
     def functions(self) -> CoSimulation:
@@ -23,9 +34,44 @@ class Slave(FmuInstance[CoSimulation]):
         """What `write` and `read` carry."""
         return self._inputs, self._outputs
 
+    @property
+    def carries(self) -> bool:
+        """Whether it can carry tangents."""
+        return self._fmi.carries
+
+    def carry(self, directions: int, along: Mapping[str, int]) -> None:
+        """Carry tangents until the next reset.
+
+        Args:
+            along: variable -> number of the direction in which it moves by 1, from 0.
+
+        Raises:
+            TangentsMissing: a variable cannot have any.
+        """
+        self._directions = directions
+        self._check(self._fmi.vendor("CarryTangents")(self._fmi.handle, ctypes.c_size_t(directions)), "carry tangents")
+        key = directions, tuple(along.items())
+        if key not in self._seeds:
+            names = [name for variable in along for name in names_along(variable, directions)]
+            seeds = [float(number == own) for own in along.values() for number in range(directions)]
+            self._seeds[key] = self._group(*names), seeds
+        group, seeds = self._seeds[key]
+        if status := group.write(seeds):
+            problem = self._failure("set tangents", returned(status)).problem
+            raise TangentsMissing(self.name, problem, "take differences")
+
+    def reset(self) -> bool:
+        moved = super().reset()
+        if moved:
+            self._seeds.clear()
+        return moved
+
     def begin(self, start: float, stop: float | None, tolerance: float | None = None) -> None:
         self._asked = False
         super().begin(start, stop, tolerance)
+
+    def _port(self, name: str) -> Port:
+        return tangent(self.interface, name, self._directions) or super()._port(name)
 
     def step(self, time: float, duration: float) -> None:
         if self._asked:

@@ -67,6 +67,20 @@ static void derivative(Handle it, unsigned unknown, unsigned known)
     fmi2GetDirectionalDerivative(it, &unknown, 1, &known, 1, &seed, &result);
 }
 
+fmi2Status servotwin2CarryTangents(Handle it, size_t directions);
+fmi2Status servotwin2SetTangents(Handle it, const unsigned vr[], size_t count, const double values[]);
+fmi2Status servotwin2GetTangents(Handle it, const unsigned vr[], size_t count, double values[]);
+
+static void carry(Handle it, size_t directions)
+{
+    double row[5] = {1};
+    servotwin2CarryTangents(it, directions);
+    for (unsigned vr = 0; vr < MOST; vr++) {
+        servotwin2SetTangents(it, &vr, 1, row);
+        servotwin2GetTangents(it, &vr, 1, row);
+    }
+}
+
 static void exchange(Handle it)
 {
     fmi2EventInfo info;
@@ -148,6 +162,21 @@ static void derivative(Handle it, unsigned unknown, unsigned known)
     fmi3GetAdjointDerivative(it, &unknown, 1, &known, 1, &seed, 1, &result, 1);
 }
 
+fmi3Status servotwin3CarryTangents(Handle it, size_t directions);
+fmi3Status servotwin3SetTangents(Handle it, const unsigned vr[], size_t count, const double values[], size_t size);
+fmi3Status servotwin3GetTangents(Handle it, const unsigned vr[], size_t count, double values[], size_t size);
+
+static void carry(Handle it, size_t directions)
+{
+    double row[5] = {1};
+    servotwin3CarryTangents(it, directions);
+    for (unsigned vr = 0; vr < MOST; vr++) {
+        servotwin3SetTangents(it, &vr, 1, row, 5);
+        servotwin3SetTangents(it, &vr, 1, row, 4);
+        servotwin3GetTangents(it, &vr, 1, row, 5);
+    }
+}
+
 static void exchange(Handle it)
 {
     bool a, b, c, d, e;
@@ -196,8 +225,11 @@ static int live(const char *token, const char *resources, int as_exchange)
         return as_exchange; /* models without model exchange refuse it */
     for (int round = 0; round < 2; round++) {
         values(it);
+        carry(it, 0);
+        carry(it, round ? 5 : 0);
         begin(it);
         values(it);
+        carry(it, round ? 5 : 0);
         for (unsigned unknown = 0; unknown < 40; unknown++)
             for (unsigned known = 0; known < 40; known++)
                 derivative(it, unknown, known);
@@ -210,6 +242,7 @@ static int live(const char *token, const char *resources, int as_exchange)
         step(it, 0.65, 0.0);
         step(it, 0.65, -1.0);
         step(it, 0.65, NAN);
+        carry(it, 0);
         if (!keep(it))
             return 0;
         values(it);

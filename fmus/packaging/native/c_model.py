@@ -11,11 +11,11 @@ from dataclasses import replace
 import sympy
 
 from fmus.errors import ModelError
-from fmus.modelling.jacobian import jacobian
 from fmus.modelling.model import Model, State, element, element_names
 from fmus.modelling.symbolic import Traced, symbols_in, trace
 from fmus.packaging.description.interface import Exposed, ModelInterface, exchangeable, rate_name
 from fmus.packaging.native import c_code
+from fmus.packaging.native.partials import Partials, linearised
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,199}", re.ASCII)
 _ROLES = {"input": "INPUT", "parameter": "PARAMETER", "output": "OUTPUT"}
@@ -63,8 +63,9 @@ def layout(interface: ModelInterface, token: str) -> str:
         "N_CONTINUOUS": len(model.continuous),
         "N_SAMPLED": len(model.sampled),
         "N_TABLES": len(model.tables),
-        "N_ROWS": len(_rows(model)),
-        "N_COLUMNS": len(_columns(interface)),
+        "N_RATE_PARTIALS": len(linearised(model).rates),
+        "N_OUTPUT_PARTIALS": len(linearised(model).outputs),
+        "N_UPDATE_PARTIALS": len(linearised(model).update),
         "N_CONSTANTS": len(_constants(trace(model, as_written=True))),
         "FIRST_RATE": interface.first_rate,
         "SAMPLE_TIME": places[model.sample_time] if model.sampled and model.sample_time else -1,
@@ -111,29 +112,6 @@ def _constants(traced: Traced) -> list[sympy.Basic]:
     return c_code.computed_from(traced.symbols["p"].values(), traced.derivatives.values())
 
 
-def _rows(model: Model) -> list[str]:
-    """Unknowns of the Jacobian: rates, then outputs that are no states."""
-    if not exchangeable(model):
-        return []
-    states = {state.name for state in model.states}
-    outputs = [variable.name for variable in model.of("output") if variable.name not in states]
-    return [rate_name(state.name) for state in model.continuous] + outputs
-
-
-def _columns(interface: ModelInterface) -> list[tuple[str, str]]:
-    """Knowns of the Jacobian, with the kind of their symbol: states, inputs, real parameters."""
-    model = interface.model
-    if not exchangeable(model):
-        return []
-    real = [
-        (v.name, kind)
-        for kind, causality in (("u", "input"), ("p", "parameter"))
-        for v in model.of(causality)
-        if v.type == "Real"
-    ]
-    return [(state.name, "x") for state in model.continuous] + real
-
-
 class _Source:
     """Builds model.c of one model."""
 
@@ -148,6 +126,7 @@ class _Source:
         references = {symbol: self.places[name] for symbol, name in elements.items()}
         self.dialect = c_code.Dialect(names | {self.written.time: "t"}, self.model.tables, references)
         self.constants = _constants(self.written)
+        self.linearised = linearised(self.model)
 
     def text(self) -> str:
         head = _HEAD.format(name=self.model.name) + '#include "model.h"\n'
@@ -158,12 +137,13 @@ class _Source:
         nominals = [_nominal(self.interface.by_name[state.name]) for state in model.continuous]
         return [
             _array("const Variable model_variables[N_VARIABLES]", self._variables()),
-            _array("const State model_states[N_STATES + 1]", [*map(self._state, model.states), "{-1, -1, 0.0}"]),
+            _array("const State model_states[N_STATES + 1]", [*map(self._state, model.states), "{-1, -1, 0.0, 0}"]),
             _array("const int model_continuous[N_CONTINUOUS + 1]", [*(f"vr_{s.name}" for s in model.continuous), "-1"]),
             _array("const double model_nominals[N_CONTINUOUS + 1]", [*nominals, "1.0"]),
             _array("const char *const model_tables[N_TABLES + 1]", [*map(c_code.string, model.tables), "NULL"]),
-            self._places("const int model_row[N_VARIABLES]", _rows(model)),
-            self._places("const int model_column[N_VARIABLES]", [name for name, _ in _columns(self.interface)]),
+            self._places("rate", [(rate_name(name), known) for name, known in self.linearised.rates]),
+            self._places("output", self.linearised.outputs),
+            self._places("update", self.linearised.update),
         ]
 
     def _reference(self, name: str) -> str:
@@ -193,33 +173,40 @@ class _Source:
 
     def _state(self, state: State) -> str:
         if isinstance(state.start, str):
-            return f"{{vr_{state.name}, {self._reference(state.start)}, 0.0}}"
-        return f"{{vr_{state.name}, -1, {c_code.literal(state.start)}}}"
+            return f"{{vr_{state.name}, {self._reference(state.start)}, 0.0, {int(state.sampled)}}}"
+        return f"{{vr_{state.name}, -1, {c_code.literal(state.start)}, {int(state.sampled)}}}"
 
-    def _places(self, head: str, names: Sequence[str]) -> str:
-        """An array that gives the place of each variable among these names."""
-        order = {name: place for place, name in enumerate(names)}
-        rates = [rate_name(state.name) for state in self.model.continuous]
-        places = ", ".join(str(order.get(name, -1)) for name in [*self.places, *rates, "the time is nowhere"])
-        lines = textwrap.wrap(places, 110, initial_indent="    ", subsequent_indent="    ")
-        return f"{head} = {{\n" + "\n".join(lines) + "\n};\n"
+    def _places(self, label: str, partials: Iterable[tuple[str, str]]) -> str:
+        """The array that says where each partial derivative belongs."""
+        rates = {rate_name(s.name): self.interface.first_rate + i for i, s in enumerate(self.model.continuous)}
+        references = self.places | rates
+        pairs = [f"{{{references[result]}, {references[known]}}}" for result, known in partials]
+        lines = textwrap.wrap(", ".join([*pairs, "{-1, -1}"]), 110, initial_indent="    ", subsequent_indent="    ")
+        return f"const Place model_{label}_places[N_{label.upper()}_PARTIALS + 1] = {{\n" + "\n".join(lines) + "\n};\n"
 
     def _functions(self) -> list[str]:
         traced = self.written
-        constants = {f"c[{i}]": expression for i, expression in enumerate(self.constants)}
-        rates = {f"rates[{i}]": traced.derivatives[s.name] for i, s in enumerate(self.model.continuous)}
+        constants = _numbered("c", self.constants)
+        rates = _numbered("rates", (traced.derivatives[state.name] for state in self.model.continuous))
+        partials = _numbered("partials", self.linearised.rates.values())
         computed = {expression: name for name, expression in constants.items()}
-        arguments = f"{_ARGUMENTS}, const double *c, double *rates"
+        arguments, names = f"{_ARGUMENTS}, const double *c, double *rates", (*_NAMED, "c", "rates")
         return [
             self._assigning("void model_constants(const double *v, double *c)", "derivatives", constants, ("v", "c")),
+            self._assigning(f"void model_derivatives({arguments})", "derivatives", rates, names, computed),
             self._assigning(
-                f"void model_derivatives({arguments})", "derivatives", rates, (*_NAMED, "c", "rates"), computed
+                f"void model_linearised({arguments}, double *partials)",
+                "derivatives",
+                rates | partials,
+                (*names, "partials"),
+                computed,
             ),
             self._assigning(_in_place("update"), "update", _into_values(traced.update)),
+            self._partials("update", self.linearised.update),
             self._assigning(_in_place("outputs"), "outputs", _into_values(traced.outputs)),
+            self._partials("output", self.linearised.outputs),
             self._solver_step(),
             self._refusal(),
-            self._jacobian(),
         ]
 
     def _assigning(
@@ -246,22 +233,13 @@ class _Source:
         head = f"const char *model_refusal({_ARGUMENTS})"
         return _function(head, [*lines, "return NULL;"], ("t", "v", "tables"))
 
-    def _jacobian(self) -> str:
-        entries = self._jacobian_entries() if exchangeable(self.model) else {}
-        targets = {f"J[{row}][{column}]": entry for (row, column), entry in entries.items()}
+    def _partials(self, label: str, partials: Partials) -> str:
         return self._assigning(
-            f"void model_jacobian({_ARGUMENTS}, double J[N_ROWS + 1][N_COLUMNS + 1])",
-            "derivatives of its equations",
-            targets,
-            (*_NAMED, "J"),
+            f"void model_{label}_partials({_ARGUMENTS}, double *partials)",
+            f"derivatives of {label}",
+            _numbered("partials", partials.values()),
+            (*_NAMED, "partials"),
         )
-
-    def _jacobian_entries(self) -> dict[tuple[int, int], sympy.Expr]:
-        traced = self.written
-        unknowns = [traced.derivatives[state.name] for state in self.model.continuous]
-        unknowns += [traced.outputs[name] for name in _rows(self.model)[len(unknowns) :]]
-        symbols = [traced.symbols[kind][name] for name, kind in _columns(self.interface)]
-        return jacobian(f"model {self.model.name}", unknowns, symbols)
 
     def _statements(
         self, label: str, roots: Sequence[sympy.Basic], computed: Mapping[sympy.Basic, str] | None = None
@@ -281,6 +259,10 @@ class _Source:
 
 def _in_place(label: str) -> str:
     return f"void model_{label}(double t, double *v, const Table *tables)"
+
+
+def _numbered(array: str, expressions: Iterable[sympy.Basic]) -> dict[str, sympy.Basic]:
+    return {f"{array}[{i}]": expression for i, expression in enumerate(expressions)}
 
 
 def _assignments(targets: Iterable[str], values: Iterable[str]) -> list[str]:

@@ -9,7 +9,9 @@ from fmus.files import package_folder
 
 VERSIONS = (2, 3)
 _RUNTIME = Path(__file__).parent / "c"
-_COMMON = tuple(f"{name}{suffix}" for name in ("files", "instance", "ops", "resources") for suffix in (".c", ".h"))
+_COMMON = tuple(
+    f"{name}{suffix}" for name in ("derivatives", "files", "instance", "ops", "resources") for suffix in (".c", ".h")
+)
 _ADAPTERS: dict[int, tuple[str, ...]] = {2: ("fmi2.c",), 3: ("fmi3.c", "fmi3_absent.c")}
 _HEADERS = {
     2: ("fmi2FunctionTypes.h", "fmi2Functions.h", "fmi2TypesPlatform.h"),

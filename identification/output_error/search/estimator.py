@@ -144,7 +144,7 @@ class _Work:
     def over(self, windows: tuple[int, ...], coarser: float = 1.0) -> FreeRun:
         fine = self.options.difference_step
         step = min(coarser * fine, max(fine, _COARSEST))
-        return FreeRun(self.problem, self.pool, self.tally, windows, step, self.reached.wide)
+        return FreeRun(self.problem, self.pool, self.tally, windows, step, self.reached.wide, tangents=coarser == 1.0)
 
     @property
     def all_windows(self) -> tuple[int, ...]:

@@ -1,4 +1,4 @@
-"""Residuals of free runs and their structured finite-difference Jacobian, simulated through a pool.
+"""Residuals of free runs and their structured Jacobian, exact or by finite differences, simulated through a pool.
 
 A window's initial states act on that window only, so one pass perturbs them in all windows at once: a
 Jacobian costs as many simulations a window as there are parameters and states of one window.
@@ -12,9 +12,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fmus.errors import FmuError, IdentificationError
+from fmus.errors import FmuError, IdentificationError, TangentsMissing
 from identification.estimation.arrow_least_squares import Point, WindowBlock
 from identification.estimation.workers import Pool, Task
+from identification.output_error.search.exact import WITNESSES, Columns, exact_columns, require_agreement, say
 from identification.output_error.search.problem import Problem
 from orchestrator.trace import FloatArray
 
@@ -28,6 +29,8 @@ class Tally:
     Attributes:
         evaluations: points at which all windows were simulated.
         jacobians: linearisations.
+        exact: those of them that tangents gave, but for delays.
+        differences: why tangents do not; nothing while they may.
         simulations: windows simulated.
         failures: simulations that failed or gave values that are not finite.
         reasons: the first few distinct reasons.
@@ -35,6 +38,8 @@ class Tally:
 
     evaluations: int = 0
     jacobians: int = 0
+    exact: int = 0
+    differences: str = ""
     simulations: int = 0
     failures: int = 0
     reasons: list[str] = field(default_factory=list)
@@ -54,6 +59,7 @@ class FreeRun:
         windows: which of the problem's windows; row w of a point's states belongs to windows[w].
         step: relative step of a forward difference, about the root of the simulation's relative accuracy.
         wide: column -> wider step of one that acts in steps.
+        tangents: whether derivatives are exact where they can be.
     """
 
     problem: Problem
@@ -62,6 +68,7 @@ class FreeRun:
     windows: tuple[int, ...]
     step: float
     wide: Mapping[int, float] = field(default_factory=dict)
+    tangents: bool = False
 
     def residuals(self, point: Point) -> list[FloatArray] | None:
         """One (K m,) vector a window; None when a simulation failed."""
@@ -77,12 +84,14 @@ class FreeRun:
         return [row if len(row) == count else None for row in complete]
 
     def linearise(self, point: Point, residuals: list[FloatArray], central: bool = False) -> list[WindowBlock]:
-        """Residuals and Jacobian of every window, by forward or central differences inside the bounds.
+        """Residuals and Jacobian of every window: exact, or else by forward or central differences inside the bounds.
 
         Where a perturbed run fails the other side is tried; where that fails too the derivative is 0 and `unknown`.
         """
         self.tally.jacobians += 1
+        exact = self._exact(point, residuals)
         up, down = self._steps(point, central)
+        up[list(exact)] = down[list(exact)] = 0.0
         above, below = self._shifted(point, up, residuals), self._shifted(point, down, residuals)
         retry = np.where([[r is None for r in column] for column in above], -up, 0.0)
         retry = np.where(self._inside(point, retry) & (down == 0), retry, 0.0)
@@ -97,9 +106,44 @@ class FreeRun:
                 if slope is None:
                     unknown.add(c)
                 else:
-                    columns[:, c] = slope
+                    columns[:, c] = exact[c][row] if c in exact else slope
             blocks.append(WindowBlock(residual, columns[:, :n], columns[:, n:], frozenset(unknown)))
         return blocks
+
+    def _exact(self, point: Point, residuals: list[FloatArray]) -> Columns:
+        """The columns that tangents give; the first ones are compared with differences in a few windows."""
+        if not self.tangents or self.tally.differences:
+            return {}
+        try:
+            found = exact_columns(self.problem, self.pool, self.windows, point)
+            columns = {c: column for c, column in found.items() if c not in self.wide}
+            self.tally.simulations += len(self.windows) if columns else 0
+            if not self.tally.exact:
+                require_agreement(self.problem, columns, self._witnessed(point, residuals, columns))
+        except TangentsMissing as reason:
+            self.tally.differences = str(reason)
+            say(reason)
+            return {}
+        except FmuError:
+            return {}  # where tangents run out of bounds, differences may not
+        self.tally.exact += 1
+        return columns
+
+    def _witnessed(
+        self, point: Point, residuals: list[FloatArray], columns: Columns
+    ) -> dict[int, list[FloatArray | None]]:
+        """Differences of these columns in the first few windows."""
+        few = replace(self, windows=self.windows[:WITNESSES], tangents=False)
+        point, residuals = Point(point.parameters, point.states[:WITNESSES]), residuals[:WITNESSES]
+        steps, _ = few._steps(point, central=False)
+        moved = few._shifted(point, steps, residuals)
+        return {
+            c: [
+                None if found is None or not steps[c, row] else (found - base) / float(steps[c, row])
+                for row, (found, base) in enumerate(zip(moved[c], residuals, strict=True))
+            ]
+            for c in columns
+        }
 
     def _steps(self, point: Point, central: bool) -> tuple[FloatArray, FloatArray]:
         """Two signed steps (n + s, W) in z; the second is 0 for a one-sided difference."""

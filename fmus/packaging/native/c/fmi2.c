@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "instance.h"
+#include "derivatives.h"
 
 typedef struct {
     Instance instance; /* first, so that a pointer to it is one to the component */
@@ -28,6 +28,7 @@ enum {
     CAN_Set = INSTANTIATED | INITIALIZATION | RUNNING,
     CAN_FMUstate = ANY,
     CAN_GetDirectionalDerivative = INITIALIZATION | RUNNING | TERMINATED | FAILED,
+    CAN_Tangents = INSTANTIATED | INITIALIZATION | STEP,
     CAN_EnterEventMode = EVENT | CONTINUOUS_TIME,
     CAN_NewDiscreteStates = EVENT,
     CAN_EnterContinuousTimeMode = EVENT,
@@ -333,6 +334,32 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
 {
     REQUIRE(c, CAN_GetDirectionalDerivative);
     return (fmi2Status)instance_derivative(of(c), vUnknown_ref, nUnknown, vKnown_ref, nKnown, dvKnown, dvUnknown, 0);
+}
+
+/* Tangents, for which FMI 2.0 has no functions; see derivatives.h */
+
+FMI2_Export fmi2Status servotwin2CarryTangents(fmi2Component c, size_t directions);
+FMI2_Export fmi2Status servotwin2SetTangents(fmi2Component c, const fmi2ValueReference vr[], size_t nvr,
+                                             const fmi2Real value[]);
+FMI2_Export fmi2Status servotwin2GetTangents(fmi2Component c, const fmi2ValueReference vr[], size_t nvr,
+                                             fmi2Real value[]);
+
+fmi2Status servotwin2CarryTangents(fmi2Component c, size_t directions)
+{
+    REQUIRE(c, CAN_Tangents);
+    return (fmi2Status)instance_carry(of(c), directions);
+}
+
+fmi2Status servotwin2SetTangents(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2Real value[])
+{
+    REQUIRE(c, CAN_Tangents);
+    return (fmi2Status)instance_set_tangents(of(c), vr, nvr, value);
+}
+
+fmi2Status servotwin2GetTangents(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2Real value[])
+{
+    REQUIRE(c, CAN_Tangents);
+    return (fmi2Status)instance_get_tangents(of(c), vr, nvr, value);
 }
 
 /* Model exchange */

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "instance.h"
+#include "derivatives.h"
 
 typedef struct {
     Instance instance; /* first, so that a pointer to it is one to the component */
@@ -27,6 +27,7 @@ enum {
     CAN_Set = INSTANTIATED | INITIALIZATION | RUNNING,
     CAN_FMUState = ANY,
     CAN_GetDerivative = INITIALIZATION | RUNNING | TERMINATED | FAILED,
+    CAN_Tangents = INSTANTIATED | INITIALIZATION | STEP,
     CAN_UpdateDiscreteStates = EVENT,
     CAN_EnterContinuousTimeMode = EVENT,
     CAN_CompletedIntegratorStep = CONTINUOUS_TIME,
@@ -322,6 +323,38 @@ fmi3Status fmi3GetAdjointDerivative(fmi3Instance instance, const fmi3ValueRefere
     if (same_count(instance, nUnknowns, nSeed) || same_count(instance, nKnowns, nSensitivity))
         return fmi3Error;
     return (fmi3Status)instance_derivative(of(instance), unknowns, nUnknowns, knowns, nKnowns, seed, sensitivity, 1);
+}
+
+/* Tangents, for which FMI 3.0 has no functions; see derivatives.h */
+
+FMI3_Export fmi3Status servotwin3CarryTangents(fmi3Instance instance, size_t directions);
+FMI3_Export fmi3Status servotwin3SetTangents(fmi3Instance instance, const fmi3ValueReference valueReferences[],
+                                             size_t nValueReferences, const fmi3Float64 values[], size_t nValues);
+FMI3_Export fmi3Status servotwin3GetTangents(fmi3Instance instance, const fmi3ValueReference valueReferences[],
+                                             size_t nValueReferences, fmi3Float64 values[], size_t nValues);
+
+fmi3Status servotwin3CarryTangents(fmi3Instance instance, size_t directions)
+{
+    REQUIRE(instance, CAN_Tangents);
+    return (fmi3Status)instance_carry(of(instance), directions);
+}
+
+fmi3Status servotwin3SetTangents(fmi3Instance instance, const fmi3ValueReference valueReferences[],
+                                 size_t nValueReferences, const fmi3Float64 values[], size_t nValues)
+{
+    REQUIRE(instance, CAN_Tangents);
+    if (same_count(instance, nValueReferences * of(instance)->tangents.directions, nValues))
+        return fmi3Error;
+    return (fmi3Status)instance_set_tangents(of(instance), valueReferences, nValueReferences, values);
+}
+
+fmi3Status servotwin3GetTangents(fmi3Instance instance, const fmi3ValueReference valueReferences[],
+                                 size_t nValueReferences, fmi3Float64 values[], size_t nValues)
+{
+    REQUIRE(instance, CAN_Tangents);
+    if (same_count(instance, nValueReferences * of(instance)->tangents.directions, nValues))
+        return fmi3Error;
+    return (fmi3Status)instance_get_tangents(of(instance), valueReferences, nValueReferences, values);
 }
 
 /* Events and model exchange */

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "derivatives.h"
 #include "resources.h"
 
 #define EARLY 1e-6 /* of a sample period: how far rounding may put a step's end before or after a sampling instant */
@@ -101,10 +102,12 @@ Status instance_open(Instance *it, const char *token, const char *resources)
 void instance_close(Instance *it)
 {
     free_tables(it->tables);
+    instance_carry(it, 0);
 }
 
 void instance_reset(Instance *it)
 {
+    instance_carry(it, 0);
     memset(&it->now, 0, sizeof it->now);
     memcpy(it->now.values, it->defaults, sizeof it->defaults);
     it->now.mode = INSTANTIATED;
@@ -124,6 +127,8 @@ Status instance_begin(Instance *it, double time)
         const State *state = &model_states[i];
         s->values[state->value] = state->parameter < 0 ? state->start : s->values[state->parameter];
     }
+    if (it->tangents.directions)
+        tangents_begin(it);
     return STATUS_OK;
 }
 
@@ -256,8 +261,12 @@ static Status integrate(Instance *it, double time, double duration)
         return failure(it, "a step of %g s needs %g inner steps", duration, count);
     double constants[N_CONSTANTS + 1];
     model_constants(it->now.values, constants);
-    for (double i = 0; i < count; i++)
-        runge_kutta(it, constants, time + i * inner, inner);
+    for (double i = 0; i < count; i++) {
+        if (it->tangents.directions)
+            tangents_integrate(it, constants, time + i * inner, inner);
+        else
+            runge_kutta(it, constants, time + i * inner, inner);
+    }
     return STATUS_OK;
 }
 
@@ -294,6 +303,8 @@ Status instance_step(Instance *it, double time, double duration)
                     return STATUS_ERROR;
                 now = due;
             }
+            if (it->tangents.directions)
+                tangents_update(it, due);
             model_update(due, s->values, it->tables);
             s->samples++;
         }
@@ -372,48 +383,6 @@ Status instance_get_nominals(Instance *it, double nominals[], size_t count)
     return STATUS_OK;
 }
 
-/* Derivatives */
-
-/* One element of the Jacobian. Until the initialisation is over, states move with the parameters they start at. */
-static double element(const Instance *it, unsigned unknown, unsigned known)
-{
-    const int row = model_row[unknown], column = model_column[known];
-    double sum = row < 0 ? unknown == known : it->jacobian[row][column];
-    if (it->now.mode & (INSTANTIATED | INITIALIZATION))
-        for (int i = 0; i < N_STATES; i++)
-            if (model_states[i].parameter == (int)known) {
-                const int state = model_states[i].value;
-                sum += row < 0 ? (int)unknown == state : it->jacobian[row][model_column[state]];
-            }
-    return sum;
-}
-
-static Status check_places(Instance *it, const unsigned unknowns[], size_t rows, const unsigned knowns[], size_t columns)
-{
-    for (size_t i = 0; i < rows; i++)
-        if (unknowns[i] >= N_VARIABLES || (model_row[unknowns[i]] < 0 && model_variables[unknowns[i]].role != STATE))
-            return instance_error(it, "value reference %u is no unknown to take the derivative of", unknowns[i]);
-    for (size_t j = 0; j < columns; j++)
-        if (knowns[j] >= N_VARIABLES || model_column[knowns[j]] < 0)
-            return instance_error(it, "value reference %u is no known to take the derivative by", knowns[j]);
-    return STATUS_OK;
-}
-
-Status instance_derivative(Instance *it, const unsigned unknowns[], size_t rows, const unsigned knowns[], size_t columns,
-                           const double seed[], double result[], int transposed)
-{
-    if (!MODEL_EXCHANGE)
-        return instance_error(it, "provides no derivatives");
-    if (check_places(it, unknowns, rows, knowns, columns))
-        return STATUS_ERROR;
-    model_jacobian(it->now.time, it->now.values, it->tables, it->jacobian);
-    memset(result, 0, (transposed ? columns : rows) * sizeof *result);
-    for (size_t i = 0; i < rows; i++)
-        for (size_t j = 0; j < columns; j++)
-            result[transposed ? j : i] += element(it, unknowns[i], knowns[j]) * seed[transposed ? i : j];
-    return STATUS_OK;
-}
-
 /* States to go back to */
 
 typedef struct {
@@ -451,6 +420,8 @@ Status instance_restore(Instance *it, const void *state)
 {
     if (!state)
         return instance_error(it, "there is no state to go back to");
+    if (it->tangents.directions)
+        return instance_error(it, "a state to go back to holds no tangents, which are carried");
     memcpy(&it->now, state, sizeof it->now);
     return STATUS_OK;
 }

@@ -32,13 +32,22 @@ typedef struct {
     int mode, valid, stepped;
 } Snapshot;
 
+/* Derivatives along directions, rows of `width` numbers by value reference; see derivatives.h. */
+typedef struct {
+    size_t directions, width;
+    double *known;   /* of inputs, parameters and states */
+    double *results; /* of rates, outputs and new sampled states, where they were evaluated */
+    double *work;
+    size_t first[N_VARIABLES], end[N_VARIABLES]; /* of each row of `known`, what may be other than 0 */
+} Tangents;
+
 typedef struct Instance Instance;
 typedef void Report(Instance *it, Status status, const char *category, const char *message);
 
 struct Instance {
     Snapshot now;
     double defaults[N_VARIABLES];
-    double jacobian[N_ROWS + 1][N_COLUMNS + 1];
+    Tangents tangents;
     Table tables[N_TABLES + 1];
     /* Set by the adapter, before anything else is called: */
     Report *report;
@@ -79,10 +88,6 @@ Status instance_get_states(Instance *it, double states[], size_t count);
 Status instance_get_rates(Instance *it, double rates[], size_t count);
 Status instance_get_nominals(Instance *it, double nominals[], size_t count);
 Status instance_check_states(Instance *it);
-
-/* result = J seed (forward), or its transpose: J has a row for each unknown and a column for each known. */
-Status instance_derivative(Instance *it, const unsigned unknowns[], size_t rows, const unsigned knowns[], size_t columns,
-                           const double seed[], double result[], int transposed);
 
 /* States to go back to; `*state` is made when it is NULL. */
 Status instance_save(Instance *it, void **state);

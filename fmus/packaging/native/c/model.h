@@ -23,6 +23,7 @@ typedef struct {
     int value;     /* value reference */
     int parameter; /* value reference of the parameter that it starts at, -1: it starts at `start` */
     double start;
+    int sampled;
 } State;
 
 /* Arrays have one element more than they need: C has no empty arrays. */
@@ -50,10 +51,19 @@ double model_solver_step(const double *v, const Table *tables);
 /* Why the model cannot start from here, NULL when it can. */
 const char *model_refusal(double t, const double *v, const Table *tables);
 
-/* Partial derivatives of the rates and outputs (rows) by states, inputs and real parameters (columns); those that are
- * not zero everywhere are written. `model_row` and `model_column` give the place of a variable, -1 for none. */
-extern const int model_row[N_VARIABLES];
-extern const int model_column[N_VARIABLES];
-void model_jacobian(double t, const double *v, const Table *tables, double J[N_ROWS + 1][N_COLUMNS + 1]);
+/* Partial derivatives that are not zero everywhere, of rates, outputs or new sampled states by states, real inputs and
+ * real parameters: where each belongs, by value reference; those of one result lie side by side. */
+typedef struct {
+    int result, known;
+} Place;
+
+extern const Place model_rate_places[N_RATE_PARTIALS + 1];
+extern const Place model_output_places[N_OUTPUT_PARTIALS + 1];
+extern const Place model_update_places[N_UPDATE_PARTIALS + 1];
+void model_output_partials(double t, const double *v, const Table *tables, double *partials);
+void model_update_partials(double t, const double *v, const Table *tables, double *partials);
+
+/* The rates, and their partial derivatives. */
+void model_linearised(double t, const double *v, const Table *tables, const double *c, double *rates, double *partials);
 
 #endif
