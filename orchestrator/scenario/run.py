@@ -308,50 +308,63 @@ def _run(
         given = elements(overrides)
         with keeping.span("build FMUs"):
             assembled = assemble(scenario.system.given(given), fmus or folder, scenario.driven)
+        result = ScenarioResult(scenario, assembled, (), keeping, overrides=given)
         cases: list[CaseResult] = []
-        crossings: tuple[Crossing, ...] = ()
-        system: System | None = None
-        hashes: dict[str, str] = {}
-
-        def result(cases: Sequence[CaseResult], interrupted: bool = False) -> ScenarioResult:
-            done = tuple(cases)
-            return ScenarioResult(scenario, assembled, done, keeping, interrupted, crossings, given, system, hashes)
-
         try:
             with (
                 OpenSystem(assembled) as opened,
                 opened.simulation(scenario.timing, isolation, keeping.profile) as simulation,
             ):
-                system, hashes = opened.system, hashes_of(assembled)
-                check_shapes(opened.system, shapes(overrides))
-                given = typed(opened.system, given)
-                scenario, crossed = in_units_of(opened.system, scenario)
-                crossings = logged([*opened.system.crossings, *crossed])
-                stimuli = _stimuli(scenario, simulation)
-                simulation.check_record(scenario.recorded(simulation.outputs))
-                for case in scenario.cases:
-                    check_shapes(opened.system, case.arrays)
-                _check_values(scenario, simulation, given)
-                if not scenario.recorded(simulation.outputs):
-                    LOG.warning("nothing is recorded, for there are no outputs; name other variables in `record`")
-                if scenario.record is None and simulation.texts:
-                    LOG.warning("not recorded, for they are no numbers: %s", ", ".join(simulation.texts))
-                for number, case in enumerate(scenario.cases):
-                    values = {**case.values, **given}
-                    told = _part_of(progress, number, len(scenario.cases), case.name)
-                    begun = perf_counter()
-                    at_case = last_words.own().working_on(keeping.first + number)
-                    with at_case, keeping.span(f"case {case.name}"):
-                        made = _run_case(scenario, number, simulation, values, stimuli, keeping, told)
-                    cases.append(replace(made, seconds=perf_counter() - begun))
+                result = _prepared(result, opened.system, simulation, shapes(overrides))
+                for case in _run_cases(result, simulation, progress):
+                    cases.append(case)
                     if not going_on:
-                        _go_on(scenario, cases, result)
+                        _go_on(replace(result, cases=tuple(cases)))
         except KeyboardInterrupt as stop:
             cases += _unfinished(scenario, len(cases), stop, keeping)
             if all(case.state is CaseState.NOT_RUN for case in cases):
                 raise
-            raise ScenarioInterrupted(result(cases, interrupted=True)) from None
-        return result(cases)
+            raise ScenarioInterrupted(replace(result, cases=tuple(cases), interrupted=True)) from None
+        return replace(result, cases=tuple(cases))
+
+
+def _prepared(
+    result: ScenarioResult, system: System, simulation: Simulation, arrays: Mapping[str, tuple[int, ...]]
+) -> ScenarioResult:
+    """The result before its first case, of a scenario that fits its system and is in its units.
+
+    Args:
+        arrays: shapes of those that are overridden.
+    """
+    check_shapes(system, arrays)
+    given = typed(system, result.overrides)
+    scenario, crossed = in_units_of(system, result.scenario)
+    crossings = logged([*system.crossings, *crossed])
+    recorded = scenario.recorded(simulation.outputs)
+    simulation.check_record(recorded)
+    for case in scenario.cases:
+        check_shapes(system, case.arrays)
+    _check_values(scenario, simulation, given)
+    if not recorded:
+        LOG.warning("nothing is recorded, for there are no outputs; name other variables in `record`")
+    if scenario.record is None and simulation.texts:
+        LOG.warning("not recorded, for they are no numbers: %s", ", ".join(simulation.texts))
+    hashes = hashes_of(result.assembled)
+    return replace(result, scenario=scenario, crossings=crossings, overrides=given, system=system, hashes=hashes)
+
+
+def _run_cases(begun: ScenarioResult, simulation: Simulation, progress: Progress) -> Iterator[CaseResult]:
+    """Each case, run and judged."""
+    scenario, keeping = begun.scenario, begun.keeping
+    stimuli = _stimuli(scenario, simulation)
+    for number, case in enumerate(scenario.cases):
+        values = {**case.values, **begun.overrides}
+        told = _part_of(progress, number, len(scenario.cases), case.name)
+        start = perf_counter()
+        at_case = last_words.own().working_on(keeping.first + number)
+        with at_case, keeping.span(f"case {case.name}"):
+            made = _run_case(scenario, number, simulation, values, stimuli, keeping, told)
+        yield replace(made, seconds=perf_counter() - start)
 
 
 def hashes_of(assembled: Assembled) -> dict[str, str]:
@@ -370,18 +383,18 @@ def _check_values(scenario: Scenario, simulation: Simulation, overrides: Mapping
                 simulation.check_values({**case.values, **overrides})
 
 
-def _go_on(
-    scenario: Scenario, cases: Sequence[CaseResult], result: Callable[[Sequence[CaseResult]], ScenarioResult]
-) -> None:
+def _go_on(result: ScenarioResult) -> None:
     """See that the latest case did not fail."""
+    cases = result.cases
     last = cases[-1]
     if last.state is not CaseState.FAILED:
         return
     assert isinstance(last.error, FmuError)
     if all(case.result is None for case in cases):
         raise last.error
-    rest = [CaseResult(case.name, None, None, (), state=CaseState.NOT_RUN) for case in scenario.cases[len(cases) :]]
-    raise ScenarioFailed(last.error, result([*cases, *rest])) from last.error
+    left = result.scenario.cases[len(cases) :]
+    rest = [CaseResult(case.name, None, None, (), state=CaseState.NOT_RUN) for case in left]
+    raise ScenarioFailed(last.error, replace(result, cases=(*cases, *rest))) from last.error
 
 
 def _stimuli(scenario: Scenario, simulation: Simulation) -> dict[str, FloatArray]:
