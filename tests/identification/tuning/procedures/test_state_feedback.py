@@ -214,9 +214,11 @@ def test_what_has_no_gains_is_refused(changes: dict[str, Any], problem: str, tmp
 
 
 @pytest.mark.slow
-def test_the_shipped_design_has_both_kp_alike_and_holds_its_goals(tmp_path: Path) -> None:
-    found: Any = tune_study(SHIPPED / "ilqr.yaml", tmp_path / "out", silent)
-    assert found["feasible"]
+@pytest.mark.parametrize("name", ["ilqr"])
+def test_a_shipped_design_has_both_kp_alike_and_holds_its_goals_and_the_rig(name: str, tmp_path: Path) -> None:
+    found: Any = tune_study(SHIPPED / f"{name}.yaml", tmp_path / "out", silent)
+    assert found["feasible"] and found["verdict"]["held"]
+    assert found["rigs"][0]["cases"] and found["rigs"][0]["held"]
     design = found["design"]
     assert design["kp measured in a run"] == pytest.approx(design["kp in closed form"], rel=1e-8)
     assert design["rate of the observer over that of the feedback"] >= 2
