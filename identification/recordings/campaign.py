@@ -5,7 +5,7 @@ from __future__ import annotations
 import decimal
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -16,6 +16,7 @@ from fmus.files import sha256
 from fmus.units import ONE
 from identification.recordings.bridged import safe_stretches
 from identification.recordings.marks import MUCH, Exclusion, covered, excluded, of_stamps
+from identification.recordings.parts import Part, parted
 from orchestrator import formats
 from orchestrator.can.log_suffixes import is_log
 from orchestrator.crossing import Crossing, noted
@@ -85,7 +86,8 @@ class TraceSource:
         files: pattern of their names; without one the cases of `scenario` are run.
         layout: which column of a recording is which signal.
         values: component.variable -> field of the file's name (or of the case), known of every trace.
-        hold_out: names of traces that are kept out of the fit and judged afterwards.
+        hold_out: names of traces, and of parts, that are kept out of the fit and judged afterwards.
+        parts: those of traces whose rest is fitted.
         exclude: stretches that are left out.
         keep: kinds of marks whose stretches are not left out.
         used: signals that the study uses; marks of others do not matter.
@@ -98,6 +100,7 @@ class TraceSource:
     file_name: FileName | None = None
     values: Mapping[str, str] = field(default_factory=dict)
     hold_out: tuple[str, ...] = ()
+    parts: tuple[Part, ...] = ()
     exclude: tuple[Exclusion, ...] = ()
     keep: frozenset[Kind] = frozenset()
     used: frozenset[str] = frozenset()
@@ -186,7 +189,19 @@ def load_campaign(
         )
         for trace, marks in zip(traces, left_out, strict=True)
     ]
-    return sorted(known, key=lambda trace: trace.trace.name)
+    return sorted(_with_parts(known, source.parts, foreign), key=lambda trace: trace.trace.name)
+
+
+def _with_parts(known: list[StudyTrace], parts: Sequence[Part], foreign: bool) -> Iterator[StudyTrace]:
+    """The traces, those that have parts to be held out followed by these."""
+    names = {trace.trace.name for trace in known}
+    missing = [part.trace for part in parts if part.trace not in names]
+    if missing and not foreign:
+        raise ScenarioError("traces.hold_out", f"there is no trace '{missing[0]}'", f"there are {_some(sorted(names))}")
+    for whole in known:
+        own = [part for part in parts if part.trace == whole.trace.name]
+        for trace, marks in parted(whole.trace, own):
+            yield replace(whole, trace=trace, marks=(*whole.marks, *marks))
 
 
 def split(traces: list[StudyTrace], hold_out: Sequence[str]) -> tuple[list[StudyTrace], list[StudyTrace]]:

@@ -12,6 +12,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from fmus import units
 from identification.recordings.campaign import DecimalPoint, FileField, FileName, TraceSource
 from identification.recordings.marks import Exclusion
+from identification.recordings.parts import Part
 from orchestrator.can.database.sources import paths
 from orchestrator.formats import Layout
 from orchestrator.formats.schema import LayoutBlock
@@ -109,12 +110,33 @@ def _stretch(value: Any) -> Any:
     return {"from": value[0], "to": value[1]}
 
 
+class PartBlock(Block):
+    """A part of a trace that is kept out of the fit, from one time to another of the recording [s]; one may be open."""
+
+    trace: str
+    from_: float | None = Field(None, alias="from")
+    to: float | None = None
+
+    @model_validator(mode="after")
+    def _some(self) -> PartBlock:
+        part = self.part()
+        if {self.from_, self.to} == {None} or part.start >= part.stop:
+            raise ValueError("give `from`, `to` or both, `from` before `to`")
+        return self
+
+    def part(self) -> Part:
+        """As a plain value."""
+        given = {"start": self.from_, "stop": self.to}
+        return Part(self.trace, **{key: end for key, end in given.items() if end is not None})
+
+
 class TracesBlock(Block):
     """Where traces come from: files (a pattern under the data folder), or the cases of a scenario that is run.
 
     Attributes:
         values: component.variable -> field of the file's name, given to every window of that trace.
-        hold_out: names of traces that are kept out of the fit and judged afterwards.
+        hold_out: names of traces that are kept out of the fit and judged afterwards, or parts of traces whose rest is
+            fitted: `{trace: rig, from: 10, to: 20}` [s].
         exclude: stretches that are left out: [from, to] of every trace [s], or by keys.
         keep: kinds of marks (gap, late, checksum, counter, range, nan, safe) whose stretches are not left out.
     """
@@ -124,9 +146,14 @@ class TracesBlock(Block):
     layout: LayoutBlock = LayoutBlock()
     file_name: FileNameBlock | None = None
     values: dict[str, str] = {}
-    hold_out: list[str] = []
+    hold_out: list[str | PartBlock] = []
     exclude: list[Annotated[StretchBlock, BeforeValidator(_stretch, json_schema_input_type=Stretch)]] = []
     keep: list[Seen] = []
+
+    @property
+    def held_out(self) -> list[str]:
+        """Names of the traces, and of the parts, that are kept out of the fit."""
+        return [known if isinstance(known, str) else known.part().name for known in self.hold_out]
 
     def source(self, base: Path, signals: UsedSignals) -> TraceSource:
         """Where the traces come from; `base` is the folder of the study file, and `signals` is what it uses of them."""
@@ -141,7 +168,8 @@ class TracesBlock(Block):
             if name
             else None,
             self.values,
-            tuple(self.hold_out),
+            tuple(self.held_out),
+            tuple(block.part() for block in self.hold_out if isinstance(block, PartBlock)),
             exclude,
             frozenset(self.keep),
             signals.commands | signals.measured,

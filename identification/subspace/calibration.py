@@ -134,7 +134,7 @@ class _Cut:
 
 
 def _cut(study: SubspaceBlock, recorded: list[StudyTrace]) -> _Cut:
-    fitted, aside = split(recorded, study.traces.hold_out)
+    fitted, aside = split(recorded, study.traces.held_out)
     given = records(study, recorded)
     if any(np.isnan(record.u).any() for record in given.values()):
         study = study.model_copy(update={"initial_states": True})  # nothing rests where a piece begins

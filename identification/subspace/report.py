@@ -42,7 +42,7 @@ def report(result: SubspaceCalibration) -> Report:
     _free_runs(page.section("Free runs"), result)
     _modes(page.section("Modes"), result)
     _extraction(page.section("Singular values"), result)
-    data = data_summary(result.recorded, result.study.traces.hold_out)
+    data = data_summary(result.recorded, result.study.traces.held_out)
     provenance(page.section("Provenance"), data, unit_documents(result.recorded))
     return page
 
@@ -76,7 +76,7 @@ def _worst(result: SubspaceCalibration, model: Candidate) -> str:
 
 
 def _free_runs(section: Section, result: SubspaceCalibration) -> None:
-    kept = [name for name, trace in result.pieces.items() if trace in result.study.traces.hold_out]
+    kept = [name for name, trace in result.pieces.items() if trace in result.study.traces.held_out]
     shown = (kept or list(result.records))[:SHOWN]
     section.paragraph("Traces kept out of the fit." if kept else "Traces of the fit; none was kept out of it.")
     for name in shown:

@@ -96,7 +96,7 @@ def summary(result: SubspaceCalibration) -> SubspaceSummary:
         "offsets": _offsets(result),
         "reduction": _reduction(result),
         "fit": fits_of(result, taken),
-        "data": data_summary(result.recorded, study.traces.hold_out),
+        "data": data_summary(result.recorded, study.traces.held_out),
         "units": unit_documents(result.recorded),
         "versions": versions(),
         "warnings": warnings_of(result),
@@ -180,7 +180,7 @@ def fits_of(result: SubspaceCalibration, candidate: Candidate) -> FitsSummary:
 
 
 def _fit(result: SubspaceCalibration, fit: FloatArray, *, aside: bool) -> FitSummary:
-    held_out = result.study.traces.hold_out
+    held_out = result.study.traces.held_out
     pieces = {name: trace for name, trace in result.pieces.items() if (trace in held_out) == aside}
     return fit_summary(fit, list(pieces), list(pieces.values()), result.study.outputs)
 

@@ -204,7 +204,7 @@ def refused(folder: Path, data: Path, **changes: Any) -> str:
     """The one line with which a calibration ends with exit code 2, nothing written."""
     result = calibrate(folder, data, "--json", **changes)
     assert result.exit_code == 2, result.output
-    assert result.stdout == "" and "Traceback" not in result.stderr
+    assert json.loads(result.stdout)["error"]["exit_code"] == 2 and "Traceback" not in result.stderr
     (line,) = result.stderr.splitlines()
     assert line.startswith("servotwin: ")
     assert not (folder / "out").exists()
