@@ -249,10 +249,23 @@ def about_result(folder: Path) -> InfoDocument:
         raise InputError(mark, "its `parameters` are no parameters", "run the command again")
     if parameters:
         facts["parameters"] = [{"name": name, **entry} for name, entry in parameters.items()]
+    facts |= _about_models(document)
     facts["files"] = sorted(
         str(file.relative_to(folder)) for file in folder.rglob("*") if file.is_file() and file.name != RECORD
     )
     return facts
+
+
+def _about_models(document: Mapping[str, object]) -> InfoDocument:
+    """The linear models of a result, and which of them was written."""
+    models = document.get("models")
+    if not isinstance(models, dict):
+        return {}
+    known = [(name, one) for name, one in models.items() if isinstance(one, dict)]
+    keys = ("order", "step", "stable", "why")
+    listed = [{"name": name, **{key: one[key] for key in keys if key in one}} for name, one in known]
+    written = document.get("written")
+    return {"models": listed, **({"written": written} if isinstance(written, str) else {})}
 
 
 def _document(place: Path, text: bytes) -> dict[str, object]:

@@ -17,6 +17,7 @@ from identification.linear.modes import modes
 from identification.study import load_study
 from identification.tuning.sources.calibrated_model import CalibratedPlant
 from orchestrator import formats
+from orchestrator.info import about
 from orchestrator.progress import silent
 from orchestrator.trace import Trace
 from tests.support.linear_fits import STEP, eigenvalue, model_of, white
@@ -148,6 +149,16 @@ def test_a_result_is_judged_on_recordings_that_it_has_not_seen(study: Path) -> N
     assert found["unseen"]["median"] == pytest.approx(told["validation"]["median"], abs=1e-6)  # type: ignore[index]
     assert found["fitted"]["median"] == pytest.approx(told["train"]["median"], abs=1e-6)  # type: ignore[index]
     assert judged["held"] and (study.parent / "judged" / "report.html").is_file()
+
+
+def test_a_result_tells_its_models_and_which_was_written(study: Path) -> None:
+    document = calibrated(study)
+    told = about(study.parent / "out")
+    assert {one["name"]: one["order"] for one in told["models"]} == {  # type: ignore[attr-defined]
+        name: model["order"]
+        for name, model in document["models"].items()  # type: ignore[attr-defined]
+    }
+    assert told["written"] == document["written"]
 
 
 def test_what_is_excluded_is_a_gap_whose_sides_still_give_the_plant(study: Path) -> None:
