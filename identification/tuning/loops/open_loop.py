@@ -51,7 +51,7 @@ class OpenLoop:
             driven = plant[..., where.target]  # (..., p)
             around = _closed(plant, rest, driven[..., None])
             return -(np.broadcast_to(row, around.shape[:-1])[..., None, :] @ around)[..., 0, 0]
-        column = w.acting @ controller[..., where.target]  # (..., m)
+        column = (w.acting @ controller[..., where.target, None])[..., 0]  # (..., m)
         rest = whole + np.zeros((*plant.shape[:-2], 1, 1))
         rest[..., where.source] -= where.factor * column
         around = _closed(plant, rest, plant @ column[..., None])

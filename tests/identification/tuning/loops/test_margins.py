@@ -13,6 +13,7 @@ from identification.linear.model import LinearModel
 from identification.tuning.loops import margins
 from identification.tuning.loops.loops import Loops
 from identification.tuning.loops.plants import PlantSet, delayed
+from identification.tuning.loops.wiring import Wiring
 from tests.support.tuned_loops import COMMANDED, WIRING, known, loops, plant, proportional, touches
 
 SEEDS = st.integers(0, 10_000)
@@ -75,6 +76,21 @@ def test_a_disk_margin_is_within_the_other_margins(seed: int, gain: float) -> No
 
 def test_a_loop_of_one_sensor_and_one_command_has_one_margin_wherever_it_is_opened() -> None:
     found = loops(plant(3), 0.8)
+    assert found.opened().values == pytest.approx(found.opened(COMMANDED).values)
+
+
+def test_so_has_one_with_states_in_the_controller_and_outputs_that_go_nowhere() -> None:
+    model = plant(3)
+    lag = LinearModel(
+        np.array([[0.5]]),
+        np.array([[0.4, -0.4]]),
+        np.ones((2, 1)),
+        np.zeros((2, 2)),
+        model.step,
+        ("r", "y"),
+        ("u", "v"),
+    )
+    found = Loops(PlantSet.of({"plant": model}), lag, Wiring((MEASURED,), (COMMANDED,), 0, 0, (2, 2, 1, 1)))
     assert found.opened().values == pytest.approx(found.opened(COMMANDED).values)
 
 
