@@ -14,7 +14,7 @@ from identification.tuning.loops import margins
 from identification.tuning.loops.loops import Loops
 from identification.tuning.loops.plants import PlantSet, delayed
 from identification.tuning.loops.wiring import Wiring
-from tests.support.tuned_loops import COMMANDED, WIRING, known, loops, plant, proportional, touches
+from tests.support.tuned_loops import COMMANDED, MEASURED, WIRING, known, loops, plant, proportional, touches
 
 SEEDS = st.integers(0, 10_000)
 GAINS = st.floats(0.1, 3.0)
@@ -90,7 +90,7 @@ def test_so_has_one_with_states_in_the_controller_and_outputs_that_go_nowhere() 
         ("r", "y"),
         ("u", "v"),
     )
-    found = Loops(PlantSet.of({"plant": model}), lag, Wiring((MEASURED,), (COMMANDED,), 0, 0, (2, 2, 1, 1)))
+    found = Loops(PlantSet.of({"plant": model}), controller, Wiring((MEASURED,), (COMMANDED,), 0, 0, (2, 2, 1, 1)))
     assert found.opened().values == pytest.approx(found.opened(COMMANDED).values)
 
 
