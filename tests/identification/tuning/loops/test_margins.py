@@ -81,15 +81,8 @@ def test_a_loop_of_one_sensor_and_one_command_has_one_margin_wherever_it_is_open
 
 def test_so_has_one_with_states_in_the_controller_and_outputs_that_go_nowhere() -> None:
     model = plant(3)
-    lag = LinearModel(
-        np.array([[0.5]]),
-        np.array([[0.4, -0.4]]),
-        np.ones((2, 1)),
-        np.zeros((2, 2)),
-        model.step,
-        ("r", "y"),
-        ("u", "v"),
-    )
+    lag = np.array([[0.5]]), np.array([[0.4, -0.4]]), np.ones((2, 1)), np.zeros((2, 2))
+    controller = LinearModel(*lag, model.step, ("r", "y"), ("u", "v"))
     found = Loops(PlantSet.of({"plant": model}), controller, Wiring((MEASURED,), (COMMANDED,), 0, 0, (2, 2, 1, 1)))
     assert found.opened().values == pytest.approx(found.opened(COMMANDED).values)
 
