@@ -15,7 +15,7 @@ from identification.tuning.procedures.unknowns import Span, parts
 from orchestrator.progress import Progress
 from orchestrator.trace import FloatArray
 
-SHIFTS = (0.1, 0.2, 0.3)  # by which a bound is moved either way, of its size
+SHIFTS = (0.15, 0.3)  # by which a bound is moved either way, of its size
 MOST = 3  # goals of which the trade-off is told
 
 
