@@ -42,6 +42,8 @@ def offset_of(model: LinearModel, records: Sequence[InputOutputData]) -> FloatAr
     A mean over a finite record is not quite where the outputs rest.
     """
     outputs, left = len(model.outputs), list[FloatArray]()
+    if np.abs(model.eigenvalues).max(initial=0.0) >= 1:  # a drift of the model stands for a constant as well
+        return np.zeros(outputs)
     for record in records:
         runs = [model.simulate(np.zeros_like(record.u), start).ravel() for start in np.eye(model.order)]
         constant = np.tile(np.eye(outputs), (len(record), 1))
