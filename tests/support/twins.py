@@ -66,7 +66,7 @@ class Twin:
 
 def width(value: float) -> float:
     """Of a difference by a value [its unit]."""
-    return 1e-4 * max(abs(value), 1e-2)
+    return 1e-4 * (abs(value) or 1e-2)
 
 
 def slopes(simulation: Simulation, run: Run, by: Sequence[str]) -> tuple[FloatArray, bool]:
