@@ -125,7 +125,15 @@ def test_the_corrected_resonances_are_those_of_the_closed_form(result: Path) -> 
 
 def test_the_result_folder_has_the_same_shape_as_any_calibration(result: Path, data: Path) -> None:
     files = {str(path.relative_to(result)) for path in result.rglob("*") if path.is_file()} - {RECORD}
-    assert files == {"fmus/motor.fmu", "fmus/hand.fmu", "parameters.ssv", "summary.json", "report.html", "study.yaml"}
+    assert files == {
+        "fmus/motor.fmu",
+        "fmus/hand.fmu",
+        "parameters.ssv",
+        "parameters.srmd",
+        "summary.json",
+        "report.html",
+        "study.yaml",
+    }
     document = json.loads((result / "summary.json").read_text(), parse_constant=pytest.fail)
     assert {"parameters", "fit", "method", "data", "versions", "warnings"} <= set(document)
     assert document["method"] == "resonance (corrected)"
@@ -166,7 +174,7 @@ def test_a_study_that_does_not_fit_is_refused_and_nothing_is_written(
 
 def test_a_result_of_sines_cannot_be_validated_by_free_runs(result: Path, data: Path) -> None:
     answer = CliRunner().invoke(app, ["validate", str(result), "--data", str(data)])
-    assert answer.exit_code == 2 and "is no output-error study of recordings" in answer.stderr
+    assert answer.exit_code == 2 and "is no study of FMUs or of a linear model on recordings" in answer.stderr
 
 
 def test_a_campaign_that_fails_names_the_case(tmp_path: Path) -> None:
