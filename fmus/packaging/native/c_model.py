@@ -35,7 +35,8 @@ def generate(interface: ModelInterface, token: str) -> dict[str, str]:
         ModelError: a name that is no C identifier, an operation without a counterpart in C, a missing derivative.
     """
     check_names(interface.model)
-    return {"layout.h": layout(interface, token), "model.c": _Source(interface).text()}
+    source = _Source(interface)
+    return {"layout.h": layout(interface, token), "model.c": source.text()}
 
 
 def check_names(model: Model) -> None:
@@ -126,7 +127,16 @@ class _Source:
         references = {symbol: self.places[name] for symbol, name in elements.items()}
         self.dialect = c_code.Dialect(names | {self.written.time: "t"}, self.model.tables, references)
         self.constants = _constants(self.written)
-        self.linearised = linearised(self.model)
+        try:
+            self.linearised = linearised(self.model)
+        except ModelError:
+            self._functions_in_c()
+            raise
+
+    def _functions_in_c(self) -> None:
+        """See that the model's functions can be C: what cannot is told with the function that has it."""
+        for label in ("derivatives", "update", "outputs"):
+            self._statements(label, list(getattr(self.written, label).values()))
 
     def text(self) -> str:
         head = _HEAD.format(name=self.model.name) + '#include "model.h"\n'
