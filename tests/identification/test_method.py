@@ -70,7 +70,7 @@ def test_a_method_of_another_package_calibrates_like_ours(weighing: None, tmp_pa
     found = calibrate_study(file, None, tmp_path / "out", silent)
     assert found["parameters"]["hand.added_mass"]["value"] == 0.154
     left = {path.name for path in (tmp_path / "out").rglob("*") if path.is_file()} - {RECORD}
-    assert left == {"hand.fmu", "parameters.ssv", "summary.json", "report.html", "study.yaml"}
+    assert left == {"hand.fmu", "parameters.ssv", "parameters.srmd", "summary.json", "report.html", "study.yaml"}
     (mass,) = (
         port for port in about(tmp_path / "out" / "fmus" / "hand.fmu")["parameters"] if port["name"] == "added_mass"
     )

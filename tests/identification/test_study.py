@@ -129,7 +129,7 @@ def test_times_are_exact(tmp_path: Path) -> None:
 
 def test_the_real_study_is_read_as_it_is_written() -> None:
     block = loaded(STUDIES / "calibration.yaml")
-    assert block.windows.length == 4 and block.step == Fraction(1, 200)
+    assert block.windows.length == 4 and block.step == Fraction(1, 500)
     assert set(block.parameters) >= {"motor.torque_gain", "hand.inertia", "hand.gravity_torque"}
     assert len(block.traces.hold_out) == 9
     assert block.traces.layout.layout(Path()).columns == {"voltage": 1, "angle": 2}

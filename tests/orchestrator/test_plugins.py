@@ -89,7 +89,7 @@ def test_a_command_of_another_package_is_one_of_ours(tmp_path: Path) -> None:
 
 def test_our_commands_are_not_replaced(tmp_path: Path) -> None:
     rigs = install(tmp_path / "site", "[servotwin.commands]\ninfo = rig_commands:app\n", rig_commands=HELLO)
-    assert "What an FMU, a trace or a result holds." in servotwin(rigs, "info", "--help").stdout
+    assert "What an FMU, an SSP, a trace or a result holds." in servotwin(rigs, "info", "--help").stdout
 
 
 def test_a_format_of_another_package_is_read_and_written(tmp_path: Path) -> None:

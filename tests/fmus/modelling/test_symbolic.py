@@ -48,13 +48,17 @@ def parameter_values(variable: Variable, near: bool) -> st.SearchStrategy[Any]:
     span = 0.15 * abs(start) if near else 5
     low = max(start - span, -math.inf if variable.minimum is None or near else max(variable.minimum, 1e-3))
     high = min(start + span, math.inf if variable.maximum is None else variable.maximum)
-    return st.integers(math.ceil(low), math.floor(high)) if variable.type == "Integer" else st.floats(low, high)
+    return (
+        st.integers(math.ceil(low), math.floor(high))
+        if variable.type == "Integer"
+        else st.floats(low, high, allow_subnormal=False)
+    )
 
 
 def points(model: Model) -> st.SearchStrategy[tuple[float, dict[str, float], dict[str, float], dict[str, Any]]]:
     """(t, x, u, p) at random; of an arm near its defaults: elsewhere rounding of its stiffness swamps the rest."""
     near = model.name.startswith("flexible")
-    numbers = st.floats(-5, 5)
+    numbers = st.floats(-5, 5, allow_subnormal=False)  # those have no reciprocal
     states = {s.name: st.integers(0, 1000).map(float) if s.name == "count" else numbers for s in model.states}
     inputs = {variable.name: numbers for variable in model.of("input")}
     parameters = {variable.name: parameter_values(variable, near) for variable in model.of("parameter")}

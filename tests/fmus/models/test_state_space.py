@@ -223,7 +223,7 @@ def test_generated_code_multiplies_row_by_row(tmp_path: Path) -> None:
         pytest.skip("no C compiler here")
     with zipfile.ZipFile(linear.build(random_linear(12, 1), tmp_path / "m.fmu", target="native")) as zipped:
         code = zipped.read("sources/model.c").decode()
-    update = code[code.index("void model_update") : code.index("void model_outputs")]
+    update = code[code.index("void model_update(") : code.index("void model_update_partials(")]
     assert "v[vr_x_3] = dot(12, &v[vr_A + 24], w0) + dot(2, &v[vr_B + 4], w1);" in update
     assert len(update.splitlines()) < 60
 

@@ -217,7 +217,7 @@ def test_the_result_folder_holds_models_in_the_signals_own_units(result: Path) -
 
 
 def test_a_result_cannot_be_validated_on_other_traces(linear: Path, result: Path, tmp_path: Path) -> None:
-    with pytest.raises(IdentificationError, match="is no output-error"):
+    with pytest.raises(IdentificationError, match="is no study of FMUs or of a linear model on recordings"):
         validate_result(result, linear / "data", tmp_path / "validation", silent)
 
 

@@ -335,7 +335,7 @@ FMI3_Export fmi3Status servotwin3GetTangents(fmi3Instance instance, const fmi3Va
 
 fmi3Status servotwin3CarryTangents(fmi3Instance instance, size_t directions)
 {
-    REQUIRE(instance, CAN_Tangents);
+    REQUIRE(instance, directions ? (int)CAN_Tangents : (int)ANY); /* to give them up is always possible */
     return (fmi3Status)instance_carry(of(instance), directions);
 }
 
