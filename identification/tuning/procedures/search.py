@@ -5,7 +5,7 @@ Where no point holds all hard goals the one that misses least is taken, and the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -58,21 +58,19 @@ class Search:
 
     def run(self, problem: Problem, interface: Interface, progress: Progress) -> Found:
         """The best of where all starts lead."""
-        spans, points = self.points(interface)
-        rng = np.random.default_rng(self.seed)
-        points += [rng.uniform(0, 1, len(spans)) for _ in range(self.more)]
-        descents = []
-        for number, point in enumerate(points):
-            progress(number / len(points), f"start {number + 1} of {len(points)}")
-            descents.append(descent(problem, spans, point, self.evaluations))
-        best = min((descent.found for descent in descents), key=rank)
-        alike = agreeing(spans, descents, best)
-        starts = {span.name: descents[0].start[span.name] for span in spans}
-        drawn, searched = None, problem
+        spans, points = self.begun(interface)
+        found = led(spans, points, lambda point: descent(problem, spans, point, self.evaluations), progress)
+        best, drawn, searched = found.best, None, problem
         if problem.draws is not None:
             best, drawn, searched = _with_draws(problem, spans, best, points, self.evaluations, progress)
         cost = trades(searched, spans, searched.judged(best.values), progress)
-        return Found(best, starts, tuple(descents), alike, (), drawn, problem.share, trades=cost)
+        return replace(found, best=best, drawn=drawn, share=problem.share, trades=cost)
+
+    def begun(self, interface: Interface) -> tuple[list[Span], list[FloatArray]]:
+        """The spans of the unknowns and all starts, those that are drawn, too."""
+        spans, points = self.points(interface)
+        rng = np.random.default_rng(self.seed)
+        return spans, points + [rng.uniform(0, 1, len(spans)) for _ in range(self.more)]
 
     def points(self, interface: Interface) -> tuple[list[Span], list[FloatArray]]:
         """The unknowns in numbers, and the given starts between their bounds."""
@@ -137,6 +135,19 @@ def _with_draws(
         best = problem.judged(min(found, key=rank).values)
         drawn = every.judged(best.values)
     return best, drawn, some
+
+
+def led(
+    spans: Sequence[Span], points: Sequence[FloatArray], descend: Callable[[FloatArray], Descent], progress: Progress
+) -> Found:
+    """The best of where all starts lead."""
+    descents = []
+    for number, point in enumerate(points):
+        progress(number / len(points), f"start {number + 1} of {len(points)}")
+        descents.append(descend(point))
+    best = min((descent.found for descent in descents), key=rank)
+    starts = {span.name: descents[0].start[span.name] for span in spans}
+    return Found(best, starts, tuple(descents), agreeing(spans, descents, best))
 
 
 def agreeing(unknowns: Sequence[Span], descents: Sequence[Descent], best: Judgement) -> int:

@@ -3,11 +3,9 @@ rounding have no slopes that a quadratic program could follow."""
 
 from __future__ import annotations
 
-import numpy as np
-
 from identification.tuning.procedures.descent import Seen, rank, simplex
 from identification.tuning.procedures.procedure import HELD, Descent, Found
-from identification.tuning.procedures.search import Search, agreeing
+from identification.tuning.procedures.search import Search, led
 from identification.tuning.procedures.unknowns import Span
 from identification.tuning.simulated.problem import SimulatedProblem
 from orchestrator.fmi.interface import Interface
@@ -19,16 +17,8 @@ SIZES = (0.15, 0.03)  # of the simplex, of the span between the bounds: first, a
 
 def searched(search: Search, problem: SimulatedProblem, interface: Interface, progress: Progress) -> Found:
     """The best of where all starts lead."""
-    spans, points = search.points(interface)
-    rng = np.random.default_rng(search.seed)
-    points += [rng.uniform(0, 1, len(spans)) for _ in range(search.more)]
-    descents = []
-    for number, point in enumerate(points):
-        progress(number / len(points), f"start {number + 1} of {len(points)}")
-        descents.append(_descent(problem, spans, point, search.evaluations))
-    best = min((descent.found for descent in descents), key=rank)
-    starts = {span.name: descents[0].start[span.name] for span in spans}
-    return Found(best, starts, tuple(descents), agreeing(spans, descents, best))
+    spans, points = search.begun(interface)
+    return led(spans, points, lambda point: _descent(problem, spans, point, search.evaluations), progress)
 
 
 def _descent(problem: SimulatedProblem, spans: list[Span], point: FloatArray, evaluations: int) -> Descent:
