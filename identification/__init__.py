@@ -2,11 +2,12 @@
 
     from identification import calibrate, load_study, tune, validate            # studies, as the commands do them
     from identification import estimate, predict, subspace, frequency_response  # the methods on their own
+    from identification import linearise                                        # a wired system as a linear model
 
 `calibrate` fits what a study leaves free and writes the result back into FMUs; `validate` judges a result on other
 recordings; `tune` finds the values of a controller. `estimate` fits windows by free runs and `predict` runs them;
-`subspace` finds a linear model in records; `frequency_response` compares sines. What is named here is loaded when it is
-used.
+`subspace` finds a linear model in records; `frequency_response` compares sines; `linearise` makes a linear model of a
+scenario's system about a point of its run. What is named here is loaded when it is used.
 """
 
 from __future__ import annotations
@@ -18,17 +19,29 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from identification.calibrate import calibrate, tune, validate
+    from identification.linearisation.linearise import linearise
     from identification.output_error.search.estimator import estimate, predict
     from identification.signals.frequency_response import frequency_response
     from identification.study import load_study
     from identification.subspace.subspace import subspace
 
-__all__ = ["calibrate", "estimate", "frequency_response", "load_study", "predict", "subspace", "tune", "validate"]
+__all__ = [
+    "calibrate",
+    "estimate",
+    "frequency_response",
+    "linearise",
+    "load_study",
+    "predict",
+    "subspace",
+    "tune",
+    "validate",
+]
 
 _PLACES = {
     "calibrate": "calibrate",
     "estimate": "output_error.search.estimator",
     "frequency_response": "signals.frequency_response",
+    "linearise": "linearisation.linearise",
     "load_study": "study",
     "predict": "output_error.search.estimator",
     "subspace": "subspace.subspace",

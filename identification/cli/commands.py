@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Union
 
 import typer
 
-from identification.cli import studies
+from identification.cli import linearising, studies
 from orchestrator.cli import (
     bridge,
     cache,
@@ -44,6 +44,7 @@ app.add_typer(scenarios.app)
 app.add_typer(references.app)
 app.add_typer(suite.app)
 app.add_typer(studies.app)
+app.add_typer(linearising.app)
 app.add_typer(schemas.app)
 app.add_typer(starting.app)
 app.add_typer(traces.app, name="trace")

@@ -108,6 +108,20 @@ def modes(model: LinearModel) -> tuple[Mode, ...]:
         for i, value in enumerate(values)
         if value.imag >= 0
     ]
+    return _in_order(found)
+
+
+def frequencies(eigenvalues: ComplexArray, step: float) -> tuple[Mode, ...]:
+    """All modes in the order of `modes`, of which nothing but the eigenvalues are known; also where they coincide.
+
+    Args:
+        step: sampling time [s].
+    """
+    nothing = np.zeros(0, dtype=complex)
+    return _in_order([Mode(complex(value), step, nothing, nothing) for value in eigenvalues if value.imag >= 0])
+
+
+def _in_order(found: Sequence[Mode]) -> tuple[Mode, ...]:
     pairs = sorted((mode for mode in found if mode.paired), key=lambda mode: -mode.frequency)
     return (*pairs, *sorted((mode for mode in found if not mode.paired), key=lambda mode: -mode.eigenvalue.real))
 

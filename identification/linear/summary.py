@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from typing_extensions import TypedDict
 
 from identification.linear.model import LinearModel
-from identification.linear.modes import labels, modes
+from identification.linear.modes import Mode, labels, modes
 from identification.results import finite
 
 
@@ -27,7 +29,11 @@ class ModelSummary(TypedDict):
 
 def mode_summaries(model: LinearModel) -> list[ModeSummary]:
     """All modes, in the order of `modes`."""
-    found = modes(model)
+    return summaries(modes(model))
+
+
+def summaries(found: Sequence[Mode]) -> list[ModeSummary]:
+    """These modes."""
     return [
         {"mode": label, "frequency": finite(mode.frequency), "damping": finite(mode.damping)}
         for label, mode in zip(labels(found), found, strict=True)

@@ -76,6 +76,11 @@ class FmuDescription:
         return str(self.offer.modelIdentifier)
 
     @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of its continuous states, in the order of their derivatives."""
+        return tuple(unknown.variable.derivative.name for unknown in self.description.derivatives)
+
+    @property
     def is_ours(self) -> bool:
         """Whether it says that this project has built it."""
         return bool(self.description.generationTool == "servotwin")

@@ -12,9 +12,10 @@ from fmus.errors import IdentificationError, WiringError
 from fmus.modelling.model import Model
 from identification.built_system import BuiltSystem
 from identification.linear.model import LinearModel
-from identification.tuning.sources.equations import Slopes, slopes
-from identification.tuning.sources.fmu_slopes import fmu_slopes
-from identification.tuning.sources.interconnection import Shown, joined
+from identification.linearisation.equations import slopes
+from identification.linearisation.fmu_slopes import fmu_slopes
+from identification.linearisation.interconnection import Shown, joined
+from identification.linearisation.slopes import Slopes
 from identification.tuning.sources.plants import LinearPlant
 from orchestrator.assembly.assembly import ComponentSpec, OpenSystem, SystemSpec
 from orchestrator.fmi.interface import Value

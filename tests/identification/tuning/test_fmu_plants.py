@@ -13,8 +13,9 @@ from fmus.errors import IdentificationError, InputError
 from fmus.packaging.native.build import build
 from fmus.parameters import ssv
 from identification import tune
-from identification.tuning.sources.equations import Slopes, slopes
-from identification.tuning.sources.fmu_slopes import fmu_slopes
+from identification.linearisation.equations import slopes
+from identification.linearisation.fmu_slopes import fmu_slopes
+from identification.linearisation.slopes import Slopes
 from tests.support.tuning_study import driven, write
 
 pytestmark = pytest.mark.slow

@@ -13,10 +13,10 @@ from fmus import library
 from fmus.errors import IdentificationError, InputError
 from identification import tune
 from identification.experiments.physical_modes import physical_modes
+from identification.linearisation.equations import slopes
 from identification.tuning.assembled import assembled
 from identification.tuning.schema import TuneBlock
 from identification.tuning.sources.calibrated import calibrated_system
-from identification.tuning.sources.equations import slopes
 from identification.tuning.sources.system_plant import PlantOutput, SystemPlant, independent
 from orchestrator.assembly.assembly import ComponentSpec, SystemSpec, open_system
 from orchestrator.trace import Trace

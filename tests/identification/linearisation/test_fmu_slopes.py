@@ -11,8 +11,9 @@ import pytest
 from fmus import library
 from fmus.errors import IdentificationError
 from fmus.packaging import targets
-from identification.tuning.sources.equations import slopes
-from identification.tuning.sources.fmu_slopes import DIFFERENCES, DIRECTIONAL, fmu_slopes
+from identification.linearisation.equations import slopes
+from identification.linearisation.fmu_slopes import fmu_slopes
+from identification.linearisation.slopes import DIFFERENCES, DIRECTIONAL
 from identification.tuning.sources.system_plant import PlantOutput, SystemPlant, independent
 from orchestrator.assembly.assembly import ComponentSpec, SystemSpec
 from orchestrator.fmi.exchange_slave import ExchangeSlave

@@ -10,7 +10,7 @@ from scipy.linalg import expm
 
 from fmus.errors import IdentificationError
 from identification.linear.model import LinearModel
-from identification.tuning.sources.equations import Slopes
+from identification.linearisation.slopes import Slopes
 from orchestrator.system import Connection, Endpoint
 from orchestrator.trace import FloatArray
 
@@ -46,7 +46,6 @@ def joined(
     Raises:
         IdentificationError: circles of direct feed-through that have no solution.
     """
-    a, b, c, d = (_blocks([getattr(part, name) for part in parts.values()]) for name in "abcd")
     ins = [Endpoint(name, each) for name, part in parts.items() for each in part.inputs]
     outs = [Endpoint(name, each) for name, part in parts.items() for each in part.outputs]
     inner, outer = np.zeros((len(ins), len(outs))), np.zeros((len(ins), len(inputs)))
@@ -57,21 +56,37 @@ def joined(
     shown = np.zeros((len(outputs), len(outs)))
     for row, each in enumerate(outputs.values()):
         shown[row, outs.index(each.end)] = each.factor
-    around = np.eye(len(outs)) - d @ inner
+    a, b, c, d = connected(parts, inner, outer, place)
+    names = tuple(inputs), tuple(outputs)
+    a, b, c = reached_and_seen(a, b, shown @ c)
+    moved, driven = held(a, b, step)
+    return [LinearModel(*matrices, step, *names) for matrices in zip(moved, driven, c, shown @ d, strict=True)]
+
+
+def connected(
+    parts: Mapping[str, Slopes], inner: FloatArray, outer: FloatArray, place: str
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """N systems in continuous time, from outer inputs to all outputs of their components.
+
+    Args:
+        inner: (inputs, outputs) of all components, what outputs give to inputs.
+        outer: (inputs, outer inputs).
+
+    Raises:
+        IdentificationError: circles of direct feed-through that have no solution.
+    """
+    a, b, c, d = (blocks([getattr(part, name) for part in parts.values()]) for name in "abcd")
+    around = np.eye(d.shape[1]) - d @ inner
     if np.any(np.abs(np.linalg.det(around)) < 1e-12):
         raise IdentificationError(place, "has a circle of direct feed-through without a solution", "break it up")
     y = np.linalg.solve(around, np.concatenate([c, d @ outer], axis=2))  # of states and outer inputs
     n = a.shape[1]
-    whole_a, whole_b = a + b @ inner @ y[:, :, :n], b @ (inner @ y[:, :, n:] + outer)
-    whole_c, whole_d = shown @ y[:, :, :n], shown @ y[:, :, n:]
-    names = tuple(inputs), tuple(outputs)
-    sampled = _sampled(*_reached_and_seen(whole_a, whole_b, whole_c), step)
-    return [LinearModel(*matrices, step, *names) for matrices in zip(*sampled, whole_d, strict=True)]
+    return a + b @ inner @ y[:, :, :n], b @ (inner @ y[:, :, n:] + outer), y[:, :, :n], y[:, :, n:]
 
 
-def _blocks(matrices: Sequence[FloatArray]) -> FloatArray:
+def blocks(matrices: Sequence[FloatArray]) -> FloatArray:
     """(N, rows, columns) block diagonal."""
-    count = max(len(matrix) for matrix in matrices)
+    count = max((len(matrix) for matrix in matrices), default=1)
     rows, columns = (sum(matrix.shape[axis] for matrix in matrices) for axis in (1, 2))
     whole, row, column = np.zeros((count, rows, columns)), 0, 0
     for matrix in matrices:
@@ -81,7 +96,7 @@ def _blocks(matrices: Sequence[FloatArray]) -> FloatArray:
     return whole
 
 
-def _reached_and_seen(a: FloatArray, b: FloatArray, c: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def reached_and_seen(a: FloatArray, b: FloatArray, c: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """What of N systems their inputs reach and their outputs show (Kalman): one subspace for all of them."""
     basis = _common(a, b)
     a, b, c = basis.T @ a @ basis, basis.T @ b, c @ basis
@@ -123,10 +138,10 @@ def _staircase(a: FloatArray, b: FloatArray) -> FloatArray:
     return basis
 
 
-def _sampled(a: FloatArray, b: FloatArray, c: FloatArray, step: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """N systems under inputs that are held between samples."""
+def held(a: FloatArray, b: FloatArray, step: float) -> tuple[FloatArray, FloatArray]:
+    """A and B of N systems over a step [s] in which their inputs are held."""
     count, n, m = b.shape
     block = np.zeros((count, n + m, n + m))
     block[:, :n, :n], block[:, :n, n:] = a, b
     whole = expm(block * step)
-    return whole[:, :n, :n], whole[:, :n, n:], c
+    return whole[:, :n, :n], whole[:, :n, n:]
