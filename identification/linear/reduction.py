@@ -20,6 +20,7 @@ from identification.linear.records import InputOutputData
 from orchestrator.trace import FloatArray
 
 UpdatedMatrix = Literal["input", "output", "none"]
+_UNMOVED = 1e-9  # of the mode that inputs move most
 
 
 def reduced(model: LinearModel, kept: Sequence[int]) -> LinearModel:
@@ -28,6 +29,20 @@ def reduced(model: LinearModel, kept: Sequence[int]) -> LinearModel:
     if not kept:
         raise IdentificationError("reduction", "no mode is kept", "keep at least one")
     return from_modes([found[i] for i in kept], model)
+
+
+def without_constants(model: LinearModel, inputs: Sequence[FloatArray]) -> LinearModel:
+    """The model without the states that only add a constant: eigenvalue 1, moved by no input, each (K, m), to rounding.
+
+    Such a state stands for an offset of the outputs. Which side of 1 its eigenvalue comes to lie on is rounding alone.
+    """
+    try:
+        found = modes(model)
+    except IdentificationError:  # two equal eigenvalues without modal coordinates are no constant
+        return model
+    moved = np.array([max(mode.response_magnitude(u) for u in inputs) for mode in found])
+    kept = [i for i, mode in enumerate(found) if not mode.integrating or moved[i] > _UNMOVED * moved.max()]
+    return reduced(model, kept) if kept and len(kept) < len(found) else model
 
 
 def updated(model: LinearModel, records: Sequence[InputOutputData], matrix: UpdatedMatrix) -> LinearModel:

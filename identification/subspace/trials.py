@@ -13,6 +13,7 @@ from identification.linear.mode_tracking import Spread
 from identification.linear.model import LinearModel
 from identification.linear.poles import Poles
 from identification.linear.records import InputOutputData
+from identification.linear.reduction import without_constants
 from identification.subspace.free_runs import free_runs, offset_of, samples_for
 from identification.subspace.orders import OrderRule
 from identification.subspace.range_space import RangeSpace, SubspaceSettings, range_space
@@ -139,7 +140,11 @@ class Trying:
             found = in_range_space(replace(space, settings=settings), self.rule)
         except IdentificationError as error:
             return Trial(settings, error=error)
-        return Trial(settings, found, self.sides.judged(settings.weighting, found.why, self.unscaled(found.model)))
+        model = without_constants(self.unscaled(found.model), [record.u for record in self.sides.fitted])
+        why = found.why
+        if model.order < found.model.order:
+            why += f", of which {found.model.order - model.order} only added a constant"
+        return Trial(settings, found, self.sides.judged(settings.weighting, why, model))
 
     def unscaled(self, model: LinearModel) -> LinearModel:
         """A model of the scaled records in the outputs' own units."""

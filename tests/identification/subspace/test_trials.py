@@ -52,16 +52,16 @@ def test_the_shortest_study_finds_the_plant_about_its_operating_point(tmp_path: 
 @pytest.mark.slow
 @pytest.mark.skipif(not compiler.available(), reason="needs a C compiler")
 def test_the_offset_travels_in_the_fmu(tmp_path: Path) -> None:
-    """It moves as the plant, to what a mean over a finite record leaves of twenty."""
+    """Once the start has died away (0.98 a sample): it rests at the mean input, where the plant does not."""
     found(recorded(tmp_path)).write(tmp_path / "out")
-    u = white(400, seed=9)[:, 0]
+    u = white(1000, seed=9)[:, 0]
     time = STEP * np.arange(len(u))
     driven = np.array(list(zip(time, u + U_ZERO, strict=True)), dtype=[("time", float), ("u", float)])
     fmu = str(tmp_path / "out" / "fmus" / "plant.fmu")
     y = fmpy.simulate_fmu(fmu, input=driven, stop_time=time[-1], output_interval=STEP, output=["y"])["y"]
     expected = PLANT.simulate(u[:, None])[:, 0] + Y_ZERO
-    errors = [np.abs(y[late : late + 390] - expected[:390]).max() for late in (0, 1)]
-    assert min(errors) < 0.05 * np.abs(expected - Y_ZERO).max()
+    errors = [np.abs(y[600 + late :] - expected[600 : len(y) - late]).max() for late in (0, 1)]
+    assert min(errors) < 1e-4 * np.abs(expected - Y_ZERO).max()
 
 
 def test_the_model_with_the_best_free_run_is_written_whatever_comes_first(tmp_path: Path) -> None:
