@@ -40,6 +40,7 @@ def linearise(
     signals = [(side, found.inputs if side == "input" else found.outputs) for side in ("input", "output")]
     rows = [_row(side, signal) for side, these in signals for signal in these]
     shown: list[Listing | str] = [
+        f"{found.title}: about {found.point}",
         _modes(found),
         Listing(("", "in the model", "of", "counts from"), rows),
         *(f"{name}: by {how}" for name, how in found.by.items()),
@@ -54,8 +55,7 @@ def _modes(found: Linearised) -> Listing:
         (one["mode"], "-" if one["frequency"] is None else f"{one['frequency']:.5g}", _damping(one["damping"]))
         for one in found.summary["modes"]
     ]
-    title = f"{found.title}, about {found.point}"
-    return Listing(("mode", "frequency [Hz]", "damping"), rows, title)
+    return Listing(("mode", "frequency [Hz]", "damping"), rows)
 
 
 def _damping(value: float | None) -> str:

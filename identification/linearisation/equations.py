@@ -123,7 +123,7 @@ def _smooth(place: str, equations: _Equations, count: int, rows: int) -> FloatAr
         fix = "switch off what does, such as dry friction, play, noise and rounding, by its parameters"
         raise IdentificationError(place, f"'{model.name}' jumps or bends where it rests", fix)
     if model.update is not None and np.any((wide == 0) & (_differences(equations, COARSE, count)[:, :rows] != 0)):
-        raise IdentificationError(place, f"'{model.name}' rounds what it samples", "set its `bits` to 0, for tuning")
+        raise IdentificationError(place, f"'{model.name}' rounds what it samples", "set its `bits` to 0")
     return wide
 
 

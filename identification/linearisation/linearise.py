@@ -246,7 +246,7 @@ def _remarks(whole: Scenario, case: Case, parts: Parts, point: Point, joint: Joi
             "model tells small departures from the motion there"
         )
     if joint.hidden:
-        found.append(f"{joint.hidden} states that no input reaches, or no output shows, are left out")
+        found.append(f"left out is what no input reaches or no output shows: states, {joint.hidden}")
     outside = [value for value in joint.whole if abs(value) > UNIT_CIRCLE]
     lost = len(outside) - int(np.count_nonzero(np.abs(joint.model.eigenvalues) > UNIT_CIRCLE))
     if lost > 0:
