@@ -27,7 +27,12 @@ from orchestrator.documents.sources import plain
 from orchestrator.rational import seconds
 
 # A key at the top that tells what a file is -> what that is, and the command that takes it.
-KINDS = {"method": ("study", "calibrate"), "procedure": ("procedure", "test"), "run": ("scenario", "run")}
+KINDS = {
+    "method": ("study", "calibrate"),
+    "procedure": ("procedure", "test"),
+    "sweep": ("sweep", "sweep"),
+    "run": ("scenario", "run"),
+}
 
 
 class Block(BaseModel):

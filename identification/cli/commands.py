@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Union
 import typer
 
 from identification.cli import linearising, studies
+from orchestrator.batch.sweep.cli import command as sweep
 from orchestrator.cli import (
     bridge,
     cache,
@@ -43,6 +44,7 @@ app = typer.Typer(
 app.add_typer(scenarios.app)
 app.add_typer(references.app)
 app.add_typer(suite.app)
+app.add_typer(sweep.app)
 app.add_typer(studies.app)
 app.add_typer(linearising.app)
 app.add_typer(schemas.app)

@@ -33,13 +33,19 @@ def _procedure() -> Any:
     return ProcedureBlock
 
 
-SCHEMAS |= {"scenario": _scenario, "part": _part, "procedure": _procedure}
+def _sweep() -> Any:
+    from orchestrator.batch.sweep.points.schema import SweepBlock
+
+    return SweepBlock
+
+
+SCHEMAS |= {"scenario": _scenario, "part": _part, "procedure": _procedure, "sweep": _sweep}
 
 
 @command(app)
 def schema(
     terminal: Terminal,
-    kind: Annotated[str, typer.Argument(help="scenario, part, study or procedure.")],
+    kind: Annotated[str, typer.Argument(help="scenario, part, study, procedure or sweep.")],
     out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write it there.")] = None,
     markdown: Annotated[bool, typer.Option("--markdown", help="A page for people about every key, instead.")] = False,
 ) -> Answer:

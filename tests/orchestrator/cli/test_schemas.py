@@ -17,6 +17,7 @@ from fmus.errors import ScenarioError
 from identification.cli import app
 from identification.study import load_study
 from orchestrator.batch.procedure import ProcedureBlock
+from orchestrator.batch.sweep.points.schema import load_sweep
 from orchestrator.cli.tables import SCHEMAS
 from orchestrator.scenario.schema import ScenarioBlock
 from orchestrator.yaml_file import load, load_joined
@@ -40,6 +41,9 @@ WRONG: list[tuple[str, tuple[str | int, ...], Any]] = [  # a file, a place in it
     ("flexible_link/subspace.yaml", ("block",), 1),
     ("butterfly/bus/procedure.yaml", ("procedure", 0, "run"), []),
     ("flexible_arm/control/pdpc.yaml", ("matrix", "axes", "payload"), []),
+    ("butterfly/sweep.yaml", ("design", "by"), "chance"),
+    ("butterfly/sweep.yaml", ("design", "samples"), 0),
+    ("butterfly/sweep.yaml", ("vary", "hand.inertia", "mean"), 1),
     ("flexible_arm/control/pdpc.yaml", ("matrix", "also", 0, "were"), {"payload": "0 g"}),
 ]
 RIGHT: list[tuple[str, tuple[str | int, ...], Any]] = [
@@ -51,6 +55,8 @@ RIGHT: list[tuple[str, tuple[str | int, ...], Any]] = [
     ("butterfly/calibration.yaml", ("windows", "length"), "4"),
     ("butterfly/calibration.yaml", ("outputs", "hand.angle", "delay"), "1/500"),
     ("butterfly/calibration.yaml", ("outputs", "hand.angle", "delay"), 0.002),
+    ("butterfly/sweep.yaml", ("design",), {"by": "latin-hypercube", "samples": 20, "seed": 1}),
+    ("butterfly/sweep.yaml", ("vary", "hand.inertia"), ["3 g.m2", 0.0031]),
     ("butterfly/sine.yaml", ("matrix",), {"axes": {"drive.amplitude": [0.01, "20 mV"]}}),
 ]
 
@@ -73,7 +79,7 @@ def kind_of(file: Path) -> str:
     return schema.stem
 
 
-@pytest.mark.parametrize("kind", ["scenario", "part", "procedure"])
+@pytest.mark.parametrize("kind", ["scenario", "part", "procedure", "sweep"])
 def test_no_key_is_left_unexplained(kind: str) -> None:
     document = json.loads(committed(kind).read_text())
     blocks = {kind: document, **document.get("$defs", {})}
@@ -113,6 +119,8 @@ def read(kind: str, file: Path) -> object:
     """The file as the commands read it."""
     if kind == "study":
         return load_study(file)
+    if kind == "sweep":
+        return load_sweep(file)
     return load_joined(file, ScenarioBlock) if kind == "scenario" else load(file, ProcedureBlock)
 
 
@@ -137,13 +145,13 @@ def test_a_schema_goes_into_a_file(tmp_path: Path) -> None:
 
 def test_an_unknown_kind_is_refused_with_those_there_are() -> None:
     answer = servotwin("schema", "poem")
-    assert answer.exit_code == 2 and "choose scenario or part or procedure or study" in answer.stderr
+    assert answer.exit_code == 2 and "choose scenario or part or procedure or sweep or study" in answer.stderr
 
 
 @pytest.mark.parametrize("file", SHIPPED, ids=lambda file: str(file.relative_to(ROOT / "scenarios")))
 def test_every_shipped_file_names_its_schema_and_fits_it(file: Path) -> None:
     keys = contents(file).keys()
-    marks = {"method": "study", "procedure": "procedure", "part": "part"}
+    marks = {"method": "study", "procedure": "procedure", "part": "part", "sweep": "sweep"}
     assert kind_of(file) == next((kind for mark, kind in marks.items() if mark in keys), "scenario")
     assert complaints(file, contents(file)) == []
 
@@ -179,7 +187,7 @@ def keys_of(document: dict[str, Any]) -> dict[tuple[str, str], str]:
     }
 
 
-@pytest.mark.parametrize("kind", ["scenario", "procedure", "study"])
+@pytest.mark.parametrize("kind", ["scenario", "procedure", "study", "sweep"])
 def test_the_committed_page_has_every_key_and_is_what_the_command_prints(kind: str) -> None:
     """Where it is not: servotwin schema KIND --markdown --out docs/reference/KIND.md."""
     page = (ROOT / "docs" / "reference" / f"{kind}.md").read_text()

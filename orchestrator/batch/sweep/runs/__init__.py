@@ -1,0 +1,1 @@
+"""Who runs the points of a sweep, and the folder that their rows go to."""

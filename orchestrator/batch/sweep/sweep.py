@@ -1,0 +1,62 @@
+"""A study run: what is not done yet, by processes here or workers of a cluster, into its folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from orchestrator.batch.sweep.runs import folder as folders
+from orchestrator.batch.sweep.runs import rows
+from orchestrator.batch.sweep.runs.folder import Folder
+from orchestrator.batch.sweep.runs.local import Local
+from orchestrator.batch.sweep.runs.preparation import Prepared, prepared
+from orchestrator.batch.sweep.runs.queue import Queue, Runner
+from orchestrator.batch.sweep.told.result import SweepResult
+from orchestrator.batch.sweep.told.summary import write_summary
+from orchestrator.progress import Progress, silent
+
+
+def sweep(
+    study: str | Path,
+    out: str | Path,
+    runner: Runner | None = None,
+    progress: Progress = silent,
+    retry: bool = False,
+) -> SweepResult:
+    """The data set in the folder `out`, once a study has been run at all points that have no row there yet.
+
+    Args:
+        runner: who runs them; processes of this machine, one a processor, by default.
+        retry: whether runs that failed are run again.
+
+    Raises:
+        ScenarioError: the study does not fit itself or its scenario.
+        InputError: the folder is another study's, or the disk is full; what was done stays.
+        ServotwinError: what loading and building the scenario raises.
+    """
+    who = runner or Local()
+    with prepared(Path(study)) as ready:
+        size = folders.part_rows(_samples(ready))
+        with folders.opened(Path(out), ready.runs, size, ready.identity, [ready.file]) as folder:
+            if retry:
+                folder.retry()
+            queue = Queue(ready.setup, ready.design, folder, who.slots)
+            for task, done in who.outcomes(queue, ready.setup) if folder.left else ():
+                folder.keep(task.runs, rows.unpacked(done.rows), done)
+                progress(*_how_far(folder))
+            return write_summary(ready, Path(out))
+
+
+def _how_far(folder: Folder) -> tuple[float, str]:
+    done, count = int(folder.done.sum()), len(folder.done)
+    failed = f", {folder.failed:,} failed" if folder.failed else ""
+    return done / count, f"{done:,} of {count:,} runs{failed}"
+
+
+def _samples(ready: Prepared) -> int:
+    """Samples that a row keeps of signals."""
+    kept = ready.setup.kept
+    if kept is None:
+        return 0
+    timing = ready.setup.variants[0].scenario.timing
+    count = int((timing.stop - timing.start) / timing.step) // kept.stride + 1
+    return count * (1 + len(kept.signals))

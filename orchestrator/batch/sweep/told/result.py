@@ -1,0 +1,123 @@
+"""What a sweep leaves: the data set, and what it says of all runs together."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NotRequired, TypedDict
+
+import numpy as np
+import pyarrow as pa
+from pyarrow import dataset
+
+from fmus.errors import InputError
+from orchestrator.batch.sweep.runs.folder import RUNS, header
+from orchestrator.trace import FloatArray
+
+if TYPE_CHECKING:
+    import pandas
+
+SUMMARY = "summary.json"
+
+
+class AskedDocument(TypedDict):
+    """What was asked of each run, and how often it held.
+
+    Attributes:
+        column: of its figure; the verdict is in the one that ends in `_held`.
+        counts: whether a run passes only where it holds.
+        of: runs that were judged.
+        share, interval: in which it held, and within which that of all such runs lies, 95 % sure; null without any.
+        figure: lowest, quantiles and highest of its figure, null without any.
+        worst: number of the run with the smallest margin, null where there is none.
+    """
+
+    column: str
+    text: str
+    unit: str
+    counts: bool
+    held: int
+    of: int
+    share: float | None
+    interval: tuple[float, float] | None
+    figure: dict[str, float] | None
+    worst: int | None
+
+
+class SweepDocument(TypedDict):
+    """All runs together, as `summary.json` holds it."""
+
+    title: str
+    passed: bool
+    scenario: str
+    runs: int
+    points: int
+    cases: list[str]
+    design: dict[str, Any]
+    failed: int
+    passing: AskedDocument
+    asked: list[AskedDocument]
+    varied: dict[str, str]
+    notes: list[str]
+    at_least: NotRequired[float]
+    versions: dict[str, str]
+
+
+@dataclass(frozen=True)
+class SweepResult:
+    """A sweep that was run.
+
+    Attributes:
+        folder: that holds it.
+        document: all runs together.
+    """
+
+    folder: Path
+    document: SweepDocument
+
+    @property
+    def passed(self) -> bool:
+        """Whether as many runs passed as the study asks for."""
+        return self.document["passed"]
+
+    @property
+    def dataset(self) -> dataset.Dataset:
+        """The rows, which need not be in memory."""
+        return dataset.dataset(self.folder / RUNS, format="parquet")
+
+    def table(self, columns: Sequence[str] | None = None) -> pa.Table:
+        """The rows in the order of the runs; all columns by default."""
+        return self.dataset.to_table(columns=None if columns is None else list(columns))
+
+    def frame(self, columns: Sequence[str] | None = None) -> pandas.DataFrame:
+        """The same for pandas, which has to be installed."""
+        return self.table(columns).to_pandas()
+
+    def column(self, name: str) -> FloatArray:
+        """(N,) numbers of a column, NaN where a run has none."""
+        found = self.table([name])[name].cast(pa.float64())
+        return np.asarray(found.to_numpy(zero_copy_only=False), dtype=float)
+
+
+def load_result(folder: str | Path) -> SweepResult:
+    """The sweep in a folder.
+
+    Raises:
+        InputError: it holds none that was ever finished.
+    """
+    path = Path(folder)
+    header(path)
+    try:
+        document: SweepDocument = json.loads((path / SUMMARY).read_text(encoding="utf-8"))
+    except OSError:
+        raise InputError(path, "was not finished", "run the study again") from None
+    except ValueError as error:
+        raise InputError(path / SUMMARY, f"is not JSON ({error})", "run the study again") from None
+    return SweepResult(path, document)
+
+
+def text_of(document: SweepDocument) -> bytes:
+    """A summary as its file has it."""
+    return (json.dumps(document, indent=2, allow_nan=False) + "\n").encode()
