@@ -30,6 +30,7 @@ SUMMARY = "summary.json"
 POOR = 0.5  # median FIT below which what was seen in recordings may have spoilt it
 MOST = 1000  # marks of a recording that are told
 SHOWN = 100  # of all recordings, that a report shows
+_ALIKE = 0.1  # of an interval: by how much its sides may differ and still be told as one half
 LARGE = 16  # elements of an array up to which each has a row
 
 
@@ -298,7 +299,7 @@ def parameter_rows(parameters: Mapping[str, ParameterSummary]) -> tuple[list[str
     for name, entry in parameters.items():
         array, truth = _array(name), [entry.get("truth")] if known else []
         if sizes[array] <= LARGE:
-            rows.append([name, *truth, entry["start"], entry["value"], _half(entry), entry["unit"]])
+            rows.append([name, *truth, entry["start"], entry["value"], _about(entry), entry["unit"]])
         elif array not in told:
             told.add(array)
             rows.append([f"{array}, {sizes[array]} elements", *truth, None, None, None, entry["unit"]])
@@ -327,9 +328,16 @@ def _ends(entry: ParameterSummary) -> tuple[float, float] | None:
     return None if low is None or high is None else (low, high)
 
 
-def _half(entry: ParameterSummary) -> float | None:
-    ends = _ends(entry)
-    return None if ends is None else (ends[1] - ends[0]) / 2
+def _about(entry: ParameterSummary) -> Cell:
+    """Half of the interval; both distances where they are not alike, and the end that there is where one is open."""
+    low, high = entry["ci95"] or (None, None)
+    if low is not None and high is not None:
+        below, above = entry["value"] - low, high - entry["value"]
+        alike = abs(above - below) <= _ALIKE * (high - low)
+        return (high - low) / 2 if alike else f"−{below:.2g} +{above:.2g}"
+    if low is None and high is None:
+        return None
+    return f"from {low:.5g}, open" if high is None else f"open, to {high:.5g}"
 
 
 def provenance(section: Section, data: Iterable[TraceSummary], units: Sequence[CrossingDocument] = ()) -> None:

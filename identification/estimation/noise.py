@@ -20,6 +20,9 @@ _LONGEST_ORDER = 30
 class Noise(Protocol):
     """Zero-mean noise, the same process in all windows."""
 
+    def at_least(self, variances: FloatArray) -> Noise:
+        """The same with no output's variance below (m,) these."""
+
     def times(self, columns: FloatArray) -> FloatArray:
         """Covariance of a window's noise times columns (K m, c), rows ordered instant by instant."""
 
@@ -29,6 +32,11 @@ class White:
     """No correlation in time; `covariance` (m, m) between the outputs at one instant."""
 
     covariance: FloatArray
+
+    def at_least(self, variances: FloatArray) -> White:
+        """See `Noise`."""
+        own = np.diag(self.covariance)
+        return White(self.covariance + np.diag(np.maximum(variances - own, 0.0)))
 
     def times(self, columns: FloatArray) -> FloatArray:
         """See `Noise`."""
@@ -42,6 +50,18 @@ class Coloured:
     """Correlated in time; `autocovariance` (m, K) of each output, the outputs independent of each other."""
 
     autocovariance: FloatArray
+
+    def at_least(self, variances: FloatArray) -> Coloured:
+        """See `Noise`."""
+        short = np.maximum(variances - self.autocovariance[:, 0], 0.0)
+        return Coloured(self.autocovariance + np.eye(1, self.autocovariance.shape[1]) * short[:, None])
+
+    @property
+    def samples_each(self) -> FloatArray:
+        """(m,) how many samples tell as much of a mean as one independent one."""
+        power = self.autocovariance[:, 0]
+        sums = power + 2 * self.autocovariance[:, 1:].sum(axis=1)
+        return np.asarray(np.divide(sums, power, out=np.ones(len(power)), where=power > 0))
 
     def times(self, columns: FloatArray) -> FloatArray:
         """See `Noise`."""

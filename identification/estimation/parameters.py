@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 
 from fmus.errors import IdentificationError
+from identification.estimation.prior import Prior
 from orchestrator.trace import FloatArray
 
 Scale = Literal["linear", "log"]
@@ -30,6 +31,7 @@ class Parameter:
         upper: largest value allowed [unit].
         scale: "linear": z = (value - start) / size; "log": z = ln(value / start), for positive values.
         fixed: True keeps it at `start`.
+        prior: what is known of it before the recordings.
     """
 
     name: str
@@ -39,6 +41,7 @@ class Parameter:
     unit: str = "1"
     scale: Scale = "linear"
     fixed: bool = False
+    prior: Prior | None = None
 
     def __post_init__(self) -> None:
         _check_range(self.name, (self.start,), self.lower, self.upper)
@@ -46,6 +49,11 @@ class Parameter:
             raise IdentificationError(self.name, f"scale is '{self.scale}'", "use linear or log")
         if self.scale == "log" and self.start <= 0:
             raise IdentificationError(self.name, f"start {self.start:g} on a log scale", "start above 0")
+        if self.prior is not None:
+            lower, upper = self.prior.bounds(f"parameters.{self.name}.prior", self.lower, self.upper)
+            _check_range(self.name, (self.start,), lower, upper)
+            object.__setattr__(self, "lower", lower)
+            object.__setattr__(self, "upper", upper)
 
     @property
     def size(self) -> float:
@@ -140,6 +148,16 @@ class ParameterSet:
     def slopes(self, z: FloatArray) -> FloatArray:
         """(n,) d value / d z [unit each]."""
         return np.array([p.slope(float(zi)) for p, zi in zip(self.free, z, strict=True)])
+
+    @property
+    def informed(self) -> tuple[Parameter, ...]:
+        """The parameters, fixed ones too, of which something is known before."""
+        return tuple(p for p in self.parameters if p.prior is not None)
+
+    def held(self, name: str, value: float) -> ParameterSet:
+        """The same set with one parameter fixed at this value [its unit]."""
+        held = (replace(p, start=value, fixed=True) if p.name == name else p for p in self.parameters)
+        return replace(self, parameters=tuple(held))
 
     def fixed_at(self, values: Mapping[str, float]) -> ParameterSet:
         """The same set with every parameter fixed at its value here (at its start when it has none)."""

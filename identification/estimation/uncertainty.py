@@ -7,7 +7,7 @@ uncertainty is part of the parameters'.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -25,6 +25,7 @@ CovarianceMethod = Literal["white", "coloured", "window", "none"]
 UNSEEN, WEAK = 1e-4, 1e-2
 _FEWEST_WINDOWS = 10
 _NO_EFFECT = 1e-9
+_KNOWN = 1e-9  # what is seen of combinations that are known before
 
 
 @dataclass(frozen=True)
@@ -78,6 +79,12 @@ class Covariance(ReadOnlyArrays):
         freedom: degrees of freedom of the t distribution for intervals.
         states: (W, s) standard deviations of the initial states in z.
         whiteness: one test an output.
+        samples_each: (m,) how many samples of an output's residual tell as much as one of white noise.
+        curvature: (n, n) inverse of the cost's curvature by the parameters, the states fitted; 0 where nothing is seen.
+        stretch: (n,) what the rise of the cost along each parameter is divided by: the variance of white residuals
+            where they are, more where they are correlated; of what is not seen the largest of the others.
+        deleted: (W, n) change of the estimate in z as each window is left out, to first order; None where windows are
+            too few or one alone sees a parameter.
     """
 
     matrices: Mapping[CovarianceMethod, FloatArray]
@@ -85,6 +92,10 @@ class Covariance(ReadOnlyArrays):
     freedom: int
     states: FloatArray
     whiteness: tuple[Whiteness, ...]
+    samples_each: FloatArray
+    curvature: FloatArray
+    stretch: FloatArray
+    deleted: FloatArray | None = None
 
     @property
     def matrix(self) -> FloatArray:
@@ -116,8 +127,18 @@ class _Rows:
     states: FloatArray
 
 
-def covariance(blocks: Sequence[WindowBlock], loss: Loss, outputs: int) -> Covariance:
+def covariance(
+    blocks: Sequence[WindowBlock],
+    loss: Loss,
+    outputs: int,
+    rounding: FloatArray | None = None,
+    before: WindowBlock | None = None,
+) -> Covariance:
     """Covariance of the parameters from central-difference blocks at the estimate.
+
+    Args:
+        rounding: (m,) variance of the outputs' rounding, in the residuals' units, below which no noise is taken to be.
+        before: what is known before of parameters as rows (p,) of the residuals' noise, which is white.
 
     "white": H^-1 (sum of J_w^T N J_w) H^-1 with N = S at every instant, S the (m, m) covariance of the outputs'
     noise; for one output and least squares this is s^2 (J^T J)^-1. Right when residuals are white; those of a
@@ -137,29 +158,47 @@ def covariance(blocks: Sequence[WindowBlock], loss: Loss, outputs: int) -> Covar
     Source: MacKinnon, Nielsen and Webb 2023 (CV3).
     """
     rows = _projected(blocks, loss, outputs)
-    transform, lost = _whitening(blocks, rows)
+    if before is not None:
+        rows = _seen_only(blocks, rows)
+    transform, lost = _whitening(blocks, rows, before)
     unknowns = transform.shape[1] + blocks[0].states.shape[1] * len(blocks)
     influences = [row.influence for row in rows]
     freedom = max(sum(map(len, influences)) - unknowns, 1)
     fitted = [np.column_stack([_basis(row.states), row.jacobian @ transform]) for row in rows]
     flat, correlated = white(influences, outputs, freedom), coloured(influences, outputs, fitted)
+    if rounding is not None:
+        flat, correlated = flat.at_least(rounding), correlated.at_least(rounding)
     tests = tuple(whiteness([b.residual.reshape(-1, outputs)[:, i] for b in blocks]) for i in range(outputs))
-    matrices: dict[CovarianceMethod, FloatArray] = {
-        "white": marked(_stationary(rows, transform, flat), lost),
-        "coloured": marked(_stationary(rows, transform, correlated), lost),
+    drawn = _scatter_before(before, transform, float(np.mean(np.concatenate(influences) ** 2)))
+    found: dict[CovarianceMethod, FloatArray] = {
+        "white": _stationary(rows, transform, flat) + drawn,
+        "coloured": _stationary(rows, transform, correlated) + drawn,
     }
-    jackknife = _window(rows, transform)
-    if jackknife is not None:
-        matrices["window"] = marked(jackknife, lost)
+    deleted = _deleted(rows, transform)
+    if deleted is not None:
+        centred = deleted - deleted.mean(axis=0)
+        found["window"] = centred.T @ centred * (len(rows) - 1) / len(rows) + drawn
+    matrices = {name: marked(matrix, lost) for name, matrix in found.items()}
     is_white = all(test.white for test in tests)
-    method: CovarianceMethod = "white" if is_white else "coloured" if jackknife is None else "window"
+    method: CovarianceMethod = "white" if is_white else "coloured" if deleted is None else "window"
     return Covariance(
         matrices=matrices,
         method=method,
         freedom=len(blocks) - 1 if method == "window" else freedom,
         states=_state_deviations(rows, transform, matrices[method], flat if is_white else correlated),
         whiteness=tests,
+        samples_each=correlated.samples_each,
+        curvature=transform @ transform.T,
+        stretch=_stretch(found[method], transform @ transform.T, float(np.trace(flat.covariance)) / outputs),
+        deleted=deleted,
     )
+
+
+def _stretch(matrix: FloatArray, curvature: FloatArray, noise: float) -> FloatArray:
+    """(n,) variance of each parameter over what noise of variance 1 would give."""
+    own = np.diag(curvature)
+    ratios = np.divide(np.diag(matrix), own, out=np.zeros(len(own)), where=own > 0)
+    return np.where(own > 0, ratios, ratios.max(initial=0.0) or noise)
 
 
 def no_covariance(residuals: Sequence[FloatArray], n: int, states: int, outputs: int) -> Covariance:
@@ -172,7 +211,8 @@ def no_covariance(residuals: Sequence[FloatArray], n: int, states: int, outputs:
     """
     matrix = np.where(np.eye(n, dtype=bool), np.inf, np.nan)
     tests = tuple(whiteness([r.reshape(-1, outputs)[:, i] for r in residuals]) for i in range(outputs))
-    return Covariance({"none": matrix}, "none", 1, np.full((len(residuals), states), np.inf), tests)
+    nothing, each, flat = np.full((len(residuals), states), np.inf), np.ones(outputs), np.zeros((n, n))
+    return Covariance({"none": matrix}, "none", 1, nothing, tests, each, flat, np.full(n, np.inf))
 
 
 def _curvature(blocks: Sequence[WindowBlock], loss: Loss, outputs: int) -> FloatArray:
@@ -217,12 +257,30 @@ def _decomposed(
     return np.where(np.isfinite(lengths), lengths, 1.0), padded, right.T
 
 
-def _whitening(blocks: Sequence[WindowBlock], rows: Sequence[_Rows]) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """(n, k) transform to k seen directions of unit curvature, and which parameters (n,) reach outside."""
+def _seen_only(blocks: Sequence[WindowBlock], rows: Sequence[_Rows]) -> list[_Rows]:
+    """The rows without what lies along combinations that are not seen, which is rounding: priors may be as weak."""
     lengths, values, vectors = _decomposed(blocks, [row.jacobian for row in rows])
-    seen = values > UNSEEN * values.max(initial=0.0)
+    hidden = vectors[:, values <= UNSEEN * values.max(initial=0.0)]
+    projection = np.eye(len(lengths)) - (hidden / lengths[:, None]) @ (hidden * lengths[:, None]).T
+    return [replace(row, jacobian=row.jacobian @ projection) for row in rows]
+
+
+def _whitening(
+    blocks: Sequence[WindowBlock], rows: Sequence[_Rows], before: WindowBlock | None
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """(n, k) transform to k seen directions of unit curvature, and which parameters (n,) reach outside."""
+    own = [] if before is None else [before]
+    jacobians = [*(row.jacobian for row in rows), *(block.parameters for block in own)]
+    lengths, values, vectors = _decomposed([*blocks, *own], jacobians)
+    seen = values > (UNSEEN if before is None else _KNOWN) * values.max(initial=0.0)
     transform = vectors[:, seen] / values[seen] / lengths[:, None]
     return transform, np.asarray(np.sum(vectors[:, ~seen] ** 2, axis=1) > 1e-4)
+
+
+def _scatter_before(before: WindowBlock | None, transform: FloatArray, power: float) -> FloatArray:
+    """(n, n) what the scatter of what is known before does to the estimate, as noise of that power does."""
+    seen = np.zeros((0, transform.shape[1])) if before is None else before.parameters @ transform
+    return np.asarray(transform @ (power * seen.T @ seen) @ transform.T)
 
 
 def _stationary(rows: Sequence[_Rows], transform: FloatArray, noise: Noise) -> FloatArray:
@@ -233,9 +291,15 @@ def _stationary(rows: Sequence[_Rows], transform: FloatArray, noise: Noise) -> F
     return transform @ meat @ transform.T
 
 
-def _window(rows: Sequence[_Rows], transform: FloatArray) -> FloatArray | None:
-    count, size = len(rows), transform.shape[1]
-    if count < max(_FEWEST_WINDOWS, size + 5):
+def fewest_windows(free: int) -> int:
+    """How many windows have to be there so that they can be judged by each other, for so many free parameters."""
+    return max(_FEWEST_WINDOWS, free + 5)
+
+
+def _deleted(rows: Sequence[_Rows], transform: FloatArray) -> FloatArray | None:
+    """(W, n) change of the estimate as each window is left out."""
+    size = transform.shape[1]
+    if len(rows) < fewest_windows(size):
         return None
     changes = []
     for row in rows:
@@ -244,9 +308,7 @@ def _window(rows: Sequence[_Rows], transform: FloatArray) -> FloatArray | None:
         if size and np.linalg.eigvalsh(rest)[0] < 1e-6:
             return None
         changes.append(np.linalg.solve(rest, seen.T @ row.influence))
-    deleted = np.array(changes)
-    deleted -= deleted.mean(axis=0)
-    return transform @ (deleted.T @ deleted * (count - 1) / count) @ transform.T
+    return np.asarray(np.array(changes) @ transform.T)
 
 
 def marked(matrix: FloatArray, lost: NDArray[np.bool_] | Sequence[int]) -> FloatArray:

@@ -16,6 +16,7 @@ from fmus.errors import IdentificationError
 from orchestrator.trace import FloatArray, ReadOnlyArrays
 
 _BAND = float(ndtri(0.995))
+_LINE = 1e-3
 
 
 def fit(measured: ArrayLike, simulated: ArrayLike) -> FloatArray:
@@ -59,6 +60,9 @@ class Whiteness(ReadOnlyArrays):
         freedom: degrees of freedom of its chi-square distribution.
         autocorrelation: (L + 1,) pooled over the windows, 1 at lag 0.
         band: 99 % of a white residual's autocorrelations lie within +- this.
+        line: p value of the strongest line in the spectrum, which shows an error at one frequency, or a slow one, that
+            is too small to correlate neighbouring samples.
+        line_at: where that is [cycles a sample].
     """
 
     statistic: float
@@ -66,11 +70,20 @@ class Whiteness(ReadOnlyArrays):
     p_value: float
     autocorrelation: FloatArray
     band: float
+    line: float = 1.0
+    line_at: float = 0.0
 
     @property
     def white(self) -> bool:
-        """True when whiteness is not rejected at 1 %."""
-        return self.p_value >= 0.01
+        """True when whiteness is not rejected, by correlations at 1 %, by a line in the spectrum at 0.1 %."""
+        return self.p_value >= 0.01 and self.line >= _LINE
+
+    @property
+    def why_not(self) -> str:
+        """What rejects it, for people."""
+        if self.p_value < 0.01:
+            return f"Ljung-Box p = {self.p_value:.2g}"
+        return f"a line at {self.line_at:.3g} cycles a sample, p = {self.line:.2g}"
 
 
 def autocorrelation(residual: ArrayLike, lags: int) -> FloatArray:
@@ -108,7 +121,25 @@ def whiteness(residuals: Sequence[ArrayLike], lags: int = 20) -> Whiteness:
     total, freedom = float(np.sum(factor * r[:, 1:] ** 2)), used * len(rows)
     pooled = np.average(r, axis=0, weights=counts[:, 0])
     band = _BAND / float(np.sqrt(counts.sum()))
-    return Whiteness(total, freedom, float(chdtrc(freedom, total)), pooled, band)
+    return Whiteness(total, freedom, float(chdtrc(freedom, total)), pooled, band, *_strongest_line(rows))
+
+
+def _strongest_line(rows: Sequence[FloatArray]) -> tuple[float, float]:
+    """p value of the highest point of the windows' common periodogram, for all of its points, and where it lies.
+
+    Source: Fisher 1929, with many samples and several records.
+    """
+    length = min(map(len, rows))
+    e = np.array([row[:length] for row in rows])
+    power = float(np.mean(e**2))
+    if not power > 0:
+        return 1.0, 0.0
+    heights = np.sum(np.abs(np.fft.rfft(e, axis=1)) ** 2, axis=0) / (length * power)
+    frequencies = np.fft.rfftfreq(length)
+    real = (frequencies == 0) | (frequencies == 0.5)  # one square a window there, two elsewhere
+    p = np.where(real, chdtrc(len(rows), heights), chdtrc(2 * len(rows), 2 * heights))
+    least = int(np.argmin(p))
+    return min(1.0, float(p[least]) * len(p)), float(frequencies[least])
 
 
 def _matched(measured: ArrayLike, simulated: ArrayLike) -> tuple[FloatArray, FloatArray]:

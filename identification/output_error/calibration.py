@@ -15,7 +15,8 @@ from identification.estimation.arrow_least_squares import Loss
 from identification.estimation.parameters import InitialState, Parameter, ParameterSet
 from identification.estimation.stopped import STOPPED, reason, stopped
 from identification.fits import FitSummary, fit_summary
-from identification.output_error.search.estimator import Estimate, SearchState, Watch, estimate, predict
+from identification.output_error.search.estimator import Estimate, SearchState, estimate, predict
+from identification.output_error.search.options import Watch
 from identification.output_error.search.problem import Problem, spread_weights
 from identification.output_error.simulator import SystemFactory
 from identification.output_error.start_values import UnreadStart, start_warnings, unread_starts
@@ -183,7 +184,9 @@ def _watch(study: OutputErrorStudy, progress: Progress) -> Watch:
     limit = study.options.max_evaluations
 
     def watch(at: SearchState) -> None:
-        fraction = {"fit": 0.1 + 0.7 * min(at.iteration / limit, 1), "uncertainty": 0.8}.get(at.stage, LOADED)
+        stages = {"fit": 0.1 + 0.6 * min(at.iteration / limit, 1), "uncertainty": 0.7}
+        stages |= dict.fromkeys(("profile", "bootstrap"), 0.7 + 0.15 * at.share)
+        fraction = stages.get(at.stage, LOADED)
         progress(fraction, f"{at.stage} {at.iteration}, cost {at.cost:.4g}, {at.simulations} simulations")
 
     return watch

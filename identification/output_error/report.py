@@ -11,21 +11,16 @@ from identification.estimation.validation import whiteness
 from identification.fits import told
 from identification.output_error.calibration import Calibration, Judged
 from identification.output_error.results import summary
+from identification.output_error.uncertainty_report import uncertainty
 from identification.output_error.windows import FreeRunWindow
 from identification.results import data_summary, draw_parameters, provenance, verdict_callout
 from identification.signals.frequency_response import fit_sine, frequency_point
 from identification.signals.processing import dominant_frequency
 from orchestrator.crossing import documents_of
-from orchestrator.report import Chart, Curve, Panel, Report, Section, figures
+from orchestrator.report import Report, Section, figures
 from orchestrator.trace import FloatArray, Trace
 
 SHOWN = 12  # windows in the grid of overlays
-HOW = {
-    "white": "Covariance for white residuals, s² (JᵀJ)⁻¹.",
-    "coloured": "Residuals are correlated: covariance with an autoregressive model of them.",
-    "none": "Not known: the calibration was stopped before.",
-    "window": "Residuals are correlated: covariance from leaving out one window at a time.",
-}
 
 
 def report(calibration: Calibration) -> Report:
@@ -37,7 +32,7 @@ def report(calibration: Calibration) -> Report:
     if calibration.study.run.inputs:
         _frequency_response(result.section("Frequency response"), calibration, shown)
     _residuals(result.section("Residuals"), calibration, shown)
-    _uncertainty(result.section("Uncertainty"), calibration)
+    uncertainty(result.section("Uncertainty"), calibration)
     data = data_summary(calibration.recorded, calibration.study.traces.hold_out)
     provenance(result.section("Provenance"), data, documents_of(calibration.crossings))
     return result
@@ -162,28 +157,3 @@ def _residuals(section: Section, calibration: Calibration, judged: Judged) -> No
         f"error of {first}",
     )
     section.figure(figure, f"The window of median FIT, {window.name}, and the autocorrelation of all windows")
-
-
-def _uncertainty(section: Section, calibration: Calibration) -> None:
-    found = calibration.estimate
-    seen = found.identifiability
-    section.paragraph(HOW[found.uncertainty.method])
-    for combination in (*seen.unseen, *seen.weak):
-        section.callout("warning", combination.message)
-    section.figure(figures.correlation_heatmap(seen.names, seen.correlation), "Correlation of the estimates")
-    directions = np.arange(1.0, len(seen.singular_values) + 1)
-    strengths = Curve("singular value", directions, np.asarray(seen.singular_values), "dots")
-    section.figure(
-        Chart([Panel("singular value", [strengths], log=True)], x="direction of the parameters"),
-        "Singular values of the scaled Jacobian: a direction far below the others is hardly seen in the data",
-    )
-    section.table(
-        ["direction", "singular value"],
-        [[i + 1, float(v)] for i, v in enumerate(seen.singular_values)],
-        caption="Singular values of the scaled Jacobian",
-    )
-    tally = found.tally
-    section.paragraph(
-        f"{found.message}: {found.iterations} iterations, {tally.simulations} simulations, "
-        f"{tally.failures} of them failed."
-    )

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NotRequired
 
 from typing_extensions import TypedDict
 
 from identification.method import Calibrated
 from identification.output_error.calibration import Calibration
+from identification.output_error.search.estimate import Estimate
 from identification.output_error.verdict import calibration_verdict
 from identification.results import ParameterSummary, Summary, data_summary, finite
 from orchestrator.crossing import documents_of
@@ -21,10 +23,65 @@ class CovarianceSummary(TypedDict):
     matrix: list[list[float | None]]
 
 
+class ProfileSummary(TypedDict):
+    """How the least cost rises as a parameter is held beside its estimate, and what the interval would be locally.
+
+    Attributes:
+        values, rise: of the curve; in the parameter's unit, and over what noise explains.
+        threshold: the rise at the interval's ends.
+        open: "lower" or "upper" -> why the interval has no end there.
+        local95: the interval by the sensitivities at the estimate.
+    """
+
+    values: list[float]
+    rise: list[float]
+    threshold: float
+    open: dict[str, str]
+    local95: list[float | None]
+
+
+class BootstrapSummary(TypedDict):
+    """Fits to windows drawn with replacement, and what intervals were read off them."""
+
+    resamples: int
+    failed: int
+    seed: int
+    kind: str
+    std: dict[str, float]
+
+
+class NoiseSummary(TypedDict):
+    """What is left over of an output, taken for noise.
+
+    Attributes:
+        std, rounding: its rms, and that of the recording's rounding to steps of `resolution` [unit of the output].
+        white: whether tests take it for white.
+        why_not: which one does not.
+        samples_each: how many samples of it tell as much as one of white noise.
+    """
+
+    std: float
+    white: bool
+    why_not: str
+    samples_each: float
+    resolution: float
+    rounding: float
+
+
 class UncertaintySummary(TypedDict):
-    """How the intervals came about, and which parameters the data cannot tell apart, or hardly."""
+    """How the intervals came about, and which parameters the data cannot tell apart, or hardly.
+
+    Attributes:
+        method: of the covariance.
+        intervals: local, profile or bootstrap.
+        noise: by output.
+    """
 
     method: str
+    intervals: str
+    noise: dict[str, NoiseSummary]
+    profiles: NotRequired[dict[str, ProfileSummary]]
+    bootstrap: NotRequired[BootstrapSummary]
     covariance: CovarianceSummary
     white_residuals: bool
     singular_values: list[float]
@@ -64,17 +121,7 @@ def summary(calibration: Calibration) -> OutputErrorSummary:
             "validation": calibration.validation.summary if calibration.validation else None,
             "compared": {name: judged.summary for name, judged in calibration.compared.items()},
         },
-        "uncertainty": {
-            "method": found.uncertainty.method,
-            "covariance": {
-                "parameters": list(found.free),
-                "matrix": [[finite(float(value)) for value in row] for row in found.covariance],
-            },
-            "white_residuals": found.uncertainty.is_white,
-            "singular_values": found.identifiability.singular_values.tolist(),
-            "unseen": [combination.message for combination in found.identifiability.unseen],
-            "weak": [combination.message for combination in found.identifiability.weak],
-        },
+        "uncertainty": _uncertainty(found),
         "search": {
             "converged": found.converged,
             "message": found.message,
@@ -91,6 +138,52 @@ def summary(calibration: Calibration) -> OutputErrorSummary:
         "warnings": calibration.warnings,
         "verdict": calibration_verdict(calibration),
     }
+
+
+def _uncertainty(found: Estimate) -> UncertaintySummary:
+    made: UncertaintySummary = {
+        "method": found.uncertainty.method,
+        "intervals": found.intervals.by,
+        "noise": {
+            one.output: {
+                "std": one.std,
+                "white": one.white,
+                "why_not": "" if one.white else test.why_not,
+                "samples_each": one.samples_each,
+                "resolution": one.resolution,
+                "rounding": one.rounding,
+            }
+            for one, test in zip(found.noise, found.uncertainty.whiteness, strict=True)
+        },
+        "covariance": {
+            "parameters": list(found.free),
+            "matrix": [[finite(float(value)) for value in row] for row in found.covariance],
+        },
+        "white_residuals": found.uncertainty.is_white,
+        "singular_values": found.identifiability.singular_values.tolist(),
+        "unseen": [combination.message for combination in found.identifiability.unseen],
+        "weak": [combination.message for combination in found.identifiability.weak],
+    }
+    if found.intervals.profiles:
+        made["profiles"] = {
+            name: {
+                "values": curve.values.tolist(),
+                "rise": curve.rise.tolist(),
+                "threshold": curve.threshold,
+                "open": dict(curve.open),
+                "local95": [finite(end) for end in found.local95[name]],
+            }
+            for name, curve in found.intervals.profiles.items()
+        }
+    if (drawn := found.intervals.bootstrap) is not None:
+        made["bootstrap"] = {
+            "resamples": len(drawn.replicates) + drawn.failed,
+            "failed": drawn.failed,
+            "seed": drawn.seed,
+            "kind": drawn.kind,
+            "std": dict(zip(drawn.names, drawn.replicates.std(axis=0, ddof=1).tolist(), strict=True)),
+        }
+    return made
 
 
 def calibrated(calibration: Calibration, folder: Path) -> Calibrated:

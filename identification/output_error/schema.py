@@ -12,8 +12,9 @@ from pydantic import BeforeValidator, Field, model_validator
 from fmus.errors import IdentificationError
 from identification.estimation.arrow_least_squares import Loss, LossKind
 from identification.estimation.parameters import Parameter, ParameterSet, Scale, Tie
+from identification.estimation.prior import LogNormal, Normal, Prior, Uniform
 from identification.output_error.delays import Delay, Estimated, Known
-from identification.output_error.search.estimator import Options
+from identification.output_error.search.options import BootstrapKind, IntervalBy, IntervalOptions, Options
 from identification.output_error.study import (
     FreeRunSpec,
     OutputErrorStudy,
@@ -111,12 +112,74 @@ class ValidationBlock(WindowsBlock):
     worst_at_least: float | None = None
 
 
+class PriorBlock(Block):
+    """What is known of a parameter before the recordings: normal, log-normal or uniform, by the keys that are given.
+
+    Attributes:
+        mean, std: of a normal one, in the variable's unit, or with their own: `0.5 N.m`.
+        median, factor: of a log-normal one: 68 % lie within that factor of the median either way.
+        min, max: of a uniform one: anything between, nothing beyond.
+        source: where it is from, for the report: a data sheet and its page.
+    """
+
+    mean: float | Quantity | None = None
+    std: float | Quantity | None = None
+    median: float | Quantity | None = None
+    factor: float | None = None
+    min: float | Quantity | None = None
+    max: float | Quantity | None = None
+    source: str = ""
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> PriorBlock:
+        given = {key for key in ("mean", "std", "median", "factor", "min", "max") if getattr(self, key) is not None}
+        if given not in ({"mean", "std"}, {"median", "factor"}, {"min", "max"}):
+            raise ValueError("give `mean` and `std`, `median` and `factor`, or `min` and `max`")
+        return self
+
+    def in_numbers(self, number: Callable[[float | str], float]) -> PriorBlock:
+        """The same with what is written like `90 deg` as numbers."""
+        given = {key: getattr(self, key) for key in ("mean", "median", "min", "max")}
+        numbers: dict[str, float] = {key: number(value) for key, value in given.items() if value is not None}
+        if self.std is not None:
+            numbers["std"] = number(self.std) - (number(_nought(self.std)) if isinstance(self.std, str) else 0.0)
+        return self.model_copy(update=numbers)
+
+    @property
+    def written(self) -> list[str]:
+        """What is given like `90 deg`."""
+        given = [value for value in (self.mean, self.std, self.median, self.min, self.max) if isinstance(value, str)]
+        return [*given, _nought(self.std)] if isinstance(self.std, str) else given
+
+    def prior(self) -> Prior:
+        """As a plain value, once all are numbers."""
+        if self.mean is not None:
+            return Normal(_number(self.mean), _number(self.std), self.source)
+        if self.median is not None:
+            return LogNormal(_number(self.median), _number(self.factor), self.source)
+        return Uniform(_number(self.min), _number(self.max), self.source)
+
+
+def _nought(text: str) -> str:
+    """Nothing in the unit of a quantity, which a difference is counted from: 0 degC for 5 degC."""
+    return "0 " + text.strip().lstrip("+-.0123456789").removeprefix("e").strip()
+
+
+def _number(value: float | str | None) -> float:
+    assert isinstance(value, (int, float))
+    return float(value)
+
+
 class ParameterBlock(Block):
     """A parameter to estimate (start, bounds, scale), or one tied to another by a factor.
 
     Attributes:
         start, min, max: in the variable's unit, or with their own: `90 deg`.
+        tied: name of the parameter that this one is `factor` times of.
+        prior: what is known of it before the recordings.
     """
+
+    explained_by = (Parameter, Tie)
 
     start: float | Quantity | None = None
     min: float | Quantity | None = None
@@ -125,17 +188,21 @@ class ParameterBlock(Block):
     fixed: bool = Parameter.fixed
     tied: str | None = None
     factor: float = Tie.factor
+    prior: PriorBlock | None = None
 
     @model_validator(mode="after")
     def _free_or_tied(self) -> ParameterBlock:
         if self.tied is not None and (self.start, self.min, self.max) != (None, None, None):
             raise ValueError("a tied parameter has no start and no bounds")
+        if self.prior is not None and (self.tied is not None or self.fixed):
+            raise ValueError("a prior is of a free parameter; remove it, or `fixed` and `tied`")
         return self
 
     def in_numbers(self, number: Callable[[float | str], float], start: Value | None) -> ParameterBlock:
         """The same that starts there, with what is written like `90 deg` as numbers."""
         ends = {"start": start, "min": self.min, "max": self.max}
-        return self.model_copy(update={key: None if end is None else number(end) for key, end in ends.items()})
+        numbers: dict[str, Any] = {key: None if end is None else number(end) for key, end in ends.items()}
+        return self.model_copy(update=numbers | {"prior": self.prior and self.prior.in_numbers(number)})
 
     @property
     def spans(self) -> bool:
@@ -162,6 +229,38 @@ class OptionsBlock(Block):
     difference_step: float = Field(Options.difference_step, gt=0)
 
 
+class UncertaintyBlock(Block):
+    """How the 95 % intervals of the parameters come about; plainly `local` or `profile` where that is all.
+
+    Attributes:
+        seed: of the drawing of windows, which `by: bootstrap` needs.
+    """
+
+    explained_by = (IntervalOptions,)
+
+    by: IntervalBy
+    resamples: int = Field(IntervalOptions.resamples, ge=100)
+    seed: int | None = Field(None, ge=0)
+    kind: BootstrapKind = IntervalOptions.kind
+
+    @model_validator(mode="after")
+    def _of_one_way(self) -> UncertaintyBlock:
+        given = sorted(self.model_fields_set - {"by"})
+        if self.by == "bootstrap" and self.seed is None:
+            raise ValueError("a bootstrap draws windows and needs a `seed`: {by: bootstrap, seed: 1}")
+        if self.by != "bootstrap" and given:
+            raise ValueError(f"`{given[0]}` is of `by: bootstrap`; remove it")
+        return self
+
+    def options(self) -> IntervalOptions:
+        return IntervalOptions(self.by, self.resamples, self.seed or 0, self.kind)
+
+
+def _by(value: Any) -> Any:
+    """`profile` as the keys that it is short for."""
+    return {"by": value} if isinstance(value, str) else value
+
+
 class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
     """A study that fits parameters of a system to traces by the error of free runs.
 
@@ -171,6 +270,7 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
         tolerance: relative tolerance that co-simulation FMUs are told.
         tell_stop: whether FMUs are told when a window ends; some then refuse to go beyond by a rounding error.
         weight: whether outputs are scaled by their spread in each window, over all windows, or not at all.
+        uncertainty: how the 95 % intervals come about: `local`, `profile`, or `{by: bootstrap, seed: 1}`.
         compare: name -> parameters that are judged beside the estimate on the same windows.
         truth: values behind synthetic traces, shown beside the estimates.
     """
@@ -189,6 +289,9 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
     weight: OutputWeight = OutputErrorStudy.weight
     loss: LossBlock = LossBlock()
     options: OptionsBlock = OptionsBlock()
+    uncertainty: Annotated[
+        UncertaintyBlock, BeforeValidator(_by, json_schema_input_type=IntervalBy | UncertaintyBlock)
+    ] = UncertaintyBlock(by="local")
     compare: dict[str, dict[str, float | Quantity]] = {}
     truth: dict[str, float | Quantity] = {}
 
@@ -282,6 +385,7 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
         for name, block in self.parameters.items():
             ends = (self._start(name, block), block.min, block.max)
             given += [(name, value) for value in ends if value is not None]
+            given += [(name, value) for value in (block.prior.written if block.prior else ())]
         return [(name, value) for name, value in given if isinstance(value, str)]
 
     def _start(self, name: str, block: ParameterBlock) -> Value | None:
@@ -311,7 +415,7 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
             description=self.description,
             weight=self.weight,
             loss=Loss(self.loss.kind, self.loss.scale),
-            options=Options(**dict(self.options)),
+            options=Options(**dict(self.options), intervals=self.uncertainty.options()),
         )
 
     def _signal_specs(self, blocks: Mapping[str, SignalBlock]) -> dict[str, TraceSignal]:
@@ -356,4 +460,5 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
             )
         low = Parameter.lower if block.min is None else float(block.min)
         high = Parameter.upper if block.max is None else float(block.max)
-        return Parameter(name, float(start), low, high, scale=block.scale, fixed=block.fixed)
+        prior = block.prior.prior() if block.prior else None
+        return Parameter(name, float(start), low, high, scale=block.scale, fixed=block.fixed, prior=prior)

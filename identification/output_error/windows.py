@@ -25,6 +25,7 @@ from identification.output_error.search.problem import Window
 from identification.output_error.study import FreeRunSpec, StartSpec, TraceSignal, WindowSpec
 from identification.recordings.campaign import StudyTrace
 from identification.recordings.marks import nothing_left, sound
+from identification.signals.resolution import resolution
 from orchestrator.crossing import Crossing
 from orchestrator.fmi.interface import Port, Value
 from orchestrator.marks import Mark, union
@@ -128,7 +129,13 @@ def cut_windows(
             raise WiringError(f"{error.place} of {recorded.place}", error.problem, error.fix) from error
         starts = _starts(own, trace, windows, _barred(own, marks, windows.length))
         marked += [] if starts else [recorded]
-        cut += [replace(_window(own, trace, start, windows.length, constants), crossings=crossed) for start in starts]
+        steps = [resolution(trace[s.signal]) * abs(s.conversion.factor) for s in own.outputs.values()]
+        cut += [
+            replace(
+                _window(own, trace, start, windows.length, constants), crossings=crossed, resolution=np.array(steps)
+            )
+            for start in starts
+        ]
     if marked and not cut:
         raise nothing_left(marked[0].place, f"no window of {float(windows.length):g} s is", marked[0].marks)
     return cut

@@ -13,11 +13,13 @@ from identification.estimation.parameters import Parameter, ParameterSet
 from identification.estimation.uncertainty import Covariance, Identifiability, marked
 from identification.estimation.validation import fit
 from identification.output_error.search.free_run import Tally
+from identification.output_error.search.intervals import LOCAL, Intervals
 from identification.output_error.search.problem import Problem
 from identification.output_error.search.steps import Flat
+from identification.signals.resolution import ROUNDED
 from orchestrator.trace import FloatArray, ReadOnlyArrays
 
-_VAGUE = math.log(1e3)  # half of a 95 % interval on a log scale: a factor from which nothing is known
+VAGUE = math.log(1e3)  # half of a 95 % interval on a log scale: a factor from which nothing is known
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,46 @@ class StartReport:
     values: Mapping[str, float]
     start_cost: float
     cost: float
+
+
+@dataclass(frozen=True)
+class Known:
+    """What was known of a parameter before, beside what the recordings say.
+
+    Attributes:
+        text: the prior in words, in the parameter's unit.
+        source: where it is from.
+        added: share of its variance that the recordings took away; 0 where they say nothing of the parameter.
+        off: how many standard deviations of the prior the estimate is off.
+    """
+
+    text: str
+    source: str
+    added: float
+    off: float
+
+
+@dataclass(frozen=True)
+class OutputNoise:
+    """What is left over of an output, taken for noise.
+
+    Attributes:
+        std: its rms [unit of the output].
+        white: whether it is one, by its tests.
+        samples_each: how many samples of it tell as much as one of white noise.
+        resolution: step in which the output was recorded [its unit], 0 for none.
+    """
+
+    output: str
+    std: float
+    white: bool
+    samples_each: float
+    resolution: float
+
+    @property
+    def rounding(self) -> float:
+        """rms of the recording's rounding [unit of the output]."""
+        return self.resolution * ROUNDED
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +99,10 @@ class Estimate(ReadOnlyArrays):
         flat: name -> range over which the cost does not tell values apart [its unit], of parameters that act in steps;
             it lies within their intervals.
         warnings: what else a reader of the numbers has to know.
+        noise: of each output.
+        known: name -> what was known of a parameter before.
+        intervals: how `ci95` came about, where not by `covariance` alone.
+        local95: name -> interval by `covariance` of every estimated or tied one [its unit].
     """
 
     values: Mapping[str, float]
@@ -80,6 +126,10 @@ class Estimate(ReadOnlyArrays):
     tally: Tally
     warnings: tuple[str, ...]
     flat: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    noise: tuple[OutputNoise, ...] = ()
+    known: Mapping[str, Known] = field(default_factory=dict)
+    intervals: Intervals = LOCAL
+    local95: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +155,7 @@ class Reached:
         found: the best so far on all windows, None before there is something better than the start.
         wide: column -> width of its differences, of the parameters that act in steps.
         flats: column -> over which z the cost does not tell such a parameter's values apart.
+        noise: standard deviation of the residuals, by which what is known before is weighed.
     """
 
     tally: Tally = field(default_factory=Tally)
@@ -112,22 +163,29 @@ class Reached:
     found: Minimum | None = None
     wide: Mapping[int, float] = field(default_factory=dict)
     flats: Mapping[int, Flat] = field(default_factory=dict)
+    noise: float = 1.0
 
 
 def assembled(
-    problem: Problem, reached: Reached, found: Minimum, uncertainty: Covariance, seen: Identifiability
+    problem: Problem,
+    reached: Reached,
+    found: Minimum,
+    uncertainty: Covariance,
+    seen: Identifiability,
+    intervals: Intervals = LOCAL,
 ) -> Estimate:
-    """What a search has come to, as people and files need it."""
+    """What a search has come to, as people and files need it; `doubts` says what is to be told of it."""
     z = found.at.point.parameters
     given = np.sqrt(np.diag(uncertainty.matrix)) * uncertainty.quantile
     uncertainty = _without(uncertainty, _undetermined(problem.parameters, given, reached.flats))
     deviations = np.sqrt(np.diag(uncertainty.matrix))
     slopes = problem.parameters.slopes(z)
     simulated, residuals, fits = outputs(problem, found.at)
-    partial = Estimate(
+    local = _intervals(problem.parameters, z, deviations * uncertainty.quantile, reached.flats)
+    return Estimate(
         values=problem.parameters.values(z),
         std=_with_ties(problem.parameters, dict(zip(seen.names, (float(s) for s in deviations * slopes), strict=True))),
-        ci95=_intervals(problem.parameters, z, deviations * uncertainty.quantile, reached.flats),
+        ci95=_with_tied_ends(problem.parameters, local | dict(intervals.ends)),
         free=seen.names,
         z=z,
         covariance=uncertainty.matrix * np.outer(slopes, slopes),
@@ -146,8 +204,11 @@ def assembled(
         tally=reached.tally,
         warnings=(),
         flat=_flat_ranges(problem.parameters, reached.flats, given),
+        noise=_noise(problem, uncertainty, residuals),
+        known=_known(problem, z, deviations * slopes),
+        intervals=intervals,
+        local95=_with_tied_ends(problem.parameters, local),
     )
-    return replace(partial, warnings=tuple(_warnings(problem, partial)))
 
 
 def _with_ties(parameters: ParameterSet, std: dict[str, float]) -> dict[str, float]:
@@ -161,7 +222,7 @@ def _undetermined(parameters: ParameterSet, reach: FloatArray, flats: Mapping[in
         reach: (n,) half of the 95 % interval in z.
     """
     silent = [column for column, range_ in flats.items() if range_.silent]
-    vague = [c for c, p in enumerate(parameters.free) if p.scale == "log" and _VAGUE < reach[c] < math.inf]
+    vague = [c for c, p in enumerate(parameters.free) if p.scale == "log" and VAGUE < reach[c] < math.inf]
     return sorted({*silent, *vague})
 
 
@@ -182,18 +243,26 @@ def _flat_ranges(
 def _intervals(
     parameters: ParameterSet, z: FloatArray, reach: FloatArray, flats: Mapping[int, Flat]
 ) -> dict[str, tuple[float, float]]:
-    """name -> interval, symmetric in z; about a flat range where there is one."""
+    """name -> local interval of the free ones, symmetric in z; about a flat range where there is one."""
     intervals = {}
     for column, (p, zi, r) in enumerate(zip(parameters.free, z, reach, strict=True)):
         range_ = flats.get(column)
         low, high = (zi, zi) if range_ is None or range_.silent else (min(zi, range_.low), max(zi, range_.high))
         own = 0.0 if high > low and math.isinf(r) else r
         intervals[p.name] = (_end(p, float(low - own)), _end(p, float(high + own)))
+    return intervals
+
+
+def _with_tied_ends(
+    parameters: ParameterSet, intervals: Mapping[str, tuple[float, float]]
+) -> dict[str, tuple[float, float]]:
+    """The intervals of the free ones, and of what is tied to them."""
+    found = dict(intervals)
     for tie in parameters.ties:
         if tie.other in intervals and tie.factor:
             low, high = sorted(tie.factor * end for end in intervals[tie.other])
-            intervals[tie.name] = (low, high)
-    return intervals
+            found[tie.name] = (low, high)
+    return found
 
 
 def _end(parameter: Parameter, z: float) -> float:
@@ -211,48 +280,41 @@ def initial_states(problem: Problem, point: Point) -> dict[str, FloatArray]:
 
 def outputs(problem: Problem, at: Iterate) -> tuple[tuple[FloatArray, ...], tuple[FloatArray, ...], FloatArray]:
     """Simulated outputs and errors, (K, m) a window, and FIT (W, m)."""
-    pairs = list(zip(problem.windows, at.residuals, strict=True))
+    residuals = problem.measured_only(at.residuals, range(len(problem.windows)))
+    pairs = list(zip(problem.windows, residuals, strict=True))
     errors = tuple(-residual.reshape(window.measured.shape) / window.weight for window, residual in pairs)
     simulated = tuple(window.measured - error for window, error in zip(problem.windows, errors, strict=True))
     fits = np.array([fit(window.measured, y) for window, y in zip(problem.windows, simulated, strict=True)])
     return simulated, errors, fits
 
 
-def _warnings(problem: Problem, result: Estimate) -> list[str]:
-    """One sentence for everything that makes the numbers worth less than they look."""
-    seen = result.identifiability
-    named = (combo for combo in (*seen.unseen, *seen.weak) if not set(combo.coefficients) <= set(result.flat))
-    warnings = [combination.message for combination in named]
-    for name, (low, high) in result.flat.items():
-        unit = next(p.unit for p in problem.parameters.free if p.name == name)
-        range_ = f"from {low:.6g} to {high:.6g} {unit}"
-        warnings.append(f"{name} acts in steps: the outputs do not tell {range_} apart, which its interval holds")
-    for parameter in problem.parameters.free:
-        warnings += parameter_warnings(parameter, result.values[parameter.name], result.std[parameter.name])
-    told = " ".join(warnings)
-    for parameter in problem.parameters.free:
-        lost = math.isinf(result.std[parameter.name]) and result.uncertainty.method != "none"
-        if lost and parameter.name not in told:
-            factor = f"a factor of {math.exp(_VAGUE):g} either way"
-            warnings.append(f"{parameter.name} is not determined: its 95 % interval would reach over {factor}")
-    if result.uncertainty.method == "coloured":
-        warnings.append(
-            f"residuals are correlated and {len(problem.windows)} windows are too few to judge them by windows: "
-            "intervals rest on a fitted noise model and miss model errors, cut the traces into more windows"
+def _noise(problem: Problem, uncertainty: Covariance, residuals: Sequence[FloatArray]) -> tuple[OutputNoise, ...]:
+    """What is left over of each output."""
+    stacked = np.concatenate(list(residuals))
+    steps = [np.zeros(len(problem.outputs)) if w.resolution is None else w.resolution for w in problem.windows]
+    coarsest = np.max(steps, axis=0)
+    return tuple(
+        OutputNoise(
+            output=name,
+            std=float(np.sqrt(np.mean(stacked[:, i] ** 2))),
+            white=uncertainty.whiteness[i].white,
+            samples_each=1.0 if uncertainty.whiteness[i].white else float(uncertainty.samples_each[i]),
+            resolution=float(coarsest[i]),
         )
-    if result.tally.failures:
-        failures, total = result.tally.failures, result.tally.simulations
-        warnings.append(f"{failures} of {total} simulations failed, first: {result.tally.reasons[0]}")
-    return warnings
+        for i, name in enumerate(problem.outputs)
+    )
 
 
-def parameter_warnings(parameter: Parameter, value: float, std: float) -> list[str]:
-    """What makes an estimate worth less than it looks: it lies at a bound, or its sign is not determined."""
-    warnings = []
-    for bound, word in ((parameter.lower, "lower"), (parameter.upper, "upper")):
-        if abs(value - bound) <= 1e-9 * parameter.size:
-            at = f"{parameter.name} is at its {word} bound {bound:g} {parameter.unit}"
-            warnings.append(f"{at}: its interval is one-sided")
-    if math.isfinite(std) and std > abs(value):
-        warnings.append(f"{parameter.name} is hardly determined: {value:.3g} with a standard deviation of {std:.3g}")
-    return warnings
+def _known(problem: Problem, z: FloatArray, std: FloatArray) -> dict[str, Known]:
+    """What was known of the free parameters before.
+
+    Args:
+        std: (n,) standard deviations of the estimates [unit each].
+    """
+    values, known = problem.parameters.values(z), {}
+    for parameter, own in zip(problem.parameters.free, std, strict=True):
+        if (prior := parameter.prior) is not None:
+            value = values[parameter.name]
+            left = min(1.0, (float(own) / prior.std(value)) ** 2)
+            known[parameter.name] = Known(prior.text, prior.source, 1.0 - left, prior.distance(value))
+    return known

@@ -60,6 +60,8 @@ class FreeRun:
         step: relative step of a forward difference, about the root of the simulation's relative accuracy.
         wide: column -> wider step of one that acts in steps.
         tangents: whether derivatives are exact where they can be.
+        noise: standard deviation of the residuals, which what is known before of parameters is weighed by: its rows
+            stand behind the residuals of the first window.
     """
 
     problem: Problem
@@ -69,6 +71,7 @@ class FreeRun:
     step: float
     wide: Mapping[int, float] = field(default_factory=dict)
     tangents: bool = False
+    noise: float = 1.0
 
     def residuals(self, point: Point) -> list[FloatArray] | None:
         """One (K m,) vector a window; None when a simulation failed."""
@@ -81,9 +84,34 @@ class FreeRun:
         found = self._simulated([(row, point, i) for i, point in enumerate(points) for row in range(count)])
         rows = [found[i * count : (i + 1) * count] for i in range(len(points))]
         complete = [[residual for residual in row if residual is not None] for row in rows]
-        return [row if len(row) == count else None for row in complete]
+        return [
+            self._informed(row, point) if len(row) == count else None
+            for row, point in zip(complete, points, strict=True)
+        ]
+
+    def _informed(self, residuals: list[FloatArray], point: Point) -> list[FloatArray]:
+        """The residuals, and behind them how far the point is from what is known before."""
+        if not self.problem.parameters.informed:
+            return residuals
+        return [np.concatenate([residuals[0], self.before(point).residual]), *residuals[1:]]
+
+    def before(self, point: Point) -> WindowBlock:
+        """What is known before as rows (p,), one a parameter of which something is known."""
+        return known_before(self.problem, point, self.noise)
+
+    def with_before(self, blocks: Sequence[WindowBlock], point: Point) -> list[WindowBlock]:
+        """Blocks of windows alone, what is known before stacked below the first."""
+        if not self.problem.parameters.informed:
+            return list(blocks)
+        return [_stacked(blocks[0], self.before(point)), *blocks[1:]]
 
     def linearise(self, point: Point, residuals: list[FloatArray], central: bool = False) -> list[WindowBlock]:
+        """Residuals and Jacobian of every window, and what is known before."""
+        return self.with_before(
+            self.linearised(point, self.problem.measured_only(residuals, self.windows), central), point
+        )
+
+    def linearised(self, point: Point, residuals: list[FloatArray], central: bool = False) -> list[WindowBlock]:
         """Residuals and Jacobian of every window: exact, or else by forward or central differences inside the bounds.
 
         Where a perturbed run fails the other side is tried; where that fails too the derivative is 0 and `unknown`.
@@ -209,6 +237,31 @@ class FreeRun:
             self.tally.failed(FmuError(window.name, "a simulated output is not finite"))
             return None
         return np.asarray((window.weight * (simulated - window.measured)).ravel())
+
+
+def known_before(problem: Problem, point: Point, noise: float) -> WindowBlock:
+    """What is known before of parameters as rows (p,): standard deviations off, in those of the residuals."""
+    parameters = problem.parameters
+    values, slopes = parameters.values(point.parameters), parameters.slopes(point.parameters)
+    columns = {parameter.name: c for c, parameter in enumerate(parameters.free)}
+    rows = np.zeros((len(parameters.informed), len(columns)))
+    off = np.zeros(len(rows))
+    for row, parameter in enumerate(parameters.informed):
+        assert parameter.prior is not None
+        off[row] = noise * parameter.prior.distance(values[parameter.name])
+        if parameter.name in columns:
+            c = columns[parameter.name]
+            rows[row, c] = noise * parameter.prior.slope(values[parameter.name]) * slopes[c]
+    return WindowBlock(off, rows, np.zeros((len(rows), point.states.shape[1])))
+
+
+def _stacked(block: WindowBlock, below: WindowBlock) -> WindowBlock:
+    return replace(
+        block,
+        residual=np.concatenate([block.residual, below.residual]),
+        parameters=np.vstack([block.parameters, below.parameters]),
+        states=np.vstack([block.states, below.states]),
+    )
 
 
 def _moved(point: Point, column: int, row: int, step: float) -> Point:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from fmus.errors import IdentificationError
 from identification.estimation.arrow_least_squares import LEAST_SQUARES, Box, Loss, Point
 from identification.estimation.parameters import InitialState, ParameterSet, refuse_duplicates
+from identification.signals.resolution import ROUNDED
 from orchestrator.trace import FloatArray, ReadOnlyArrays
 
 
@@ -23,12 +24,14 @@ class Window(ReadOnlyArrays):
         trace: name of the trace it was cut from.
         measured: (K, m) outputs at the measured instants, one column an output.
         weight: (m,) what an output's error is multiplied by, 1 / its unit.
+        resolution: (m,) step in which each output was recorded, 0 for none; None where that is not known.
     """
 
     name: str
     trace: str
     measured: FloatArray
     weight: FloatArray
+    resolution: FloatArray | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -106,6 +109,16 @@ class Problem:
     def unknowns(self) -> int:
         """Free parameters, and estimated initial states of all windows together."""
         return len(self.parameters.free) + len(self.estimated) * len(self.windows)
+
+    @property
+    def rounding(self) -> FloatArray:
+        """(m,) variance of the outputs' rounding, weighted, its mean over the windows."""
+        steps = [np.zeros(len(self.outputs)) if w.resolution is None else w.weight * w.resolution for w in self.windows]
+        return np.asarray(np.mean(np.square(steps), axis=0) * ROUNDED**2)
+
+    def measured_only(self, residuals: Sequence[FloatArray], windows: Sequence[int]) -> list[FloatArray]:
+        """The residuals of these windows without what stands behind those of the first."""
+        return [residual[: self.windows[w].measured.size] for w, residual in zip(windows, residuals, strict=True)]
 
     def values(self, window: int, point: Point, row: int) -> dict[str, float]:
         """name -> value for one window, its initial states taken from this row of the point."""

@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 from fmus.errors import FmuError, IdentificationError
 from identification.estimation.arrow_least_squares import LEAST_SQUARES, ArrowModel, Box, Loss, Point, WindowBlock
 from identification.estimation.workers import LocalPool
-from identification.output_error.search.estimate import parameter_warnings
+from identification.output_error.search.doubts import parameter_warnings
 from identification.output_error.search.estimator import (
     InitialState,
     Options,

@@ -1,0 +1,77 @@
+"""What is said of an estimate where the search ended: covariance, what is seen, and intervals by fits of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from identification.estimation.arrow_least_squares import Iterate, Minimum, WindowBlock
+from identification.estimation.uncertainty import Covariance, Identifiability, covariance, identifiability
+from identification.output_error.search.bootstrap import bootstrapped
+from identification.output_error.search.intervals import LOCAL, Intervals
+from identification.output_error.search.profile import profiled
+from identification.output_error.search.profile_curve import Profile
+from identification.output_error.search.work import PERFECT, Work, is_perfect
+
+
+@dataclass(frozen=True)
+class Spoken:
+    """What is said of an estimate.
+
+    Attributes:
+        blocks: the windows linearised there.
+        better: a point of less cost, met while profiles were followed.
+    """
+
+    blocks: Sequence[WindowBlock]
+    uncertainty: Covariance
+    seen: Identifiability
+    intervals: Intervals
+    better: Iterate | None = None
+
+
+def spoken(work: Work, found: Minimum) -> Spoken:
+    """All that is asked for, by the derivatives at the estimate and further fits."""
+    work.tell("uncertainty")(found.iterations, found.at)
+    problem, run = work.problem, work.over(work.all_windows)
+    residuals = problem.measured_only(found.at.residuals, work.all_windows)
+    blocks = run.linearised(found.at.point, residuals, central=True)
+    before = run.before(found.at.point) if problem.parameters.informed else None
+    uncertainty = covariance(blocks, problem.loss, len(problem.outputs), problem.rounding, before)
+    seen = _seen(work, found.at, blocks)
+    by = work.options.intervals.by
+    if by == "local" or not work.problem.parameters.free:
+        return Spoken(blocks, uncertainty, seen, LOCAL)
+    if is_perfect(work, found):
+        said = f"intervals are local, no {by}s: {PERFECT}, so that there is no noise to hold values against"
+        return Spoken(blocks, uncertainty, seen, Intervals(remarks=(said,)))
+    if by == "bootstrap":
+        return Spoken(blocks, uncertainty, seen, bootstrapped(work, found.at, blocks, uncertainty))
+    silent = {column for column, range_ in work.reached.flats.items() if range_.silent}
+    columns = [column for column in range(len(work.problem.parameters.free)) if column not in silent]
+    found_curves = profiled(work, found.at, uncertainty, columns)
+    return Spoken(blocks, uncertainty, seen, _by_profiles(found_curves.curves), found_curves.better)
+
+
+def _seen(work: Work, at: Iterate, blocks: Sequence[WindowBlock]) -> Identifiability:
+    parameters, z = work.problem.parameters, at.point.parameters
+    values = parameters.values(z)
+    return identifiability(
+        blocks, parameters.free, np.array([values[p.name] for p in parameters.free]), parameters.slopes(z)
+    )
+
+
+def _by_profiles(curves: Mapping[str, Profile]) -> Intervals:
+    said = [
+        f"{name}: its 95 % interval has no {side} end, {reason}"
+        for name, curve in curves.items()
+        for side, reason in curve.open.items()
+    ]
+    said += [
+        f"{name}: the {side} end of its 95 % interval is where {' and '.join(others)} cannot go on beyond their bounds"
+        for name, curve in curves.items()
+        for side, others in curve.held_by.items()
+    ]
+    return Intervals("profile", {name: curve.ends for name, curve in curves.items()}, curves, remarks=tuple(said))

@@ -1,0 +1,104 @@
+"""The report's section on what the estimates are worth: intervals, noise, what is seen of which parameter, and when."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from identification.output_error.calibration import Calibration
+from identification.output_error.search.estimate import Estimate
+from identification.output_error.search.profile_curve import Profile
+from orchestrator.display.table import Cell
+from orchestrator.display.titles import with_unit
+from orchestrator.report import Chart, Curve, Mark, Panel, Section, figures
+from orchestrator.report.drawings import Grid
+
+HOW = {
+    "white": "Covariance for white residuals, s² (JᵀJ)⁻¹.",
+    "coloured": "Residuals are correlated: covariance with an autoregressive model of them.",
+    "none": "Not known: the calibration was stopped before.",
+    "window": "Residuals are correlated: covariance from leaving out one window at a time.",
+}
+BY = {
+    "local": "Intervals are from this covariance.",
+    "profile": "Intervals are read off profiles: a parameter is held, all others are fitted anew.",
+    "bootstrap": "Intervals are by bootstrap: all is fitted anew to windows drawn with replacement.",
+}
+GIVEN = "They take the model, and whatever is fixed in it, for right."
+
+
+def uncertainty(section: Section, calibration: Calibration) -> None:
+    """How intervals came about, noise, correlations, singular values, and what the search took."""
+    found = calibration.estimate
+    seen = found.identifiability
+    section.paragraph(f"{HOW[found.uncertainty.method]} {BY[found.intervals.by]} {GIVEN}")
+    for combination in (*seen.unseen, *seen.weak):
+        section.callout("warning", combination.message)
+    _other_intervals(section, found, calibration)
+    _noise(section, found, calibration)
+    section.figure(figures.correlation_heatmap(seen.names, seen.correlation), "Correlation of the estimates")
+    directions = np.arange(1.0, len(seen.singular_values) + 1)
+    strengths = Curve("singular value", directions, np.asarray(seen.singular_values), "dots")
+    section.figure(
+        Chart([Panel("singular value", [strengths], log=True)], x="direction of the parameters"),
+        "Singular values of the scaled Jacobian: a direction far below the others is hardly seen in the data",
+    )
+    section.table(
+        ["direction", "singular value"],
+        [[i + 1, float(v)] for i, v in enumerate(seen.singular_values)],
+        caption="Singular values of the scaled Jacobian",
+    )
+    tally = found.tally
+    section.paragraph(
+        f"{found.message}: {found.iterations} iterations, {tally.simulations} simulations, "
+        f"{tally.failures} of them failed."
+    )
+    if tally.differences:
+        section.paragraph(f"Derivatives are differences and not exact: {tally.differences}.")
+
+
+def _other_intervals(section: Section, found: Estimate, calibration: Calibration) -> None:
+    """Profiles drawn, and intervals beside the local ones."""
+    if found.intervals.by == "local":
+        return
+    rows: list[list[Cell]] = []
+    for name in found.free:
+        ends = [*found.ci95[name], *found.local95[name]]
+        rows.append([name, found.values[name], *(end if np.isfinite(end) else "open" for end in ends)])
+    headers = ["parameter", "estimate", "from", "to", "locally from", "to"]
+    section.table(headers, rows, caption="95 % intervals, and what they would be from the sensitivities alone")
+    charts = [
+        (name, _drawn(curve, with_unit(name, calibration.units.get(name, "1"))))
+        for name, curve in found.intervals.profiles.items()
+    ]
+    if charts:
+        section.figure(
+            Grid(charts),
+            "Profiles: how the least cost rises beside each estimate; the interval is where it is below the line. "
+            "A parabola is what local intervals take it for.",
+        )
+
+
+def _noise(section: Section, found: Estimate, calibration: Calibration) -> None:
+    """What is taken for noise, of each output."""
+    rows: list[list[Cell]] = [
+        [
+            with_unit(one.output, calibration.units.get(one.output, "1")),
+            one.std,
+            "white" if one.white else f"not white: {test.why_not}",
+            one.samples_each,
+            one.resolution or None,
+            one.rounding or None,
+        ]
+        for one, test in zip(found.noise, found.uncertainty.whiteness, strict=True)
+    ]
+    section.table(
+        ["output", "left over, rms", "", "samples that count as one", "recorded in steps of", "which round by, rms"],
+        rows,
+        caption="What is taken for noise",
+    )
+
+
+def _drawn(curve: Profile, axis: str) -> Chart:
+    """A profile, with what is 95 % likely below the line."""
+    line = Mark(curve.threshold, "y", "95 %")
+    return Chart([Panel("rise", [Curve("profile", curve.values, curve.rise)], [line])], x=axis, legend=False)

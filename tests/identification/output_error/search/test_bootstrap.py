@@ -1,0 +1,109 @@
+"""Intervals by windows drawn with replacement."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from fmus.errors import IdentificationError
+from identification.estimation.parameters import Parameter, ParameterSet
+from identification.output_error.search.bootstrap import _levels
+from identification.output_error.search.estimator import Estimate, Options, Problem, Window, estimate
+from identification.output_error.search.options import IntervalOptions
+from orchestrator.trace import FloatArray
+
+TIME = np.linspace(0.0, 1.0, 20)
+OPTIONS = Options(intervals=IntervalOptions("bootstrap", resamples=200, seed=4))
+
+
+class Line:
+    """y = slope t."""
+
+    def simulate(self, window: int, values: Mapping[str, float]) -> FloatArray:
+        return np.asarray(values["m.slope"] * TIME[:, None])
+
+    def close(self) -> None:
+        return None
+
+
+def scattered(windows: int, rng: np.random.Generator, draw: str = "normal") -> Problem:
+    """Slopes that scatter from window to window, as model errors have it, and little noise within."""
+    slopes = 1.0 + (0.1 * rng.normal(size=windows) if draw == "normal" else 0.3 * (rng.exponential(size=windows) - 1))
+    cut = [
+        Window(str(w), "t", (slope * TIME + 0.01 * rng.normal(size=20))[:, None], np.ones(1))
+        for w, slope in enumerate(slopes)
+    ]
+    return Problem(ParameterSet((Parameter("m.slope", 0.9), Parameter("m.nothing", 1.0, 0.0, 2.0))), tuple(cut), ("y",))
+
+
+def fitted(problem: Problem, options: Options = OPTIONS) -> Estimate:
+    return estimate(problem, Line, options)
+
+
+def test_the_spread_is_that_of_the_windows_means() -> None:
+    """Of a line, the estimate is a mean of the windows' own: resampling means has a closed form."""
+    problem = scattered(30, np.random.default_rng(1))
+    found = fitted(problem)
+    own = [float(w.measured[:, 0] @ TIME / (TIME @ TIME)) for w in problem.windows]
+    drawn = found.intervals.bootstrap
+    assert drawn is not None and drawn.failed == 0
+    slopes = drawn.replicates[:, drawn.names.index("m.slope")]
+    assert slopes.mean() == pytest.approx(np.mean(own), abs=3 * np.std(own) / np.sqrt(30 * 200))
+    assert slopes.std(ddof=1) == pytest.approx(np.std(own) / np.sqrt(30), rel=0.15)
+    low, high = found.ci95["m.slope"]
+    half = stats.t.ppf(0.975, 29) * np.std(own, ddof=1) / np.sqrt(30)
+    assert high - low == pytest.approx(2 * half, rel=0.2)
+
+
+def test_a_parameter_that_does_nothing_gets_no_interval() -> None:
+    found = fitted(scattered(12, np.random.default_rng(2)))
+    assert found.ci95["m.nothing"] == (-np.inf, np.inf) and np.isfinite(found.ci95["m.slope"][0])
+
+
+def test_the_same_seed_gives_the_same_and_another_one_another() -> None:
+    problem = scattered(12, np.random.default_rng(3))
+    one, again = fitted(problem), fitted(problem)
+    other = fitted(problem, replace(OPTIONS, intervals=replace(OPTIONS.intervals, seed=5)))
+    assert one.ci95 == again.ci95 != other.ci95
+
+
+def test_too_few_windows_are_refused() -> None:
+    with pytest.raises(IdentificationError, match="uncertainty: 4 windows are too few to be drawn from") as caught:
+        fitted(scattered(4, np.random.default_rng(4)))
+    assert "profile" in str(caught.value)
+
+
+def test_percentiles_are_those_of_students_t() -> None:
+    low, high = _levels(np.linspace(-1, 1, 101), 0.0, None, 12)
+    assert (low, high) == pytest.approx(stats.norm.cdf(np.sqrt(12 / 11) * stats.t.ppf([0.025, 0.975], 11)))
+
+
+def test_bca_is_that_of_scipy() -> None:
+    """Without what is added for few windows, of the mean of a skewed sample."""
+    sample = np.random.default_rng(6).exponential(size=2000)
+    mean = float(sample.mean())
+    rng = np.random.default_rng(7)
+    means = sample[rng.integers(2000, size=(4000, 2000))].mean(axis=1)
+    left_out = (mean - sample) / 1999
+    ends = np.quantile(means, _levels(means, mean, left_out, 2000))
+    reference = stats.bootstrap((sample,), np.mean, method="BCa", n_resamples=4000, random_state=rng)
+    expected = reference.confidence_interval
+    assert ends == pytest.approx([expected.low, expected.high], abs=0.05 * (expected.high - expected.low))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("draw", ["normal", "exponential"])
+def test_intervals_cover_the_mean_of_windows_that_scatter(draw: str) -> None:
+    rng, inside, draws = np.random.default_rng(8), 0, 200
+    options = replace(OPTIONS, intervals=replace(OPTIONS.intervals, resamples=400))
+    for _ in range(draws):
+        problem = scattered(20, rng, draw)
+        slope = ParameterSet((Parameter("m.slope", 0.9),))
+        low, high = fitted(replace(problem, parameters=slope), options).ci95["m.slope"]
+        inside += low <= 1.0 <= high
+    least, most = stats.binom.interval(0.999, draws, 0.95 if draw == "normal" else 0.92)
+    assert least <= inside <= most, inside / draws

@@ -1,0 +1,101 @@
+"""Intervals of a study: what its key asks for, and what of it is in the summary and the report."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fmus.errors import IdentificationError, ScenarioError
+from identification.calibrate import calibrate_study
+from identification.output_error import calibration
+from identification.study import load_study
+from tests.support.small_study import TRUTH, record, study, write_study
+
+Document = dict[str, Any]
+
+
+@pytest.fixture(autouse=True)
+def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Simulate here: starting processes takes longer than these calibrations."""
+    monkeypatch.setattr(calibration, "processors", lambda: 1)
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record(tmp_path_factory.mktemp("recordings"))
+
+
+def calibrated(tmp_path: Path, data: Path, **changes: Any) -> tuple[Document, str]:
+    """Summary and report of the small study with these changes."""
+    told = calibrate_study(write_study(tmp_path / "s.yaml", **changes), data, tmp_path / "out", lambda *_: None)
+    assert told["parameters"]
+    text = (tmp_path / "out" / "summary.json").read_text()
+    assert "Infinity" not in text and "NaN" not in text
+    return json.loads(text), (tmp_path / "out" / "report.html").read_text()
+
+
+def test_profiles_are_kept_and_drawn(tmp_path: Path, data: Path) -> None:
+    summary, page = calibrated(tmp_path, data, uncertainty="profile")
+    assert summary["uncertainty"]["intervals"] == "profile"
+    for name, truth in TRUTH.items():
+        curve, (low, high) = summary["uncertainty"]["profiles"][name], summary["parameters"][name]["ci95"]
+        assert low <= truth <= high
+        assert curve["values"] == sorted(curve["values"]) and len(curve["values"]) >= 5
+        assert min(curve["rise"]) == 0 and max(curve["rise"]) >= 0.9 * curve["threshold"]
+        assert curve["local95"] == pytest.approx([low, high], rel=0.01), "short intervals are local ones"
+    assert "Profiles: how the least cost rises" in page and "locally from" in page
+
+
+def test_what_is_taken_for_noise_is_told_by_output(tmp_path: Path, data: Path) -> None:
+    summary, page = calibrated(tmp_path, data)
+    noise = summary["uncertainty"]["noise"]["hand.angle"]
+    assert noise["std"] == pytest.approx(2e-4, rel=0.1) and noise["white"]
+    assert noise["samples_each"] == 1 and noise["resolution"] == 0
+    assert "What is taken for noise" in page
+    assert "take the model, and whatever is fixed in it, for right" in page
+
+
+def test_a_constant_that_is_wrong_is_never_passed_over(tmp_path: Path, data: Path) -> None:
+    """The added masses sit at 0.1 m; told 0.08 m, truths lie outside of intervals that are said to be of the fit."""
+    components = study()["components"]
+    components["hand"]["parameters"]["added_length"] = 0.08
+    summary, _ = calibrated(tmp_path, data, components=components)
+    off = {name: summary["parameters"][name]["ci95"] for name in TRUTH}
+    assert any(not low <= TRUTH[name] <= high for name, (low, high) in off.items())
+    said = next(warning for warning in summary["warnings"] if warning.startswith("residuals are not white"))
+    assert "not how near it is to the truth" in said and "hand.angle (" in said
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ("exact", "input should be 'local', 'profile' or 'bootstrap'"),
+        ("bootstrap", r"a bootstrap draws windows and needs a `seed`: \{by: bootstrap, seed: 1\}"),
+        ({"by": "profile", "seed": 1}, "`seed` is of `by: bootstrap`; remove it"),
+        ({"by": "bootstrap", "seed": 1, "resamples": 3}, "greater than or equal to 100"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_with_its_place(tmp_path: Path, given: Any, message: str) -> None:
+    with pytest.raises(ScenarioError, match=message) as caught:
+        load_study(write_study(tmp_path / "s.yaml", uncertainty=given))
+    assert "uncertainty" in str(caught.value)
+
+
+def test_a_bootstrap_of_two_windows_is_refused(tmp_path: Path, data: Path) -> None:
+    with pytest.raises(IdentificationError, match="uncertainty: 2 windows are too few to be drawn from"):
+        calibrated(tmp_path, data, uncertainty={"by": "bootstrap", "seed": 1})
+
+
+def test_a_bootstrap_says_what_it_drew(tmp_path: Path, data: Path) -> None:
+    changes: Document = {"windows": {"length": 0.4, "every": 0.1}, "uncertainty": {"by": "bootstrap", "seed": 3}}
+    changes["initial"] = {
+        "hand.angle_start": {"signal": "angle", "half_width": 0.05, "estimated": True},
+        "hand.speed_start": {"signal": "angle", "derivative": 1, "half_width": 0.05, "estimated": True},
+    }
+    summary, _ = calibrated(tmp_path, data, **changes)
+    drawn = summary["uncertainty"]["bootstrap"]
+    assert (drawn["resamples"], drawn["seed"], drawn["kind"]) == (200, 3, "bca")
+    assert summary["uncertainty"]["intervals"] == "bootstrap"
