@@ -15,7 +15,6 @@ import can
 import numpy as np
 
 from orchestrator.bridge.dependence import STOP
-from orchestrator.bridge.line import Line
 from orchestrator.bridge.mapping import Coupling
 from orchestrator.bridge.safety import State, Status
 from orchestrator.bridge.signals.outputs import SentMessage, SentSignal
@@ -23,6 +22,7 @@ from orchestrator.bridge.traffic_report import TrafficReport
 from orchestrator.bridge.watchdog import Watchdog
 from orchestrator.can.live.backlog import Backlog
 from orchestrator.can.live.bus import BusSettings
+from orchestrator.can.live.line import Line
 from orchestrator.can.live.link import linked
 from orchestrator.can.live.news import ErrorStates, News, troubles
 from orchestrator.can.live.receiver import Receiver

@@ -1,9 +1,9 @@
-"""Commands on a CAN bus: can record, replay, database."""
+"""Commands on a CAN bus: can record, replay, gateway, database."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
@@ -39,6 +39,10 @@ Dbc = Annotated[
 ]
 Condition = Annotated[
     str | None, typer.Option(metavar="'SIGNAL > X'", help="Of a signal of --dbc, in its unit; or <, <=, >=, ==, !=.")
+]
+Safe = Annotated[list[str] | None, typer.Option(metavar="SIGNAL=X", help="Sent last, however it ends; repeatable.")]
+EndWith = Annotated[
+    list[str] | None, typer.Option(metavar="ID#DATA", help="A frame that is sent last, as 123#00FF; repeatable.")
 ]
 Encoding = Annotated[str | None, typer.Option("--encoding", help="Of the databases' text: utf-8, gbk, cp1252, ...")]
 
@@ -142,21 +146,17 @@ def replay(
     loop: Annotated[str, typer.Option(metavar="N", help="How often; 'endless' until Ctrl-C.")] = "1",
     only: Names = None,
     without: Names = None,
-    safe: Annotated[
-        list[str] | None, typer.Option(metavar="SIGNAL=X", help="Sent last, however it ends; repeatable.")
-    ] = None,
-    end_with: Annotated[
-        list[str] | None, typer.Option(metavar="ID#DATA", help="A frame that is sent last, as 123#00FF; repeatable.")
-    ] = None,
+    safe: Safe = None,
+    end_with: EndWith = None,
     dbc: Dbc = None,
     encoding: Encoding = None,
 ) -> Answer:
     """Send the frames of a log with their original timing; several channels of it onto as many buses."""
     from orchestrator.can.database.sources import parsed
-    from orchestrator.can.live.replay import Replay
-    from orchestrator.can.live.replay import replay as replay_log
-    from orchestrator.can.live.safe_end import Last
-    from orchestrator.can.live.selection import Chosen
+    from orchestrator.can.sending.replay import Replay
+    from orchestrator.can.sending.replay import replay as replay_log
+    from orchestrator.can.sending.safe_end import Last
+    from orchestrator.can.sending.selection import Chosen
 
     plan = Replay(
         log,
@@ -181,6 +181,51 @@ def _passes(loop: str) -> int | None:
     if not loop.isdecimal():
         raise InputError(f"--loop {loop}", "is no number", "give how often, or endless")
     return int(loop)
+
+
+@command(app)
+def gateway(
+    terminal: Terminal,
+    interface: Interfaces,
+    channel: Channels,
+    adapter: Adapter,
+    only: Names = None,
+    without: Names = None,
+    map_: Annotated[
+        list[str] | None,
+        typer.Option("--map", metavar="OLD=NEW", help="Identifier on the first bus and on the second; repeatable."),
+    ] = None,
+    one_way: Annotated[bool, typer.Option("--one-way", help="From the first --channel to the second only.")] = False,
+    duration: Annotated[float | None, typer.Option(min=0.0, metavar="SECONDS", help="Until Ctrl-C by default.")] = None,
+    reconnect: Annotated[bool, typer.Option("--reconnect", help="Open a lost bus again, every second.")] = False,
+    safe: Safe = None,
+    end_with: EndWith = None,
+    dbc: Dbc = None,
+    encoding: Encoding = None,
+) -> Answer:
+    """Pass frames between two buses, at once or not at all; Ctrl-C or SIGTERM ends it."""
+    from orchestrator.can.database.sources import parsed
+    from orchestrator.can.sending.gateway import Gateway
+    from orchestrator.can.sending.gateway import gateway as pass_frames
+    from orchestrator.can.sending.safe_end import Last
+    from orchestrator.can.sending.selection import Chosen
+
+    plan = Gateway(
+        tuple(replace(bus, reopens=reconnect) for bus in adapter.buses(interface, channel)),
+        parsed(dbc) if dbc else None,
+        encoding,
+        Chosen(only or (), without or ()),
+        map_ or (),
+        one_way,
+        duration,
+        Last(safe or (), end_with or ()),
+    )
+    with terminal.live("gateway") as move:
+        done = pass_frames(plan, move, lambda: terminal.say(f"passing frames between {plan.places}"))
+    rows = [
+        (f"{way.source} -> {way.target}", name, f"{count:,}") for way in done.ways for name, count in way.given.items()
+    ]
+    return Answer(done.document(), [Listing(("way", "message", "frames"), sorted(rows)), *done.lines()])
 
 
 @command(app)

@@ -91,17 +91,16 @@ class ForeignMachine:
 
     Attributes:
         fault: "", or what is wrong: "silence", "checksum", "counter", "not finite", "short".
-        flooding: whether it fills the bus with frames of the highest priority.
         commands: instant [s] and value of all that came.
         pauses: the longest time in which it could not look since it was set to 0 [s].
     """
 
-    def __init__(self, sender: Path, watcher: Path, flooder: Path) -> None:
-        self.fault, self.flooding, self.pauses = "", False, 0.0
+    def __init__(self, sender: Path, watcher: Path) -> None:
+        self.fault, self.pauses = "", 0.0
         self.commands: list[tuple[float, float]] = []
-        self._ports = [ForeignPort(path) for path in (sender, watcher, flooder)]
+        self._ports = [ForeignPort(path) for path in (sender, watcher)]
         self._over = threading.Event()
-        self._threads = [threading.Thread(target=work) for work in (self._send, self._watch, self._flood)]
+        self._threads = [threading.Thread(target=work) for work in (self._send, self._watch)]
         for thread in self._threads:
             thread.start()
 
@@ -142,10 +141,3 @@ class ForeignMachine:
                 for identifier, data in frames
                 if identifier == COMMAND and len(data) == 8 and checksum(data[:7]) == data[7]
             ]
-
-    def _flood(self) -> None:
-        port = self._ports[2]
-        while not self._over.wait(0.001):
-            port.frames(0.0)
-            for _ in range(8 * self.flooding):
-                port.send(1, b"\xff" * 8)

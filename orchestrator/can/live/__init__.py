@@ -1,1 +1,1 @@
-"""A live bus: opened, received, recorded and replayed."""
+"""A live bus: opened, kept, received and recorded."""

@@ -17,6 +17,7 @@ from orchestrator.can.slcan import protocol
 QUEUE = 256  # frames that an adapter keeps until the bus is free; it reads no more then
 BACKLOG = 65536  # bytes that an adapter keeps until its port takes them; frames are lost then
 _WARNING, _PASSIVE, _BUS_OFF = 96, 128, 256  # error counters at which an adapter changes its state
+_FILLER = b"t0008FFFFFFFFFFFFFFFF"  # the frame of highest priority
 _FLAGS = {"e": 0x80, "o": 0x08, "p": 0x20, "w": 0x04}  # what F tells: bus error, overrun, passive, warning
 
 
@@ -43,6 +44,7 @@ class SerialAdapter:
 
     Attributes:
         outgoing: what it has to say and the port has not taken yet.
+        filler: the frame that is sent again whenever the bus is free, None where there is none.
         lost: frames from the bus that the port was too slow for.
         ignored: commands and frames that were answered with BEL.
     """
@@ -52,6 +54,7 @@ class SerialAdapter:
         self.rates = BitRates(bus.nominal)
         self.open = self.listens_only = self.off = False
         self.queue: deque[Queued] = deque()
+        self.filler: Queued | None = None
         self.outgoing = bytearray()
         self.sent = self.heard = self.lost = self.ignored = 0
         self._partial = b""
@@ -151,6 +154,18 @@ class SerialAdapter:
         self._sending_errors += 8
         self._fail("b")
 
+    def fill(self, now: float) -> None:
+        """Be open, and leave no time on the bus to others until `spare`, however seldom somebody looks."""
+        self._close()
+        self.rates, self.open, self.listens_only = BitRates(self._bus.nominal), True, False
+        self.take(_FILLER + protocol.END, now)
+        self.filler = self.queue[0]
+
+    def spare(self) -> None:
+        """Leave the bus to others again."""
+        self.filler = None
+        self.queue.clear()
+
     def go_off(self) -> None:
         """Leave the bus as after too many errors; only closing and opening it again helps."""
         self._sending_errors = _BUS_OFF
@@ -214,6 +229,8 @@ class AdapterBus:
         waiting = [adapter for adapter in self.adapters if adapter.queue and adapter.queue[0].arrived <= begin]
         sender = min(waiting, key=lambda adapter: adapter.queue[0].priority)
         frame = sender.queue.popleft()
+        if sender.filler is not None:
+            sender.queue.append(sender.filler._replace(arrived=begin))
         self._now = begin + frame.duration, sender, frame
         return True
 

@@ -172,7 +172,12 @@ class _Hub:
             word, *numbers = line.decode().split()
             ports = [self._ports[int(number)] for number in numbers]
             for port in ports:
-                port.unplug() if word == "unplug" else port.adapter.go_off()
+                if word == "unplug":
+                    port.unplug()
+                elif word == "fill":
+                    port.adapter.fill(time.monotonic())
+                else:
+                    port.adapter.spare() if word == "spare" else port.adapter.go_off()
             _tell(asdict(self._statistics()))
 
     def _statistics(self) -> HubStatistics:
@@ -234,7 +239,7 @@ class Hub:
     """
 
     def __init__(self, process: subprocess.Popen[str], settings: HubSettings) -> None:
-        self._process = process
+        self._process, self._paced = process, settings.paced
         self.paths = tuple(settings.folder / str(number) for number in range(settings.ports))
         self.pid = process.pid
 
@@ -245,6 +250,20 @@ class Hub:
     def bus_off(self, port: int) -> None:
         """Let an adapter leave the bus as after too many errors."""
         self._ask(f"off {port}")
+
+    def fill(self, port: int) -> None:
+        """Have an adapter send frames of the highest priority without a gap, until `spare`.
+
+        Raises:
+            InputError: frames take no time on this bus, so that it is never full.
+        """
+        if not self._paced:
+            raise InputError("fill", "frames take no time on this bus", "start a hub that is paced")
+        self._ask(f"fill {port}")
+
+    def spare(self, port: int) -> None:
+        """Have that one leave the bus to others again."""
+        self._ask(f"spare {port}")
 
     def statistics(self) -> HubStatistics:
         """What has passed until now."""

@@ -14,13 +14,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from orchestrator.bridge.line import Line
 from orchestrator.bridge.mapping import coupled
 from orchestrator.bridge.traffic import BusTraffic
 from orchestrator.bridge.watchdog import Watchdog
 from orchestrator.can.database.database import Database
 from orchestrator.can.live.backlog import Backlog
 from orchestrator.can.live.bus import BusSettings, occupied
+from orchestrator.can.live.line import Line
 from orchestrator.can.live.news import News
 from orchestrator.can.live.receiver import Receiver
 from orchestrator.scenario.can_block import CanBlock

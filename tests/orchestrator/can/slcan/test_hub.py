@@ -93,6 +93,19 @@ def test_a_frame_is_not_heard_by_its_sender() -> None:
     assert lines(one) == [b"z"]
 
 
+def test_a_bus_that_is_filled_has_no_gap_however_seldom_somebody_looks() -> None:
+    bus, (one, filler, reader) = opened_adapters(3)
+    filler.fill(1.0)
+    bus.advance(1.001)
+    one.take(b"t1000\r", 1.001)
+    bus.advance(1.1)  # this computer may pause for as long as it likes
+    heard_lines = lines(reader)
+    assert {line[:4] for line in heard_lines} == {b"t000"} and len(heard_lines) == int(0.1 / (135 / 500_000))
+    filler.spare()
+    bus.advance(1.2)
+    assert lines(reader)[-1] == b"t1000"
+
+
 def test_an_adapter_at_another_bit_rate_hears_errors_and_nobody_hears_it() -> None:
     bus, (one, reader) = opened_adapters(2)
     wrong = SerialAdapter(BitRates(500_000, 2_000_000))

@@ -36,6 +36,9 @@ class Last:
     frames: Sequence[str] = ()
 
 
+NOTHING = Last()
+
+
 class SafeEnd:
     """The last frames: those of messages follow the ones that were sent of them, counters and other signals alike.
 

@@ -11,7 +11,7 @@ from fmus.errors import BusError
 from orchestrator.can.live.backlog import Backlog
 from orchestrator.can.live.bus import send
 from orchestrator.can.live.channels import Channel
-from orchestrator.can.live.safe_end import SafeEnd
+from orchestrator.can.sending.safe_end import SafeEnd
 from orchestrator.can.statistics import identifier_text
 
 _WAY = 0.3  # for which what was sent before may still wait [s]

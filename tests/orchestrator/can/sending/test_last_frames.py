@@ -11,8 +11,8 @@ import pytest
 from fmus.errors import BusError
 from orchestrator.can.live.bus import BusSettings, occupied
 from orchestrator.can.live.channels import Channel
-from orchestrator.can.live.last_frames import LastFrames
-from orchestrator.can.live.safe_end import Last, SafeEnd
+from orchestrator.can.sending.last_frames import LastFrames
+from orchestrator.can.sending.safe_end import Last, SafeEnd
 
 SETTINGS = BusSettings("slcan", "port", bitrate=500_000)
 URGENT = can.Message(arbitration_id=1, is_extended_id=False, data=bytes(8))

@@ -18,12 +18,12 @@ from hypothesis import strategies as st
 from fmus.errors import BusError, DatabaseError, InputError, TraceError
 from orchestrator.can.codec.single_decoding import SingleDecoder
 from orchestrator.can.database.database import load
-from orchestrator.can.live import replay as replaying
 from orchestrator.can.live.bus import BusSettings, opened
-from orchestrator.can.live.replay import Replay, Replayed
-from orchestrator.can.live.safe_end import Last
-from orchestrator.can.live.selection import Chosen
 from orchestrator.can.live.single_encoding import SingleEncoder
+from orchestrator.can.sending import replay as replaying
+from orchestrator.can.sending.replay import Replay, Replayed
+from orchestrator.can.sending.safe_end import Last
+from orchestrator.can.sending.selection import Chosen
 from orchestrator.can.slcan.hub import hub_process
 from orchestrator.can.statistics import FrameStatistics
 from orchestrator.progress import Progress, silent
@@ -102,7 +102,7 @@ def test_a_late_frame_does_not_delay_those_after_it(
         if len(deadlines) == 1:
             time.sleep(0.2)
 
-    monkeypatch.setattr("orchestrator.can.live.replay.send", send)
+    monkeypatch.setattr("orchestrator.can.sending.replay.send", send)
     done = replay(BUS, log)
     assert [due - deadlines[0] for due in deadlines] == pytest.approx([0.005 * k for k in range(50)], abs=1e-6)
     assert done.lateness.worst > 0.1

@@ -20,18 +20,17 @@ from orchestrator.can.database.sources import DatabaseFiles
 from orchestrator.can.frames import Frames
 from orchestrator.can.live.bus import BusSettings, is_bus_off, send
 from orchestrator.can.live.channels import Channel, Channels, listening
-from orchestrator.can.live.last_frames import LastFrames
 from orchestrator.can.live.link import REFUSING
-from orchestrator.can.live.passes import ahead, passes
-from orchestrator.can.live.safe_end import Last, SafeEnd
-from orchestrator.can.live.selection import Chosen, Selection
+from orchestrator.can.sending.last_frames import LastFrames
+from orchestrator.can.sending.passes import ahead, passes
+from orchestrator.can.sending.safe_end import NOTHING, Last, SafeEnd
+from orchestrator.can.sending.selection import EVERYTHING, Chosen, Selection
 from orchestrator.interrupts import endings, handling
 from orchestrator.progress import Progress, silent
 from orchestrator.realtime.lateness import Lateness
 from orchestrator.realtime.pacing import quiet
 from orchestrator.realtime.stopping import Stop, stop_requests
 
-EVERYTHING, NOTHING = Chosen(), Last()
 _LEAD = 0.05  # from the start to the first frame [s]
 _PERIOD = 0.25  # between two reports of progress, and two looks at what the adapter says [s]
 _HEARD = 65536  # frames of others that are kept between two looks at most

@@ -31,6 +31,9 @@ class Chosen:
     without: Sequence[str] = ()
 
 
+EVERYTHING = Chosen()
+
+
 @dataclass
 class Selection:
     """Takes the chosen frames; error frames are left to the caller.
@@ -54,7 +57,8 @@ class Selection:
         self._router = None if self.log is None else Router(self.log, self.channels)
         names = [*self.chosen.only, *self.chosen.without]
         self._messages = {name: self._numbers(name) for name in names}
-        self._identifiers = {name: _identifier(name) for name in names if not self._messages[name]}
+        keys = {name: identifier(name) for name in names if not self._messages[name]}
+        self._identifiers = {name: key for name, key in keys.items() if key is not None}
 
     @property
     def missing(self) -> list[str]:
@@ -79,8 +83,8 @@ class Selection:
 
     def _rows(self, name: str, frames: Frames, numbers: object) -> BoolArray:
         if name in self._identifiers:
-            identifier, extended = self._identifiers[name]
-            rows = (frames.id == identifier) & (frames.has(Flag.EXTENDED) == extended)
+            number, extended = self._identifiers[name]
+            rows = (frames.id == number) & (frames.has(Flag.EXTENDED) == extended)
         else:
             rows = np.isin(np.asarray(numbers), self._messages[name])
         rows &= ~frames.has(Flag.ERROR)
@@ -99,10 +103,16 @@ class Selection:
         return found
 
 
-def _identifier(name: str) -> tuple[int, bool]:
-    """The identifier, and whether it is an extended one: of more than three digits, or too large for a standard one."""
+def identifier(name: str) -> tuple[int, bool] | None:
+    """The identifier, and whether it is an extended one: of more than three digits, or too large for a standard one;
+    None where it is a name.
+
+    Raises:
+        InputError: it is larger than any.
+    """
     match = _IDENTIFIER.fullmatch(name)
-    assert match is not None
+    if match is None:
+        return None
     value, digits = int(match[1] or match[2], 16), len(match[1] or match[2])
     if value > _LARGEST:
         raise InputError(name, "is larger than an identifier can be", "give at most 1FFFFFFF")

@@ -1,0 +1,1 @@
+"""Frames onto buses: a log as it was recorded, and what passes from one bus to another."""
