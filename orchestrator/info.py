@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from orchestrator.trace import Trace
 
 FIRST_ROWS = 5
+_TEXTS, _LONGEST = 6, 40  # texts of a signal that are shown, and how much of each
 _SHOWN = 64  # elements of an array that are listed singly
 InfoDocument = Mapping[str, object]
 """A JSON document, to be shown and not to be looked into."""
@@ -155,14 +156,14 @@ def about_trace(path: Path, layout: formats.Layout | None = None, progress: Prog
         return about_log(path, progress)
     from orchestrator import formats  # noqa: PLC0415 (it brings pyarrow along)
 
-    recording = formats.read(path, layout, progress)
-    return _about_recording(recording, layout or formats.Layout())
+    asked = layout or formats.Layout(texts=True)
+    return _about_recording(formats.read(path, asked, progress), asked)
 
 
 def _about_recording(recording: formats.Recording, asked: formats.Layout) -> InfoDocument:
     from orchestrator.formats.layout import spelled  # noqa: PLC0415 (see above)
 
-    trace = recording.trace
+    trace, head = recording.trace, recording.trace.rows(slice(FIRST_ROWS))
     return {
         "name": trace.name,
         "samples": len(trace),
@@ -174,8 +175,8 @@ def _about_recording(recording: formats.Recording, asked: formats.Layout) -> Inf
         "sha256": recording.sha256,
         "signals": [_about_signal(trace, name) for name in trace.names],
         "rows": [
-            {"time": float(stamp), **{name: _finite(trace[name][row]) for name in trace.names}}
-            for row, stamp in enumerate(trace.time[:FIRST_ROWS])
+            {"time": float(stamp), **{name: _cell(head, name, row) for name in head.names}}
+            for row, stamp in enumerate(head.time)
         ],
         **({} if recording.layout is None else {"layout": spelled(recording.layout, asked)}),
     }
@@ -200,6 +201,8 @@ def _about_acceptance(recording: formats.Recording) -> InfoDocument:
 
 def _about_signal(trace: Trace, name: str) -> InfoDocument:
     values = trace[name]
+    if name in trace.texts:
+        return _about_texts(trace, name)
     known = values[np.isfinite(values)]
     missing, infinite = int(np.isnan(values).sum()), int(np.isinf(values).sum())
     return {
@@ -210,6 +213,25 @@ def _about_signal(trace: Trace, name: str) -> InfoDocument:
         **({"missing": missing} if missing else {}),
         **({"infinite": infinite} if infinite else {}),
     }
+
+
+def _about_texts(trace: Trace, name: str) -> InfoDocument:
+    """How many different texts there are, the first of them, and how many are missing."""
+    missing = int(np.isnan(trace[name]).sum())
+    came = list(dict.fromkeys(text for text in trace.words(name) if text is not None))
+    shown = [text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..." for text in came[:_TEXTS]]
+    return {
+        "name": name,
+        "unit": trace.unit(name) or "",
+        "min": None,
+        "max": None,
+        **({"missing": missing} if missing else {}),
+        "texts": ", ".join(shown) + (f" and {len(came) - _TEXTS} more" if len(came) > _TEXTS else ""),
+    }
+
+
+def _cell(trace: Trace, name: str, row: int) -> float | str | None:
+    return trace.words(name)[row] if name in trace.texts else _finite(trace[name][row])
 
 
 def _about_reading(recording: formats.Recording) -> InfoDocument:

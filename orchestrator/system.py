@@ -321,15 +321,16 @@ def drivable(system: System, endpoint: Endpoint, role: str, place: str = "") -> 
     return require(system, endpoint, "input", role, place)
 
 
-def recordable(system: System, name: str, place: str) -> Port:
-    """The variable of this name, which a trace can hold.
+def recordable(system: System, name: str, place: str, texts: bool = False) -> Port:
+    """The variable of this name, which is a number or, where `texts` will do, a text.
 
     Raises:
-        WiringError: it is no number, or there is none; the message names `place`.
+        WiringError: it is something else, or there is none; the message names `place`.
     """
     port = system.port(Endpoint.parse(name), place)
-    if not port.numeric:
-        raise WiringError(place, f"is {with_article(port.type)}, and a trace holds numbers", "choose another variable")
+    if not (port.recordable if texts else port.numeric):
+        wanted = "numbers and texts can be recorded" if texts else "a number is wanted"
+        raise WiringError(place, f"is {with_article(port.type)}, and {wanted}", "choose another variable")
     return port
 
 

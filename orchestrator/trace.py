@@ -6,6 +6,7 @@ backwards become one through `ordered`, which says what it had to do.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -81,15 +82,19 @@ class Trace:
         signals: name -> (K,) samples, each in its own unit.
         units: name -> unit; a signal without an entry has no known unit.
         name: where it comes from, for messages and reports.
+        texts: name -> the texts that the numbers of a signal stand for, from 0; only of those that hold text.
     """
 
     time: FloatArray
     signals: Mapping[str, FloatArray]
     units: Mapping[str, str] = field(default_factory=dict)
     name: str = "trace"
+    texts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         signals = {key: read_only(values) for key, values in self.signals.items()}
+        texts = {key: tuple(self.texts[key]) for key in signals if key in self.texts} if self.texts else {}
+        object.__setattr__(self, "texts", MappingProxyType(texts))
         object.__setattr__(self, "time", read_only(self.time))
         object.__setattr__(self, "signals", MappingProxyType(signals))
         object.__setattr__(self, "units", MappingProxyType(dict(self.units)))
@@ -111,15 +116,21 @@ class Trace:
             return NotImplemented
         return (
             (self.name, self.names, self.units) == (other.name, other.names, other.units)
+            and self.texts.keys() == other.texts.keys()
             and np.array_equal(self.time, other.time)
-            and all(np.array_equal(self[name], other[name], equal_nan=True) for name in self.names)
+            and all(
+                self.words(name) == other.words(name)
+                if name in self.texts
+                else np.array_equal(self[name], other[name], equal_nan=True)
+                for name in self.names
+            )
         )
 
     def __hash__(self) -> int:
         return hash((self.name, self.names, len(self), self.duration))
 
     def __reduce__(self) -> tuple[object, ...]:
-        return Trace, (self.time, dict(self.signals), dict(self.units), self.name)
+        return Trace, (self.time, dict(self.signals), dict(self.units), self.name, dict(self.texts))
 
     def __repr__(self) -> str:
         return f"<Trace '{self.name}': {self._extent()}; {self._listed()}>"
@@ -134,9 +145,16 @@ class Trace:
                 *((float(np.fmin.reduce(values)), float(np.fmax.reduce(values))) if len(self) else ()),
             )
             for name, values in self.signals.items()
+            if name not in self.texts
         ]
+        rows += [(name, "text", *self._ends(name)) for name in self.texts]
         headers = ("signal", "unit", "lowest", "highest") if len(self) else ("signal", "unit")
         return table(headers, rows, caption=f"{self.name}: {self._extent()}")
+
+    def _ends(self, name: str) -> tuple[str, ...]:
+        """The first text and the last one."""
+        known = [text for text in self.words(name) if text is not None]
+        return (known[0], known[-1]) if known else ("", "") if len(self) else ()
 
     def _extent(self) -> str:
         samples = f"{len(self):,} samples"
@@ -166,17 +184,32 @@ class Trace:
         """Unit of a signal, None when it is not known."""
         return self.units.get(name)
 
+    def words(self, name: str) -> list[str | None]:
+        """(K,) the texts of a signal that holds text, None where a sample is missing."""
+        known = self.texts[name]
+        return [None if math.isnan(number) else known[int(number)] for number in self[name].tolist()]
+
+    @property
+    def numbers(self) -> Trace:
+        """Without the signals that hold text."""
+        return self.select(name for name in self.names if name not in self.texts) if self.texts else self
+
+    def sampled(self, time: FloatArray, signals: Mapping[str, FloatArray]) -> Trace:
+        """These samples instead, with what is known of signals of their names."""
+        units = {name: unit for name, unit in self.units.items() if name in signals}
+        return Trace(time, signals, units, self.name, self.texts)
+
     def select(self, names: Iterable[str]) -> Trace:
         """The same stamps with only these signals, in this order."""
-        chosen = {name: self[name] for name in names}
-        return Trace(self.time, chosen, {n: u for n, u in self.units.items() if n in chosen}, self.name)
+        return self.sampled(self.time, {name: self[name] for name in names})
 
     def renamed(self, names: Mapping[str, str]) -> Trace:
         """Signals under new names (old -> new); the others keep theirs."""
         signals = {names.get(old, old): values for old, values in self.signals.items()}
         if len(signals) != len(self.signals):
             raise TraceError(self.name, "two signals would get one name", "choose distinct names")
-        return Trace(self.time, signals, {names.get(old, old): u for old, u in self.units.items()}, self.name)
+        units = {names.get(old, old): unit for old, unit in self.units.items()}
+        return Trace(self.time, signals, units, self.name, {names.get(old, old): t for old, t in self.texts.items()})
 
     def between(self, start: float, stop: float) -> Trace:
         """Samples with start <= t <= stop [s]; stamps keep their values."""
@@ -198,10 +231,10 @@ class Trace:
 
     def shifted(self, offset: float) -> Trace:
         """The same samples with `offset` [s] added to every stamp."""
-        return Trace(self.time + offset, self.signals, self.units, self.name)
+        return self.sampled(self.time + offset, self.signals)
 
     def resampled(self, time: ArrayLike, hold: Iterable[str] = ()) -> Trace:
-        """Linear interpolation at `time` (K',) [s]; signals in `hold` keep their last value instead.
+        """Linear interpolation at `time` (K',) [s]; signals in `hold` and texts keep their last value instead.
 
         Raises:
             TraceError: an instant lies outside the recording (nothing is extrapolated).
@@ -215,13 +248,13 @@ class Trace:
                 f"covers {self.time[0]:g} to {self.time[-1]:g} s, not {instants[0]:g} to {instants[-1]:g} s",
                 "shorten the window",
             )
-        held = set(hold)
+        held = {*hold, *self.texts}
         rows = np.clip(np.searchsorted(self.time, instants + self._slack, side="right") - 1, 0, len(self) - 1)
         signals = {
             name: values[rows] if name in held else np.interp(instants, self.time, values)
             for name, values in self.signals.items()
         }
-        return Trace(instants, signals, self.units, self.name)
+        return self.sampled(instants, signals)
 
     def to_pandas(self) -> pandas.DataFrame:
         """A frame with a column a signal over the index `time [s]`; units are in `attrs["units"]`.
@@ -233,20 +266,21 @@ class Trace:
             import pandas  # noqa: PLC0415 - optional
         except ImportError:
             raise InputError("to_pandas", "pandas is not installed", "pip install pandas") from None
-        frame = pandas.DataFrame(dict(self.signals), index=pandas.Index(self.time, name="time [s]"))
+        columns = {name: self.words(name) if name in self.texts else values for name, values in self.signals.items()}
+        frame = pandas.DataFrame(columns, index=pandas.Index(self.time, name="time [s]"))
         frame.attrs["units"] = dict(self.units)
         return frame
 
     def plot(self) -> go.Figure:
-        """A plotly figure with a window a signal above each other."""
+        """A plotly figure with a window a signal above each other, of those that are numbers."""
         from orchestrator.display.curves import stacked  # noqa: PLC0415 - plotly loads slowly
 
-        return stacked([(name, self.unit(name), self.time, values) for name, values in self.signals.items()])
+        return stacked([(name, self.unit(name), self.time, values) for name, values in self.numbers.signals.items()])
 
     def rows(self, rows: slice | BoolArray) -> Trace:
         """Some of the samples."""
         signals = {name: values[rows] for name, values in self.signals.items()}
-        return Trace(self.time[rows], signals, self.units, self.name)
+        return self.sampled(self.time[rows], signals)
 
 
 @dataclass(frozen=True)
@@ -273,10 +307,10 @@ class StampReport:
 
 
 def joined(pieces: Sequence[Trace]) -> Trace:
-    """Pieces of one record, at least one, in a row."""
+    """Pieces of one record, at least one, in a row; of texts the last piece knows all."""
     first = pieces[0]
     signals = {name: np.concatenate([piece[name] for piece in pieces]) for name in first.names}
-    return Trace(np.concatenate([piece.time for piece in pieces]), signals, first.units, first.name)
+    return Trace(np.concatenate([piece.time for piece in pieces]), signals, first.units, first.name, pieces[-1].texts)
 
 
 def ordered(
@@ -355,6 +389,8 @@ def usable(trace: Trace, names: Sequence[str]) -> Trace:
         raise TraceError(trace.name, "has no samples", "choose a window inside the recording")
     for name in names:
         values = trace[name]
+        if name in trace.texts:
+            raise TraceError(f"{trace.name}.{name}", "holds text, not numbers", "choose another signal")
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
             begins = np.flatnonzero(np.isfinite(values))[:1]

@@ -54,4 +54,4 @@ def parted(trace: Trace, parts: Sequence[Part]) -> Iterator[tuple[Trace, tuple[M
     yield left, tuple(marks)
     for part in parts:
         own = trace.between(part.start, part.stop)
-        yield Trace(own.time, own.signals, own.units, part.name), ()
+        yield Trace(own.time, own.signals, own.units, part.name, own.texts), ()

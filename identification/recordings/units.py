@@ -46,5 +46,7 @@ def _in_units(known: StudyTrace, units: Mapping[str, NamedUnit]) -> StudyTrace:
             raise WiringError(f"{known.place}: {signal}", error.problem, error.fix) from error
         change = crossings[-1].conversion
         values = trace.signals if change == SAME else {**trace.signals, signal: change(trace[signal])}
-        trace = Trace(trace.time, values, {**trace.units, **({signal: unit.name} if unit.name else {})}, trace.name)
+        trace = Trace(
+            trace.time, values, {**trace.units, **({signal: unit.name} if unit.name else {})}, trace.name, trace.texts
+        )
     return replace(known, trace=trace, crossings=tuple(crossings))

@@ -213,4 +213,4 @@ def _read(file: Path, every: int, names: Sequence[str], looked_at: Collection[st
     chosen = names if rows * len(names) <= READABLE else [name for name in names if name in looked_at]
     if not chosen or rows < 2 or not file.exists():
         return result.trace
-    return formats.read(file, formats.Layout(columns={name: name for name in chosen})).trace
+    return formats.read(file, formats.Layout(columns={name: name for name in chosen}, texts=True)).trace

@@ -71,7 +71,7 @@ class Reading:
         from orchestrator.can.database.sources import parsed
         from orchestrator.formats import Layout
 
-        layout = Layout() if self.layout is None else _layout_of(self.layout)
+        layout = replace(Layout() if self.layout is None else _layout_of(self.layout), texts=True)
         said = {
             "time": None if self.time is None else _column(self.time),
             "columns": None if self.columns is None else dict(map(_assignment, self.columns)),
@@ -160,7 +160,7 @@ def described(document: InfoDocument) -> Iterator[Listing | str]:
     apart = ("found", "rows", "layout", *(["signals"] if "rows" in document else []))
     yield facts({key: value for key, value in document.items() if key not in apart})
     if "rows" in document:
-        yield _table("signals", document["signals"], ("name", "unit", "min", "max", "missing", "infinite"))
+        yield _table("signals", document["signals"], ("name", "unit", "min", "max", "missing", "infinite", "texts"))
         yield _table("first rows", document["rows"])
     if "layout" in document:
         yield block({"layout": document["layout"]})

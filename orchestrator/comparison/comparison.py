@@ -109,10 +109,11 @@ def compare_sides(one: Side, other: Side, tolerance: Tolerance) -> Comparison:
         if not signals:
             raise TraceError(a.name, f"has no signal of {other.name} (case {name})", f"it holds {', '.join(a.names)}")
         notes += _alone(name, one.name, a, b) + _alone(name, other.name, b, a) + _durations(name, one, other, a, b)
-        converted, crossed = _converted(a, b.select(signals))
+        ours, theirs = _alike(a.select(signals), b.select(signals))
+        converted, crossed = _converted(ours, theirs)
         crossings += crossed
-        tolerances = {signal: tolerance.of(signal, a, converted) for signal in signals}
-        pairs.append(CasePair(name, a.select(signals), converted, partings(a, converted, tolerances)))
+        tolerances = {own: 0.0 if own in ours.texts else tolerance.of(own, ours, converted) for own in signals}
+        pairs.append(CasePair(name, ours, converted, partings(ours, converted, tolerances)))
     unknown = [name for name in tolerance.within if not any(name in pair.one.names for pair in pairs)]
     if unknown:
         known = ", ".join(dict.fromkeys(name for pair in pairs for name in pair.one.names))
@@ -148,12 +149,35 @@ def _durations(case: str, one: Side, other: Side, a: Trace, b: Trace) -> list[st
     return [f"case {case}: compared where both are: {words}"]
 
 
+def _alike(one: Trace, other: Trace) -> tuple[Trace, Trace]:
+    """Both with the same numbers for the same texts.
+
+    Raises:
+        TraceError: what is text in one of them is a number in the other.
+    """
+    if odd := sorted(one.texts.keys() ^ other.texts.keys()):
+        text = one if odd[0] in one.texts else other
+        raise TraceError(f"{text.name}.{odd[0]}", "is text in one of the two and a number in the other")
+    all_texts = {name: tuple(dict.fromkeys((*one.texts[name], *other.texts[name]))) for name in one.texts}
+    return _numbered(one, all_texts), _numbered(other, all_texts)
+
+
+def _numbered(trace: Trace, texts: Mapping[str, tuple[str, ...]]) -> Trace:
+    signals = dict(trace.signals)
+    for name, known in texts.items():
+        places = np.array([*map(known.index, trace.texts[name]), np.nan])  # the last is that of a missing one
+        signals[name] = places[np.where(np.isnan(trace[name]), -1, trace[name]).astype(int)]
+    return Trace(trace.time, signals, trace.units, trace.name, texts)
+
+
 def _converted(one: Trace, other: Trace) -> tuple[Trace, list[Crossing]]:
     """The other trace in the units of the first, and how it got there."""
-    crossings = [crossing(name, named(other.unit(name)), named(one.unit(name))) for name in other.names]
-    signals = {name: how.conversion(other[name]) for name, how in zip(other.names, crossings, strict=True)}
+    numbers = other.numbers.names
+    crossings = [crossing(name, named(other.unit(name)), named(one.unit(name))) for name in numbers]
+    signals = dict(other.signals)
+    signals |= {name: how.conversion(other[name]) for name, how in zip(numbers, crossings, strict=True)}
     units = {name: unit for name in other.names if (unit := one.unit(name) or other.unit(name))}
-    return Trace(other.time, signals, units, other.name), crossings
+    return Trace(other.time, signals, units, other.name, other.texts), crossings
 
 
 def _number(signal: str, text: str, unit: str | None) -> float:

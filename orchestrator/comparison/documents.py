@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NotRequired
 
 from typing_extensions import TypedDict
 
@@ -16,6 +17,7 @@ class PartingDocument(TypedDict):
     Attributes:
         times: the largest difference in tolerances.
         first, by: when the difference is beyond the tolerance for the first time, and the difference then.
+        texts: what the two say then, of a signal that holds text.
     """
 
     signal: str
@@ -27,24 +29,29 @@ class PartingDocument(TypedDict):
     beyond: bool
     first: float | None
     by: float | None
+    texts: NotRequired[list[str | None]]
 
 
 def documents_of(found: Sequence[Parting]) -> list[PartingDocument]:
     """Each in plain values."""
-    return [
-        {
-            "signal": one.signal,
-            "unit": one.unit,
-            "tolerance": one.tolerance,
-            "largest": _number(one.largest),
-            "at": one.at,
-            "times": _number(one.times),
-            "beyond": one.beyond,
-            "first": one.first,
-            "by": None if one.first is None else _number(one.by),
-        }
-        for one in found
-    ]
+    return [_document(one) for one in found]
+
+
+def _document(one: Parting) -> PartingDocument:
+    document: PartingDocument = {
+        "signal": one.signal,
+        "unit": one.unit,
+        "tolerance": one.tolerance,
+        "largest": _number(one.largest),
+        "at": one.at,
+        "times": _number(one.times),
+        "beyond": one.beyond,
+        "first": one.first,
+        "by": None if one.first is None else _number(one.by),
+    }
+    if one.texts is not None:
+        document["texts"] = [*one.texts]
+    return document
 
 
 def _number(value: float) -> float | None:

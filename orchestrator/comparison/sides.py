@@ -25,6 +25,8 @@ from orchestrator.scenario.scenario import Scenario
 from orchestrator.scenario.schema import load_scenario
 from orchestrator.trace import Trace
 
+WHOLE = formats.Layout(texts=True)
+
 
 @dataclass(frozen=True)
 class Setting:
@@ -134,7 +136,7 @@ def _of_path(given: str, setting: Setting, progress: Progress) -> Side:
         if not cases:
             which = f" of case {setting.case}" if setting.case else ""
             raise InputError(path, f"holds no trace{which}", "give a folder that `run` or `test` wrote")
-        return Side(given, {name: formats.read(file).trace for name, file in cases.items()})
+        return Side(given, {name: formats.read(file, WHOLE).trace for name, file in cases.items()})
     if path.suffix.lower() == ".fmu":
         if setting.scenario is None:
             trace, notes = alone(path, setting.stop, setting.step)
@@ -146,7 +148,7 @@ def _of_path(given: str, setting: Setting, progress: Progress) -> Side:
         return _run(given, setting.scenario, setting, way, progress)
     if path.suffix in (".yaml", ".yml"):
         return _run(given, path, setting, lambda scenario, _: scenario, progress)
-    recording = formats.read(path, progress=progress)
+    recording = formats.read(path, WHOLE, progress)
     return Side(given, {path.stem: recording.trace}, recording.notes)
 
 

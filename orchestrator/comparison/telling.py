@@ -91,6 +91,9 @@ def sentence(comparison: Comparison) -> str:
             f"they agree; the largest difference is {_shown(most, most.largest)} {where}, {most.times:.3g} tolerances"
         )
     case, first = comparison.first
+    if first.texts is not None:
+        said = " beside ".join(_quoted(text) for text in first.texts)
+        return f"they part first at {first.first:.6g} s: {first.signal} of case {case} says {said}"
     times = f", {first.by / first.tolerance:.3g} tolerances" if first.tolerance else ""
     return f"they part first at {first.first:.6g} s: {first.signal} of case {case} by {_shown(first, first.by)}{times}"
 
@@ -99,7 +102,8 @@ def rows(comparison: Comparison) -> Iterator[tuple[str, ...]]:
     """A row under `HEADERS` of every signal of every case, those that part first at the top."""
     found = [(pair.name, parting) for pair in comparison.pairs for parting in pair.partings]
     for case, one in sorted(found, key=lambda pair: (not pair[1].beyond, pair[1].first or 0.0, -pair[1].times)):
-        parts = ("-", "-") if one.first is None else (f"{one.first:.6g}", _shown(one, one.by))
+        by = _shown(one, one.by) if one.texts is None else " / ".join(map(_quoted, one.texts))
+        parts = ("-", "-") if one.first is None else (f"{one.first:.6g}", by)
         largest = (_shown(one, one.largest), f"{one.at:.6g}", _shown(one, one.tolerance), f"{one.times:.3g}")
         yield (case, one.signal, *parts, *largest)
 
@@ -110,6 +114,8 @@ def drawn(comparison: Comparison) -> str:
         return ""
     case, first = comparison.first
     pair = next(pair for pair in comparison.pairs if pair.name == case)
+    if first.texts is not None:
+        return ""
     curves = [(trace.time, trace[first.signal]) for trace in (pair.one, pair.other)]
     return characters.plot(f"{case}: {first.signal} [{first.unit or '1'}]", curves[0], curves[1], ("A", "B"))
 
@@ -124,7 +130,8 @@ def page(comparison: Comparison) -> Report:
     section.table(HEADERS, list(rows(comparison)))
     for pair in comparison.pairs:
         part = report.section(f"Case {pair.name}")
-        most = sorted(pair.partings, key=lambda one: -one.times)[:DRAWN]
+        drawable = [one for one in pair.partings if one.signal not in pair.one.texts]
+        most = sorted(drawable, key=lambda one: -one.times)[:DRAWN]
         panels = []
         for one in most:
             curves = [
@@ -133,8 +140,13 @@ def page(comparison: Comparison) -> Report:
             ]
             parted = [] if one.first is None else [Mark(one.first, "x", "parts", wrong=True)]
             panels.append(Panel(with_unit(one.signal, one.unit), curves, parted))
-        part.figure(Chart(panels))
+        if panels:
+            part.figure(Chart(panels))
     return report
+
+
+def _quoted(text: str | None) -> str:
+    return "nothing" if text is None else f"'{text if len(text) <= 40 else text[:37] + '...'}'"
 
 
 def _shown(one: Parting, value: float) -> str:

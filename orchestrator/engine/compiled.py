@@ -84,6 +84,9 @@ def _obstacle(loop: Loop) -> str:
     foreign = [node.component.name for node in loop.nodes if type(node.component) is not Slave]
     if foreign:
         return f"{foreign[0]} is no co-simulation FMU in this process"
+    told = [node.component.name for node in loop.nodes if type(node.component) is Slave and node.component.tells]
+    if told:
+        return f"{told[0]} gives texts"
     if any(len(group) > 1 or group[0].feeds_itself for group in loop.groups):
         return "there is a cycle of direct feed-through to be iterated"
     return ""

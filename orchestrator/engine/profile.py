@@ -108,6 +108,10 @@ class Watched:
         self._begun, self._until = 0, None
         return values
 
+    @property
+    def texts(self) -> Mapping[str, tuple[str, ...]]:
+        return self._component.texts
+
     def get(self, name: str) -> Value:
         return self._component.get(name)
 

@@ -24,13 +24,21 @@ class Columns:
     Args:
         names: component.variable of the columns as the loop writes them.
         chosen: the same as the trace has them.
+        texts: of those that hold text, the texts that their numbers stand for by now.
 
     Attributes:
         places: name -> column, in the trace's order.
         units: name -> unit.
     """
 
-    def __init__(self, names: Sequence[str], chosen: Sequence[str], units: Mapping[str, str]) -> None:
+    def __init__(
+        self,
+        names: Sequence[str],
+        chosen: Sequence[str],
+        units: Mapping[str, str],
+        texts: Callable[[], Mapping[str, tuple[str, ...]]] = dict,
+    ) -> None:
+        self.texts = texts
         columns = {name: column for column, name in enumerate(names)}
         self.places = {name: columns[name] for name in chosen}
         self.units = units
@@ -92,7 +100,7 @@ class Recorder:
     def _trace(self, memory: FloatArray) -> Trace:
         time = self._clock.times(self.base * self.every, memory.shape[1], self.every)
         signals = {name: memory[place] for name, place in self._columns.places.items()}
-        return Trace(time, signals, self._columns.units, "simulation")
+        return Trace(time, signals, self._columns.units, "simulation", self._columns.texts())
 
 
 def require_room(rows: int, columns: int) -> None:

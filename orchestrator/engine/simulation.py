@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from functools import partial
 from time import perf_counter
 from types import TracebackType
 from typing import NamedTuple
@@ -151,8 +152,8 @@ class Simulation:
     """Instances of a system's components; a context manager that frees them.
 
     Attributes:
-        outputs: component.variable of all outputs that can be recorded.
-        texts: of those that cannot.
+        outputs: component.variable of all outputs that are numbers.
+        texts: of those that are texts.
         stimuli: component.input of the stimuli that a run needs, sorted.
 
     Raises (on entering or running):
@@ -175,7 +176,7 @@ class Simulation:
             f"{name}.{port.name}"
             for name, part in system.parts.items()
             for port in part.interface.of("output")
-            if not port.numeric
+            if port.recordable and not port.numeric
         )
         self.stimuli = tuple(sorted(map(str, system.stimulated)))
         self._every = multiples(timing.step, self.plan.tick, "step")  # ticks of a communication step
@@ -197,13 +198,13 @@ class Simulation:
         return self._times(count)
 
     def check_record(self, names: Iterable[str]) -> None:
-        """See that each name is a variable that a trace can hold.
+        """See that each name is a variable that a trace can hold: a number, or a text.
 
         Raises:
             WiringError: one is not; the message names it.
         """
         for name in names:
-            recordable(self.system, name, name)
+            recordable(self.system, name, name, texts=True)
 
     def check_values(self, values: Mapping[str, Value]) -> None:
         """See that a run can be given these values.
@@ -228,7 +229,7 @@ class Simulation:
         Args:
             values: component.variable -> parameter or start value; the others have the FMU's defaults.
             stimuli: component.input -> (K,) value from each communication instant on, at least until `stop`.
-            record: component.variable that are numbers; None takes all outputs.
+            record: component.variable that are numbers or texts; None takes all outputs that are numbers.
             progress: called now and then with the fraction done.
             stop: end of this run, at most the timing's [s].
             record_every: communication steps from one row of the record to the next, counted from the start.
@@ -466,13 +467,20 @@ class Simulation:
             inputs[link.target.component].append(link.target.variable)
         columns = [*chosen, *carried.columns(chosen)]
         loop = self._loop(columns, outputs, inputs, links, hold)
-        known = {name: self.system.port(Endpoint.parse(name)).unit for name in chosen}
-        units = {name: unit for name, unit in known.items() if unit}
+        ports = {name: self.system.port(Endpoint.parse(name)) for name in chosen}
+        units = {name: port.unit for name, port in ports.items() if port.unit}
+        texts = [Endpoint.parse(name) for name, port in ports.items() if not port.numeric]
         names = sorted(columns, key=self._driven_inputs.__contains__)  # what is read comes first, as in the rows
         for name, component in self.components.items():
             component.bind(inputs[name], outputs[name])
         steppers = Steppers(loop, self.timing.engine)
-        return _Prepared(key, loop, Columns(names, columns, units), outputs, inputs, steppers)
+        return _Prepared(
+            key, loop, Columns(names, columns, units, partial(self._texts, texts)), outputs, inputs, steppers
+        )
+
+    def _texts(self, recorded: Iterable[Endpoint]) -> dict[str, tuple[str, ...]]:
+        """What the numbers stand for that components have given for texts by now."""
+        return {str(end): self.components[end.component].texts.get(end.variable, ()) for end in recorded}
 
     def _read(self, recorded: Sequence[str]) -> dict[str, list[str]]:
         """component -> outputs that are recorded or drive an input, all where cycles are iterated, so that when they

@@ -133,4 +133,4 @@ class Tuned:
             if later[done:]:
                 self._later[name] = later[done:]
         units = {name: port.unit for name, port in self.ports.items() if port.unit}
-        return Trace(piece.time, signals, {**piece.units, **units}, piece.name)
+        return Trace(piece.time, signals, {**piece.units, **units}, piece.name, piece.texts)

@@ -1,4 +1,7 @@
-"""The contract between the engine and what it steps: FMUs here or in other processes, and scripted stand-ins."""
+"""The contract between the engine and what it steps: FMUs here or in other processes, and scripted stand-ins.
+
+What steps a system passes numbers on, and nothing else; for texts stand numbers, which `Texts` gives.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +33,11 @@ class Component(Protocol):
         """Set the bound inputs."""
 
     def read(self) -> Sequence[float]:
-        """Values of the bound outputs."""
+        """Values of the bound outputs, numbers that stand for texts among them."""
+
+    @property
+    def texts(self) -> Mapping[str, tuple[str, ...]]:
+        """Variable -> the texts that its numbers stand for, from 0; of those that were read since the reset."""
 
     def run(self) -> None:
         """Leave initialisation."""
@@ -67,3 +74,33 @@ class Component(Protocol):
 
     def close(self) -> None:
         """Free everything."""
+
+
+class Texts:
+    """For each variable the texts that it has had since the beginning of a run, numbered from 0 as they came."""
+
+    def __init__(self) -> None:
+        self._numbers: dict[str, dict[str, int]] = {}
+
+    def number(self, variable: str, text: str) -> float:
+        """The number of a text."""
+        known = self._numbers.setdefault(variable, {})
+        return float(known.setdefault(text, len(known)))
+
+    @property
+    def known(self) -> Mapping[str, tuple[str, ...]]:
+        """Variable -> its texts by their number."""
+        return {variable: tuple(numbers) for variable, numbers in self._numbers.items()}
+
+    def since(self, counts: dict[str, int]) -> list[tuple[str, str]]:
+        """Variable and text of what is new since there were so many, which are counted up."""
+        fresh = []
+        for variable, numbers in self._numbers.items():
+            if len(numbers) > (before := counts.get(variable, 0)):
+                fresh += [(variable, text) for text in [*numbers][before:]]
+                counts[variable] = len(numbers)
+        return fresh
+
+    def clear(self) -> None:
+        """Begin anew."""
+        self._numbers.clear()

@@ -19,6 +19,7 @@ from fmpy import fmi2
 from fmpy.model_description import ModelDescription
 
 from fmus.errors import FmuError, FmuFileError
+from orchestrator.fmi.component import Texts
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.interface import TANGENT, Port, Value
 from orchestrator.fmi.library import FMU2Slave, FMU3Slave, absent
@@ -65,17 +66,22 @@ def _decoded(text: bytes | None) -> str:
 class VariableGroup:
     """Some variables of one FMU, read or written together: one call for each FMI type among them.
 
+    Args:
+        texts: gives the numbers of texts.
+
     Attributes:
         typed: its variables by FMI type, in the order in which they are read and written.
         floats: the only type, where that is one of floats.
+        texts: the place of each text -> its variable.
         partial: whether it has elements of an array without the others.
     """
 
-    def __init__(self, fmi: FmiFunctions, ports: Sequence[Port]) -> None:
+    def __init__(self, fmi: FmiFunctions, ports: Sequence[Port], texts: Texts) -> None:
         by_type: dict[str, list[int]] = {}
         for place, port in enumerate(ports):
             by_type.setdefault(fmi.storage(port.type), []).append(place)
-        self._size = len(ports)
+        self._size, self._texts = len(ports), texts
+        self.texts = {place: port.name for place, port in enumerate(ports) if port.type == "String"}
         self.typed = [TypedValues(fmi, kind, ports, places) for kind, places in by_type.items()]
         only = self.typed[0] if len(self.typed) == 1 else None
         self.floats = only if only is not None and only.plain else None
@@ -91,12 +97,17 @@ class VariableGroup:
         return max((typed.set(*typed.arguments) for typed in self.typed), default=0)
 
     def read(self) -> tuple[int, Sequence[float]]:
-        """The worst status, and the values as numbers."""
+        """The worst status, and the values as numbers, texts as those that stand for them."""
         if self.floats is not None:
             status = self.floats.get(*self.floats.arguments)
             return status, self.floats.values[:]
         status, values = self.taken()
-        return status, [float(value) for value in values]
+        if not self.texts:
+            return status, [float(value) for value in values]
+        named, number = self.texts, self._texts.number
+        return status, [
+            number(named[place], str(value)) if place in named else float(value) for place, value in enumerate(values)
+        ]
 
     def keep(self, given: Sequence[tuple[Port, Value]]) -> None:
         """Let the elements of arrays that it does not carry have these values, or else their start values."""

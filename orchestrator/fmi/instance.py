@@ -17,6 +17,7 @@ from typing import Any, Generic, TypeVar
 from fmus.errors import FmuError, FmuFileError
 from orchestrator import last_words
 from orchestrator.fmi import unpacked
+from orchestrator.fmi.component import Texts
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.functions import DISCARD, FAILED, FATAL, FmiFunctions, VariableGroup
 from orchestrator.fmi.interface import Port, Value
@@ -54,6 +55,7 @@ class FmuInstance(Generic[A]):
         self._messages: deque[str] = deque(maxlen=20)
         self._complained = False  # has logged an error since its reset
         self._given: dict[str, Value] = {}
+        self._texts = Texts()
         self._given_group: VariableGroup  # the same, bound
         self._sizes = frozenset(port.name for port in fmu.interface.of("structuralParameter"))
         self._alive = self._under_way = False
@@ -191,9 +193,18 @@ class FmuInstance(Generic[A]):
             except FmuError as error:
                 LOG.warning("%s", error)
 
+    @property
+    def texts(self) -> Mapping[str, tuple[str, ...]]:
+        return self._texts.known
+
+    def news(self, counts: dict[str, int]) -> list[tuple[str, str]]:
+        """Variable and text of those that are new since there were so many of each, which are counted up."""
+        return self._texts.since(counts)
+
     def reset(self) -> bool:
         self.terminate()
         self._given = {}
+        self._texts.clear()
         self._messages.clear()
         self.warnings, self._was_reset, self._complained = 0, False, False
         if not self._alive and not self._sound:
@@ -332,7 +343,7 @@ class FmuInstance(Generic[A]):
     def _group(self, *names: str) -> VariableGroup:
         """These variables, bound once."""
         if names not in self._groups:
-            self._groups[names] = VariableGroup(self._fmi, [self._port(name) for name in names])
+            self._groups[names] = VariableGroup(self._fmi, [self._port(name) for name in names], self._texts)
         return self._groups[names]
 
     def _set_singly(self) -> None:

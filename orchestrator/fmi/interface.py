@@ -101,6 +101,11 @@ class Port:
         return self.type not in ("String", *_ALONE)
 
     @property
+    def recordable(self) -> bool:
+        """Whether a trace can hold its values: numbers, or texts."""
+        return not self.alone
+
+    @property
     def stepwise(self) -> bool:
         """Whether it changes in steps: between two samples of a recording it has the value of the earlier one."""
         return not self.real or self.variability == "discrete"

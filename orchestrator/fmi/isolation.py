@@ -27,6 +27,7 @@ from typing import Any
 from fmus import errors
 from fmus.errors import FmuError, InputError, ServotwinError
 from orchestrator.fmi import isolation_worker as messages
+from orchestrator.fmi.component import Texts
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.isolation_worker import Line, Make
@@ -88,6 +89,7 @@ class IsolatedSlave:
         self._said: deque[str] = deque(maxlen=3)
         self._inputs, self._outputs = messages.numbers(0), messages.answer(0)
         self._bound: tuple[list[str], list[str]] = [], []
+        self._texts = Texts()
         self._fmu, self._make = fmu, make
         self._worker: _Worker | None = None
         self._start()
@@ -111,6 +113,10 @@ class IsolatedSlave:
             self._doing = "get outputs"
             self._known = self._exchanged(0)
         return self._known
+
+    @property
+    def texts(self) -> Mapping[str, tuple[str, ...]]:
+        return self._texts.known
 
     def run(self) -> None:
         self._call("initialise", "run")
@@ -154,6 +160,7 @@ class IsolatedSlave:
     def reset(self) -> bool:
         self._written = self._finished = None
         self._said.clear()
+        self._texts.clear()
         if self._worker is None:
             self._start()
             self.bind(*self._bound)
@@ -242,7 +249,9 @@ class IsolatedSlave:
         while True:
             kind, body = line.receive(deadline)
             if kind == messages.VALUES:
-                warnings, *outputs = self._outputs.unpack(body)
+                warnings, *outputs = self._outputs.unpack_from(body)
+                for variable, text in json.loads(body[self._outputs.size :] or b"[]"):
+                    self._texts.number(str(variable), str(text))
                 return outputs, warnings
             said = json.loads(body)
             if kind == messages.ERROR:

@@ -35,7 +35,7 @@ WRITE, STEP = 1, 2  # flags of an exchange: there are inputs; take a step
 ORDER = struct.Struct("<Bdd")  # flags, time and duration of the step [s]; then the inputs
 _HEAD = struct.Struct("<Ic")  # size of the body, kind
 _LARGEST = 1 << 30  # message [bytes]
-_OWN = ("prepare", "make", "bind", "save", "restore", "drop")  # methods that are not simply the component's
+_OWN = ("prepare", "make", "bind", "reset", "save", "restore", "drop")  # methods that are not simply the component's
 
 Make = Callable[[FmuFile, str], Component]
 
@@ -144,6 +144,7 @@ class _Host:
     def __init__(self) -> None:
         self._component: Any = None
         self._inputs, self._outputs = numbers(0), answer(0)
+        self._texts: dict[str, int] = {}  # variable -> how many of its texts the other side knows
         self._states: dict[int, Any] = {}
         self._number = itertools.count()
 
@@ -164,7 +165,9 @@ class _Host:
             self._component.write(self._inputs.unpack_from(order, ORDER.size))
         if flags & STEP:
             self._component.step(time, duration)
-        return self._outputs.pack(self._warnings(), *self._component.read())
+        read = self._component.read()
+        fresh = self._component.news(self._texts) if hasattr(self._component, "news") else []
+        return self._outputs.pack(self._warnings(), *read) + (json.dumps(fresh).encode() if fresh else b"")
 
     def _warnings(self) -> int:
         return int(getattr(self._component, "warnings", 0))
@@ -179,6 +182,10 @@ class _Host:
     def bind(self, inputs: Sequence[str], outputs: Sequence[str]) -> None:
         self._component.bind(inputs, outputs)
         self._inputs, self._outputs = numbers(len(inputs)), answer(len(outputs))
+
+    def reset(self) -> bool:
+        self._texts.clear()
+        return bool(self._component.reset())
 
     def save(self) -> int:
         number = next(self._number)

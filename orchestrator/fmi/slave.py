@@ -35,6 +35,11 @@ class Slave(FmuInstance[CoSimulation]):
         return self._inputs, self._outputs
 
     @property
+    def tells(self) -> bool:
+        """Whether there are texts among what `read` carries."""
+        return bool(self._outputs.texts)
+
+    @property
     def carries(self) -> bool:
         """Whether it can carry tangents."""
         return self._fmi.carries

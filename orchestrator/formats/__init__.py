@@ -35,6 +35,9 @@ class Format(Protocol):
 FORMATS = {".csv": "csv", ".mat": "arrays.mat", ".parquet": "parquet", ".tsv": "text", ".txt": "text"}
 """Those that come along; other packages add theirs as entry points `SUFFIX = module` of `servotwin.formats`."""
 
+TEXTS = (".csv", ".parquet")
+"""Those that hold signals of text, too."""
+
 READ = {
     ".arrows": "arrows",
     ".dat": "text",
@@ -96,7 +99,11 @@ def write(trace: Trace, path: str | Path) -> None:
     Raises:
         TraceError: an unknown suffix, or names that the format cannot hold.
     """
-    form = _format(Path(path), Path(path).suffix.lower(), FORMATS)
+    suffix = Path(path).suffix.lower()
+    form = _format(Path(path), suffix, FORMATS)
+    if trace.texts and suffix not in TEXTS:
+        problem = f"is text, which a {suffix} file cannot hold"
+        raise TraceError(next(iter(trace.texts)), problem, f"leave it out, or write {', '.join(TEXTS)}")
     if "time" in trace.names:
         raise TraceError(trace.name, "a signal is named 'time', as the stamps are", "rename it")
     atomic_write(path, partial(form.write, trace))

@@ -1,6 +1,6 @@
 """Comma-separated text: one header line of `name [unit]`, then a row a sample. Others' are read as they look.
 
-An empty cell is a missing sample (NaN).
+An empty cell is a missing sample (NaN), also of a text.
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ import pyarrow as pa
 from pyarrow import compute as pc
 from pyarrow import csv as arrow
 
+from fmus.errors import TraceError
 from orchestrator.formats import headings
-from orchestrator.formats.arrow import arrays
+from orchestrator.formats.arrow import arrays, is_text
 from orchestrator.formats.texts.reading import read
 from orchestrator.trace import Trace
 
@@ -41,7 +42,10 @@ def appending(path: Path) -> Iterator[Callable[[Trace], None]]:
 
 
 def _write_rows(trace: Trace, file: BinaryIO) -> None:
-    columns = [pc.if_else(pc.is_nan(column), None, column) for column in arrays(trace)]
+    broken = next((name for name, known in trace.texts.items() for text in known if len(text.splitlines()) > 1), None)
+    if broken is not None:
+        raise TraceError(broken, "has a text with a line break", "write .parquet")
+    columns = [c if is_text(c.type) else pc.if_else(pc.is_nan(c), None, c) for c in arrays(trace)]
     table = pa.table(columns, names=headings.headings(trace))
     arrow.write_csv(table, file, arrow.WriteOptions(include_header=False))
 

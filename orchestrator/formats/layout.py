@@ -52,6 +52,7 @@ class Layout:
         dates: order of day, month and year.
         time_zone: where the clock was that gave times without a zone, such as Europe/Berlin.
         step: from one sample to the next, where the file has no stamps; the first is at 0 [s].
+        texts: whether columns of text are read, too: those that are named in `columns`, and those that we wrote.
     """
 
     variable: str | None = None
@@ -72,6 +73,7 @@ class Layout:
     dates: Dates | None = None
     time_zone: str | None = None
     step: float | None = None
+    texts: bool = False
 
 
 PLAIN = Layout(header=1, units_line=0, separator=",", decimal=".", encoding="utf-8")
@@ -99,6 +101,7 @@ class Columns:
         useless: number of a column -> what it holds instead of numbers, "" where it holds nothing.
         stamped: numbers of columns that hold dates or times of day.
         head: the first samples of a column by its number, where they are at hand.
+        texts: numbers of columns that can be read as text, and whether they are known to be meant so.
     """
 
     count: int
@@ -107,6 +110,7 @@ class Columns:
     useless: Mapping[int, str] = field(default_factory=dict)
     stamped: Collection[int] = ()
     head: Callable[[int], ArrayLike] | None = None
+    texts: Mapping[int, bool] = field(default_factory=dict)
 
     def unit(self, number: int) -> str:
         """Unit of a column, "" where it is not known."""
@@ -129,6 +133,7 @@ class Choice:
         seconds: unit of the stamps, or the step of an even sampling [s].
         layout: what was asked for, and what was seen.
         notes: what was seen and not said, a line each.
+        texts: those that hold text.
     """
 
     place: Path
@@ -139,6 +144,7 @@ class Choice:
     layout: Layout
     notes: tuple[str, ...] = ()
     even: bool = False
+    texts: frozenset[str] = frozenset()
 
     @property
     def wanted(self) -> list[int]:
@@ -151,10 +157,12 @@ class Choice:
         name: str = "",
         stamps: Stamps | None = None,
         notes: Sequence[str] = (),
+        words: Callable[[int], tuple[FloatArray, tuple[str, ...]]] | None = None,
     ) -> Recording:
         """The recording that results when `column` gives the samples (K,) of a column by its number.
 
         Args:
+            words: gives numbers (K,) for a column of text, and the texts that they stand for.
             name: what the file calls it; without one it is named after the file.
             stamps: the times, where they are no numbers.
             notes: what else was seen in the file.
@@ -167,8 +175,10 @@ class Choice:
             time = self.seconds * np.arange(len(np.asarray(column(self.time))), dtype=np.float64)
         else:
             time = self._numbers(column(self.time)) if stamps is None else stamps.time
-        signals = {key: column(index) for key, index in self.signals.items()}
+        coded = {key: words(self.signals[key]) for key in self.texts} if words is not None else {}
+        signals = {key: coded[key][0] if key in coded else column(index) for key, index in self.signals.items()}
         trace, report = ordered(time, signals, self.units, str(self.place))
+        trace = replace(trace, texts={key: texts for key, (_, texts) in coded.items()})
         found = stamps or Stamps(time)
         return Recording(
             replace(trace, name=name or self.place.stem),
@@ -213,11 +223,14 @@ def choose(layout: Layout, columns: Columns, place: Path) -> Choice:
         what = f"holds {columns.useless[time]}, no times"
         raise TraceError(f"{place}: column {_quoted(columns.label(time))}", what, "choose another `time` in the layout")
     columns = replace(columns, useless={**dict.fromkeys(set(columns.stamped) - {time}, "times"), **columns.useless})
+    wanted = {n for n, ours in columns.texts.items() if layout.texts and (ours or layout.columns is not None)}
+    columns = replace(columns, useless={n: held for n, held in columns.useless.items() if n not in wanted})
     signals = _signals(layout, columns, time, place, notes)
     time_name = columns.names[time] if columns.names and time is not None else "time"
     stray = set(layout.units) - set(signals) - {time_name, "time"}
     if stray:
         raise TraceError(place, f"units are given for '{min(stray)}', which is not read", "correct the layout")
+    texts = frozenset(name for name, number in signals.items() if number in wanted)
     told = {name: columns.unit(number) for name, number in signals.items()}
     units = {name: unit for name in signals if (unit := layout.units.get(name, told[name]))}
     seen = replace(layout, columns={name: columns.label(number) for name, number in signals.items()}, units=units)
@@ -225,10 +238,12 @@ def choose(layout: Layout, columns: Columns, place: Path) -> Choice:
         if not signals:
             raise TraceError(place, "holds no columns of numbers", "check that it is a recording")
         assert layout.step is not None
-        return Choice(place, min(signals.values()), signals, units, layout.step, seen, tuple(notes), even=True)
+        return Choice(
+            place, min(signals.values()), signals, units, layout.step, seen, tuple(notes), even=True, texts=texts
+        )
     unit = _unit_of_time(layout, columns, time, time_name, place, notes)
     seen = replace(seen, time=columns.label(time), units=({"time": unit} if unit else {}) | units)
-    return Choice(place, time, signals, units, SECONDS[unit], seen, tuple(notes))
+    return Choice(place, time, signals, units, SECONDS[unit], seen, tuple(notes), texts=texts)
 
 
 def _time(layout: Layout, columns: Columns, place: Path) -> tuple[int, list[str]]:

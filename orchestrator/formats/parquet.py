@@ -1,4 +1,5 @@
-"""Apache Parquet: a float64 column a signal, its unit in the field's metadata, the name in the schema's."""
+"""Apache Parquet: a float64 column a signal, or one of text, its unit in the field's metadata, the name in the
+schema's."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from fmus.errors import InputError, TraceError
-from orchestrator.formats.arrow import arrays, numbers
+from orchestrator.formats.arrow import arrays, is_text, numbers, texts
 from orchestrator.formats.layout import MAX_VALUES, Columns, Layout, choose
 from orchestrator.formats.recording import Recording, excerpt
 from orchestrator.formats.stamps import Stamps, since_first
@@ -100,7 +101,10 @@ def table(trace: Trace) -> pa.Table:
     fields = [pa.field("time", pa.float64(), metadata={"unit": "s"})]
     for name in trace.names:
         unit = trace.unit(name)
-        fields.append(pa.field(name, pa.float64(), metadata={"unit": unit} if unit else None))
+        told = {"unit": unit} if unit else {}
+        told |= {"holds": "text"} if name in trace.texts else {}
+        kind = pa.string() if name in trace.texts else pa.float64()
+        fields.append(pa.field(name, kind, metadata=told or None))
     return pa.table(arrays(trace), schema=pa.schema(fields, metadata={"name": trace.name}))
 
 
@@ -108,9 +112,11 @@ def _recording(file: parquet.ParquetFile, layout: Layout, path: Path) -> Recordi
     schema = file.schema_arrow
     units = tuple(_text(field.metadata, b"unit") for field in schema)
     odd = {number: str(field.type) for number, field in enumerate(schema) if not _is_numeric(field.type)}
+    worded = {n: _text(f.metadata, b"holds") == "text" for n, f in enumerate(schema) if is_text(f.type)}
     stamped = [number for number, field in enumerate(schema) if pa.types.is_timestamp(field.type)]
     useless = {number: what for number, what in odd.items() if number not in stamped}
-    choice = choose(layout, Columns(len(schema), tuple(schema.names), units, useless, stamped, _head(file)), path)
+    columns = Columns(len(schema), tuple(schema.names), units, useless, stamped, _head(file), worded)
+    choice = choose(layout, columns, path)
     if file.metadata.num_rows * len(choice.wanted) > MAX_VALUES:
         raise TraceError(path, f"claims {file.metadata.num_rows:,} samples", "cut the recording")
     size = COPIES * 8 * file.metadata.num_rows * len(choice.wanted)
@@ -120,8 +126,11 @@ def _recording(file: parquet.ParquetFile, layout: Layout, path: Path) -> Recordi
     def column(number: int) -> FloatArray:
         return numbers(rows[schema.names[number]])
 
+    def words(number: int) -> tuple[FloatArray, tuple[str, ...]]:
+        return texts(rows[schema.names[number]])
+
     stamps = _stamps(rows[schema.names[choice.time]], layout, path) if choice.time in stamped else None
-    return choice.recording(column, _text(schema.metadata, b"name"), stamps)
+    return choice.recording(column, _text(schema.metadata, b"name"), stamps, words=words)
 
 
 def _is_numeric(kind: pa.DataType) -> bool:

@@ -26,6 +26,7 @@ class Parting:
         first: when the difference is beyond the tolerance for the first time [s], None where it never is.
         by: the difference then [unit of the signal].
         samples: how many are beyond the tolerance, of how many that were compared.
+        texts: of a signal that holds text, what both say then; such signals differ by 1 or not at all.
     """
 
     signal: str
@@ -36,6 +37,7 @@ class Parting:
     first: float | None
     by: float
     samples: tuple[int, int]
+    texts: tuple[str | None, str | None] | None = None
 
     @property
     def beyond(self) -> bool:
@@ -96,6 +98,8 @@ def _common(one: FloatArray, other: FloatArray, slack: float) -> tuple[BoolArray
 
 def _parting(one: Trace, other: Trace, name: str, tolerance: float) -> Parting:
     difference = _difference(one[name], other[name])
+    if name in one.texts:
+        difference = (difference > 0).astype(float)
     most = int(np.argmax(difference))
     beyond = np.flatnonzero(difference > tolerance)
     first = int(beyond[0]) if len(beyond) else None
@@ -108,7 +112,13 @@ def _parting(one: Trace, other: Trace, name: str, tolerance: float) -> Parting:
         None if first is None else float(one.time[first]),
         0.0 if first is None else float(difference[first]),
         (len(beyond), len(difference)),
+        None if first is None or name not in one.texts else (_said(one, name, first), _said(other, name, first)),
     )
+
+
+def _said(trace: Trace, name: str, row: int) -> str | None:
+    number = float(trace[name][row])
+    return None if math.isnan(number) else trace.texts[name][int(number)]
 
 
 def _difference(one: FloatArray, other: FloatArray) -> FloatArray:

@@ -29,7 +29,9 @@ def plot_traces(recordings: Sequence[Recording]) -> Report:
 
 
 def _describe(recording: Recording, section: Section) -> None:
-    trace, stamps = recording.trace, recording.stamps
+    trace, stamps = recording.trace.numbers, recording.stamps
+    for name in recording.trace.texts:
+        section.callout("warning", f"{name} is text and is not drawn")
     if not stamps.clean:
         section.callout("warning", str(stamps))
     for note in recording.notes:

@@ -157,19 +157,37 @@ def _draw(section: Section, result: ScenarioResult, received: Collection[str]) -
         section.paragraph(f"The first {PLOTTED_CASES} of {len(shown)} cases.")
     for case, made in shown[:PLOTTED_CASES]:
         panels = [*_signals(case, made, result.system), *_inputs(result, made.trace, received)]
-        if not panels:
+        if not panels and not made.trace.texts:
             section.paragraph(f"Case {made.name} has recorded nothing.")
             continue
         if len(result.cases) > 1:
             section.subheading(made.name)
+        _texts(section, made)
+        if not panels:
+            continue
         section.figure(Chart(panels[:OPEN_SIGNALS]), f"Case {made.name}")
         if rest := panels[OPEN_SIGNALS:]:
             section.folded(f"{made.name}: {len(rest)} more signals").figure(Chart(rest), f"Case {made.name}")
 
 
+def _texts(section: Section, made: CaseResult) -> None:
+    """When texts changed, and into what."""
+    trace = made.trace
+    rows: list[list[Cell]] = []
+    for name in trace.texts:
+        changed = np.flatnonzero(np.diff(trace[name], prepend=np.inf))
+        words = trace.rows(np.isin(np.arange(len(trace)), changed[:CHANGES])).words(name)
+        rows += [[name, float(trace.time[row]), text] for row, text in zip(changed.tolist(), words, strict=False)]
+        if len(changed) > CHANGES:
+            section.paragraph(f"{name} changed {len(changed) - 1:,} times; the first {CHANGES} texts are listed.")
+    if rows:
+        section.table(["text", "from [s]", "is"], rows)
+
+
 def _signals(case: Case, made: CaseResult, system: System | None) -> Iterator[Panel]:
     """A panel a recorded signal, with the references, tubes and limits that it is judged by."""
     trace = made.trace
+    trace = trace.numbers
     for name in dict.fromkeys([*(name for name in case.looked_at if name in trace.names), *trace.names]):
         port = None if system is None else _port(system, name)
         style: Style = "steps" if port is not None and port.stepwise else "line"

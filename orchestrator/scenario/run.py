@@ -34,7 +34,7 @@ from orchestrator.scenario.expectations import Check, DrawnTraces, Expected, Ran
 from orchestrator.scenario.scenario import Case, Scenario
 from orchestrator.scenario.schema import load_scenario
 from orchestrator.scenario.units import in_units_of
-from orchestrator.system import System, typed
+from orchestrator.system import System, recordable, typed
 from orchestrator.trace import FloatArray, Trace
 from orchestrator.yaml_file import naming
 
@@ -342,13 +342,15 @@ def _prepared(
     crossings = logged([*system.crossings, *crossed])
     recorded = scenario.recorded(simulation.outputs)
     simulation.check_record(recorded)
+    for name in () if scenario.logger is None else scenario.logger.signals.values():
+        recordable(system, name, f"recorder: {name}")
     for case in scenario.cases:
         check_shapes(system, case.arrays)
     _check_values(scenario, simulation, given)
     if not recorded:
         LOG.warning("nothing is recorded, for there are no outputs; name other variables in `record`")
     if scenario.record is None and simulation.texts:
-        LOG.warning("not recorded, for they are no numbers: %s", ", ".join(simulation.texts))
+        LOG.warning("texts are recorded where `record` names them, not by themselves: %s", ", ".join(simulation.texts))
     hashes = hashes_of(result.assembled)
     return replace(result, scenario=scenario, crossings=crossings, overrides=given, system=system, hashes=hashes)
 
@@ -496,7 +498,7 @@ def _streamed(execute: Callable[[Sink], Result], file: Path, looked_at: Iterable
     signals = {signal: signal for signal in looked_at}
     if not signals:
         return result
-    return replace(result, trace=formats.read(file, formats.Layout(columns=signals)).trace)
+    return replace(result, trace=formats.read(file, formats.Layout(columns=signals, texts=True)).trace)
 
 
 def _part_of(progress: Progress, number: int, count: int, name: str) -> Callable[[float], None]:

@@ -84,3 +84,8 @@ FMI2_Export fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real h, fmi2B
 FMI2_Export fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Boolean *v) { *v = fmi2True; return fmi2OK; }
 FMI2_Export fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real *v) { *v = ((Model *)c)->time; return fmi2OK; }
 #endif
+#ifdef ON_TEXT
+FMI2_Export fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference r[], size_t n, fmi2String v[]) {
+    Model *m = c; for (size_t i = 0; i < n; i++) v[i] = (ON_TEXT); return fmi2OK;
+}
+#endif

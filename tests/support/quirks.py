@@ -1,7 +1,7 @@
 """FMUs with quirks: a first-order lag of `quirks.c`, whose functions do more, or less, than they should.
 
 Its library has only the functions that a plain run calls. `u` is its input, `x` its state (1 at the start), `k` a
-parameter (0.5), `on` a Boolean input that does nothing.
+parameter (0.5), `on` a Boolean input that does nothing; `said` is a text, the expression that `ON_TEXT` stands for.
 """
 
 from __future__ import annotations

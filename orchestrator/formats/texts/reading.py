@@ -14,7 +14,7 @@ from pyarrow import compute, csv
 
 from fmus.encodings import SAMPLE, decoded, encoding_of
 from fmus.errors import TraceError
-from orchestrator.formats.arrow import numbers
+from orchestrator.formats.arrow import numbers, texts
 from orchestrator.formats.layout import Choice, Columns, Layout, choose
 from orchestrator.formats.recording import Recording, excerpt
 from orchestrator.formats.texts.cells import MISSING, is_time_of_day, kind
@@ -62,13 +62,16 @@ def read_text(file: BinaryIO, layout: Layout, path: Path) -> Recording:
             return _ungrouped(table[str(number)], seen.decimal, path)
         return numbers(table[str(number)])
 
-    texts = table[str(choice.time)]
+    def words(number: int) -> tuple[FloatArray, tuple[str, ...]]:
+        return texts(table[str(number)])
+
+    times = table[str(choice.time)]
     notes = [*guessed, *seen.notes]
     if dates is not None:
-        texts = compute.binary_join_element_wise(compute.utf8_trim_whitespace(table[str(dates)]), texts, " ")
+        times = compute.binary_join_element_wise(compute.utf8_trim_whitespace(table[str(dates)]), times, " ")
         notes.append(f"its dates are those of column {seen.names[dates] if seen.names else dates}")
-    stamps = seconds(texts, layout.dates, layout.time_zone, path) if stamped else None
-    return choice.recording(column, "", stamps, notes)
+    stamps = seconds(times, layout.dates, layout.time_zone, path) if stamped else None
+    return choice.recording(column, "", stamps, notes, words)
 
 
 def _first_lines(file: BinaryIO, encoding: str | None, path: Path) -> tuple[list[str], str]:
@@ -119,7 +122,8 @@ def _columns(seen: Grid) -> Columns:
     useless |= {n: "" if n in taken else "dates" for n, held in enumerate(seen.kinds) if held == "date"}
     if seen.names:
         useless |= {n: "" for n, held in enumerate(seen.kinds) if held == "missing" and not seen.names[n]}
-    return Columns(len(seen.kinds), seen.names, seen.units, useless, stamped, head)
+    worded = dict.fromkeys((number for number, held in enumerate(seen.kinds) if held == "text"), False)
+    return Columns(len(seen.kinds), seen.names, seen.units, useless, stamped, head, worded)
 
 
 def _table(file: BinaryIO, seen: Grid, encoding: str, choice: Choice, dates: int | None) -> Any:

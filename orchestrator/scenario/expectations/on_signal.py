@@ -1,4 +1,4 @@
-"""An expectation of one recorded signal: a condition on its samples between two times."""
+"""Expectations of one recorded signal between two times: a condition on its samples, or what its texts say."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Self
 
 import numpy as np
 
-from fmus.errors import ScenarioError, TraceError
+from fmus.errors import ScenarioError, TraceError, WiringError
 from orchestrator.scenario.expectations.base import (
     Check,
     Condition,
@@ -38,9 +38,7 @@ class OnSignal(Expected):
     hold: bool = False
 
     def __str__(self) -> str:
-        times = {"after": self.after, "before": self.before}
-        between = [f"{word} {time:g} s" for word, time in times.items() if time is not None]
-        return " ".join([self.signal, str(self.condition), *between])
+        return " ".join([self.signal, str(self.condition), *_between(self.after, self.before)])
 
     @property
     def place(self) -> str:
@@ -61,6 +59,8 @@ class OnSignal(Expected):
 
     def brought(self, wiring: Wiring) -> Self:
         port = wiring.port(self.signal, self.place)
+        if not port.numeric:
+            raise WiringError(self.place, f"is a {port.type}, of which only `equals` can be asked", "ask for a text")
         return replace(self, condition=self.condition.brought(self.place, port, wiring), hold=port.stepwise)
 
     def check_covered(self, instants: FloatArray) -> None:
@@ -102,14 +102,7 @@ class OnSignal(Expected):
             ScenarioError: there are none.
             TraceError: the signal was not recorded.
         """
-        start = trace.time[0] if self.after is None else self.after
-        stop = trace.time[-1] if self.before is None else self.before
-        window = trace.select([self.signal]).between(start, stop)
-        if not len(window):
-            raise ScenarioError(
-                self.place, f"there is no sample from {start:g} to {stop:g} s", "correct `after` and `before`"
-            )
-        return window
+        return _window(trace, self.signal, self.after, self.before, self.place)
 
     def _draws(self, drawn: DrawnTraces) -> list[Trace]:
         """Its window of the runs with other noise that it wants to see."""
@@ -122,3 +115,57 @@ class OnSignal(Expected):
         told = f"{found}{judgement.more}"
         figure, margin, doubt = judgement.figure, judgement.margin, judgement.doubt
         return Check(str(self), judgement.held, told, figure, margin, name, doubt=doubt)
+
+
+@dataclass(frozen=True)
+class Says(Expected):
+    """Every sample of a text between two times [s] is one of these; None is the run's begin or end."""
+
+    signal: str
+    words: tuple[str, ...]
+    after: float | None = None
+    before: float | None = None
+
+    def __str__(self) -> str:
+        said = f"says {' or '.join(map(repr, self.words))}"
+        return " ".join([self.signal, said, *_between(self.after, self.before)])
+
+    @property
+    def place(self) -> str:
+        """What messages name."""
+        return f"expect {self.signal}"
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        return (self.signal,)
+
+    def brought(self, wiring: Wiring) -> Self:
+        port = wiring.port(self.signal, self.place)
+        if port.type != "String":
+            problem = f"is a {port.type}, and `equals` asks for a text"
+            raise WiringError(self.place, problem, "ask for `near` and `within`")
+        return self
+
+    def check(self, ran: Ran) -> Check:
+        if ran.trace is None:
+            return Check(str(self), False, str(ran.error))
+        window = _window(ran.trace, self.signal, self.after, self.before, self.place)
+        right = [number for number, text in enumerate(window.texts[self.signal]) if text in self.words]
+        odd = np.flatnonzero(~np.isin(window[self.signal], right))
+        row = int(odd[0]) if len(odd) else len(window) - 1
+        (said,) = window.rows(slice(row, row + 1)).words(self.signal)
+        return Check(str(self), not len(odd), f"{said!r} at {window.time[row]:g} s")
+
+
+def _between(after: float | None, before: float | None) -> list[str]:
+    times = {"after": after, "before": before}
+    return [f"{word} {time:g} s" for word, time in times.items() if time is not None]
+
+
+def _window(trace: Trace, signal: str, after: float | None, before: float | None, place: str) -> Trace:
+    start = trace.time[0] if after is None else after
+    stop = trace.time[-1] if before is None else before
+    window = trace.select([signal]).between(start, stop)
+    if not len(window):
+        raise ScenarioError(place, f"there is no sample from {start:g} to {stop:g} s", "correct `after` and `before`")
+    return window

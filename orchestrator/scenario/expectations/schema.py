@@ -19,7 +19,7 @@ from orchestrator.scenario.expectations.figure import Bounds
 from orchestrator.scenario.expectations.funnel import Funnel, FunnelBlock
 from orchestrator.scenario.expectations.limits import Above, Below, Near, Pieces, Range
 from orchestrator.scenario.expectations.on_run import CountBlock, OnRun, ProcessorTimeBlock, Refusal
-from orchestrator.scenario.expectations.on_signal import OnSignal
+from orchestrator.scenario.expectations.on_signal import OnSignal, Says
 from orchestrator.scenario.expectations.oscillation import Damping, Distortion, DominantFrequency, LimitCycle
 from orchestrator.scenario.expectations.quantities import Share
 from orchestrator.scenario.expectations.reference import Follows, Reference, ReferenceBlock
@@ -42,7 +42,7 @@ from orchestrator.scenario.expectations.stochastic import MOST_SEEDS, BandBlock,
 from orchestrator.scenario.references import Accepted, CaseReferences
 from orchestrator.yaml_file import Block, Quantity
 
-FIRST = ("near", "reference", "below", "above", "refused")
+FIRST = ("near", "reference", "below", "above", "equals", "refused")
 FIGURES = (
     *("range", "final_value", "steady_error", "settling_time", "rise_time", "overshoot", "residual_rms", "peak"),
     *("monotone", "rms", "iae", "ise", "itae", "effort", "frequency", "damping", "distortion", "limit_cycle"),
@@ -151,6 +151,7 @@ class ExpectationBlock(Block):
         after, before: which samples it looks at [s]; all by default.
         near, within: no sample is farther than `within` from a value, or from the reference.
         below, above: every sample lies below, or above, this value.
+        equals: every sample of a text is this one, or one of these.
         reference: a signal of a trace file, or `accepted`, the one that `servotwin accept` keeps of the case, or
             `accepted per platform`, that of this kind of machine; one of `within`, `funnel`, `nrmse`, `fit`,
             `deviation`, `lag` and `band` says how close it is.
@@ -176,6 +177,7 @@ class ExpectationBlock(Block):
     near: float | Quantity | None = None
     below: float | Quantity | None = None
     above: float | Quantity | None = None
+    equals: str | Annotated[list[str], Field(min_length=1)] | None = None
     range: Pieces | None = None
 
     reference: ReferenceBlock | Accepted | None = None
@@ -257,8 +259,8 @@ class ExpectationBlock(Block):
             raise ValueError("`seeds` and `share` go together")
         if self.vary is not None and self.seeds is None:
             raise ValueError("`vary` goes with `seeds`")
-        if self.seeds is not None and (kind in WITHOUT_SIGNAL or self.band is not None):
-            raise ValueError("`seeds` go with what is asked of a signal; `band` has `seeds` of its own")
+        if self.seeds is not None and (kind in WITHOUT_SIGNAL or kind == "equals" or self.band is not None):
+            raise ValueError("`seeds` go with what is asked of a signal of numbers; `band` has `seeds` of its own")
 
     @property
     def of_a_case(self) -> bool:
@@ -280,6 +282,9 @@ class ExpectationBlock(Block):
         names = self.signals or ([] if self.signal is None else [self.signal])
         if not names:
             return (self._of_the_run(base) or self._of_others(sources),)
+        if self.equals is not None:
+            words = (self.equals,) if isinstance(self.equals, str) else tuple(self.equals)
+            return tuple(Says(name, words, self.after, self.before) for name in names)
         return tuple(OnSignal(name, self._drawn(name, sources), self.after, self.before) for name in names)
 
     def expectation(

@@ -311,7 +311,7 @@ def test_a_safe_end_that_is_not_taken_is_an_error(tmp_path: Path, rig: Path, mon
             raise can.CanTimeoutError("the adapter takes no more frames")
 
     for module in ("replay", "last_frames"):
-        monkeypatch.setattr(f"orchestrator.can.live.{module}.send", send)
+        monkeypatch.setattr(f"orchestrator.can.sending.{module}.send", send)
     with pytest.raises(BusError, match=r"NOT followed by 100#\w+ on virtual:replay"):
         replay(BUS, log, database=rig, last=Last(["torque=0"]))
 
