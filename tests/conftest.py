@@ -23,6 +23,8 @@ NEEDS = {
     "formats": "nptdms",
     "canopen": "canopen",
     "cross": "ziglang",
+    "dask": "distributed",
+    "sensitivity": "SALib",
     "tools": "fmuloader",
     "browser": "playwright",
     "chromium": "chromium",

@@ -44,7 +44,11 @@ class Here:
     slots: int = 2
     told: Callable[[Task], None] = lambda task: None
 
+    def check(self) -> None:
+        return
+
     def outcomes(self, queue: Queue, setup: Setup) -> Iterator[tuple[Task, Done]]:
+        queue.slots = self.slots
         worker = Worker(setup)
         try:
             for task in queue:

@@ -34,12 +34,13 @@ def sweep(
         ServotwinError: what loading and building the scenario raises.
     """
     who = runner or Local()
+    who.check()
     with prepared(Path(study)) as ready:
         size = folders.part_rows(_samples(ready))
         with folders.opened(Path(out), ready.runs, size, ready.identity, [ready.file]) as folder:
             if retry:
                 folder.retry()
-            queue = Queue(ready.setup, ready.design, folder, who.slots)
+            queue = Queue(ready.setup, ready.design, folder)
             for task, done in who.outcomes(queue, ready.setup) if folder.left else ():
                 folder.keep(task.runs, rows.unpacked(done.rows), done)
                 progress(*_how_far(folder))

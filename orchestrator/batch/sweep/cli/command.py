@@ -26,6 +26,9 @@ def sweep(
     jobs: Annotated[int, typer.Option("-j", "--jobs", min=1, help="Runs at a time; one a processor by default.")] = (
         os.cpu_count() or 1
     ),
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Run on the Dask cluster with this scheduler instead.")
+    ] = None,
     retry: Annotated[bool, typer.Option("--retry", help="Run those again that failed.")] = False,
     limited: Limited,
     out: Out = None,
@@ -34,12 +37,14 @@ def sweep(
 
     Exit code 1 when fewer runs pass than the study asks for.
     """
+    from orchestrator.batch.sweep.runs.cluster import Cluster
     from orchestrator.batch.sweep.runs.local import Local
     from orchestrator.batch.sweep.sweep import sweep as run
 
     folder = out or Path("out") / study.stem
     with terminal.bar(study.stem) as move:
-        result = run(study, folder, Local(jobs, limited.limits()), move, retry)
+        runner = Local(jobs, limited.limits()) if scheduler is None else Cluster(scheduler)
+        result = run(study, folder, runner, move, retry)
     document = result.document
     rows = [_row(one) for one in (document["passing"], *document["asked"])]
     failed = f"; {document['failed']:,} failed, see `reason`" if document["failed"] else ""

@@ -29,12 +29,16 @@ class Local:
     slots: int = field(default_factory=processors)
     limits: Limits | None = None
 
+    def check(self) -> None:
+        """It is always there."""
+
     def outcomes(self, queue: Queue, setup: Setup) -> Iterator[tuple[Task, Done]]:
         """See `Runner`.
 
         Raises:
             ServotwinError: a process cannot open the systems.
         """
+        queue.slots = self.slots
         handed, watch = _Handed(queue), self._watched if self.limits else None
         with Processes[Task, Done](partial(Worker, setup), self.slots, AHEAD, watch=watch) as pool:
             for number, answer in pool.answers(handed):

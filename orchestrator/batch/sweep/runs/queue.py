@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -22,9 +22,12 @@ DEATHS = 3  # of processes at a run, after which it is a failed one
 class Runner(Protocol):
     """Runs tasks somewhere."""
 
-    @property
-    def slots(self) -> int:
-        """How many are worked on at the same time."""
+    def check(self) -> None:
+        """See, before anything is built, that it is there.
+
+        Raises:
+            InputError: it is not.
+        """
 
     def outcomes(self, queue: Queue, setup: Setup) -> Iterator[tuple[Task, Done]]:
         """What came of all tasks of the queue, as it comes; it is told what it has to know of them."""
@@ -33,12 +36,12 @@ class Runner(Protocol):
 class Queue(Iterator[Task]):
     """Tasks of the runs that have no row yet; runs that were lost with their process come again.
 
-    Args:
-        slots: tasks that are worked on at the same time.
+    Attributes:
+        slots: tasks that are worked on at the same time; whoever runs them says.
     """
 
-    def __init__(self, setup: Setup, design: Design, folder: Folder, slots: int) -> None:
-        self._setup, self._design, self._slots = setup, design, slots
+    def __init__(self, setup: Setup, design: Design, folder: Folder) -> None:
+        self._setup, self._design, self.slots = setup, design, 1
         self._left = folder.left
         self._parts = folder.missing()
         self._of_part: Numbers = np.zeros(0, dtype=int)
@@ -51,7 +54,7 @@ class Queue(Iterator[Task]):
             return self._again.popleft()
         if not len(self._of_part):
             self._of_part = next(self._parts)
-        share = -(-self._left // (2 * self._slots))  # so that all end together
+        share = -(-self._left // (2 * self.slots))  # so that all end together
         runs, self._of_part = np.split(self._of_part, [max(1, min(self._size, share))])
         self._left -= len(runs)
         return Task(runs, self._points(runs))
@@ -60,6 +63,10 @@ class Queue(Iterator[Task]):
         """Learn from a task how many runs the next ones are to have."""
         fitting = int(LONG * len(task.runs) / max(done.seconds, 1e-6))
         self._size = max(1, min(fitting, GROWTH * max(self._size, len(task.runs))))
+
+    def back(self, tasks: Sequence[Task]) -> None:
+        """Put tasks back that were not done."""
+        self._again.extend(tasks)
 
     def lost(self, task: Task, place: int | None, reason: str, final: bool = False) -> Iterator[tuple[Task, Done]]:
         """Put a task back whose process died at the run at this place; that run with its row, where it has failed for

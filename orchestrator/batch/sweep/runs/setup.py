@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from orchestrator.assembly.assembly import Assembled
 from orchestrator.assembly.stimulus import Stimulus
 from orchestrator.batch.sweep.points.factors import Space
-from orchestrator.scenario.expectations import Expected
 from orchestrator.scenario.scenario import Scenario
 from orchestrator.trace import FloatArray
 
@@ -51,6 +50,11 @@ class Variant:
     scenario: Scenario
     cases: tuple[int, ...]
     asked: tuple[tuple[int, ...], ...]
+
+    @property
+    def files(self) -> list[Path]:
+        """Its FMUs."""
+        return list(self.assembled.files.values())
 
 
 @dataclass(frozen=True)
@@ -140,6 +144,3 @@ class Done:
     failed: int
     seconds: float
     by: str = ""
-
-
-Expectations = tuple[Expected, ...]
