@@ -6,6 +6,7 @@ import ast
 import pkgutil
 import sys
 from collections.abc import Mapping
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -19,11 +20,30 @@ from fmus.modelling.model import Model, Table, namespace, start_values
 # What a model file finds wherever its FMU is run, with the standard library.
 BESIDE_A_MODEL = (*(f".{name}" for name in models.__all__), ".model")
 RESERVED = ("ops", "model")
+_ROOT = Path(models.__path__[0]).resolve()
+
+
+@cache
+def _places() -> dict[str, str]:
+    """Name of a model in the library -> its module, in whichever room that lies."""
+    inside = pkgutil.walk_packages(models.__path__, f"{models.__name__}.")
+    return {module.name.rpartition(".")[2]: module.name for module in inside if not module.ispkg}
 
 
 def names() -> tuple[str, ...]:
     """Names of the models in the library."""
-    return tuple(sorted(module.name for module in pkgutil.iter_modules(models.__path__)))
+    return tuple(sorted(_places()))
+
+
+def file_of(name: str) -> Path | None:
+    """The file of the model of that name in the library, None where there is none."""
+    place = _places().get(name)
+    return None if place is None else _ROOT.joinpath(*place.split(".")[2:]).with_suffix(".py")
+
+
+def holds(file: Path) -> bool:
+    """Whether a file is a model of the library."""
+    return file.name != "__init__.py" and _ROOT in file.resolve().parents
 
 
 def find(name: str) -> Model:
@@ -34,9 +54,9 @@ def find(name: str) -> Model:
     """
     if name.endswith(".py"):
         return _from_file(Path(name))
-    if name not in names():
+    if name not in _places():
         raise ModelError(f"model '{name}'", "is not in the library", f"choose one of {', '.join(names())}")
-    model: Model = import_module(f"fmus.models.{name}").MODEL
+    model: Model = import_module(_places()[name]).MODEL
     return model
 
 

@@ -38,7 +38,7 @@ from orchestrator.documents.parts import INCLUDE
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.fmi.said import LOG_FILE, kept
 from orchestrator.formats import Layout
-from orchestrator.interrupts import whole
+from orchestrator.processes.interrupts import whole
 from orchestrator.progress import Progress, silent
 from orchestrator.report import Report
 from orchestrator.results import (

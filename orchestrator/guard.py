@@ -20,8 +20,8 @@ from typing import NoReturn
 
 from fmus import owned
 from fmus.errors import ServotwinError
-from orchestrator import interrupts, last_words
-from orchestrator.last_words import KILLED, LITTER, SAVING, LastWords, culprits
+from orchestrator.processes import interrupts, last_words
+from orchestrator.processes.last_words import KILLED, LITTER, SAVING, LastWords, culprits
 from orchestrator.results import put_back, rescue
 
 if sys.platform != "win32":

@@ -15,7 +15,7 @@ from typing import Any, NotRequired, TypedDict
 
 from fmus.errors import InputError
 from fmus.owned import MARK, owned_folder
-from orchestrator import last_words
+from orchestrator.processes import last_words
 
 PACKAGES = ("servotwin", "fmpy", "pythonfmu", "numpy", "scipy", "sympy", "control")
 MARKS = ("manifest.json", "summary.json")

@@ -7,22 +7,18 @@ import re
 import sys
 import tomllib
 from collections import Counter
-from importlib import import_module
 from importlib.metadata import version
 
 import pytest
 from ruamel.yaml import YAML
 
 from fmus import library, models
-from tests.benchmarks.__main__ import BENCH, ENDURANCE
+from tests.benchmarks.__main__ import BENCH, ENDURANCE, module_of
 from tests.support.imports import PACKAGES, ROOT, SOURCES, between_rooms, circles, imported, imports_of, needs
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 BELOW = {"fmus": set(), "orchestrator": {"fmus"}, "identification": {"fmus", "orchestrator"}}
 MOST = 15  # files of a folder besides its `__init__.py`: in a fuller one there is a second concept
-FULLER = {
-    "fmus/models": "a model is a file, and so is the library",
-}
 
 
 def tops(modules: set[str]) -> set[str]:
@@ -82,15 +78,17 @@ def test_no_circle_of_imports_between_rooms() -> None:
 
 
 def test_no_folder_has_a_second_concept_in_it() -> None:
-    files = Counter(str(file.parent.relative_to(ROOT)) for file in SOURCES if file.name != "__init__.py")
-    assert {folder: count for folder, count in files.items() if count > MOST and folder not in FULLER} == {}
+    files = [*SOURCES, *(ROOT / "tests").rglob("*.py")]
+    counts = Counter(str(file.parent.relative_to(ROOT)) for file in files if file.name != "__init__.py")
+    assert {folder: count for folder, count in counts.items() if count > MOST} == {}
 
 
 @pytest.mark.parametrize("name", library.names())
 def test_a_model_imports_only_the_language_and_the_standard_library(name: str) -> None:
-    modules = imports_of(ROOT / "fmus" / "models" / f"{name}.py")
-    assert {module for module in modules if module.split(".")[0] not in sys.stdlib_module_names} <= {
-        f"fmus.models.{name}" for name in models.__all__
+    file = library.source_file(library.find(name))
+    room = ".".join(file.parent.relative_to(ROOT).parts)
+    assert {module for module in imports_of(file) if module.split(".")[0] not in sys.stdlib_module_names} <= {
+        f"{room}.{name}" for name in models.__all__
     }
 
 
@@ -100,7 +98,7 @@ def test_only_the_command_line_imports_its_library() -> None:
 
 @pytest.mark.parametrize("name", [*BENCH, *ENDURANCE])
 def test_every_bench_can_be_run(name: str) -> None:
-    module = import_module(f"tests.benchmarks.{name}")
+    module = module_of(name)
     assert name not in BENCH or callable(module.figures)
     assert name not in ENDURANCE or callable(module.endurance)
 

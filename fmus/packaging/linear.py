@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from fmus.errors import ModelError
-from fmus.models.state_space import matrices, state_space
+from fmus.models.plants.state_space import matrices, state_space
 from fmus.packaging import targets
 
 

@@ -16,7 +16,8 @@ from typing import Protocol, Self, runtime_checkable
 from fmus.errors import FmuError, IdentificationError, TangentsMissing
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.fmi.said import kept, kept_in
-from orchestrator.processes import Died, Processes
+from orchestrator.processes.child import Died
+from orchestrator.processes.pool import Processes
 from orchestrator.trace import FloatArray
 
 MAX_RESTARTS = 50

@@ -21,7 +21,8 @@ from identification.experiments.set_result import SetResult, identified
 from identification.recordings.campaign import StudyTrace, TraceSource, load_campaign
 from identification.recordings.units import in_common_units
 from orchestrator.fmi.isolation import Isolation
-from orchestrator.processes import Died, Processes, calling, processors
+from orchestrator.processes.child import Died
+from orchestrator.processes.pool import Processes, calling, processors
 from orchestrator.progress import Progress
 
 Workers = Processes[Callable[[], Any], Any]

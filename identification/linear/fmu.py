@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from fmus.errors import IdentificationError
-from fmus.models.state_space import matrices
+from fmus.models.plants.state_space import matrices
 from fmus.packaging import linear
 from identification.linear.model import LinearModel
 from identification.linear.preparation import Offsets

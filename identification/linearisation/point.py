@@ -9,8 +9,7 @@ from fractions import Fraction
 from typing import Any
 
 from fmus.errors import FmuError, WiringError
-from orchestrator.engine import Simulation
-from orchestrator.engine.simulation import Run
+from orchestrator.engine import Run, Simulation
 from orchestrator.fmi.component import Component
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.slave import Slave

@@ -19,7 +19,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from fmus.errors import IdentificationError
@@ -104,20 +103,6 @@ def recalibrate(motion: Motion, gain: float, target: float) -> Recalibration:
     )
 
 
-def decay_rate(motion: Motion, p1: float, p3: float, target: float) -> EstimatedValue:
-    """p4 gain [s/rad^2] from how the invariant decays, p1 and p3 given.
-
-    Least squares of Eq. 114 itself: the line through log I against S has the same optimum to first order, but noise
-    takes I through zero.
-
-    Raises:
-        IdentificationError: p1, p3 or target is not positive, or the motion is on its orbit from the start.
-    """
-    positive(p1=p1, p3=p3, target=target)
-    fit = _fit(motion, _start(motion, (p3 / p1, target / p1)), np.array([False, False, True, True]))
-    return estimate(fit.values[2], float(np.sqrt(fit.covariance[2, 2])), fit.dof, UNITS["rate"])
-
-
 @dataclass(frozen=True, eq=False)
 class _Fit:
     """Values (4,) of ratio, level, rate and offset, their covariance (4, 4), and variances of angle and speed (2,)."""
@@ -129,43 +114,36 @@ class _Fit:
     dof: int
 
 
-def _start(motion: Motion, known: tuple[float, float] | None = None) -> FloatArray:
-    """(4,) the best over a grid of rates, the others by linear least squares; ratio and level may be known."""
+def _start(motion: Motion) -> FloatArray:
+    """(4,) the best over a grid of rates, the others by linear least squares."""
     height, kinetic = 1 - np.cos(motion.angle), 0.5 * motion.speed**2
     rated = []
     for rate in RATES / motion.action[-1]:
         decay = np.exp(-rate * motion.action)
-        if known is None:
-            columns, wanted = np.column_stack([-height, np.ones_like(height), decay]), kinetic
-        else:
-            columns, wanted = decay[:, None], kinetic + known[0] * height - known[1]
-        solution = np.linalg.lstsq(columns, wanted, rcond=None)[0]
-        ratio, level = known or solution[:2]
-        rated.append((float(np.sum((wanted - columns @ solution) ** 2)), [ratio, level, rate, solution[-1]]))
+        columns = np.column_stack([-height, np.ones_like(height), decay])
+        ratio, level, offset = solution = np.linalg.lstsq(columns, kinetic, rcond=None)[0]
+        rated.append((float(np.sum((kinetic - columns @ solution) ** 2)), [ratio, level, rate, offset]))
     return np.array(min(rated, key=lambda pair: pair[0])[1])
 
 
-def _fit(motion: Motion, start: FloatArray, free: NDArray[np.bool_] | None = None) -> _Fit:
+def _fit(motion: Motion, start: FloatArray) -> _Fit:
     """Newton's method on the corrected score of least squares: without what noise adds to it on average.
 
     Raises:
         IdentificationError: it does not settle, or the offset cannot be told from zero.
     """
-    free = np.full(4, True) if free is None else free
-    values, variances, dof = start, np.zeros(2), len(motion.time) - int(np.count_nonzero(free))
+    values, variances, dof = start, np.zeros(2), len(motion.time) - 4
     for _ in range(PASSES):
         line = _linearised(motion, values, variances)
         attenuation = np.diag([variances[0] * float(np.sum(np.sin(motion.angle) ** 2)), 0.0, 0.0, 0.0])
-        inverse = np.linalg.pinv((line.slopes.T @ line.slopes - attenuation)[np.ix_(free, free)])
-        step = np.zeros(4)
-        step[free] = -inverse @ (line.slopes.T @ line.error - attenuation @ values)[free]
+        inverse = np.linalg.pinv(line.slopes.T @ line.slopes - attenuation)
+        step = -inverse @ (line.slopes.T @ line.error - attenuation @ values)
         values = values + step
         variances = _variances(motion, line, dof)
         if _lost(motion, values, variances):
             break
         if np.all(np.abs(step) <= 1e-9 * np.abs(values)):
-            covariance = np.zeros((4, 4))
-            covariance[np.ix_(free, free)] = _covariance(motion, line, line.slopes[:, free] @ inverse, variances)
+            covariance = _covariance(motion, line, line.slopes @ inverse, variances)
             if abs(values[3]) < SEEN * np.sqrt(covariance[3, 3]):
                 break
             white = whiteness([line.error]).white if motion.derivative is None else None

@@ -27,7 +27,7 @@ from orchestrator.assembly.assembly import Assembled, OpenSystem
 from orchestrator.crossing import Crossing, noted
 from orchestrator.fmi.interface import Port
 from orchestrator.fmi.isolation import Isolation
-from orchestrator.processes import processors
+from orchestrator.processes.pool import processors
 from orchestrator.progress import Progress, silent
 from orchestrator.system import Endpoint, System, check_values, must_be, recordable
 from orchestrator.trace import FloatArray, ReadOnlyArrays

@@ -117,16 +117,6 @@ class Bounds:
     upper: tuple[float, float, float]
 
 
-def bounds_around(p1: float, p2: float, p3: float, factor: float) -> Bounds:
-    """Half a guess as the start, 0 to `factor` times the guess as bounds: what both scripts give fmincon."""
-    guess = np.array([p1, p2, p3])
-    return Bounds(tuple(0.5 * guess), (0.0, 0.0, 0.0), tuple(factor * guess))
-
-
-# Table 5: the guess of the script for the recordings, from 0.2 kg at 0.104 m, 0.003 kg m^2, 0.001 N m s/rad.
-TABLE_5_BOUNDS = bounds_around(0.2 * 0.104**2 + 0.003, 0.001, 0.2 * 0.104 * GRAVITY, 20)
-
-
 def fit_damped(data: Resonances, bounds: Bounds) -> AddedMassFit:
     """p1, p2, p3 that bring Eq. 79 nearest to the resonances within bounds (Eq. 102).
 

@@ -135,7 +135,7 @@ def study_as_published(
     Args:
         experiments: any order; at least two frequencies for each added mass, three added masses.
         processing: SYNTHETIC_SCRIPT or RECORDINGS_SCRIPT.
-        bounds: of p1, p2, p3; `TABLE_5_BOUNDS` for the recordings.
+        bounds: of p1, p2, p3.
         signal: name of the angle in the traces.
 
     Raises:

@@ -8,7 +8,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from fmus.models.state_space import matrices, state_space
+from fmus.models.plants.state_space import matrices, state_space
 from identification.built_system import BuiltSystem
 from identification.linear.model import LinearModel
 from identification.tuning.study import CONTROLLER, PLANT, TuningStudy

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -277,6 +277,22 @@ class RigBlock(Block):
         return Rig(base / self.scenario, self.component, self.gains_only, self.set)
 
 
+def require_wanted(goals: Sequence[GoalBlock], minimise: Sequence[TermBlock]) -> None:
+    """See that a study asks for something.
+
+    Raises:
+        ValueError: it does not.
+    """
+    if not (goals or minimise):
+        raise ValueError("asks for nothing; give `goals` or `minimise`")
+
+
+def wanted(goals: Sequence[GoalBlock], minimise: Sequence[TermBlock]) -> tuple[GoalSpec, ...]:
+    """What a study asks for, as plain values."""
+    held = [goal.spec(f"goals.{number}") for number, goal in enumerate(goals)]
+    return (*held, *(term.spec(f"minimise.{number}") for number, term in enumerate(minimise)))
+
+
 class TuneBlock(StudyBlock):
     """A study that finds the values of a controller for several plants at once.
 
@@ -306,8 +322,7 @@ class TuneBlock(StudyBlock):
 
     @model_validator(mode="after")
     def _asked(self) -> TuneBlock:
-        if not (self.goals or self.minimise):
-            raise ValueError("asks for nothing; give `goals` or `minimise`")
+        require_wanted(self.goals, self.minimise)
         return self
 
     def study(self, base: Path) -> TuningStudy:
@@ -319,7 +334,7 @@ class TuneBlock(StudyBlock):
             tuple(map(link, self.connections)),
             self.reference,
             self.tracked,
-            tuple(self._goals()),
+            wanted(self.goals, self.minimise),
             self.design.procedure(),
             self.step.spec(),
             float(self.delay),
@@ -327,9 +342,3 @@ class TuneBlock(StudyBlock):
             self.description,
             tuple(block.rig(base) for block in self.judged_on),
         )
-
-    def _goals(self) -> Iterator[GoalSpec]:
-        for number, goal in enumerate(self.goals):
-            yield goal.spec(f"goals.{number}")
-        for number, term in enumerate(self.minimise):
-            yield term.spec(f"minimise.{number}")

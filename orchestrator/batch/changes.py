@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import fmus
-from fmus import models
+from fmus import library
 from fmus.errors import InputError, ScenarioError
 from orchestrator.batch.dependencies import dependencies
 from orchestrator.scenario.references import folder_of
@@ -44,16 +44,15 @@ class Changes:
         packages = [
             Path(fmus.__file__).resolve().parents[1] / name for name in ("fmus", "orchestrator", "identification")
         ]
-        library = Path(models.__path__[0]).resolve()
         return sorted(
             file
             for file in self.files
-            if file.parent != library and any(package in file.parents for package in packages)
+            if not library.holds(file) and any(package in file.parents for package in packages)
         )
 
     def _is_unknown(self, file: Path) -> bool:
         """Whether it lies outside the working tree; the library of an installed servotwin does not change."""
-        return self.root not in file.parents and Path(models.__path__[0]).resolve() != file.parent
+        return self.root not in file.parents and not library.holds(file)
 
 
 def changes(revision: str, folder: Path) -> Changes:

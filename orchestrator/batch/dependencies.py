@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from fmus import models
+from fmus import library
 from orchestrator.yaml_file import contents
 
 
@@ -58,9 +58,8 @@ def _texts(key: str, node: Any) -> Iterator[tuple[str, str]]:
 
 def _files(base: Path, key: str, text: str) -> Iterator[Path]:
     """What files a text may name: a model of the library, those of a pattern, or by itself or a word of a command."""
-    library = Path(models.__path__[0]) / f"{text}.py"
-    if key == "model" and text.isidentifier() and _is_file(library):
-        yield library
+    if key == "model" and (file := library.file_of(text)) is not None:
+        yield file
     elif key == "files":
         with suppress(ValueError, NotImplementedError, OSError):  # no pattern
             yield from base.glob(text)

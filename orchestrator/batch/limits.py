@@ -8,7 +8,7 @@ from pathlib import Path
 from time import monotonic
 
 from fmus.errors import InputError
-from orchestrator.last_words import LastWords
+from orchestrator.processes.last_words import LastWords
 
 MEGABYTE = 1 << 20
 _STATUS = "/proc/{pid}/statm"

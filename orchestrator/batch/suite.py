@@ -16,9 +16,10 @@ from orchestrator.batch.limits import Limits
 from orchestrator.batch.procedure import run_procedure
 from orchestrator.batch.scenario_judge import LostCase, ScenarioJudge
 from orchestrator.batch.verdict import FileJudge, Verdict
-from orchestrator.interrupts import requested
-from orchestrator.last_words import LastWords
-from orchestrator.processes import Died, Processes, calling
+from orchestrator.processes.child import Died
+from orchestrator.processes.interrupts import requested
+from orchestrator.processes.last_words import LastWords
+from orchestrator.processes.pool import Processes, calling
 from orchestrator.results import Permission, permission, permitted
 
 AHEAD = ["orchestrator.batch.ahead", __name__]

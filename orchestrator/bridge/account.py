@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fmus.files import sha256
-from orchestrator.bridge.traffic_report import TrafficReport
+from orchestrator.bridge.bus.traffic_report import TrafficReport
 from orchestrator.can.frames import moment
 from orchestrator.can.live.bus import BusSettings
 from orchestrator.realtime.deadlines import Deadlines

@@ -19,8 +19,8 @@ from fmus.errors import RecordError, ServotwinError, TraceError
 from orchestrator import formats
 from orchestrator.assembly.whole_arrays import elements
 from orchestrator.bridge.account import BusAccount
-from orchestrator.bridge.keeper import IN_PROCESS, Keeper, beside
-from orchestrator.bridge.keeper_process import apart
+from orchestrator.bridge.bus.keeper import IN_PROCESS, Keeper, beside
+from orchestrator.bridge.bus.keeper_process import apart
 from orchestrator.bridge.mapping import Coupling
 from orchestrator.bridge.preparation import BridgeJob, PreparedBridge, prepared
 from orchestrator.bridge.session import Ending, Session

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from fmus.errors import DatabaseError, WiringError
-from orchestrator.bridge.dependence import STOP, needs
-from orchestrator.bridge.safety import Rules
+from orchestrator.bridge.safety.dependence import STOP, needs
+from orchestrator.bridge.safety.resting import Rules
 from orchestrator.bridge.signals.inputs import ReceivedMessage, ReceivedSignal, Reception
 from orchestrator.bridge.signals.location import Locations, Place
 from orchestrator.bridge.signals.outputs import SentMessage, SentSignal

@@ -21,7 +21,7 @@ from orchestrator.can import frame_time
 from orchestrator.can.database.bus import LogDatabase, load_all
 from orchestrator.can.database.database import Database
 from orchestrator.can.database.sources import ALL, DatabaseFiles, paths
-from orchestrator.can.live.bus import BusSettings
+from orchestrator.can.live.bus import BusSettings, OnBuses
 from orchestrator.crossing import Crossing, logged
 from orchestrator.engine import Run, Simulation
 from orchestrator.fmi.interface import Value
@@ -38,7 +38,7 @@ from orchestrator.yaml_file import naming
 
 
 @dataclass(frozen=True)
-class BridgeJob:
+class BridgeJob(OnBuses):
     """What is coupled to which bus.
 
     Attributes:
@@ -62,16 +62,6 @@ class BridgeJob:
     fmus: Mapping[str, Path] = field(default_factory=dict)
     others: tuple[BusSettings, ...] = ()
     steering: Steering = field(default_factory=Steering)
-
-    @property
-    def buses(self) -> tuple[BusSettings, ...]:
-        """All buses, by their numbers."""
-        return self.bus, *self.others
-
-    @property
-    def places(self) -> str:
-        """How messages name them."""
-        return " and ".join(bus.place for bus in self.buses)
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from fmus.errors import BusError, FmuError, ServotwinError
-from orchestrator.bridge.keeper import Keeper
-from orchestrator.bridge.traffic_report import TrafficReport
+from orchestrator.bridge.bus.keeper import Keeper
+from orchestrator.bridge.bus.traffic_report import TrafficReport
 from orchestrator.can.live.news import News
 from orchestrator.engine import LiveRun, Result
-from orchestrator.interrupts import endings, handling
+from orchestrator.processes.interrupts import endings, handling
 from orchestrator.progress import Figures, Progress
 from orchestrator.realtime.deadlines import Deadlines
 from orchestrator.realtime.pacing import Pace

@@ -14,7 +14,7 @@ from fmus.errors import InputError
 from orchestrator.cli.can import Adapter, Channels, Interfaces
 from orchestrator.cli.scenarios import Fmus, LiveOptions, Overrides, files, overrides
 from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
-from orchestrator.interrupts import whole
+from orchestrator.processes.interrupts import whole
 
 if TYPE_CHECKING:
     from orchestrator.bridge.bridge import BridgeResult

@@ -13,7 +13,7 @@ import typer
 from fmus.errors import InputError
 from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 from orchestrator.cli.traces import described
-from orchestrator.interrupts import whole
+from orchestrator.processes.interrupts import whole
 
 if TYPE_CHECKING:
     from orchestrator.bridge.preparation import BridgeJob

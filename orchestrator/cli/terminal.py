@@ -21,7 +21,7 @@ import typer
 from fmus.errors import ServotwinError, ours
 from orchestrator.display.plain import plain
 from orchestrator.display.stdout import stdout_kept
-from orchestrator.interrupts import Interrupts, requested
+from orchestrator.processes.interrupts import Interrupts, requested
 from orchestrator.progress import Figures, Progress, silent, tell_ready
 from orchestrator.results import Permission, permitted
 

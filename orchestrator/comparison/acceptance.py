@@ -14,7 +14,7 @@ from orchestrator.comparison.documents import PartingDocument, documents_of
 from orchestrator.comparison.proposal import Change, NewReference, Proposal
 from orchestrator.display import characters
 from orchestrator.display.titles import with_unit
-from orchestrator.interrupts import whole
+from orchestrator.processes.interrupts import whole
 from orchestrator.report import Chart, Curve, Panel, Report, Section
 from orchestrator.report.content import CalloutKind
 from orchestrator.results import result_folder, versions, write_json

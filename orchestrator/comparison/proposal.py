@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fmus import models
+from fmus import library
 from fmus.errors import FmuError, ScenarioError, TraceError
 from fmus.files import sha256
 from fmus.packaging.native.compiler import host_name
@@ -253,9 +253,9 @@ def _user() -> str:
 
 def _hashes(scenario: Path) -> dict[str, str]:
     """What goes into a run -> its hash; files as seen from the scenario, models of the library by their names."""
-    base, library = scenario.resolve().parent, Path(models.__path__[0]).resolve()
+    base = scenario.resolve().parent
     names = {
-        file: f"model {file.stem}" if file.parent == library else Path(os.path.relpath(file, base)).as_posix()
+        file: f"model {file.stem}" if library.holds(file) else Path(os.path.relpath(file, base)).as_posix()
         for file in dependencies(scenario)
     }
     return {name: sha256(file) for file, name in sorted(names.items(), key=lambda pair: pair[1])}

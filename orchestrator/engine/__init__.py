@@ -6,7 +6,8 @@ from orchestrator.engine.live import LiveRun
 from orchestrator.engine.plan import REFUSED, CycleSettings, Order, Plan, make_plan
 from orchestrator.engine.profile import Profile
 from orchestrator.engine.recording import Sink
-from orchestrator.engine.simulation import Interrupted, Result, Run, RunFailed, Simulation, Timing
+from orchestrator.engine.run import Interrupted, Result, Run, RunFailed, Timing
+from orchestrator.engine.simulation import Simulation
 from orchestrator.engine.tuned import Change, Tuned
 
 __all__ = [

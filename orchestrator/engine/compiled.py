@@ -18,7 +18,8 @@ import numpy as np
 from fmus.errors import WiringError
 from orchestrator.engine.loop import Loop, Node, Stepper
 from orchestrator.engine.recording import Recorder
-from orchestrator.fmi.functions import Fmi3, VariableGroup
+from orchestrator.fmi.functions.co_simulation import Fmi3
+from orchestrator.fmi.functions.values import VariableGroup
 from orchestrator.fmi.instance import stepping
 from orchestrator.fmi.slave import Slave
 from orchestrator.trace import FloatArray

@@ -9,8 +9,8 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from orchestrator.interrupts import whole
-from orchestrator.memory import PLENTY, require
+from orchestrator.processes.interrupts import whole
+from orchestrator.processes.memory import PLENTY, require
 from orchestrator.rational import Clock
 from orchestrator.trace import FloatArray, Trace
 

@@ -17,9 +17,10 @@ from typing import Any, NoReturn
 import numpy as np
 
 from fmus.errors import FmuEnded, FmuFileError
-from orchestrator.fmi.exchange_functions import Exchange2, Exchange3, ModelExchange
 from orchestrator.fmi.file import FmuFile
-from orchestrator.fmi.functions import DISCARD, FAILED, Stop
+from orchestrator.fmi.functions.base import DISCARD, FAILED
+from orchestrator.fmi.functions.co_simulation import Stop
+from orchestrator.fmi.functions.model_exchange import Exchange2, Exchange3, ModelExchange
 from orchestrator.fmi.instance import FmuInstance, stepping
 from orchestrator.fmi.interface import Value
 from orchestrator.solvers.base import Solver, SolverSettings, Stateless

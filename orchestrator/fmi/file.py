@@ -27,7 +27,7 @@ from fmus.units import Unit
 from orchestrator.fmi import arrays, definitions, unpacked
 from orchestrator.fmi.arrays import LeftOutError, Sizes
 from orchestrator.fmi.interface import Interface, Port, Value
-from orchestrator.memory import require
+from orchestrator.processes.memory import require
 
 if TYPE_CHECKING:
     from lxml import etree
@@ -260,7 +260,6 @@ def _interface(
         feed_through=_feed_through(description, elements),
         has_state=bool(offer.canGetAndSetFMUstate),
         fixed_step=float(fixed) if fixed else None,
-        variable_step=bool(getattr(offer, "canHandleVariableCommunicationStepSize", True)),
         left_out=left_out,
         sizes=sizes.given,
     )

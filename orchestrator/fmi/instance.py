@@ -15,14 +15,15 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from fmus.errors import FmuError, FmuFileError
-from orchestrator import last_words
 from orchestrator.fmi import unpacked
 from orchestrator.fmi.component import Texts
 from orchestrator.fmi.file import FmuFile
-from orchestrator.fmi.functions import DISCARD, FAILED, FATAL, FmiFunctions, VariableGroup
+from orchestrator.fmi.functions.base import DISCARD, FAILED, FATAL, FmiFunctions
+from orchestrator.fmi.functions.values import VariableGroup
 from orchestrator.fmi.interface import Port, Value
 from orchestrator.fmi.said import LOG, REPEATS
-from orchestrator.interrupts import broken_off
+from orchestrator.processes import last_words
+from orchestrator.processes.interrupts import broken_off
 
 STATUS = ("OK", "warning", "discard", "error", "fatal error", "pending")
 # Errors are raised with what the FMU said, so their messages need no louder place in the log.

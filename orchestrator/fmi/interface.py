@@ -227,7 +227,6 @@ class Interface:
     feed_through: Mapping[str, frozenset[str] | None]
     has_state: bool = False
     fixed_step: float | None = None
-    variable_step: bool = True
     left_out: Mapping[str, str] = field(default_factory=dict)
     sizes: Mapping[str, Value] = field(default_factory=dict)
 

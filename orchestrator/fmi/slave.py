@@ -7,7 +7,8 @@ from collections.abc import Mapping
 
 from fmus.errors import FmuEnded, TangentsMissing
 from orchestrator.fmi.file import FmuFile
-from orchestrator.fmi.functions import CoSimulation, Fmi2, Fmi3, VariableGroup
+from orchestrator.fmi.functions.co_simulation import CoSimulation, Fmi2, Fmi3
+from orchestrator.fmi.functions.values import VariableGroup
 from orchestrator.fmi.instance import FmuInstance, returned, stepping
 from orchestrator.fmi.interface import Port, tangent
 from orchestrator.fmi.interface import along as names_along

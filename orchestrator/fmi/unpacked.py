@@ -15,7 +15,7 @@ from zipfile import ZipFile, ZipInfo
 from fmus.errors import FmuFileError
 from fmus.files import sha256
 from fmus.packaging import archive
-from orchestrator.interrupts import UNPACKED
+from orchestrator.processes.interrupts import UNPACKED
 
 _NEVER_RUN = ("sources/", "documentation/")  # what an FMU may not look for where it runs; to write it takes long
 _lock = threading.Lock()

@@ -17,8 +17,8 @@ from orchestrator.formats.arrow import arrays, is_text, numbers, texts
 from orchestrator.formats.layout import MAX_VALUES, Columns, Layout, choose
 from orchestrator.formats.recording import Recording, excerpt
 from orchestrator.formats.stamps import Stamps, since_first
-from orchestrator.interrupts import whole
-from orchestrator.memory import require
+from orchestrator.processes.interrupts import whole
+from orchestrator.processes.memory import require
 from orchestrator.trace import FloatArray, Trace
 
 COPIES = 4  # of the samples that are in memory while they are read

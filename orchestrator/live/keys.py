@@ -12,6 +12,8 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
+from orchestrator.live.beside import beside
+
 if sys.platform != "win32":
     import termios
 
@@ -39,15 +41,8 @@ def keys(press: Callable[[str], None]) -> Iterator[None]:
     except OSError:
         yield
         return
-    over = threading.Event()
-    with _foreground(terminal):
-        thread = threading.Thread(target=_read, args=(terminal, press, over), name="keys", daemon=True)
-        thread.start()
-        try:
-            yield
-        finally:
-            over.set()
-            thread.join()
+    with _foreground(terminal), beside(lambda over: _read(terminal, press, over), "keys"):
+        yield
     os.close(terminal)
 
 

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from fmus.errors import InputError, ServotwinError
+from orchestrator.live.beside import beside
 from orchestrator.live.requests import Requests
 
 LOG = logging.getLogger("servotwin.live")
@@ -29,14 +30,8 @@ def watched(path: Path, requests: Requests) -> Iterator[None]:
     file = _File(path, requests)
     for problem in file.ask():
         raise problem
-    over = threading.Event()
-    thread = threading.Thread(target=file.watch, args=(over,), name="watched file", daemon=True)
-    thread.start()
-    try:
+    with beside(file.watch, "watched file"):
         yield
-    finally:
-        over.set()
-        thread.join()
 
 
 class _File:

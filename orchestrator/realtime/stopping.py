@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
 
-from orchestrator.interrupts import Wishes, endings, handling, requested
+from orchestrator.processes.interrupts import Wishes, endings, handling, requested
 
 _NAP = 0.05  # the longest sleep that does not look whether to end [s]
 

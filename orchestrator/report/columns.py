@@ -92,7 +92,7 @@ def column(values: FloatArray, rising: bool = False, thinned: bool = False) -> C
     scale = _scale(finite, bases)
     head: dict[str, Any] = {"count": len(values), "bases": bases.tolist(), "scale": scale}
     if len(values) > RAW:
-        head["levels"] = _levels(finite, float(np.nan_to_num(np.nanmin(low) / 2 + np.nanmax(high) / 2)), thinned)
+        head["levels"] = _levels(finite, float(np.nan_to_num(np.nanmin(low) / 2 + np.nanmax(high) / 2)))
     if thinned:
         return Column(head)
     pieces = (finite[start : start + PART] - base for start, base in zip(starts, bases, strict=True))
@@ -117,7 +117,7 @@ def _scale(finite: FloatArray, bases: FloatArray) -> float:
     return float(2.0 ** np.clip(np.ceil(np.log2(most)), -1000, 1000)) if most else 1.0
 
 
-def _levels(finite: FloatArray, base: float, all_: bool) -> list[dict[str, Any]]:
+def _levels(finite: FloatArray, base: float) -> list[dict[str, Any]]:
     """Lowest and highest of stretches, and of stretches of these, until few enough are left to be drawn."""
     low = high = finite
     levels, width = [], 1

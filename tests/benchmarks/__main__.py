@@ -9,8 +9,10 @@ import argparse
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
+from pathlib import Path
 from time import perf_counter
 from traceback import print_exc
+from types import ModuleType
 
 import pytest
 
@@ -62,10 +64,16 @@ def main(arguments: Sequence[str]) -> int:
     for number, name in enumerate(names, 1):
         print(f"[{number}/{len(names)}] {name}: {modules[name]} ...", end=" ", file=sys.stderr, flush=True)
         begun = perf_counter()
-        module = import_module(f"{__package__}.{name}")
+        module = module_of(name)
         groups[name] = measured(module.endurance if endurance else module.figures)
         print(f"{perf_counter() - begun:.0f} s", file=sys.stderr, flush=True)
     return report_groups(groups)
+
+
+def module_of(name: str) -> ModuleType:
+    """The module of that name, in whichever room it lies."""
+    [file] = Path(__file__).parent.glob(f"*/{name}.py")
+    return import_module(f"tests.benchmarks.{file.parent.name}.{name}")
 
 
 def measured(figures: Callable[[], list[Figure]]) -> list[Figure]:

@@ -18,7 +18,7 @@ from orchestrator.can.database.database import load as load_database
 from orchestrator.info import about
 from orchestrator.scenario.schema import load_scenario
 from orchestrator.trace import Trace
-from tests.support.can_samples import DBC, any_frames
+from tests.support.can.can_samples import DBC, any_frames
 
 ROOT = Path(__file__).parents[2]
 XML = "modelDescription.xml"

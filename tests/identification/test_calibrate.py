@@ -26,7 +26,7 @@ from orchestrator import formats
 from orchestrator.results import RECORD
 from orchestrator.scenario.exchange import export
 from orchestrator.trace import Trace
-from tests.support.small_study import COUNT, LENGTH, STEP, record, study, voltage, write_study
+from tests.support.identification.small_study import COUNT, LENGTH, STEP, record, study, voltage, write_study
 
 Change = dict[str, Any]
 

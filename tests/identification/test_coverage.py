@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tests.benchmarks import coverage_frequency, coverage_time
 from tests.benchmarks.figure import share_inside
+from tests.benchmarks.identification import coverage_frequency, coverage_time
 
 LEAST = 0.85  # exact intervals cover less often in one of 300 sets of 40 draws
 

@@ -16,7 +16,7 @@ from identification.recordings.campaign import FileField, load_campaign, trace_v
 from identification.resonance.schema import ResonanceBlock
 from identification.study import load_study
 from orchestrator.fmi.interface import Port
-from tests.support.small_study import plain_study, record, study, write_study
+from tests.support.identification.small_study import plain_study, record, study, write_study
 
 STUDIES = Path(__file__).parents[2] / "scenarios" / "butterfly"
 

@@ -15,7 +15,8 @@ ROOT = Path(__file__).parents[2]
 COMMAND = """
 import ctypes, os, signal, sys, tempfile, time
 from pathlib import Path
-from orchestrator import guard, last_words
+from orchestrator import guard
+from orchestrator.processes import last_words
 from orchestrator.guard import guarded
 guard.PATIENCE = 2
 libc = ctypes.CDLL(None)

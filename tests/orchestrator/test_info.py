@@ -21,9 +21,9 @@ from orchestrator.formats import Layout
 from orchestrator.info import about, about_trace
 from orchestrator.results import write_json
 from orchestrator.trace import Trace
-from tests.support import third_party
-from tests.support.ssps import archive as ssp
-from tests.support.ssps import bindings, component, connection, connectors, real, system, values
+from tests.support.simulation.ssps import archive as ssp
+from tests.support.simulation.ssps import bindings, component, connection, connectors, real, system, values
+from tests.support.tools import third_party
 
 
 def strict(document: dict[str, Any]) -> dict[str, Any]:

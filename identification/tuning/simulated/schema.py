@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
 
@@ -11,9 +10,8 @@ from pydantic import Field, model_validator
 from identification.recordings.schema import StudyBlock
 from identification.tuning.goals.table import MEASURES
 from identification.tuning.procedures.schema import SearchBlock
-from identification.tuning.schema import GoalBlock, RigBlock, TermBlock
+from identification.tuning.schema import GoalBlock, RigBlock, TermBlock, require_wanted, wanted
 from identification.tuning.simulated.study import LoopSpec, SimulatedStudy
-from identification.tuning.study import GoalSpec
 from orchestrator.assembly.schema import ComponentBlock
 from orchestrator.assembly.whole_arrays import Values, elements
 from orchestrator.yaml_file import Block
@@ -65,8 +63,7 @@ class SimulatedBlock(StudyBlock):
 
     @model_validator(mode="after")
     def _asked(self) -> SimulatedBlock:
-        if not (self.goals or self.minimise):
-            raise ValueError("asks for nothing; give `goals` or `minimise`")
+        require_wanted(self.goals, self.minimise)
         for asked in (*self.goals, *self.minimise):
             if "signal" not in MEASURES[asked.measure].needs:
                 raise ValueError(f"'{asked.measure}' is of linear loops; use `method: tune` for it")
@@ -83,16 +80,10 @@ class SimulatedBlock(StudyBlock):
             self.reference,
             self.tracked,
             self.command,
-            tuple(self._goals()),
+            wanted(self.goals, self.minimise),
             self.design.procedure(),
             self.band,
             self.limit,
             self.description,
             tuple(block.rig(base) for block in self.judged_on),
         )
-
-    def _goals(self) -> Iterator[GoalSpec]:
-        for number, goal in enumerate(self.goals):
-            yield goal.spec(f"goals.{number}")
-        for number, term in enumerate(self.minimise):
-            yield term.spec(f"minimise.{number}")

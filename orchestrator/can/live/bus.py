@@ -22,7 +22,7 @@ from orchestrator.can import frame_time
 from orchestrator.can.slcan import protocol
 from orchestrator.can.slcan.bus import ERROR_BUS_OFF, SlcanBus
 
-__all__ = ["BusSettings", "is_bus_off", "occupied", "open_bus", "opened", "parse_option", "send"]
+__all__ = ["BusSettings", "OnBuses", "is_bus_off", "occupied", "open_bus", "opened", "parse_option", "send"]
 
 _TIMED = ("pcan", "slcan")  # interfaces that want the timing of bits for CAN FD instead of bit rates
 _CLOCK = 80_000_000  # of CAN FD controllers [Hz]
@@ -92,6 +92,23 @@ def parse_option(text: str) -> tuple[str, str]:
     if match is None:
         raise InputError(f"--option {text}", "is not understood", "write name=value")
     return match[1], match[2]
+
+
+class OnBuses:
+    """What is done on one bus or several; channels are numbered in their order, `bus` is 0."""
+
+    bus: BusSettings
+    others: tuple[BusSettings, ...]
+
+    @property
+    def buses(self) -> tuple[BusSettings, ...]:
+        """All buses, by the number of their channel."""
+        return self.bus, *self.others
+
+    @property
+    def places(self) -> str:
+        """All buses, in words."""
+        return " and ".join(bus.place for bus in self.buses)
 
 
 def open_bus(settings: BusSettings) -> can.BusABC:

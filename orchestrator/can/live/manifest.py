@@ -12,7 +12,7 @@ from typing import Any
 from fmus.errors import InputError
 from orchestrator.can.database.sources import DatabaseFiles, paths
 from orchestrator.can.frames import moment
-from orchestrator.can.live.bus import BusSettings
+from orchestrator.can.live.bus import BusSettings, OnBuses
 from orchestrator.can.live.channels import Channel
 from orchestrator.can.live.trigger import EVERYTHING, Limits, Trigger
 from orchestrator.can.logs.rotation import LogFile, writer_of
@@ -24,7 +24,7 @@ QUEUE = 65536  # frames that wait to be written at most
 
 
 @dataclass(frozen=True)
-class BusRecording:
+class BusRecording(OnBuses):
     """What is recorded, where to, and for how long.
 
     Attributes:
@@ -52,16 +52,6 @@ class BusRecording:
     encoding: str | None = None
     others: tuple[BusSettings, ...] = ()
     limits: Limits = EVERYTHING
-
-    @property
-    def buses(self) -> tuple[BusSettings, ...]:
-        """All buses, by the number of their channel."""
-        return self.bus, *self.others
-
-    @property
-    def places(self) -> str:
-        """All buses, in words."""
-        return " and ".join(bus.place for bus in self.buses)
 
     @property
     def database_names(self) -> str | None:

@@ -33,7 +33,7 @@ from orchestrator.can.sending.safe_end import NOTHING, Last, SafeEnd
 from orchestrator.can.sending.selection import EVERYTHING, Chosen
 from orchestrator.can.slcan.flow import Key
 from orchestrator.can.statistics import identifier_text
-from orchestrator.interrupts import endings, handling
+from orchestrator.processes.interrupts import endings, handling
 from orchestrator.progress import Figures, Progress, silent
 from orchestrator.realtime.pacing import quiet
 from orchestrator.realtime.stopping import Stop, stop_requests

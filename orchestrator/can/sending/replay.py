@@ -25,7 +25,7 @@ from orchestrator.can.sending.last_frames import LastFrames
 from orchestrator.can.sending.passes import ahead, passes
 from orchestrator.can.sending.safe_end import NOTHING, Last, SafeEnd
 from orchestrator.can.sending.selection import EVERYTHING, Chosen, Selection
-from orchestrator.interrupts import endings, handling
+from orchestrator.processes.interrupts import endings, handling
 from orchestrator.progress import Progress, silent
 from orchestrator.realtime.lateness import Lateness
 from orchestrator.realtime.pacing import quiet

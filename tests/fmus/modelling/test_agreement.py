@@ -11,7 +11,7 @@ from fmus.errors import ModelError
 from fmus.modelling import ops
 from fmus.modelling.agreement import require_agreement
 from fmus.modelling.model import Model, input_, output, parameter
-from tests.support.natives import everything
+from tests.support.fmus.natives import everything
 
 
 def selecting(function: Any) -> Model:

@@ -8,7 +8,7 @@ import pytest
 from fmus import library
 from fmus.modelling.instance import Instance
 from orchestrator.trace import FloatArray
-from tests.support.stepping import sampled
+from tests.support.fmus.stepping import sampled
 
 CONTROLLERS = [name for name in library.names() if "enabled" in library.find(name).by_name]
 T = 1 / 300

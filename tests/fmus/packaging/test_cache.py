@@ -180,7 +180,7 @@ def test_the_code_that_writes_fmus_is_in_the_key(tmp_path: Path, monkeypatch: py
     for name in ("modelling/ops.py", "packaging/python/slave.py", "packaging/native/c/ops.h", "models/__init__.py"):
         (root / name).write_text((root / name).read_text() + "\n")
         keys.append(key(target="python"))
-    (root / "models" / "pd.py").write_text("")  # a model is what is in memory
+    (root / "models" / "controllers" / "pd.py").write_text("")  # a model is what is in memory
     assert key(target="python") == keys[-1]
     assert len({*keys}) == 5
 

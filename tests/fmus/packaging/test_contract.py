@@ -22,9 +22,9 @@ from fmus.packaging import archive, defaults
 from fmus.packaging.native import build as native
 from fmus.packaging.native import compiler
 from fmus.packaging.python import build as python
-from tests.support.either import opened, schema
-from tests.support.natives import NAMES, PENDULUM, RICH, advance, drive, in_arrays
-from tests.support.stepping import grid, stepped
+from tests.support.fmus.either import opened, schema
+from tests.support.fmus.natives import NAMES, PENDULUM, RICH, advance, drive, in_arrays
+from tests.support.fmus.stepping import grid, stepped
 
 FMI3_TYPES = {"Real": "Float64", "Integer": "Int32"}
 VALUES = {"inertia": 0.00213, "angle_start": 0.7, "viscous_friction": 1.7e-4}

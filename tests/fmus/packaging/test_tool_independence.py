@@ -24,9 +24,9 @@ from fmus.packaging.native import build as native
 from fmus.packaging.native import compiler
 from fmus.parameters import write_back
 from orchestrator.trace import FloatArray
-from tests.support import maven, tools
-from tests.support.moving import moving
-from tests.support.stepping import stepped
+from tests.support.fmus.moving import moving
+from tests.support.fmus.stepping import stepped
+from tests.support.tools import maven, tools
 
 pytestmark = [
     pytest.mark.slow,  # processes, compilers or minutes of work

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.support import maven
-from tests.support.natives import NAMES
+from tests.support.fmus.natives import NAMES
+from tests.support.tools import maven
 
 
 def unpacked(folder: Path) -> Path:

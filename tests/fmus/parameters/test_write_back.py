@@ -23,7 +23,7 @@ from fmus.modelling.model import Model
 from fmus.packaging import archive, defaults, targets
 from fmus.parameters.ssv import Item, read_values
 from fmus.parameters.write_back import PROVENANCE, REFERENCES, write_back
-from tests.support import third_party
+from tests.support.tools import third_party
 
 Build = Callable[[str], Path]
 CALIBRATED: dict[str, Any] = {

@@ -21,7 +21,7 @@ from identification.output_error.search.estimator import (
     Window,
     estimate,
 )
-from tests.support.closed_form import INSTANTS, Oscillator, ServoHand, oscillation
+from tests.support.identification.closed_form import INSTANTS, Oscillator, ServoHand, oscillation
 
 TRUE = {"rig.damping": 0.3, "rig.stiffness": 9.0}
 STARTS = np.random.default_rng(0).uniform([0.5, -2.0], [1.5, 2.0], (12, 2))

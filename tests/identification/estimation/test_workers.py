@@ -12,7 +12,7 @@ from fmus.errors import FmuError, IdentificationError
 from identification.estimation import workers
 from identification.estimation.workers import LocalPool, ProcessPool, Task, open_pool
 from orchestrator.fmi.isolation import Isolation
-from tests.support.closed_form import Moody
+from tests.support.identification.closed_form import Moody
 
 ANSWER, FAIL, DIE, BUG, SLEEP = ({"mood": float(mood)} for mood in range(5))
 

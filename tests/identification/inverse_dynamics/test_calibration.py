@@ -12,8 +12,8 @@ from ruamel.yaml import YAML
 from fmus.errors import InputError
 from identification.calibrate import CalibratedStudy, calibrate
 from orchestrator.assembly.assembly import ComponentSpec
-from tests.support import driven_axis
-from tests.support.driven_axis import GAIN, POSITION_GAIN, SPEED_GAIN, STEP, Axis, driven
+from tests.support.identification import driven_axis
+from tests.support.identification.driven_axis import GAIN, POSITION_GAIN, SPEED_GAIN, STEP, Axis, driven
 
 AXIS = Axis(coulomb=(21.0, 21.0), offset=-3.0)
 EMPS = Path(__file__).parents[3] / "scenarios" / "emps" / "inverse_dynamics.yaml"

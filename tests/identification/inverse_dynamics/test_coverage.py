@@ -11,8 +11,8 @@ from identification.inverse_dynamics.rows import AxisRecord, prepared, with_inst
 from identification.inverse_dynamics.study import Filtering
 from identification.inverse_dynamics.terms import Term
 from orchestrator.trace import FloatArray
-from tests.support import driven_axis
-from tests.support.driven_axis import GAIN, POSITION_GAIN, SPEED_GAIN, STEP, Axis, driven
+from tests.support.identification import driven_axis
+from tests.support.identification.driven_axis import GAIN, POSITION_GAIN, SPEED_GAIN, STEP, Axis, driven
 
 TERMS: list[Term] = ["inertia", "viscous_positive", "viscous_negative", "coulomb_positive", "coulomb_negative"]
 AXIS = Axis()

@@ -10,7 +10,7 @@ import pytest
 from identification.linear.mode_tracking import shape_agreement, spreads, stabilisation
 from identification.linear.model import LinearModel
 from identification.linear.modes import modes
-from tests.support.linear_fits import eigenvalue, model_of
+from tests.support.identification.linear_fits import eigenvalue, model_of
 
 
 def test_a_mode_that_stays_is_stable_and_one_that_wanders_is_not() -> None:

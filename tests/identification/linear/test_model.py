@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from fmus.errors import IdentificationError
 from identification.linear.model import LinearModel
 from identification.linear.recursion import recursion
-from tests.support.linear_systems import STEP, distance, random_system, system
+from tests.support.identification.linear_systems import STEP, distance, random_system, system
 
 
 def looped(model: LinearModel, u: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

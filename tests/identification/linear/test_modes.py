@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from fmus.errors import IdentificationError
 from identification.linear import modes as m
 from identification.linear.model import LinearModel
-from tests.support.linear_fits import STEP, eigenvalue, model_of, white
+from tests.support.identification.linear_fits import STEP, eigenvalue, model_of, white
 
 ARM = [eigenvalue(46.02, 0.027), eigenvalue(22.79, 0.043), eigenvalue(9.03, 0.033), eigenvalue(0.77, 0.342), 0.993, 1.0]
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from fmus.errors import IdentificationError
 from identification.linear.model import LinearModel
 from identification.linear.poles import LARGEST, constrained, injecting, stabilised
-from tests.support.linear_systems import random_system, sorted_poles, system
+from tests.support.identification.linear_systems import random_system, sorted_poles, system
 
 UNSTABLE = system([1.1, 1.02 * np.exp(0.4j), 0.9 * np.exp(1.2j), 0.5], outputs=2)
 

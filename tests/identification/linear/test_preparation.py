@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from fmus.errors import IdentificationError
 from identification.linear.preparation import Preparation, prepared, without_compensation
 from identification.linear.records import InputOutputData
-from tests.support.linear_fits import STEP, eigenvalue, model_of, white
+from tests.support.identification.linear_fits import STEP, eigenvalue, model_of, white
 
 
 def biased() -> InputOutputData:

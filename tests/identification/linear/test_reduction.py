@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from identification.linear.modes import from_modes, modes
 from identification.linear.reduction import one_by_one, together, without_constants
-from tests.support.linear_fits import eigenvalue, model_of, white
+from tests.support.identification.linear_fits import eigenvalue, model_of, white
 
 EIGENVALUES = [eigenvalue(5.0, 0.02), eigenvalue(17.0, 0.03), eigenvalue(40.0, 0.1), 0.9, 1.0]
 

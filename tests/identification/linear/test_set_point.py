@@ -9,7 +9,7 @@ import pytest
 from fmus.errors import IdentificationError
 from identification.linear.model import LinearModel
 from identification.linear.set_point import Feedback, closed, followed
-from tests.support.linear_fits import model_of
+from tests.support.identification.linear_fits import model_of
 
 FEEDBACK = Feedback(0.5, 1.4, "angle", "speed")
 

@@ -14,7 +14,7 @@ from identification.linear.model import LinearModel
 from identification.linear.modes import modes
 from identification.linear.records import InputOutputData
 from identification.linear.reduction import reduced, updated_input, updated_output
-from tests.support.linear_fits import STEP, eigenvalue, model_of, white
+from tests.support.identification.linear_fits import STEP, eigenvalue, model_of, white
 
 FULL = model_of([eigenvalue(46, 0.03), eigenvalue(23, 0.04), eigenvalue(9, 0.03), 0.97, 0.99], inputs=2)
 

@@ -29,7 +29,7 @@ from identification.linearisation.slopes import DIFFERENCES, DIRECTIONAL, MATRIC
 from orchestrator import open_system, run
 from orchestrator.fmi.file import FmuDescription
 from orchestrator.trace import FloatArray
-from tests.support.beam import Arm, finite_element_modes
+from tests.support.identification.beam import Arm, finite_element_modes
 
 pytestmark = pytest.mark.slow  # each builds FMUs
 INERTIA, FRICTION, GRAVITY = 3.25e-3, 1e-3, 0.04905

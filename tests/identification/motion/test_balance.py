@@ -14,7 +14,7 @@ from identification.estimation.estimated_value import EstimatedValue
 from identification.motion.balance import Balance, Values, energy_balance
 from identification.motion.motion import Motion, recorded_motion
 from orchestrator.trace import Trace
-from tests.support.energy_swings import GENERIC, RIG, Swing
+from tests.support.identification.energy_swings import GENERIC, RIG, Swing
 
 RATIOS = {"p3/p1": RIG["p3"] / RIG["p1"], "p4/p1": RIG["p4"] / RIG["p1"], "p2/p4": RIG["p2"] / RIG["p4"]}
 GENERIC_MODEL: Values = {"p1": GENERIC["p1"], "p2": GENERIC["p2"], "p3": GENERIC["p3"], "p4": GENERIC["p4"]}

@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 
 from fmus.errors import IdentificationError, TraceError
 from identification.estimation.estimated_value import EstimatedValue
-from identification.motion.decay import Recalibration, decay_rate, recalibrate
+from identification.motion.decay import Recalibration, recalibrate
 from identification.motion.motion import Motion, recorded_motion
 from identification.motion.published import one_step_errors, recalibrate_as_published
 from orchestrator.assembly.assembly import OpenSystem, assemble
@@ -167,21 +167,12 @@ def test_a_controller_with_a_wrong_ratio_still_reveals_the_plants() -> None:
         assert found.ratio.value == pytest.approx(TRUE["p3"] / TRUE["p1"], rel=tolerance)
 
 
-def test_the_decay_gives_the_rate_when_the_invariant_is_known() -> None:
-    motion = recorded_motion(noisy(swing(), np.random.default_rng(3), 1e-3, 1e-2))
-    known, all_free = decay_rate(motion, TRUE["p1"], TRUE["p3"], TARGET), recalibrate(motion, GAIN, TARGET).rate
-    assert abs(known.value - TRUE["p4"] * GAIN) < 3 * known.std
-    assert 0 < known.std < all_free.std
-    exact = decay_rate(recorded_motion(swing()), TRUE["p1"], TRUE["p3"], TARGET)
-    assert exact.value == pytest.approx(TRUE["p4"] * GAIN, rel=1e-6)
-
-
 def test_the_rate_is_the_slope_of_the_logarithm_of_the_invariant() -> None:
     motion = recorded_motion(swing())
     early = motion.action < 15
     invariant = np.abs(motion.invariant(TRUE["p1"], TRUE["p3"], TARGET))
     slope = np.polyfit(motion.action[early], np.log(invariant[early]), 1)[0]
-    assert decay_rate(motion, TRUE["p1"], TRUE["p3"], TARGET).value == pytest.approx(-slope, rel=1e-5)
+    assert recalibrate(motion, GAIN, TARGET).rate.value == pytest.approx(-slope, rel=1e-5)
 
 
 def test_the_published_index_vanishes_at_the_truth_and_without_a_pendulum() -> None:
@@ -207,10 +198,8 @@ def on_orbit() -> Motion:
 
 REFUSED: list[tuple[Callable[[], object], str]] = [
     (lambda: recalibrate(on_orbit(), GAIN, TARGET), "off the orbit"),
-    (lambda: decay_rate(on_orbit(), TRUE["p1"], TRUE["p3"], TARGET), "off the orbit"),
     (lambda: recalibrate(recorded_motion(swing()), 0.0, TARGET), "gain: 0 is not positive"),
     (lambda: recalibrate(recorded_motion(swing()), GAIN, float("nan")), "target: nan is not positive"),
-    (lambda: decay_rate(recorded_motion(swing()), -1.0, 1.0, TARGET), "p1: -1 is not positive"),
     (lambda: recorded_motion(swing().between(0, 0.1)), "holds 11 samples"),
     (lambda: recorded_motion(swing(), "theta"), "no signal 'theta'"),
 ]

@@ -22,7 +22,17 @@ from identification.output_error import calibration
 from orchestrator import formats
 from orchestrator.results import RECORD
 from orchestrator.trace import Trace
-from tests.support.small_study import COUNT, LENGTH, STEP, TRUTH, record, simulated, study, voltage, write_study
+from tests.support.identification.small_study import (
+    COUNT,
+    LENGTH,
+    STEP,
+    TRUTH,
+    record,
+    simulated,
+    study,
+    voltage,
+    write_study,
+)
 
 Document = dict[str, Any]
 PLAIN_HAND: dict[str, Any] = {"model": "pendulum", "parameters": {"added_length": LENGTH}}

@@ -19,7 +19,7 @@ from pydantic import ValidationError
 
 from fmus.errors import InputError, ScenarioError
 from fmus.modelling.instance import Instance
-from fmus.models import dc_motor, pendulum
+from fmus.models.plants import dc_motor, pendulum
 from fmus.parameters.ssv import read_values
 from identification.calibrate import calibrate_study, validate_result
 from identification.output_error import calibration
@@ -29,7 +29,7 @@ from identification.output_error.windows import FreeRunWindow, cut_windows
 from identification.recordings.campaign import StudyTrace
 from orchestrator import formats
 from orchestrator.trace import FloatArray, Trace
-from tests.support.small_study import LENGTH, TRUTH, plain_study, study, write_study
+from tests.support.identification.small_study import LENGTH, TRUTH, plain_study, study, write_study
 
 STEP, COUNT, FINE = 0.0025, 401, 25  # a study's step, its instants, and steps of the true rig in one of them
 COMMAND, READING = 0.0037, 0.0061  # true delays [s], no multiples of the step

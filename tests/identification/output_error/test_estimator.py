@@ -26,7 +26,7 @@ from identification.output_error.search.estimator import (
     spread_weights,
 )
 from identification.output_error.search.free_run import FreeRun, Tally
-from tests.support.closed_form import INSTANTS, Oscillator, ServoHand, oscillation
+from tests.support.identification.closed_form import INSTANTS, Oscillator, ServoHand, oscillation
 
 TRUE = {"rig.damping": 0.3, "rig.stiffness": 9.0}
 PARAMETERS = (Parameter("rig.damping", 0.2, 0.0, 2.0), Parameter("rig.stiffness", 7.0, 1.0, 100.0, scale="log"))

@@ -18,7 +18,7 @@ from identification.estimation.parameters import InitialState, Parameter, Parame
 from identification.output_error import calibration
 from identification.output_error.search.exact import chain, require_agreement
 from identification.output_error.search.problem import Problem, Window
-from tests.support.small_study import TRUTH, record, write_study
+from tests.support.identification.small_study import TRUTH, record, write_study
 
 needs_compiler = pytest.mark.skipif(not compiler.available(), reason="no C compiler here")
 

@@ -14,7 +14,7 @@ from ruamel.yaml import YAML
 from typer.testing import CliRunner
 
 from fmus.modelling.instance import Instance
-from fmus.models import flexible_link
+from fmus.models.plants import flexible_link
 from identification.calibrate import calibrate_study, validate_result
 from identification.cli import app
 from identification.output_error import calibration

@@ -10,7 +10,7 @@ from ruamel.yaml import YAML
 
 from identification.output_error import calibration
 from identification.output_error.calibration import calibrate
-from tests.support.small_study import plain_study, record, study
+from tests.support.identification.small_study import plain_study, record, study
 
 
 @pytest.fixture(autouse=True)

@@ -11,7 +11,7 @@ import pytest
 from identification.estimation.parameters import Parameter, ParameterSet
 from identification.output_error.search.estimator import PERFECT, SILENT, Options, estimate
 from identification.output_error.search.problem import Problem, Window
-from tests.support.closed_form import INSTANTS
+from tests.support.identification.closed_form import INSTANTS
 
 TRUE = {"rig.switch": 1.234, "rig.rate": 0.7}
 GRID = 0.1  # [s], on which the switch acts

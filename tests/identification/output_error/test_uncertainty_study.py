@@ -12,7 +12,7 @@ from fmus.errors import IdentificationError, ScenarioError
 from identification.calibrate import calibrate_study
 from identification.output_error import calibration
 from identification.study import load_study
-from tests.support.small_study import TRUTH, record, study, write_study
+from tests.support.identification.small_study import TRUTH, record, study, write_study
 
 Document = dict[str, Any]
 

@@ -24,7 +24,7 @@ from orchestrator.crossing import noted
 from orchestrator.fmi.interface import Port
 from orchestrator.marks import Mark, union
 from orchestrator.trace import FloatArray, Trace
-from tests.support.small_study import plain_study
+from tests.support.identification.small_study import plain_study
 
 
 def recorded(time: FloatArray, mass: float = 0.05, **signals: FloatArray) -> StudyTrace:

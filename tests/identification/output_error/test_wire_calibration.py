@@ -21,8 +21,8 @@ from orchestrator.can import logs
 from orchestrator.can.codec.encoding import Encoder
 from orchestrator.can.database.database import load
 from orchestrator.trace import FloatArray, Trace
-from tests.support.butterfly_logs import DATABASE, START, on_a_real_bus, write_logs
-from tests.support.small_study import RECORDINGS, TRUTH, simulated, study, write_study
+from tests.support.can.butterfly_logs import DATABASE, START, on_a_real_bus, write_logs
+from tests.support.identification.small_study import RECORDINGS, TRUTH, simulated, study, write_study
 
 SCENARIOS = DATABASE.parent
 LAYOUT = {"database": "rig.dbc", "columns": {"voltage": "Command.voltage", "angle": "State.angle"}}

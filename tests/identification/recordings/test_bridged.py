@@ -12,7 +12,7 @@ import pytest
 from identification.recordings.bridged import safe_stretches
 from identification.recordings.campaign import TraceSource, load_campaign
 from orchestrator import formats
-from orchestrator.bridge.watchdog import Event, PeerPresence, WatchdogReport
+from orchestrator.bridge.safety.watchdog import Event, PeerPresence, WatchdogReport
 from orchestrator.trace import Trace
 
 

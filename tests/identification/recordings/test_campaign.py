@@ -17,7 +17,7 @@ from identification.cli import app
 from identification.output_error import calibration
 from identification.recordings.campaign import TraceSource, load_campaign, recording_warnings, split
 from identification.recordings.schema import TracesBlock, UsedSignals
-from tests.support.small_study import COUNT, STEP, record, simulated, study, voltage, write_study
+from tests.support.identification.small_study import COUNT, STEP, record, simulated, study, voltage, write_study
 
 LAYOUT = {"variable": "D", "time": 0, "columns": {"voltage": 1, "angle": 2}, "units": {"voltage": "V", "angle": "rad"}}
 NAME = {

@@ -13,7 +13,7 @@ from identification.calibrate import calibrate
 from identification.recordings.parts import Part, parted
 from orchestrator import formats
 from orchestrator.trace import Trace
-from tests.support.linear_fits import STEP, eigenvalue, model_of, white
+from tests.support.identification.linear_fits import STEP, eigenvalue, model_of, white
 
 TRACE = Trace(np.arange(100) * 0.1, {"y": np.arange(100.0)}, {}, "rig")
 

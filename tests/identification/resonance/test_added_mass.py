@@ -9,11 +9,10 @@ from fmus.errors import IdentificationError
 from identification.resonance.added_mass import (
     Bounds,
     Resonances,
-    bounds_around,
     fit_damped,
     resonances,
 )
-from tests.support.pendulum_resonance import resonance_frequency
+from tests.support.identification.pendulum_resonance import bounds_around, resonance_frequency
 
 P1, P3 = 0.00325, 0.04905
 MASS, LENGTH = np.linspace(0, 0.3, 12), 0.1

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from fmus.errors import ScenarioError
 from fmus.modelling.instance import Instance
-from fmus.models import dc_motor, pendulum
+from fmus.models.plants import dc_motor, pendulum
 from fmus.packaging import archive, defaults
 from fmus.parameters.ssv import read_values
 from identification.calibrate import calibrate_study
@@ -21,7 +21,7 @@ from identification.cli import app
 from orchestrator import formats
 from orchestrator.results import RECORD
 from orchestrator.trace import Trace
-from tests.support.pendulum_resonance import resonance_frequency
+from tests.support.identification.pendulum_resonance import resonance_frequency
 
 STUDIES = Path(__file__).parents[3] / "scenarios" / "butterfly"
 TRUTH = {

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from fmus.errors import IdentificationError
 from identification.resonance.log_gain import GainData, fit_magnitude, fit_pendulum, gain_data
-from tests.support.pendulum_resonance import resonance_frequency
+from tests.support.identification.pendulum_resonance import resonance_frequency
 
 TRUE = {"p1": 0.00325, "p2": 0.001, "p3": 0.04905, "p4": 10.0}
 MASS, LENGTH = np.repeat([0.0, 0.05, 0.1], 9), 0.05

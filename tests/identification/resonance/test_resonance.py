@@ -10,7 +10,7 @@ from scipy import optimize
 
 from fmus.errors import IdentificationError
 from identification.resonance.resonance import decibel, resonance_from_two_largest_as_published
-from tests.support.pendulum_resonance import resonance_frequency
+from tests.support.identification.pendulum_resonance import resonance_frequency
 
 A0, A1, B0 = 15.0923, 0.30769, 3076.92
 OMEGA_OPT = np.sqrt(A0 - A1**2 / 2)

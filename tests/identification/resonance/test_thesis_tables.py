@@ -15,7 +15,7 @@ from fmus import library
 from fmus.errors import IdentificationError, TraceError
 from fmus.modelling.instance import Instance
 from identification.linear.records import InputOutputData
-from identification.resonance.added_mass import TABLE_5_BOUNDS, Bounds, bounds_around, fit_damped, resonances
+from identification.resonance.added_mass import Bounds, fit_damped, resonances
 from identification.resonance.log_gain import fit_magnitude
 from identification.resonance.resonance import resonance_from_two_largest_as_published
 from identification.resonance.steps import (
@@ -30,7 +30,7 @@ from identification.resonance.steps import (
 from identification.subspace.range_space import SubspaceSettings
 from identification.subspace.subspace import subspace
 from orchestrator.trace import Trace, ordered
-from tests.support.pendulum_resonance import resonance_frequency
+from tests.support.identification.pendulum_resonance import TABLE_5_BOUNDS, bounds_around, resonance_frequency
 
 P1, P2, P3, P4 = 0.00325, 0.001, 0.04905, 10.0
 FREQUENCIES = np.arange(1, 7.01, 0.5)

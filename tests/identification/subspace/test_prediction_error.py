@@ -20,7 +20,7 @@ from identification.subspace.range_space import SubspaceSettings
 from identification.subspace.refinement.prediction_error import Error, Refined, Refinement, refine, uncertainty
 from identification.subspace.subspace import subspace
 from identification.subspace.weightings import Weighting
-from tests.support.linear_systems import STEP, distance, random_system, record_of, system
+from tests.support.identification.linear_systems import STEP, distance, random_system, record_of, system
 
 FREE = np.ones((2, 1), dtype=bool)
 

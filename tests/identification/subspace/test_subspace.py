@@ -20,7 +20,7 @@ from identification.subspace.range_space import SubspaceSettings, range_space
 from identification.subspace.realisation import realise, simulated
 from identification.subspace.subspace import subspace
 from identification.subspace.weightings import Weighting
-from tests.support.linear_systems import STEP, distance, random_system, record_of, sorted_poles, system
+from tests.support.identification.linear_systems import STEP, distance, random_system, record_of, sorted_poles, system
 
 WEIGHTINGS = get_args(Weighting)
 

@@ -20,7 +20,7 @@ from orchestrator import formats
 from orchestrator.info import about
 from orchestrator.progress import silent
 from orchestrator.trace import Trace
-from tests.support.linear_fits import STEP, eigenvalue, model_of, white
+from tests.support.identification.linear_fits import STEP, eigenvalue, model_of, white
 
 PLANT = model_of([eigenvalue(9.0, 0.03), eigenvalue(23.0, 0.05), 0.98], outputs=2)
 STUDY = """\

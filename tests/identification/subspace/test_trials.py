@@ -16,7 +16,7 @@ from identification.subspace.free_runs import free_runs, horizon
 from identification.subspace.trials import Sides
 from orchestrator import formats
 from orchestrator.trace import Trace
-from tests.support.linear_fits import STEP, eigenvalue, model_of, white
+from tests.support.identification.linear_fits import STEP, eigenvalue, model_of, white
 
 PLANT = model_of([eigenvalue(9.0, 0.03), eigenvalue(23.0, 0.05), 0.98], outputs=1)
 U_ZERO, Y_ZERO = 3.0, -20.0

@@ -20,7 +20,7 @@ from identification.tuning.sources.model_controller import ModelController
 from orchestrator.assembly.assembly import ComponentSpec
 from orchestrator.fmi.file import FmuDescription
 from orchestrator.progress import silent
-from tests.support.tuning_study import STEP, study, write
+from tests.support.identification.tuning_study import STEP, study, write
 
 
 def controller(file: Path, step: str = "1/100", **parameters: float) -> FmuController:

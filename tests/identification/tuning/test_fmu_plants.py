@@ -16,7 +16,7 @@ from identification import tune
 from identification.linearisation.equations import slopes
 from identification.linearisation.fmu_slopes import fmu_slopes
 from identification.linearisation.slopes import Slopes
-from tests.support.tuning_study import driven, write
+from tests.support.identification.tuning_study import driven, write
 
 pytestmark = pytest.mark.slow
 SMOOTH = {"bristle_stiffness": 1e-6, "bristle_damping": 0.0}

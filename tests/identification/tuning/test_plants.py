@@ -21,7 +21,7 @@ from identification.tuning.sources.system_plant import PlantOutput, SystemPlant,
 from orchestrator.assembly.assembly import ComponentSpec, SystemSpec, open_system
 from orchestrator.trace import Trace
 from orchestrator.yaml_file import load
-from tests.support.tuning_study import STEP, driven, system_study, write
+from tests.support.identification.tuning_study import STEP, driven, system_study, write
 
 RATE = 1 / 300
 SMOOTH = {"bristle_stiffness": 1e-6, "bristle_damping": 0.0}

@@ -13,7 +13,7 @@ from identification.calibrate import tune_study
 from identification.cli import app
 from identification.tuning.summary import TuningSummary
 from orchestrator.progress import silent
-from tests.support.tuning_study import study, write
+from tests.support.identification.tuning_study import study, write
 
 
 def rig(folder: Path, at_least: float) -> None:

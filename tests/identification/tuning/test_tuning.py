@@ -19,7 +19,7 @@ from identification.tuning.goals.table import MEASURES
 from identification.tuning.summary import TuningSummary
 from orchestrator.info import about
 from orchestrator.progress import silent
-from tests.support.tuning_study import STEP, lagging, study, write
+from tests.support.identification.tuning_study import STEP, lagging, study, write
 
 SCENARIO = Path(__file__).parents[3] / "scenarios" / "flexible_arm" / "control" / "tuning" / "pdp.yaml"
 

@@ -12,7 +12,7 @@ from orchestrator.batch.index import check_place, index_of, write_index
 from orchestrator.batch.summary import Summary
 from orchestrator.batch.verdict import Verdict
 from orchestrator.results import FileDocument
-from tests.support.reports import EVIL
+from tests.support.tools.reports import EVIL
 
 
 def document(title: str, out: Path, held: bool) -> FileDocument:

@@ -13,10 +13,10 @@ from orchestrator import formats
 from orchestrator.batch.discovery import Task, find_scenarios
 from orchestrator.batch.limits import Limits
 from orchestrator.batch.suite import run_suite
-from orchestrator.last_words import LastWords
+from orchestrator.processes.last_words import LastWords
 from orchestrator.results import FileDocument
-from tests.support import brute
-from tests.support.brute import Mood
+from tests.support.fmus import brute
+from tests.support.fmus.brute import Mood
 
 CALM = 0
 

@@ -25,11 +25,11 @@ from identification.output_error import calibration
 from orchestrator import formats
 from orchestrator.engine import compiled
 from orchestrator.trace import Trace
-from tests.support.small_study import record, write_study
+from tests.support.commands import process
+from tests.support.identification.small_study import record, write_study
 
 ROOT = Path(__file__).parents[3]
 STUDIES = ROOT / "scenarios" / "butterfly"
-COMMAND = [sys.executable, "-c", "from identification.cli import main; main()"]
 SCENARIO: dict[str, Any] = {
     "title": "A swing",
     "components": {"hand": {"model": "pendulum", "parameters": {"angle_start": 0.5}}},
@@ -41,20 +41,6 @@ SCENARIO: dict[str, Any] = {
 def servotwin(*arguments: object) -> Result:
     """The command in this process."""
     return CliRunner().invoke(app, [str(argument) for argument in arguments])
-
-
-def process(*arguments: object, **options: Any) -> subprocess.Popen[str]:
-    """The command as a process of its own, in a session of its own."""
-    environment = os.environ | {"PYTHONPATH": str(ROOT), **options.pop("env", {})}
-    return subprocess.Popen(
-        COMMAND + [str(argument) for argument in arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-        env=environment,
-        **options,
-    )
 
 
 def only_json(answer: Result, code: int = 0) -> dict[str, Any]:

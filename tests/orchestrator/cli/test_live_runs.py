@@ -14,11 +14,11 @@ import pytest
 
 from orchestrator import formats
 from orchestrator.cli.terminal import WIDE
+from tests.support.commands import COMMAND
 
 if sys.platform != "win32":
     import pty
 
-COMMAND = [sys.executable, "-c", "from identification.cli import main; main()"]
 SCENARIO = """\
 title: A motor turned by hand
 components:

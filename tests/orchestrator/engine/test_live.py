@@ -17,7 +17,7 @@ from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part, wire
 from orchestrator.trace import FloatArray, Trace, joined
-from tests.support.scripted import Gain, Plant, Sampler, simulation, zero_order_hold
+from tests.support.simulation.scripted import Gain, Plant, Sampler, simulation, zero_order_hold
 
 STEP, COUNT = Fraction(1, 200), 5000  # rows in more than one block
 PARAMETERS = {"encoder.sample_time": 0.02, "encoder.noise": 1e-3, "hand.added_mass": 0.1}

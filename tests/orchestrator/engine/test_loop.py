@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from fmus.errors import FmuError
 from orchestrator.engine import CycleSettings, Order
 from orchestrator.trace import FloatArray, Trace
-from tests.support.scripted import Clock, Gain, Plant, Sampler, Scripted, interface, simulation
+from tests.support.simulation.scripted import Clock, Gain, Plant, Sampler, Scripted, interface, simulation
 
 SEEDS = st.integers(0, 2**32 - 1)
 ITERATE = CycleSettings(iterate=True, tolerance=1e-13, limit=200)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from fmus.errors import WiringError
 from orchestrator.engine import REFUSED, CycleSettings, Order, Plan, make_plan
 from orchestrator.system import Part, System
-from tests.support.scripted import Gain, Plant, Scripted, interface, system
+from tests.support.simulation.scripted import Gain, Plant, Scripted, interface, system
 
 STEP = Fraction(1, 100)
 ITERATE = CycleSettings()

@@ -21,7 +21,7 @@ from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part, wire
 from orchestrator.trace import Trace
-from tests.support.scripted import Clock, Gain, Plant, Scripted, simulation
+from tests.support.simulation.scripted import Clock, Gain, Plant, Scripted, simulation
 
 LINKS = ["plant.y0 -> gain.u0", "gain.y0 -> plant.u0"]
 

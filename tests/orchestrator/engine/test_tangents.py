@@ -23,8 +23,8 @@ from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part, System, wire
 from orchestrator.trace import FloatArray
-from tests.support.natives import VERSIONS
-from tests.support.twins import Twin, slopes, width
+from tests.support.fmus.natives import VERSIONS
+from tests.support.simulation.twins import Twin, slopes, width
 
 pytestmark = [
     pytest.mark.slow,  # compilers

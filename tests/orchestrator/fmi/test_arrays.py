@@ -21,7 +21,8 @@ from orchestrator.info import about
 from orchestrator.scenario.run import parse_override, run_scenario
 from orchestrator.system import Part, wire
 from orchestrator.trace import Trace
-from tests.support import arrays, third_party
+from tests.support.fmus import arrays
+from tests.support.tools import third_party
 
 pytestmark = pytest.mark.slow  # a compiler
 ENGINES = [Engine.PYTHON, pytest.param(Engine.COMPILED, marks=pytest.mark.skipif(not compiled.available(), reason="-"))]

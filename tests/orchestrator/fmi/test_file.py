@@ -5,9 +5,8 @@ from __future__ import annotations
 import io
 import re
 import struct
-import tempfile
 import zipfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import pytest
@@ -18,7 +17,9 @@ from fmus.errors import FmuError, FmuFileError, InputError
 from fmus.packaging import archive, targets
 from orchestrator.fmi.file import FmuFile, read_description
 from orchestrator.fmi.slave import Slave
-from tests.support import third_party
+from tests.support.tools import third_party
+
+pytestmark = pytest.mark.usefixtures("scratch")
 
 XML = "modelDescription.xml"
 
@@ -26,16 +27,6 @@ XML = "modelDescription.xml"
 @pytest.fixture(scope="module")
 def pendulum(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return targets.build("pendulum", tmp_path_factory.mktemp("fmu") / "pendulum.fmu", target="python")
-
-
-@pytest.fixture(autouse=True)
-def scratch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """The folder for temporary files; after each test nothing may be left in it."""
-    folder = tmp_path / "scratch"
-    folder.mkdir()
-    monkeypatch.setattr(tempfile, "tempdir", str(folder))
-    yield folder
-    assert list(folder.iterdir()) == []
 
 
 def changed(source: Path, target: Path, change: Callable[[dict[str, bytes]], Mapping[str, bytes]]) -> Path:
@@ -381,7 +372,7 @@ def test_so_many_variables_that_memory_is_too_small_are_refused_before_they_take
     xml = f"{head}<ModelVariables>{variables}</ModelVariables><ModelStructure/></fmiModelDescription>"
     archive.write(tmp_path / "big.fmu", {XML: xml.encode()})
     assert (tmp_path / "big.fmu").stat().st_size < len(xml) / 10
-    monkeypatch.setattr("orchestrator.memory.available", lambda: 1e9)
+    monkeypatch.setattr("orchestrator.processes.memory.available", lambda: 1e9)
     monkeypatch.setattr(archive, "parse_xml", None)
     with pytest.raises(InputError, match=r"bytes would take 1\.\d+ GB of memory, 1 GB are there; have fewer variables"):
         read_description(tmp_path / "big.fmu")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import pickle
 import sys
-from collections.abc import Iterator
 from contextlib import ExitStack
 from fractions import Fraction
 from pathlib import Path
@@ -31,15 +30,18 @@ from orchestrator.scenario.run import run_scenario
 from orchestrator.solvers.base import SolverMethod, SolverSettings
 from orchestrator.solvers.choice import solver_type
 from orchestrator.system import Part, wire
-from tests.support import third_party
-from tests.support.exchanging import METHODS, TENTH, TIGHT, Shelf, matrices, open_shelf, simulation, trace, with_xml
-from tests.support.scripted import Sampler, Scripted, zero_order_hold
-
-
-@pytest.fixture(scope="module")
-def shelf(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Shelf]:
-    with open_shelf(tmp_path_factory.mktemp("fmus")) as shelf:
-        yield shelf
+from tests.support.simulation.exchanging import (
+    METHODS,
+    TENTH,
+    TIGHT,
+    Shelf,
+    matrices,
+    simulation,
+    trace,
+    with_xml,
+)
+from tests.support.simulation.scripted import Sampler, Scripted, zero_order_hold
+from tests.support.tools import third_party
 
 
 @pytest.mark.parametrize("version", [2, 3])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import re
-from collections.abc import Iterator
 from contextlib import ExitStack
 from fractions import Fraction
 from pathlib import Path
@@ -18,15 +17,18 @@ from orchestrator.fmi.exchange_slave import ExchangeSlave
 from orchestrator.fmi.file import FmuFile
 from orchestrator.solvers.base import SolverMethod, SolverSettings
 from orchestrator.trace import FloatArray
-from tests.support import eventful
-from tests.support.exchanging import METHODS, Shelf, matrices, only, open_shelf, same, simulation, trace, with_xml
-from tests.support.scripted import Gain, Scripted, zero_order_hold
-
-
-@pytest.fixture(scope="module")
-def shelf(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Shelf]:
-    with open_shelf(tmp_path_factory.mktemp("fmus")) as shelf:
-        yield shelf
+from tests.support.fmus import eventful
+from tests.support.simulation.exchanging import (
+    METHODS,
+    Shelf,
+    matrices,
+    only,
+    same,
+    simulation,
+    trace,
+    with_xml,
+)
+from tests.support.simulation.scripted import Gain, Scripted, zero_order_hold
 
 
 @pytest.mark.parametrize("version", [2, 3])

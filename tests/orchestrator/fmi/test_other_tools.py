@@ -19,7 +19,8 @@ from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
 from orchestrator.info import about
 from orchestrator.system import Part, wire
-from tests.support import arrays, third_party
+from tests.support.fmus import arrays
+from tests.support.tools import third_party
 
 
 def zipped(path: Path, files: dict[str, bytes], mode: int = 0o644) -> Path:

@@ -22,7 +22,7 @@ from orchestrator.fmi import said as fmu_said
 from orchestrator.scenario.run import ScenarioFailed, run_scenario
 from orchestrator.system import Part, wire
 from orchestrator.trace import Trace
-from tests.support import quirks
+from tests.support.fmus import quirks
 
 pytestmark = pytest.mark.slow  # compilers
 BOTH = (Engine.PYTHON, Engine.COMPILED) if compiled.available() else (Engine.PYTHON,)

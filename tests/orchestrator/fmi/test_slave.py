@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import logging
-import os
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from fractions import Fraction
 from pathlib import Path
@@ -16,53 +13,14 @@ import pytest
 import scipy.linalg
 
 from fmus.errors import FmuError, FmuFileError, WiringError
-from fmus.packaging import targets
-from orchestrator.engine import CycleSettings, Order, Simulation, Timing
+from orchestrator.engine import Order, Simulation, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part, wire
 from orchestrator.trace import Trace
-from tests.support import moody, third_party
-
-Load = Callable[[Path, str], Slave]
-
-
-@pytest.fixture
-def load() -> Iterator[Load]:
-    """Opens FMUs as slaves, and closes them after the test."""
-    with ExitStack() as stack:
-
-        def opened(path: Path, name: str = "fmu") -> Slave:
-            slave = Slave(stack.enter_context(FmuFile(path)), name)
-            stack.callback(slave.close)
-            return slave
-
-        yield opened  # type: ignore[misc]
-
-
-@pytest.fixture(scope="module")
-def moody_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return moody.build(tmp_path_factory.mktemp("moody"))
-
-
-def run(
-    paths: Mapping[str, Path],
-    links: Sequence[tuple[str, str]] = (),
-    *,
-    step: Fraction,
-    stop: Fraction,
-    values: Mapping[str, Value] | None = None,
-    stimuli: Mapping[str, np.ndarray] | None = None,
-) -> Trace:
-    """Outputs of these FMUs."""
-    with ExitStack() as stack:
-        files = {name: stack.enter_context(FmuFile(path)) for name, path in paths.items()}
-        system = wire({name: Part(file.interface) for name, file in files.items()}, links, stimuli or {})
-        slaves = {name: Slave(file, name) for name, file in files.items()}
-        made = stack.enter_context(Simulation(system, slaves, Timing(stop, step)))
-        return made.run(values, stimuli).trace
-
+from tests.support.simulation.slaves import Load, run
+from tests.support.tools import third_party
 
 TRAJECTORIES = [
     ("VanDerPol", ("x0", "x1"), Fraction(1, 10), Fraction(20), {}),
@@ -121,6 +79,8 @@ FMI2_VALUES: dict[str, Value] = {
     "String": "Grüße, 世界",
     "Enumeration": 2,
 }
+
+
 FMI3_VALUES: dict[str, Value] = {
     **FMI2_VALUES,
     "Float32_continuous": 0.1,
@@ -273,124 +233,6 @@ def test_calls_out_of_order_are_errors_with_the_fmus_own_words(version: int, loa
         slave.begin(0.0, None)
 
 
-STATUS_NAMES = {2: "discard", 3: "error", 4: "fatal error", 5: "pending", 77: "77"}
-ACTIONS = {
-    "set": "set input = 2.0",
-    "setup": "enter initialisation",
-    "enter": "enter initialisation",
-    "exit": "initialise",
-    "step": "step from t = 0 s by 0.1 s",
-    "get": "get get, input",  # read back when the initialisation is over
-    "save": "save its state",
-}
-
-
-def life(slave: Slave, place: str, status: int) -> None:
-    """Instantiate to first step, where one function returns this status."""
-    slave.bind(["input"], ["output"])
-    slave.set({place: status})
-    slave.set({"input": 2.0})
-    slave.begin(0.0, None)
-    slave.run()
-    slave.step(0.0, 0.1)
-    slave.read()
-    slave.save()
-
-
-@pytest.mark.parametrize("place", ACTIONS)
-@pytest.mark.parametrize("status", STATUS_NAMES)
-def test_every_status_but_ok_and_warning_is_an_error_with_the_message_formatted(
-    moody_fmu: Path, place: str, status: int, load: Load
-) -> None:
-    slave = load(moody_fmu, "fmu")
-    with pytest.raises(FmuError) as failed:
-        life(slave, place, status)
-    said = f"{place} said {status}, 2.500 times no"
-    deadly = place == "set" and status >= 4  # an FMU that may be asked no more does not say which value it was
-    action = "set set, input" if deadly else ACTIONS[place]
-    problem, fix = "", ""
-    if (place, STATUS_NAMES[status]) == ("exit", "discard"):
-        problem = ": there is no start from these values"
-        fix = "; change its parameters, start values or first inputs"
-    assert str(failed.value) == f"fmu: {action}: returned {STATUS_NAMES[status]}{problem} ({said}){fix}"
-    assert failed.value.exit_code == 3
-
-
-def test_a_failure_to_read_outputs_is_named(moody_fmu: Path, load: Load) -> None:
-    slave = load(moody_fmu, "fmu")
-    life(slave, "step", 0)
-    slave.set({"get": 3})
-    with pytest.raises(FmuError, match=r"fmu: get outputs: returned error \(get said 3, 2.500 times no\)"):
-        slave.read()
-
-
-def test_warnings_are_counted_and_logged_not_raised(
-    moody_fmu: Path, load: Load, caplog: pytest.LogCaptureFixture
-) -> None:
-    slave = load(moody_fmu, "fmu")
-    life(slave, "step", 1)
-    assert slave.warnings == 1
-    assert ("servotwin.fmu", logging.WARNING, "fmu: step said 1, 2.500 times no") in caplog.record_tuples
-    slave.reset()
-    assert slave.warnings == 0
-
-
-@pytest.mark.parametrize("place", ACTIONS)
-def test_after_a_fatal_error_no_function_of_the_fmu_is_called(moody_fmu: Path, place: str, load: Load) -> None:
-    slave = load(moody_fmu, "fmu")
-    with pytest.raises(FmuError, match="fatal"):
-        life(slave, place, 4)
-    slave.reset()
-    life(slave, "step", 0)
-    slave.close()
-    assert moody.counter(slave, "calls_after_fatal") == 0
-
-
-def test_closing_frees_the_instance_once(moody_fmu: Path, load: Load) -> None:
-    slave = load(moody_fmu, "fmu")
-    assert moody.counter(slave, "instances") == 1
-    slave.close()
-    slave.close()
-    assert moody.counter(slave, "instances") == 0
-
-
-def test_a_failure_to_instantiate_carries_the_fmus_message(moody_fmu: Path) -> None:
-    with FmuFile(moody_fmu) as fmu, pytest.raises(FmuError) as failed:
-        Slave(fmu, "_nobody")
-    assert str(failed.value) == "_nobody: instantiate: Failed to instantiate model (no licence for '_nobody')"
-
-
-def test_a_parameter_that_does_not_take_is_an_error(moody_fmu: Path, load: Load) -> None:
-    slave = load(moody_fmu, "fmu")
-    slave.set({"stubborn": 2.0})
-    slave.begin(0.0, None)
-    with pytest.raises(FmuError) as failed:
-        slave.run()
-    assert str(failed.value) == (
-        "fmu.stubborn: was set to 2.0 but is 1.0; the FMU does not take it; remove it or ask the supplier"
-    )
-
-
-def test_a_failed_step_in_an_iteration_frees_its_snapshots_and_the_next_run_is_clean(moody_fmu: Path) -> None:
-    with FmuFile(moody_fmu) as fmu:
-        system = wire({"a": Part(fmu.interface)}, [("a.output", "a.input")])
-        timing = Timing(Fraction(1), Fraction(1, 10), cycles=CycleSettings(iterate=True))
-        with Simulation(system, {"a": Slave(fmu, "a")}, timing) as made:
-            first = made.run().trace
-            with pytest.raises(FmuError, match=r"a: step from t = 0 s by 0\.1 s: returned error"):
-                made.run({"a.step": 3})
-            assert np.array_equal(made.run().trace["a.output"], first["a.output"])
-
-
-def test_messages_reach_their_own_instance_also_after_fmpy_ran_on_its_own(moody_fmu: Path, load: Load) -> None:
-    one = load(moody_fmu, "one")
-    fmpy.simulate_fmu(str(third_party.reference(2, "Dahlquist")), stop_time=0.1, logger=lambda *_: None)
-    other = load(moody_fmu, "other")
-    for slave, place in ((one, "step"), (other, "exit")):
-        with pytest.raises(FmuError, match=rf"\({place} said 3, 2.500 times no\)"):
-            life(slave, place, 3)
-
-
 @pytest.mark.parametrize("version", [2, 3])
 def test_a_saved_state_is_gone_back_to_exactly(version: int, load: Load) -> None:
     slave = load(third_party.reference(version, "VanDerPol"), "fmu")
@@ -406,79 +248,6 @@ def test_a_saved_state_is_gone_back_to_exactly(version: int, load: Load) -> None
         ways.append(list(slave.read()))
     slave.drop(state)
     assert ways[0] == ways[1] == ways[2]
-
-
-def own(folder: Path) -> Path:
-    return targets.build("pendulum", folder / "pendulum.fmu", target="python")
-
-
-def van_der_pol(version: int) -> Callable[[Path], Path]:
-    return lambda folder: third_party.reference(version, "VanDerPol")
-
-
-SETS: dict[str, tuple[Callable[[Path], Path], dict[str, Value], dict[str, Value]]] = {
-    "own": (own, {"fmu.angle_start": 0.5}, {"fmu.added_mass": 0.1, "fmu.added_length": 0.1, "fmu.speed_start": 1.0}),
-    "fmi2": (van_der_pol(2), {"fmu.mu": 2.0}, {"fmu.x0": 0.5}),
-    "fmi3": (van_der_pol(3), {"fmu.mu": 2.0}, {"fmu.x0": 0.5}),
-}
-
-
-@pytest.mark.parametrize("kind", SETS)
-def test_run_a_after_run_b_is_bitwise_run_a(kind: str, tmp_path: Path) -> None:
-    source, a, b = SETS[kind]
-    with FmuFile(source(tmp_path)) as fmu:
-        system = wire({"fmu": Part(fmu.interface)}, [])
-        with Simulation(system, {"fmu": Slave(fmu, "fmu")}, Timing(Fraction(1), Fraction(1, 100))) as made:
-            first, other, again = made.run(a).trace, made.run(b).trace, made.run(a).trace
-    for name in first.names:
-        assert np.array_equal(first[name], again[name])
-    assert any(not np.array_equal(first[name], other[name]) for name in first.names)
-
-
-def resident() -> int:
-    """Memory of this process [bytes]."""
-    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-
-
-@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is read from /proc")
-@pytest.mark.parametrize("kind", SETS)
-def test_memory_does_not_grow_over_two_thousand_resets(kind: str, tmp_path: Path) -> None:
-    source, values, _ = SETS[kind]
-    with FmuFile(source(tmp_path)) as fmu:
-        system = wire({"fmu": Part(fmu.interface)}, [])
-        with Simulation(system, {"fmu": Slave(fmu, "fmu")}, Timing(Fraction(2, 100), Fraction(1, 100))) as made:
-            for _ in range(300):
-                made.run(values)
-            before = resident()
-            for _ in range(2000):
-                made.run(values)
-            assert resident() - before < 512 * 1024
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is read from /proc")
-@pytest.mark.parametrize("version", [2, 3])
-def test_memory_does_not_grow_over_instances(version: int) -> None:
-    with FmuFile(third_party.reference(version, "VanDerPol")) as fmu:
-
-        def grown(count: int) -> int:
-            """What so many instances leave behind [bytes]; the heap may grow once for other reasons."""
-            before = resident()
-            for _ in range(count):
-                Slave(fmu, "fmu").close()
-            return resident() - before
-
-        grown(200)
-        assert any(grown(1500) < 2 << 20 for _ in range(3))
-
-
-def test_two_instances_of_one_fmu_do_not_share_values(load: Load, tmp_path: Path) -> None:
-    with FmuFile(own(tmp_path)) as fmu:
-        one, other = Slave(fmu, "one"), Slave(fmu, "other")
-        one.set({"inertia": 0.5})
-        assert (one.get("inertia"), other.get("inertia")) == (0.5, 0.00325)
-        one.close()
-        other.close()
 
 
 def test_jacobi_and_gauss_seidel_agree_where_every_output_is_a_state(tmp_path: Path) -> None:

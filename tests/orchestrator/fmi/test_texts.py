@@ -18,7 +18,8 @@ from orchestrator.fmi.component import Texts
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.scenario.run import Keeping, ScenarioFailed, ScenarioResult, run_scenario
 from orchestrator.trace import Trace, joined, usable
-from tests.support import arrays, quirks, third_party
+from tests.support.fmus import arrays, quirks
+from tests.support.tools import third_party
 
 SAYS = 'm->time < 0.45 ? "idle" : m->time < 0.85 ? "läuft, \\"gut\\"" : "idle"'
 SAID = ["idle"] * 5 + ['läuft, "gut"'] * 4 + ["idle"] * 2

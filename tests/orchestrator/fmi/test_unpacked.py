@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import shutil
 import sys
-import tempfile
-from collections.abc import Iterator
 from contextlib import ExitStack
 from fractions import Fraction
 from pathlib import Path
@@ -19,19 +17,11 @@ from orchestrator.engine import Result, Simulation, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part, wire
-from tests.support import third_party
+from tests.support.tools import third_party
+
+pytestmark = pytest.mark.usefixtures("scratch")
 
 XML = "modelDescription.xml"
-
-
-@pytest.fixture(autouse=True)
-def scratch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """The folder for temporary files; after each test nothing may be left in it."""
-    folder = tmp_path / "scratch"
-    folder.mkdir()
-    monkeypatch.setattr(tempfile, "tempdir", str(folder))
-    yield folder
-    assert list(folder.iterdir()) == []
 
 
 def said_once(source: Path, target: Path) -> Path:

@@ -21,7 +21,7 @@ from orchestrator.can.frames import Flag, Frames, concatenated
 from orchestrator.formats import Layout, can_conversion
 from orchestrator.progress import silent
 from orchestrator.trace import Trace
-from tests.support.can_samples import START, all_of, any_frames, database, different, rig_frames
+from tests.support.can.can_samples import START, all_of, any_frames, database, different, rig_frames
 
 pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
 

@@ -24,7 +24,7 @@ from orchestrator.live.requests import Requests
 from orchestrator.live.steering import Steering
 from orchestrator.live.watched_file import watched
 from orchestrator.progress import Figures
-from tests.support.scripted import Clock, Plant, simulation
+from tests.support.simulation.scripted import Clock, Plant, simulation
 
 STEP = Fraction(1, 200)
 

@@ -12,8 +12,8 @@ import pytest
 from orchestrator.report import Chart, Curve, Panel, Report, figures
 from orchestrator.report.entries import Entries, Entry
 from orchestrator.trace import Trace
-from tests.support.browser import Seen, browsing, opened
-from tests.support.reports import EVIL, full_report
+from tests.support.tools.browser import Seen, browsing, opened
+from tests.support.tools.reports import EVIL, full_report
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from orchestrator.report.columns import Columns
 from orchestrator.report.intervals import Interval, Intervals
-from tests.support.reports import EVIL
+from tests.support.tools.reports import EVIL
 
 
 def places(html: str) -> list[tuple[float, float]]:

@@ -21,7 +21,7 @@ from orchestrator.report import Chart, Report, figures
 from orchestrator.report.drawings import Grid
 from orchestrator.report.plot import plot_traces
 from orchestrator.trace import Trace
-from tests.support.reports import EVIL, Page, full_report
+from tests.support.tools.reports import EVIL, Page, full_report
 
 
 def oscillation(count: int = 9000) -> Trace:

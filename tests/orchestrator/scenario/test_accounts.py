@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from orchestrator.engine import Account, Engine, Interrupted, shares
 from orchestrator.engine.loop import Statistics
-from tests.support.scripted import Clock, Gain, simulation
+from tests.support.simulation.scripted import Clock, Gain, simulation
 
 SECONDS = st.floats(0, 1e6)
 STATISTICS = st.dictionaries(st.sampled_from("abc"), st.builds(Statistics, st.integers(0, 10**9), SECONDS))

@@ -14,8 +14,8 @@ from fmus.errors import InputError, WiringError
 from orchestrator.scenario.exchange import export, unpack
 from orchestrator.scenario.run import ScenarioResult, run_scenario
 from orchestrator.ssp.checking import check
-from tests.support import ssps
-from tests.support.ssps import archive, component, system
+from tests.support.simulation import ssps
+from tests.support.simulation.ssps import archive, component, system
 
 STAIR = "time,torque\n0,0\n0.1,0.01\n0.3,-0.01\n0.5,0\n"
 COMPONENTS: dict[str, Any] = {

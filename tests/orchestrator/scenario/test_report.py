@@ -19,7 +19,7 @@ from orchestrator.report.wiring import Wiring
 from orchestrator.scenario.report import OPEN_SIGNALS, report
 from orchestrator.scenario.run import ScenarioResult, run_scenario
 from orchestrator.trace import Trace
-from tests.support.reports import EVIL, Page
+from tests.support.tools.reports import EVIL, Page
 
 SCENARIO = """
 title: A swing

@@ -12,7 +12,7 @@ import pytest
 from fmus.errors import WiringError
 from orchestrator.scenario.run import run_scenario
 from orchestrator.ssp.document import imported
-from tests.support.ssps import (
+from tests.support.simulation.ssps import (
     NAMESPACES,
     XMLNS,
     archive,
@@ -25,7 +25,7 @@ from tests.support.ssps import (
     system,
     values,
 )
-from tests.support.third_party import reference
+from tests.support.tools.third_party import reference
 
 HZ = '<ssc:Unit name="turns"><ssc:BaseUnit s="-1" rad="1" factor="6.283185307179586"/></ssc:Unit>'
 INTEGER = '<ssv:Integer value="0"/>'

@@ -14,7 +14,7 @@ from fmus.errors import FmuFileError, InputError
 from orchestrator.scenario.exchange import unpack
 from orchestrator.ssp.checking import check
 from orchestrator.ssp.document import imported
-from tests.support.ssps import XMLNS, archive, bindings, component, connection, gain, real, system, values
+from tests.support.simulation.ssps import XMLNS, archive, bindings, component, connection, gain, real, system, values
 
 BOMB = f'<!DOCTYPE b [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;">]><ssv:ParameterSet {XMLNS}>&b;</ssv:ParameterSet>'
 

@@ -12,7 +12,7 @@ from fmus.errors import FmuFileError
 from fmus.packaging import archive as archives
 from identification.cli import app
 from orchestrator.ssp.tree import DEEPEST, tree
-from tests.support.ssps import archive, component, gain, system
+from tests.support.simulation.ssps import archive, component, gain, system
 
 
 def container(folder: Path) -> Path:

@@ -10,8 +10,9 @@ from orchestrator.batch.limits import Limits
 from orchestrator.batch.sweep.runs.queue import Queue
 from orchestrator.batch.sweep.runs.setup import Done, Setup, Task
 from orchestrator.batch.sweep.runs.worker import Worker
-from orchestrator.last_words import LastWords
-from orchestrator.processes import Died, Processes, processors
+from orchestrator.processes.child import Died
+from orchestrator.processes.last_words import LastWords
+from orchestrator.processes.pool import Processes, processors
 
 AHEAD = ["orchestrator.batch.ahead", "orchestrator.batch.sweep.runs.worker"]
 FIX = "narrow what varies, or mend the FMU"

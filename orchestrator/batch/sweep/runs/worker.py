@@ -11,7 +11,6 @@ from time import perf_counter
 import numpy as np
 
 from fmus.errors import FmuError, ScenarioError, ServotwinError
-from orchestrator import last_words
 from orchestrator.assembly.assembly import OpenSystem
 from orchestrator.batch.sweep.points.designs import seed_of
 from orchestrator.batch.sweep.points.factors import Factor, Target
@@ -20,9 +19,10 @@ from orchestrator.batch.sweep.runs.rows import Row
 from orchestrator.batch.sweep.runs.setup import Done, Kept, Setup, Task, Variant
 from orchestrator.engine import Result, Run, RunFailed, Simulation
 from orchestrator.fmi.interface import Value
-from orchestrator.interrupts import requested
-from orchestrator.scenario.draws import drawn
+from orchestrator.processes import last_words
+from orchestrator.processes.interrupts import requested
 from orchestrator.scenario.expectations import Check, Expected, Ran
+from orchestrator.scenario.run.draws import drawn
 from orchestrator.scenario.scenario import Case
 from orchestrator.trace import FloatArray, Trace
 

@@ -22,8 +22,8 @@ from fmus.modelling.model import Model, State, input_, output, parameter
 from fmus.packaging import targets
 from fmus.packaging.native import build as native
 from fmus.packaging.native import compiler
-from tests.support.either import opened, schema
-from tests.support.natives import NAMES, PENDULUM, RICH, VERSIONS
+from tests.support.fmus.either import opened, schema
+from tests.support.fmus.natives import NAMES, PENDULUM, RICH, VERSIONS
 
 Built = Callable[[str, int], Path]
 

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from fmus import library
 from fmus.packaging.native import build as native
 from fmus.packaging.native import compiler
-from tests.support.either import opened
-from tests.support.natives import CONTINUOUS, VERSIONS, cached, everything, value_of
+from tests.support.fmus.either import opened
+from tests.support.fmus.natives import CONTINUOUS, VERSIONS, cached, everything, value_of
 
 Built = Callable[[str, int], Path]
 

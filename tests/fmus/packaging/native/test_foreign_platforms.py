@@ -26,10 +26,10 @@ from fmus.packaging.native import build as native
 from fmus.packaging.native import compiler
 from orchestrator.trace import FloatArray
 from tests import support
-from tests.support.moving import moving
-from tests.support.natives import NAMES, VERSIONS
+from tests.support.fmus.moving import moving
+from tests.support.fmus.natives import NAMES, VERSIONS
 
-PLAYER = Path(support.__file__).with_name("player.c")
+PLAYER = Path(support.__file__).parent / "fmus" / "player.c"
 HEADERS = Path(str(fmpy.__file__)).parent / "c-code"
 AARCH64_ROOT = Path("/usr/aarch64-linux-gnu")
 STEP, COUNT = 0.01, 40

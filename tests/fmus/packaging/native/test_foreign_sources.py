@@ -17,7 +17,8 @@ from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part, wire
 from orchestrator.trace import Trace
-from tests.support import moody, third_party
+from tests.support.fmus import moody
+from tests.support.tools import third_party
 
 XML, BUILD = "modelDescription.xml", "sources/buildDescription.xml"
 

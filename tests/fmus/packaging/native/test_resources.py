@@ -13,8 +13,8 @@ from fmus import library
 from fmus.modelling.model import Table
 from fmus.packaging.native import build as native
 from fmus.packaging.native import compiler
-from tests.support.either import Either, opened
-from tests.support.natives import VERSIONS
+from tests.support.fmus.either import Either, opened
+from tests.support.fmus.natives import VERSIONS
 
 Built = Callable[[str, int], Path]
 

@@ -13,11 +13,11 @@ import fmpy
 import pytest
 
 from tests import support
-from tests.support.natives import NAMES, VERSIONS
+from tests.support.fmus.natives import NAMES, VERSIONS
 
 pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
 
-HARNESS = Path(support.__file__).with_name("harness.c")
+HARNESS = Path(support.__file__).parent / "fmus" / "harness.c"
 FLAGS = ("-std=c99", "-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-Wall", "-Wextra")
 
 

@@ -21,8 +21,8 @@ from fmus.modelling.model import Table
 from fmus.packaging.native import build as native
 from fmus.packaging.native import compiler
 from fmus.packaging.python import build as python
-from tests.support.either import opened
-from tests.support.natives import (
+from tests.support.fmus.either import opened
+from tests.support.fmus.natives import (
     CONTINUOUS,
     NAMES,
     PENDULUM,
@@ -34,7 +34,7 @@ from tests.support.natives import (
     everything,
     value_of,
 )
-from tests.support.stepping import grid, stepped
+from tests.support.fmus.stepping import grid, stepped
 
 Built = Callable[[str, int], Path]
 

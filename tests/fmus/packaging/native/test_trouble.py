@@ -14,8 +14,8 @@ from fmus.modelling.instance import Instance, StepError
 from fmus.modelling.model import Model, Requirement, State, output, parameter
 from fmus.packaging.native import build as native
 from fmus.packaging.native import compiler
-from tests.support.either import opened
-from tests.support.natives import VERSIONS
+from tests.support.fmus.either import opened
+from tests.support.fmus.natives import VERSIONS
 
 Built = Callable[[str, int], Path]
 

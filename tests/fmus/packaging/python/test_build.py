@@ -23,7 +23,7 @@ from fmus.modelling import symbolic
 from fmus.modelling.model import Model, Table, input_, output, parameter
 from fmus.packaging import defaults
 from fmus.packaging.python import build as python
-from tests.support.either import opened
+from tests.support.fmus.either import opened
 
 Built = Callable[[str], Path]
 NAMES = library.names()

@@ -15,7 +15,7 @@ from identification.linear.model import LinearModel
 from identification.tuning.loops.loops import Loops
 from identification.tuning.loops.plants import PlantSet, delayed
 from orchestrator.trace import FloatArray
-from tests.support.tuned_loops import WIRING, loops, plant
+from tests.support.identification.tuned_loops import WIRING, loops, plant
 
 PI = LinearModel(np.eye(1), np.array([[0.01, -0.01]]), np.eye(1), np.array([[0.3, -0.3]]), 0.01, ("r", "y"), ("u",))
 

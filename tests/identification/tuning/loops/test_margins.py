@@ -14,7 +14,16 @@ from identification.tuning.loops import margins
 from identification.tuning.loops.loops import Loops
 from identification.tuning.loops.plants import PlantSet, delayed
 from identification.tuning.loops.wiring import Wiring
-from tests.support.tuned_loops import COMMANDED, MEASURED, WIRING, known, loops, plant, proportional, touches
+from tests.support.identification.tuned_loops import (
+    COMMANDED,
+    MEASURED,
+    WIRING,
+    known,
+    loops,
+    plant,
+    proportional,
+    touches,
+)
 
 SEEDS = st.integers(0, 10_000)
 GAINS = st.floats(0.1, 3.0)

@@ -15,7 +15,7 @@ from identification.tuning.summary import TuningSummary
 from orchestrator.info import about
 from orchestrator.progress import silent
 from orchestrator.trace import FloatArray
-from tests.support.tuning_study import STEP, lagging, study, write
+from tests.support.identification.tuning_study import STEP, lagging, study, write
 
 SHIPPED = Path(__file__).parents[4] / "scenarios" / "flexible_arm" / "control" / "tuning"
 DESIGN: dict[str, Any] = {

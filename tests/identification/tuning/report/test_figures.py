@@ -20,9 +20,9 @@ from identification.tuning.tuning import Tuning, tune
 from orchestrator.report.chart import Chart, Panel
 from orchestrator.report.content import Figure
 from orchestrator.yaml_file import load
-from tests.support.browser import browsing, opened
-from tests.support.tuned_loops import loops, plant
-from tests.support.tuning_study import driven, study, write
+from tests.support.identification.tuned_loops import loops, plant
+from tests.support.identification.tuning_study import driven, study, write
+from tests.support.tools.browser import browsing, opened
 
 
 def tuned(folder: Path, document: dict[str, Any]) -> Tuning:

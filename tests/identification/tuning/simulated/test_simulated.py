@@ -17,7 +17,7 @@ from identification.cli import app
 from identification.tuning.summary import TuningSummary
 from orchestrator.info import about
 from orchestrator.progress import silent
-from tests.support.tuning_study import study, write
+from tests.support.identification.tuning_study import study, write
 
 STEP = 0.01
 LOAD = """

@@ -29,8 +29,8 @@ from orchestrator.can.database.database import Database
 from orchestrator.can.database.message import MessageSpec
 from orchestrator.can.frames import Flag, Frames
 from orchestrator.trace import Trace
-from tests.support.can_samples import by_message
-from tests.support.random_databases import databases, written
+from tests.support.can.can_samples import by_message
+from tests.support.can.random_databases import databases, written
 
 QUICK = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 

@@ -19,7 +19,7 @@ from orchestrator.can.database.database import Database
 from orchestrator.can.database.protection import Protection
 from orchestrator.can.frames import Frames
 from orchestrator.trace import Trace
-from tests.support.can_samples import by_message
+from tests.support.can.can_samples import by_message
 
 DBC = """VERSION ""
 BU_: A B

@@ -20,7 +20,7 @@ from orchestrator.can.database.bus import LogDatabase
 from orchestrator.can.database.database import Database
 from orchestrator.can.database.writing import Declared, generate, signal_names
 from orchestrator.trace import Trace
-from tests.support.can_samples import by_message
+from tests.support.can.can_samples import by_message
 
 bounds = st.floats(-1e9, 1e9, allow_nan=False).map(lambda value: float(f"{value:.6g}"))
 

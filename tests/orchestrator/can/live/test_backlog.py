@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from orchestrator.can.live.backlog import Backlog
 from orchestrator.can.live.bus import BusSettings, occupied
-from tests.support.coupling_samples import frame
+from tests.support.can.coupling_samples import frame
 
 OURS, THEIRS = frame(0x100, bytes(8)), frame(0x001, bytes(8))
 

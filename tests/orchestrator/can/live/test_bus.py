@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from fmus.errors import BusError, InputError
 from orchestrator.can.live.bus import BusSettings, is_bus_off, open_bus, opened, parse_option, send
 from orchestrator.can.slcan import protocol
-from tests.support.wiring import HANG, frame, heard
+from tests.support.can.wiring import HANG, frame, heard
 
 FRAMES = [
     can.Message(arbitration_id=0x123, is_extended_id=False, data=[1, 2, 3]),

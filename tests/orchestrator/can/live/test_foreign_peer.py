@@ -19,8 +19,8 @@ from orchestrator.can.database import database
 from orchestrator.can.live.single_encoding import SingleEncoder
 from orchestrator.can.slcan.hub import hub_process
 from orchestrator.can.statistics import FrameStatistics
-from tests.support.random_databases import written
-from tests.support.wiring import HANG, joined
+from tests.support.can.random_databases import written
+from tests.support.can.wiring import HANG, joined
 
 pytestmark = pytest.mark.slow  # processes
 

@@ -14,9 +14,9 @@ from orchestrator.can.live import link as links
 from orchestrator.can.live.bus import BusSettings, open_bus
 from orchestrator.can.live.link import REFUSING, Link, linked
 from orchestrator.can.live.receiver import Receiver
-from tests.support.coupling_samples import BUS, ScriptedBus
-from tests.support.scripted_adapter import ScriptedAdapter, willing
-from tests.support.wiring import frame, settings, wait_for
+from tests.support.can.coupling_samples import BUS, ScriptedBus
+from tests.support.can.scripted_adapter import ScriptedAdapter, willing
+from tests.support.can.wiring import frame, settings, wait_for
 
 KEY = (0x100, False)
 

@@ -24,7 +24,7 @@ from orchestrator.can.live.bus import BusSettings, opened, send
 from orchestrator.can.live.manifest import BusRecording
 from orchestrator.can.live.recorder import record
 from orchestrator.can.slcan.hub import Hub, hub_process
-from tests.support.wiring import BITRATE, HANG, command, frame, joined, number, settings, until_said, wait_for
+from tests.support.can.wiring import BITRATE, HANG, command, frame, joined, number, settings, until_said, wait_for
 
 pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
 

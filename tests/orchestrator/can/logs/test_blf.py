@@ -20,7 +20,7 @@ from orchestrator.can import logs
 from orchestrator.can.frames import Flag, Frames, from_messages
 from orchestrator.can.logs.blf import objects as blf_objects
 from orchestrator.can.logs.blf import reading as blf
-from tests.support.can_samples import START, all_of, any_frames, different, messages, rig_frames
+from tests.support.can.can_samples import START, all_of, any_frames, different, messages, rig_frames
 
 quick = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 

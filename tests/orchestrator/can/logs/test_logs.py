@@ -22,7 +22,7 @@ from orchestrator.can import logs
 from orchestrator.can.frames import Flag, Frames, from_messages
 from orchestrator.can.logs.frame_count import FrameCount, moment
 from orchestrator.can.logs.mf4 import reading as mf4
-from tests.support.can_samples import all_of, any_frames, different, latest_difference, rig_frames
+from tests.support.can.can_samples import all_of, any_frames, different, latest_difference, rig_frames
 
 pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
 

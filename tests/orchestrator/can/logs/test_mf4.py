@@ -12,7 +12,7 @@ import pytest
 from fmus.errors import TraceError
 from orchestrator.can import logs
 from orchestrator.can.frames import Flag
-from tests.support.can_samples import all_of
+from tests.support.can.can_samples import all_of
 
 pytestmark = [pytest.mark.slow, pytest.mark.needs("mf4")]
 

@@ -19,7 +19,7 @@ from orchestrator.can import logs
 from orchestrator.can.frames import Flag, Frames, from_messages, since
 from orchestrator.can.logs.text import reading
 from orchestrator.can.logs.text.dates import moment
-from tests.support.can_samples import START, all_of, different, messages, rig_frames
+from tests.support.can.can_samples import START, all_of, different, messages, rig_frames
 
 quick = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 

@@ -23,8 +23,8 @@ from orchestrator.can.sending.passed import Passed
 from orchestrator.can.sending.routes import AGAINST, ELSEWHERE, MOST, NOT_CHOSEN, RENAMED, TOO_MANY, Routes
 from orchestrator.can.sending.selection import EVERYTHING, Chosen
 from orchestrator.can.slcan.hub import hub_process
-from tests.support.can_samples import DBC
-from tests.support.wiring import HANG, command, frame, heard, joined, number, until_said
+from tests.support.can.can_samples import DBC
+from tests.support.can.wiring import HANG, command, frame, heard, joined, number, until_said
 
 NAMES = {0: "can0", 1: "can1"}
 

@@ -28,8 +28,8 @@ from orchestrator.can.slcan.hub import hub_process
 from orchestrator.can.statistics import FrameStatistics
 from orchestrator.progress import Progress, silent
 from orchestrator.realtime.lateness import Lateness
-from tests.support.scripted_adapter import ScriptedAdapter, willing
-from tests.support.wiring import HANG, command, frame, heard, joined, number
+from tests.support.can.scripted_adapter import ScriptedAdapter, willing
+from tests.support.can.wiring import HANG, command, frame, heard, joined, number
 
 pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
 

@@ -16,8 +16,8 @@ from fmus.errors import BusError
 from orchestrator.can.live.bus import open_bus, opened
 from orchestrator.can.slcan.bus import SlcanBus
 from orchestrator.can.slcan.flow import STALL, Flow
-from tests.support.scripted_adapter import ScriptedAdapter, willing
-from tests.support.wiring import HANG, frame, heard, number, settings, wait_for
+from tests.support.can.scripted_adapter import ScriptedAdapter, willing
+from tests.support.can.wiring import HANG, frame, heard, number, settings, wait_for
 
 KEY = (0x100, False)
 

@@ -21,7 +21,8 @@ from orchestrator.can.live.bus import is_bus_off, send
 from orchestrator.can.slcan import protocol
 from orchestrator.can.slcan.adapter import BACKLOG, AdapterBus, BitRates, SerialAdapter
 from orchestrator.can.slcan.hub import Hub, hub_process
-from tests.support.wiring import BITRATE, HANG, ROOT, frame, heard, joined, number, wait_for
+from tests.support.can.wiring import BITRATE, HANG, frame, heard, joined, number, wait_for
+from tests.support.commands import ROOT
 
 BITS = {(0, False): 55, (8, False): 135, (8, True): 160}  # worst case: Davis et al. 2007, Section 3.1
 

@@ -14,7 +14,7 @@ from fmus.errors import ScenarioError, TraceError, WiringError
 from orchestrator import formats
 from orchestrator.scenario.expectations.schema import AGAINST, FIGURES, ExpectationBlock
 from orchestrator.trace import FloatArray, Trace
-from tests.support.expecting import asked
+from tests.support.simulation.expecting import asked
 
 TIME = np.linspace(0.0, 10.0, 2001)
 DECAY = np.exp(-0.4 * TIME)

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from fmus.errors import FmuError, ScenarioError, TraceError
 from orchestrator import formats
 from orchestrator.scenario.expectations import Check, Ran
-from orchestrator.scenario.schema import ExpectationBlock
+from orchestrator.scenario.expectations.schema import ExpectationBlock
 from orchestrator.trace import Trace
 
 

@@ -17,7 +17,7 @@ from orchestrator.scenario.expectations import Check, Ran
 from orchestrator.scenario.expectations.on_run import KINDS
 from orchestrator.scenario.expectations.schema import ExpectationBlock
 from orchestrator.trace import Trace
-from tests.support.expecting import asked
+from tests.support.simulation.expecting import asked
 
 TIME = np.linspace(0.0, 10.0, 1001)
 TRACE = Trace(TIME, {"y": TIME, "u": np.clip(TIME, 0.0, 4.0), "mode": np.floor(TIME / 3)}, {}, "run")

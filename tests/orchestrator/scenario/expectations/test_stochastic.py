@@ -18,7 +18,7 @@ from orchestrator.scenario.expectations.schema import ExpectationBlock
 from orchestrator.scenario.report import report
 from orchestrator.scenario.run import run_scenario
 from orchestrator.trace import Trace
-from tests.support.expecting import wiring
+from tests.support.simulation.expecting import wiring
 
 TIME = np.linspace(0.0, 5.0, 501)
 

@@ -1,0 +1,344 @@
+"""The bus in a process of its own, the only one that sends: steps cannot block, stop or crash it.
+
+The steps write their outputs into a socket, each a heartbeat; received values are in memory that both share. No
+heartbeat, or nobody at the other end of the socket: safe values go out. What a terminal or a supervisor sends it leaves
+alone, and ends when the steps do.
+"""
+
+from __future__ import annotations
+
+import gc
+import logging
+import mmap
+import os
+import select
+import signal
+import socket
+import struct
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from threading import Lock, Thread
+from typing import NoReturn
+
+import numpy as np
+
+from fmus.errors import BusError, ServotwinError
+from orchestrator.bridge.bus.keeper import Keeper
+from orchestrator.bridge.bus.traffic import BusTraffic, on_buses
+from orchestrator.bridge.bus.traffic_report import TrafficReport
+from orchestrator.bridge.mapping import Coupling
+from orchestrator.can.live.bus import BusSettings
+from orchestrator.processes import last_words
+from orchestrator.progress import Figures
+from orchestrator.realtime.pacing import SWITCHING
+from orchestrator.realtime.priority import short_time_slices
+from orchestrator.trace import FloatArray
+
+_BEGIN, _END = -2, -1  # instead of the number of a step
+_TRIES = 1000  # to read values that are not just being written
+_TELLING = 0.5  # between two reports of how it goes [s]
+_ENDING = 10.0  # patience with the process at the end [s]
+_TROUBLE, _OVER = 1, 2  # what the steps are told
+_DEAF = [signal.SIGINT, signal.SIGTERM]
+if sys.platform != "win32":
+    _DEAF += [signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP, signal.SIGTTOU, signal.SIGTTIN]
+
+
+class _Board:
+    """Values in memory that two processes share: one writes, one reads, and neither waits."""
+
+    def __init__(self, width: int) -> None:
+        memory = mmap.mmap(-1, 8 * (2 + width))
+        self._head = np.frombuffer(memory, np.int64, 2)  # number of writings, odd while there is one; flags
+        self._values = np.frombuffer(memory, np.float64, width, 16)
+        self._latest = self._values.copy()
+
+    @property
+    def flags(self) -> int:
+        return int(self._head[1])
+
+    def write(self, values: FloatArray, flags: int) -> None:
+        self._head[0] += 1
+        self._values[:] = values
+        self._head[1] = flags
+        self._head[0] += 1
+
+    def read(self) -> FloatArray:
+        """The values as they were at one time; the last ones where the writer died while it wrote."""
+        for _ in range(_TRIES):
+            number = self._head[0]
+            values = self._values.copy()
+            if number % 2 == 0 and self._head[0] == number:
+                self._latest = values
+                break
+        return self._latest
+
+
+class _ProcessKeeper:
+    """What the steps have of it."""
+
+    def __init__(self, place: str, board: _Board, steps: socket.socket, news: Connection, coupling: Coupling) -> None:
+        self._place, self._board, self._steps, self._news, self._coupling = place, board, steps, news, coupling
+        self._form = struct.Struct(f"qd{len(coupling.outputs)}d")
+        self._report: TrafficReport | None = None
+        self._status = Figures.of("", {})
+        self._thread = Thread(target=self._listen, name="news of the bus", daemon=True)
+
+    def opened(self, say: Callable[[str], None]) -> None:
+        """Wait until the bus is open."""
+        try:
+            failure = self._news.recv()
+        except EOFError:
+            failure = self._gone()
+        if failure is not None:
+            raise failure
+        self._say = say
+        self._thread.start()
+
+    def begin(self, start: float) -> None:
+        self._tell(_BEGIN, start, [0.0] * len(self._coupling.outputs))
+
+    def inputs(self, now: float) -> FloatArray:
+        return self._board.read()
+
+    def send(self, number: int, outputs: Sequence[float], now: float, deadline: float) -> None:
+        self._tell(number, deadline, outputs)
+
+    def ends(self, endures: bool) -> bool:
+        if not self._thread.is_alive():
+            raise self._gone()
+        return bool(self._board.flags & (_OVER if endures else _OVER | _TROUBLE))
+
+    def status(self, now: float) -> Figures:
+        return self._status
+
+    def end(self) -> TrafficReport:
+        with suppress(ServotwinError):
+            self._tell(_END, 0.0, [0.0] * len(self._coupling.outputs))
+        self._thread.join(_ENDING)
+        return self._report or TrafficReport.of_nobody(self._coupling)
+
+    def _tell(self, number: int, stamp: float, values: Sequence[float]) -> None:
+        record = self._form.pack(number, stamp, *values)
+        try:
+            whole = self._steps.send(record) == len(record)
+        except BlockingIOError:
+            whole = False
+        except OSError:
+            raise self._gone() from None
+        if not whole:
+            raise BusError(self._place, "the process that has the bus takes nothing any more", "see what keeps it")
+
+    def _gone(self) -> BusError:
+        return BusError(self._place, "the process that has the bus is gone", "stop the machine by hand")
+
+    def _listen(self) -> None:
+        """Pass on what the process says, to its report."""
+        with suppress(EOFError, OSError):
+            while not isinstance(news := self._news.recv(), TrafficReport):
+                if isinstance(news, Figures):
+                    self._status = news
+                else:
+                    self._say(news)
+            self._report = news
+
+
+@contextmanager
+def apart(
+    buses: Sequence[BusSettings],
+    coupling: Coupling,
+    step: float,
+    say: Callable[[str], None],
+    kills: bool,
+    rescue: Callable[[], str] = lambda: "",
+) -> Iterator[Keeper]:
+    """Have the buses in a child of this process.
+
+    Args:
+        kills: whether it ends this process where no step ends for longer than `give_up`.
+        rescue: called in the child where this process is gone before its time, when the bus is closed; what it returns
+            is said.
+
+    Raises:
+        BusError: the adapter does not open.
+    """
+    board = _Board(coupling.width)
+    steps, theirs = socket.socketpair()
+    news, told = Pipe(duplex=False)
+    parent, child = os.getpid(), os.fork()
+    if not child:
+        steps.close()
+        news.close()
+        _Guard(buses, coupling, step, board, theirs, told, parent if kills else 0).live(rescue)
+    theirs.close()
+    told.close()
+    steps.setblocking(False)
+    try:
+        keeper = _ProcessKeeper(_place(buses), board, steps, news, coupling)
+        keeper.opened(say)
+        yield keeper
+    finally:
+        steps.close()  # it ends with this
+        _await(child)
+        news.close()
+
+
+def _place(buses: Sequence[BusSettings]) -> str:
+    return " and ".join(bus.place for bus in buses)
+
+
+def _await(child: int) -> None:
+    until = time.monotonic() + _ENDING
+    with suppress(ChildProcessError):
+        while os.waitpid(child, os.WNOHANG) == (0, 0):
+            if time.monotonic() > until:
+                os.kill(child, signal.SIGKILL)
+            time.sleep(0.002)
+
+
+class _Guard:
+    """The process that has the bus."""
+
+    def __init__(
+        self,
+        buses: Sequence[BusSettings],
+        coupling: Coupling,
+        step: float,
+        board: _Board,
+        steps: socket.socket,
+        news: Connection,
+        parent: int,
+    ) -> None:
+        self._buses, self._coupling, self._step, self._board = buses, coupling, step, board
+        self._steps, self._news, self._parent = steps, news, parent
+        self._form = struct.Struct(f"qd{len(coupling.outputs)}d")
+        self._partial, self._telling = b"", Lock()
+        self._start, self._orphan, self._alone = 0.0, False, False
+
+    def live(self, rescue: Callable[[], str]) -> NoReturn:
+        """All of the process' life; nothing of what its parent has left is cleaned up by it."""
+        code = 1
+        try:
+            for number in _DEAF:
+                signal.signal(number, signal.SIG_IGN)
+            gc.freeze()
+            sys.setswitchinterval(SWITCHING)
+            logging.getLogger().handlers = [_Forward(self._say)]
+            with short_time_slices():
+                self._work()
+            if self._orphan and self._start:
+                self._say(rescue() or "there is no result")
+            code = 0
+        except ServotwinError as error:
+            self._fail(error)
+        except BaseException as error:
+            self._fail(BusError(_place(self._buses), f"the process that has the bus failed ({error!r})"))
+        finally:
+            os._exit(code)
+
+    def _work(self) -> None:
+        awake, wake = socket.socketpair()
+        awake.setblocking(False)
+        wake.setblocking(False)
+
+        def arrived() -> None:
+            with suppress(BlockingIOError):
+                wake.send(b".")
+
+        with on_buses(self._buses, self._coupling, self._step, self._say, arrived=arrived) as traffic:
+            self._tell(None)
+            self._serve(traffic, awake)
+            now = self._now()
+            traffic.end(now)
+            report = traffic.report(now)
+            self._tell(report)
+            if self._orphan:
+                sent = report.doubt() if report.unconfirmed else "safe values were sent"
+                self._say(f"{_place(self._buses)}: the steps are gone; {sent}")
+
+    def _serve(self, traffic: BusTraffic, awake: socket.socket) -> None:
+        """Pass values until the steps end."""
+        nap, told = max(self._step, 0.002), 0.0
+        while True:
+            select.select([self._steps, awake], [], [], nap)
+            with suppress(BlockingIOError):
+                awake.recv(4096)
+            records = self._records()
+            if self._orphan or (records and records[-1][0] == _END):
+                return
+            if records and records[0][0] == _BEGIN:
+                self._start = records.pop(0)[1]
+            if not self._start:
+                continue
+            now = self._now()
+            traffic.receive(now)
+            if now - told >= _TELLING:
+                told = now
+                self._tell(traffic.status(now))
+            self._board.write(traffic.inputs, _OVER * bool(traffic.over) | _TROUBLE * bool(traffic.trouble))
+            if records:
+                number, deadline, *outputs = records[-1]
+                traffic.send(int(number), outputs, now, now - deadline)
+                self._alone = False
+            else:
+                self._watch(traffic, now)
+
+    def _watch(self, traffic: BusTraffic, now: float) -> None:
+        """See that steps end: where none has for too long nobody listens, and at last who takes them is ended."""
+        patience = 2 * self._coupling.rules.give_up  # steps that are only late end it by themselves
+        self._alone = traffic.waited(now) > self._step + self._coupling.rules.most_late
+        if traffic.watch(now) > patience and self._parent:
+            why = f"no step has ended for {patience:g} s"
+            self._say(f"{why}: the process that takes them is killed")
+            last_words.own().say(last_words.KILLED, why)
+            os.kill(self._parent, signal.SIGKILL)
+            self._parent = 0
+
+    def _records(self) -> list[tuple[float, ...]]:
+        """What the steps have told since the last look."""
+        try:
+            data = self._steps.recv(1 << 20, socket.MSG_DONTWAIT)
+        except BlockingIOError:
+            return []
+        except OSError:
+            data = b""
+        if not data and not self._orphan:
+            self._orphan = True
+            last_words.own().say(last_words.SAVING, "a coupling")
+        data = self._partial + data
+        whole = len(data) - len(data) % self._form.size
+        self._partial = data[whole:]
+        return list(self._form.iter_unpack(data[:whole]))
+
+    def _now(self) -> float:
+        return time.monotonic() - self._start if self._start else 0.0
+
+    def _say(self, line: str) -> None:
+        self._tell(line)
+
+    def _fail(self, error: ServotwinError) -> None:
+        self._tell(str(error) if self._orphan else error)
+
+    def _tell(self, news: object) -> None:
+        """Tell the steps, or, where they are gone or stand still, whoever reads what a command says."""
+        with suppress(OSError):
+            if type(news) is str and (self._alone or self._orphan):
+                os.write(2, f"servotwin: {news}\n".encode())
+            else:
+                with self._telling:
+                    self._news.send(news)
+
+
+class _Forward(logging.Handler):
+    """Has log messages of libraries told by the process that steps."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        super().__init__(logging.WARNING)
+        self._say = say
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._say(record.getMessage())

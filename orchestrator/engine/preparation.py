@@ -1,0 +1,185 @@
+"""What runs share that record the same: the loop, its columns, and what the components are asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+from orchestrator.engine.compiled import Steppers
+from orchestrator.engine.loop import Loop, Node
+from orchestrator.engine.plan import Plan
+from orchestrator.engine.recording import Columns
+from orchestrator.engine.run import Timing
+from orchestrator.engine.tangents import NOTHING, Carried
+from orchestrator.fmi.component import Component
+from orchestrator.rational import clock
+from orchestrator.system import Connection, Endpoint, System, recordable
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What runs share that record the same.
+
+    Attributes:
+        loop: to be begun anew for each run.
+        outputs: component -> outputs and other variables that are read.
+        inputs: component -> inputs that are driven.
+    """
+
+    key: tuple[object, ...]
+    loop: Loop
+    columns: Columns
+    outputs: Mapping[str, Sequence[str]]
+    inputs: Mapping[str, Sequence[str]]
+    steppers: Steppers
+
+    def bind(self, components: Mapping[str, Component]) -> None:
+        """Have the components carry these values."""
+        for name, component in components.items():
+            component.bind(self.inputs[name], self.outputs[name])
+
+    @property
+    def slots(self) -> dict[str, int]:
+        """component.output -> its slot."""
+        names = [f"{component}.{output}" for component, outputs in self.outputs.items() for output in outputs]
+        return {name: slot for slot, name in enumerate(names)}
+
+
+class Preparation:
+    """Loops of one system for what runs record, made when they are asked for; those of the latest two are kept.
+
+    Attributes:
+        outputs: component.variable of all outputs that are numbers.
+        stimuli: component.input of the stimuli that a run needs, sorted.
+    """
+
+    def __init__(self, system: System, components: Mapping[str, Component], timing: Timing, plan: Plan) -> None:
+        self.outputs = tuple(
+            f"{name}.{port.name}"
+            for name, part in system.parts.items()
+            for port in part.interface.of("output")
+            if port.numeric
+        )
+        self.stimuli = tuple(sorted(map(str, system.stimulated)))
+        self._system, self._components, self._timing, self._plan = system, components, timing, plan
+        self._inputs: dict[str, list[str]] = {name: [] for name in system.parts}  # component -> those that are driven
+        for target in [link.target for link in system.connections] + [Endpoint.parse(name) for name in self.stimuli]:
+            self._inputs[target.component].append(target.variable)
+        self._driven_inputs = frozenset(f"{name}.{one}" for name, inputs in self._inputs.items() for one in inputs)
+        self._prepared: list[Prepared] = []  # that of the latest run, which the components are bound to, comes last
+
+    def clear(self) -> None:
+        """Forget what is prepared: a component was loaded anew."""
+        self._prepared.clear()
+
+    def check_record(self, names: Iterable[str]) -> None:
+        """See that each name is a variable that a trace can hold: a number, or a text.
+
+        Raises:
+            WiringError: one is not; the message names it.
+        """
+        for name in names:
+            recordable(self._system, name, name, texts=True)
+
+    def loop(
+        self, record: Iterable[str] | None, read: Sequence[str], hold: int, carried: Carried = NOTHING
+    ) -> Prepared:
+        """A loop that records these, and their tangents, and reads those outputs too; that of one of the two runs
+        before where it asked for the same."""
+        chosen = self.outputs if record is None else tuple(dict.fromkeys(record))
+        key = chosen, tuple(read), hold, carried
+        found = next((prepared for prepared in self._prepared if prepared.key == key), None)
+        if found is None:
+            found = self._newly_prepared(key, chosen, read, hold, carried)
+        elif found is not self._prepared[-1]:
+            found.bind(self._components)
+        self._prepared = [*(one for one in self._prepared[-2:] if one is not found), found][-2:]
+        return found
+
+    def _newly_prepared(
+        self, key: tuple[object, ...], chosen: tuple[str, ...], read: Sequence[str], hold: int, carried: Carried
+    ) -> Prepared:
+        self.check_record([*chosen, *read])
+        values, links = self._read([*chosen, *read]), carried.links(self._system.connections)
+        outputs = {name: [*of, *carried.of_component(name, of)] for name, of in values.items()}
+        inputs = {name: list(driven) for name, driven in self._inputs.items()}
+        for link in links:
+            inputs[link.target.component].append(link.target.variable)
+        columns = [*chosen, *carried.columns(chosen)]
+        loop = self._new_loop(columns, outputs, inputs, links, hold)
+        ports = {name: self._system.port(Endpoint.parse(name)) for name in chosen}
+        units = {name: port.unit for name, port in ports.items() if port.unit}
+        texts = [Endpoint.parse(name) for name, port in ports.items() if not port.numeric]
+        names = sorted(columns, key=self._driven_inputs.__contains__)  # what is read comes first, as in the rows
+        for name, component in self._components.items():
+            component.bind(inputs[name], outputs[name])
+        steppers = Steppers(loop, self._timing.engine)
+        return Prepared(
+            key, loop, Columns(names, columns, units, partial(self._texts, texts)), outputs, inputs, steppers
+        )
+
+    def _texts(self, recorded: Iterable[Endpoint]) -> dict[str, tuple[str, ...]]:
+        """What the numbers stand for that components have given for texts by now."""
+        return {str(end): self._components[end.component].texts.get(end.variable, ()) for end in recorded}
+
+    def _read(self, recorded: Sequence[str]) -> dict[str, list[str]]:
+        """component -> outputs that are recorded or drive an input, all where cycles are iterated, so that when they
+        count as settled does not depend on the record; then its other variables that are recorded."""
+        wanted = {*recorded, *(str(link.source) for link in self._system.connections)}
+        names = [name for name in self.outputs if self._timing.cycles.iterate or name in wanted]
+        names += [name for name in recorded if name not in self._driven_inputs]
+        outputs: dict[str, list[str]] = {name: [] for name in self._components}
+        for endpoint in map(Endpoint.parse, dict.fromkeys(names)):
+            outputs[endpoint.component].append(endpoint.variable)
+        return outputs
+
+    def _new_loop(
+        self,
+        chosen: Sequence[str],
+        outputs: Mapping[str, Sequence[str]],
+        inputs: Mapping[str, Sequence[str]],
+        tangents: Sequence[Connection],
+        hold: int,
+    ) -> Loop:
+        read = [f"{name}.{variable}" for name, variables in outputs.items() for variable in variables]
+        slots = {name: slot for slot, name in enumerate([*read, *self.stimuli])}
+        links = {str(link.target): link for link in [*self._system.connections, *tangents]}
+        nodes = {name: self._node(name, inputs[name], outputs[name], links, slots) for name in self._components}
+        held = [Endpoint.parse(name) for name in chosen if name in self._driven_inputs]
+        return Loop(
+            groups=[[nodes[name] for name in group] for group in self._plan.groups],
+            size=len(slots),
+            first_stimulus=len(read),
+            hold=hold,
+            time=clock(self._timing.start, self._plan.tick),
+            cycles=self._timing.cycles,
+            record_slots=[slots[name] for name in chosen if name not in self._driven_inputs],
+            record_inputs=[(nodes[e.component], self._inputs[e.component].index(e.variable)) for e in held],
+            finite=self._timing.finite,
+        )
+
+    def _node(
+        self,
+        name: str,
+        inputs: Sequence[str],
+        outputs: Sequence[str],
+        links: Mapping[str, Connection],
+        slots: Mapping[str, int],
+    ) -> Node:
+        sources, scale = [], []
+        for target in [f"{name}.{variable}" for variable in inputs]:
+            link = links.get(target)
+            sources.append(slots[str(link.source) if link else target])
+            scale.append((link.factor, link.offset) if link else (1.0, 0.0))
+        every = self._plan.every[name]
+        return Node(
+            component=self._components[name],
+            sources=sources,
+            scale=scale if any(pair != (1.0, 0.0) for pair in scale) else None,
+            first=slots[f"{name}.{outputs[0]}"] if outputs else 0,
+            instant=[bool(self._plan.instant[name])] * len(outputs),
+            every=every,
+            duration=float(every * self._plan.tick),
+            outputs=outputs,
+        )

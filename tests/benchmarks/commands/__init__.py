@@ -1,0 +1,1 @@
+"""The figures of commands as a user meets them."""

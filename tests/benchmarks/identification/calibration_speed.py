@@ -1,0 +1,152 @@
+"""How long the calibration from the real recordings takes and how much memory, and what a step of an FMU costs.
+
+The cost of a step is measured between runs of two lengths, so loading and initialising do not count; FMPy's own
+loop on the same FMU in the same process is the reference.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+
+import fmpy
+import numpy as np
+
+from orchestrator.assembly.assembly import Assembled, ComponentSpec, OpenSystem, SystemSpec, assemble
+from orchestrator.engine import Timing
+
+from ..figure import Figure
+
+ROOT = Path(__file__).parents[3]
+STUDY = ROOT / "scenarios" / "butterfly" / "calibration.yaml"
+CALIBRATION_LIMIT = 600.0  # [s]
+MEMORY_LIMIT = 2**30  # [B]
+FIT = 0.94
+STEP = 0.005  # [s]
+SHORT, LONG, REPEATS = 500, 4500, 3
+
+
+def figures() -> list[Figure]:
+    """Calibration time, memory and FIT where the recordings are there, and the cost of a step."""
+    return [*calibration(), *step_cost()]
+
+
+def calibration() -> list[Figure]:
+    """The whole `servotwin calibrate` on the real recordings."""
+    data = Path(os.environ.get("SERVOTWIN_DATA", ROOT.parent / "shared" / "data")) / "butterfly"
+    if not data.is_dir():
+        return [Figure("real calibration", "recordings", f"none in {data} (set SERVOTWIN_DATA)")]
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "result"
+        begun = time.perf_counter()
+        code, peak = _watched(["calibrate", str(STUDY), "--data", str(data), "--out", str(out), "-q"])
+        elapsed = time.perf_counter() - begun
+        if code:
+            return [Figure("real calibration", "exit code 0", f"exit code {code}", False)]
+        fit = json.loads((out / "summary.json").read_text())["fit"]["validation"]["median"]
+    processors = os.cpu_count() or 1
+    return [
+        Figure(
+            "real calibration: wall time",
+            f"under {CALIBRATION_LIMIT:.0f} s on 2 processors",
+            f"{elapsed:.0f} s on {processors}",
+            elapsed < CALIBRATION_LIMIT,
+        ),
+        Figure(
+            "real calibration: peak memory, all processes",
+            f"under {MEMORY_LIMIT / 1e6:.0f} MB",
+            f"{peak / 1e6:.0f} MB",
+            peak < MEMORY_LIMIT,
+        ),
+        Figure("real calibration: median FIT, unseen recordings", f"{FIT} or more", f"{fit:.3f}", fit >= FIT),
+    ]
+
+
+def _watched(arguments: list[str]) -> tuple[int, int]:
+    """Exit code of a servotwin process, and the largest sum of its and its workers' resident memory [B].
+
+    Pages that processes share count in each, so this is an upper bound; Linux only.
+    """
+    command = [sys.executable, "-c", "from identification.cli import main; main()", *arguments]
+    peak = 0
+    with subprocess.Popen(command, cwd=ROOT) as process:
+        while process.poll() is None:
+            peak = max(peak, sum(_resident(pid) for pid in _family(process.pid)))
+            time.sleep(0.2)
+    return process.returncode, peak
+
+
+def _family(pid: int) -> list[int]:
+    """A process and all below it."""
+    try:
+        children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    except OSError:
+        children = []
+    return [pid, *(below for child in children for below in _family(int(child)))]
+
+
+def _resident(pid: int) -> int:
+    try:
+        return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, IndexError):
+        return 0
+
+
+def step_cost() -> list[Figure]:
+    """Nanoseconds a step of the pendulum's Python FMU takes in our loop and in FMPy's."""
+    system = SystemSpec({"hand": ComponentSpec("pendulum")})
+    with tempfile.TemporaryDirectory() as folder:
+        assembled = assemble(system, Path(folder), ("hand.torque",))
+        ours, theirs = _marginal(_our_runs(assembled)), _marginal(_fmpy_runs(assembled.files["hand"]))
+    return [
+        Figure("Python FMU, our loop: per FMU and step", "-", f"{ours:.0f} ns"),
+        Figure("Python FMU, FMPy's simulate_fmu: per step", "-", f"{theirs:.0f} ns"),
+        Figure("our loop against FMPy's", "no slower", f"{theirs / ours:.2f} times as fast", ours <= theirs),
+    ]
+
+
+def _torque(count: int) -> np.ndarray:
+    return 0.01 * np.sin(3 * STEP * np.arange(count + 1))
+
+
+def _our_runs(assembled: Assembled) -> Callable[[int], None]:
+    def run(count: int) -> None:
+        step = Fraction(STEP).limit_denominator(1000)
+        with OpenSystem(assembled) as opened, opened.simulation(Timing(count * step, step)) as simulation:
+            simulation.run(stimuli={"hand.torque": _torque(count)})
+
+    return run
+
+
+def _fmpy_runs(fmu: Path) -> Callable[[int], None]:
+    description = fmpy.read_model_description(fmu)
+    outputs = [v.name for v in description.modelVariables if v.causality == "output"]
+
+    def run(count: int) -> None:
+        rows = list(zip(STEP * np.arange(count + 1), _torque(count), strict=True))
+        stimulus = np.array(rows, dtype=[("time", float), ("torque", float)])
+        fmpy.simulate_fmu(
+            str(fmu), stop_time=count * STEP, output_interval=STEP, input=stimulus, output=outputs, validate=False
+        )
+
+    return run
+
+
+def _marginal(run: Callable[[int], None]) -> float:
+    """Time of one more step [ns], the least of a few measurements of each length."""
+    least = {}
+    for count in (SHORT, LONG):
+        times = []
+        for _ in range(REPEATS):
+            begun = time.perf_counter()
+            run(count)
+            times.append(time.perf_counter() - begun)
+        least[count] = min(times)
+    return 1e9 * (least[LONG] - least[SHORT]) / (LONG - SHORT)

@@ -1,0 +1,1 @@
+"""The figures of stepping: a loop, a run, many runs, a whole system."""

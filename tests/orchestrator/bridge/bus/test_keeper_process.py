@@ -1,0 +1,207 @@
+"""Whatever becomes of the process that steps, the last that a foreign peer sees is the safe value."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import struct
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from subprocess import Popen
+
+import can
+import pytest
+
+from orchestrator import formats
+from orchestrator.can.slcan.hub import Hub, hub_process
+from orchestrator.live.beside import beside
+from tests.support.can.coupling_samples import DBC, frame
+from tests.support.can.wiring import BITRATE, HANG, command, joined, wait_for
+
+pytestmark = pytest.mark.slow  # processes
+
+LAW = {
+    "title": "A law on a bus",
+    "components": {"law": {"model": "energy_controller", "parameters": {"gain": 0.02, "sample_time": 0.005}}},
+    "run": {"stop": 600, "step": 0.005},
+    "can": {
+        "database": "rig.dbc",
+        "receive": {"law.angle": {"signal": "angle", "safe": 0}, "law.speed": {"signal": "speed", "safe": 0}},
+        "send": {"voltage": {"source": "law.voltage", "safe": 1}},
+        "every": {"Command": 0.005},
+        "silence": 30,
+        "most_late": 0.5,
+    },
+}
+
+
+class Peer:
+    """A machine that sends its state and keeps the commands that it sees."""
+
+    def __init__(self, bus: can.BusABC) -> None:
+        self._bus, self.over = bus, threading.Event()
+        self.commands: list[float] = []
+        self._thread = threading.Thread(target=self._live)
+        self._thread.start()
+
+    def _live(self) -> None:
+        while not self.over.is_set():
+            self._bus.send(frame(256, struct.pack("<ihBx", 5000, 300, 0)))
+            until = time.monotonic() + 0.02
+            while (message := self._bus.recv(max(0.0, until - time.monotonic()))) is not None:
+                if message.arbitration_id == 257:
+                    self.commands.append(struct.unpack_from("<h", message.data)[0] * 1e-3)
+
+    def drives(self) -> bool:
+        return bool(self.commands) and self.commands[-1] != 1.0
+
+    def rests(self) -> bool:
+        return self.commands[-1] == 1.0
+
+    def end(self) -> None:
+        self.over.set()
+        self._thread.join()
+
+
+@contextmanager
+def driving(folder: Path) -> Iterator[tuple[Popen[str], Peer, Hub]]:
+    """A bridge whose commands are not the safe value."""
+    (folder / "rig.dbc").write_text(DBC)
+    (folder / "law.yaml").write_text(json.dumps(LAW))
+    with hub_process(folder / "bus", 3) as hub, joined(hub.paths[0]) as bus:
+        options = ["--interface", "slcan", "--channel", hub.paths[1], "--bitrate", BITRATE, "--out", folder / "out"]
+        with command("can", "bridge", folder / "law.yaml", *options) as bridge:
+            peer = Peer(bus)
+            try:
+                wait_for(lambda: peer.drives() or bridge.poll() is not None)
+                yield bridge, peer, hub
+            finally:
+                peer.end()
+
+
+def stepping(bridge: Popen[str]) -> int:
+    """The process that steps, a child of the one that was started."""
+    children = Path(f"/proc/{bridge.pid}/task/{bridge.pid}/children").read_text().split()
+    return int(children[0])
+
+
+def test_safe_values_go_out_when_the_process_that_steps_is_killed(tmp_path: Path) -> None:
+    with driving(tmp_path) as (bridge, peer, _):
+        time.sleep(1.5)
+        os.kill(stepping(bridge), signal.SIGKILL)
+        _, complaints = bridge.communicate(timeout=HANG)
+        wait_for(peer.rests)
+    assert "the steps are gone; safe values were sent" in complaints
+    assert bridge.returncode == 3 and peer.rests()
+    assert json.loads((tmp_path / "out" / "manifest.json").read_text())["ended"] == "failed"
+    assert len(formats.read(tmp_path / "out" / "run.arrows").trace) > 1
+
+
+def test_a_process_that_is_stopped_for_a_time_sends_no_old_commands_and_goes_on(tmp_path: Path) -> None:
+    with driving(tmp_path) as (bridge, peer, _):
+        pid = stepping(bridge)
+        os.kill(pid, signal.SIGSTOP)
+        wait_for(peer.rests)
+        seen = len(peer.commands)
+        wait_for(lambda: len(peer.commands) > seen + 10)
+        assert set(peer.commands[seen:]) == {1.0}
+        os.kill(pid, signal.SIGCONT)
+        wait_for(lambda: peer.drives() or bridge.poll() is not None)
+        bridge.send_signal(signal.SIGTERM)
+        _, complaints = bridge.communicate(timeout=HANG)
+        wait_for(peer.rests)
+    assert "voltage rests: no step has ended for 0.505 s" in complaints
+
+
+def test_a_process_that_hangs_is_ended(tmp_path: Path) -> None:
+    with driving(tmp_path) as (bridge, peer, _):
+        os.kill(stepping(bridge), signal.SIGSTOP)
+        _, complaints = bridge.communicate(timeout=HANG)
+        wait_for(peer.rests)
+    assert bridge.returncode == 3 and "no step has ended for" in complaints
+    assert "hangs, and its process was killed: no step has ended for 4 s" in complaints and "crashed" not in complaints
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
+def test_any_number_of_signals_leaves_the_safe_value_and_the_result(tmp_path: Path, number: signal.Signals) -> None:
+    with driving(tmp_path) as (bridge, peer, _):
+        for _ in range(5):
+            with suppress(ProcessLookupError):
+                bridge.send_signal(number)
+        bridge.communicate(timeout=HANG)
+        wait_for(peer.rests)
+    assert json.loads((tmp_path / "out" / "manifest.json").read_text())["ended"] == "stopped"
+    assert bridge.returncode == 130
+
+
+@contextmanager
+def flooded(port: Path) -> Iterator[None]:
+    """A node of the highest priority that leaves the bus to nobody."""
+    with joined(port) as bus:
+        line = b"t0018FFFFFFFFFFFFFFFF\r"
+
+        def flood(over: threading.Event) -> None:
+            while not over.is_set():
+                with suppress(BlockingIOError):
+                    os.write(bus.serialPortOrig.fd, line * 8)
+                while bus.recv(0.0) is not None:
+                    pass
+                time.sleep(0.001)
+
+        with beside(flood, "flood"):
+            yield
+
+
+def test_safe_values_are_the_first_that_goes_when_a_full_bus_has_room(tmp_path: Path) -> None:
+    with driving(tmp_path) as (bridge, peer, hub):
+        with flooded(hub.paths[2]):
+            time.sleep(2.5)
+            bridge.terminate()
+            _, complaints = bridge.communicate(timeout=HANG)
+            seen = len(peer.commands)
+        wait_for(lambda: len(peer.commands) > seen)
+        time.sleep(0.5)
+        assert set(peer.commands[seen:]) == {1.0}
+    assert bridge.returncode == 3
+    assert "the bus is full: what is sent does not get out in time" in complaints
+    assert "may not have got out: the bus is full, and the adapter sends them when it has room" in complaints
+
+
+def test_a_result_that_was_rescued_is_replaced_by_the_next(tmp_path: Path) -> None:
+    for _ in range(2):
+        with driving(tmp_path) as (bridge, _, _):
+            time.sleep(1.5)
+            os.kill(stepping(bridge), signal.SIGKILL)
+            _, complaints = bridge.communicate(timeout=HANG)
+        assert f"the result up to there is in {tmp_path / 'out'}" in complaints
+        assert "killed (SIGKILL): by somebody, or as memory was short" in complaints
+        assert [path.name for path in tmp_path.glob(".*")] == []
+
+
+@pytest.mark.parametrize("after", [0.0, 0.15, 0.3, 0.6])
+def test_a_bridge_that_is_killed_while_it_ends_leaves_its_result(tmp_path: Path, after: float) -> None:
+    with driving(tmp_path) as (bridge, _, _):
+        time.sleep(1.5)
+        child = stepping(bridge)
+        bridge.terminate()
+        time.sleep(after)
+        with suppress(ProcessLookupError):
+            os.kill(child, signal.SIGKILL)
+        _, complaints = bridge.communicate(timeout=HANG)
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert bridge.returncode == 130 and "interrupted" in complaints
+    assert manifest["ended"] == "stopped" or f"the result up to there is in {tmp_path / 'out'}" in complaints
+    assert manifest["ended"] in ("stopped", "failed") and list(tmp_path.glob(".*")) == []
+
+
+def test_a_bridge_whose_guard_is_gone_ends_and_says_so(tmp_path: Path) -> None:
+    with driving(tmp_path) as (bridge, _, _):
+        pid = stepping(bridge)
+        (guard,) = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+        os.kill(int(guard), signal.SIGKILL)
+        _, complaints = bridge.communicate(timeout=HANG)
+    assert bridge.returncode == 3 and "the process that has the bus is gone" in complaints

@@ -1,0 +1,261 @@
+"""What passes over a bus when steps are late or stay away, without any steps."""
+
+from __future__ import annotations
+
+import math
+import struct
+import time
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, cast
+
+import can
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from orchestrator.bridge.bus.traffic import BusTraffic
+from orchestrator.bridge.mapping import coupled
+from orchestrator.bridge.safety.watchdog import Watchdog
+from orchestrator.can.database.database import Database
+from orchestrator.can.live.backlog import Backlog
+from orchestrator.can.live.bus import BusSettings, occupied
+from orchestrator.can.live.line import Line
+from orchestrator.can.live.news import News
+from orchestrator.can.live.receiver import Receiver
+from orchestrator.scenario.can_block import CanBlock
+from tests.support.can.coupling_samples import ScriptedBus, frame, sample_database, sample_system
+
+STEP, GUARDED, COMMAND = 0.001, 259, 257
+ANY, TIMED = BusSettings("slcan", "adapter"), BusSettings("slcan", "adapter", 500_000)
+THEIRS = frame(1, bytes(8))
+BLOCK: dict[str, Any] = {
+    "receive": {"rig.voltage": {"signal": "Command.voltage", "safe": 0}},
+    "send": {"torque": {"source": "rig.torque", "safe": 0.125}},
+    "most_late": 0.05,
+    "silence": 0.2,
+}
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Database:
+    return sample_database(tmp_path)
+
+
+def on(bus: ScriptedBus, rig: Database, said: list[str], setting: BusSettings = ANY, **changes: Any) -> BusTraffic:
+    block = CanBlock.model_validate({"database": rig.path} | BLOCK | changes)
+    coupling = coupled(block, sample_system(), [rig], Fraction(1, 1000))
+    watchdog = Watchdog(coupling.reception.messages, said.append)
+    link, receiver = bus.linked(said.append)
+    line = Line(link, cast(Receiver, receiver), Backlog(setting), coupling.rules.most_late)
+    return BusTraffic([line], coupling, watchdog, STEP, News(said.append))
+
+
+def torques(bus: ScriptedBus) -> list[float]:
+    return [struct.unpack_from("<h", message.data)[0] * 1e-3 for message in bus.identified(GUARDED)]
+
+
+def run(traffic: BusTraffic, bus: ScriptedBus, first: int, last: int, lateness: float = 0.0, real: float = 0.0) -> None:
+    """These steps; each takes `real` instead of a period where it is given [s]."""
+    for number in range(first, last):
+        now = number * STEP if not real else first * STEP + lateness + (number - first) * real
+        bus.waiting.append(frame(COMMAND, struct.pack("<hH", number, 0)))
+        traffic.receive(now)
+        traffic.send(number, [0.25], now, lateness)
+
+
+def test_safe_values_go_out_at_their_period_while_no_step_ends(rig: Database) -> None:
+    bus, said = ScriptedBus(), list[str]()
+    traffic = on(bus, rig, said)
+    run(traffic, bus, 0, 100)
+    for tick in range(100, 200):
+        traffic.watch(tick * STEP)
+    sent = torques(bus)
+    assert sent == pytest.approx([0.25] * 10 + [0.125] * 5, abs=5e-4)
+    counters = [message.data[2] & 15 for message in bus.identified(GUARDED)]
+    assert counters == [(k + 1) % 16 for k in range(15)]
+    assert said == ["t = 0.151 s: torque rests: no step has ended for 0.051 s"]
+
+
+def test_frames_that_late_steps_leave_out_are_missing_in_the_counter(rig: Database) -> None:
+    bus, said = ScriptedBus(), list[str]()
+    traffic = on(bus, rig, said)
+    for number in (0, 10, 20, 70, 80):  # a frame is due at every tenth step
+        traffic.receive(number * STEP)
+        traffic.send(number, [0.25], number * STEP, 0.0)
+    counters = [message.data[2] & 15 for message in bus.identified(GUARDED)]
+    assert counters == [1, 2, 3, 8, 9]
+
+
+def test_late_steps_are_no_burst_of_old_commands_and_go_on_after_good_ones(rig: Database) -> None:
+    bus, said = ScriptedBus(), list[str]()
+    traffic = on(bus, rig, said, after=0.02)
+    run(traffic, bus, 0, 100)
+    run(traffic, bus, 100, 1000, lateness=0.9, real=1e-5)
+    assert len(torques(bus)) <= 12 and torques(bus)[10:] == pytest.approx([0.125] * len(torques(bus)[10:]), abs=5e-4)
+    run(traffic, bus, 1000, 1100)
+    assert torques(bus)[-1] == pytest.approx(0.25)
+    assert said[-1] == "t = 1.020 s: torque is sent again"
+
+
+def test_a_latched_output_stays_at_rest(rig: Database) -> None:
+    bus = ScriptedBus()
+    traffic = on(bus, rig, [], resume="latch", after=0)
+    run(traffic, bus, 0, 100)
+    run(traffic, bus, 100, 101, lateness=0.2)
+    run(traffic, bus, 101, 400)
+    assert set(torques(bus)[10:]) == {0.125}
+
+
+def test_one_page_or_one_value_that_stays_away_puts_what_needs_it_to_rest(rig: Database) -> None:
+    bus, said = ScriptedBus(), list[str]()
+    receive = {
+        "rig.page": {"signal": "first", "safe": 0},
+        "rig.voltage": {"signal": "second", "safe": 0},
+        "rig.target": {"signal": "target", "safe": 0},
+    }
+    send = {
+        "torque": {"source": "rig.torque", "safe": 0, "while": ["first"]},
+        "angle": {"source": "rig.angle", "safe": 0, "while": ["target"]},
+    }
+    traffic = on(bus, rig, said, receive=receive, send=send, silence=0.1)
+    for number in range(400):
+        pages = (0, 1) if number < 100 else (1,)
+        bus.waiting += [frame(260, struct.pack("<BHxxxxx", page, 7)) for page in pages]
+        bus.waiting.append(frame(258, struct.pack("<d", 1.0 if number < 200 else float("nan"))))
+        traffic.receive(number * STEP)
+        traffic.send(number, [0.25, 0.25], number * STEP, 0.0)
+    assert said == [
+        "t = 0.200 s: first: no frame for 0.1 s; safe values: rig.page = 0",
+        "t = 0.200 s: torque rests: without rig.page",
+        "t = 0.300 s: Exact: no good value for 0.1 s (not finite); safe values: rig.target = 0",
+        "t = 0.300 s: angle rests: without rig.target",
+    ]
+
+
+def test_what_an_interface_gives_back_is_no_second_sender_and_not_received(rig: Database) -> None:
+    bus = ScriptedBus(lambda sent: [sent])
+    traffic = on(bus, rig, [])
+    run(traffic, bus, 0, 300)
+    assert traffic.report(0.3).foreign == {}
+    assert traffic.report(0.3).received.messages == {"Command": 300}
+    bus.waiting.append(frame(GUARDED, b"\1\2\3\4"))
+    traffic.receive(0.301)
+    assert traffic.report(0.3).foreign == {"Guarded": 1}
+
+
+def test_on_a_full_bus_old_commands_are_dropped_and_safe_values_are_first_and_nothing_follows(rig: Database) -> None:
+    """Others take all of the bus from 0.2 s to 1 s."""
+    bus, said = ScriptedBus(), list[str]()
+    traffic = on(bus, rig, said, TIMED, silence=5)
+    for number in range(1500):
+        bus.waiting.append(frame(COMMAND, struct.pack("<hH", number, 0)))
+        bus.waiting += [THEIRS] * (4 * (200 <= number < 1000))
+        traffic.receive(number * STEP)
+        traffic.send(number, [0.25], number * STEP, 0.0)
+    [kept] = bus.forgotten
+    after = torques(bus)[kept:]
+    assert len(after) < 60 and after[0] == pytest.approx(0.125, abs=5e-4)
+    assert after[-1] == pytest.approx(0.25, abs=5e-4)
+    [told, *_] = [line for line in said if "full" in line]
+    assert told.endswith("the bus is full: what is sent does not get out in time")
+    assert any("torque rests: the bus is full" in line for line in said)
+    assert traffic.report(1.5).blocked + traffic.report(1.5).sent.messages["Guarded"] == pytest.approx(150, abs=3)
+
+
+def test_safe_values_that_a_full_bus_keeps_stay_in_the_adapter_alone_and_that_is_said(
+    rig: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("orchestrator.bridge.bus.traffic._CONFIRMING", 0.5)
+    bus, said = _Flooded(), list[str]()
+    traffic = on(bus, rig, said, TIMED)
+    run(traffic, bus, 0, 100)
+    bus.flood()
+    traffic.end(0.1)
+    report = traffic.report(0.6)
+    assert report.unconfirmed == ("Guarded",) and report.pending and bus.stays
+    assert "the adapter sends them when it has room" in report.doubt()
+    assert len(bus.forgotten) == 1
+    assert torques(bus)[bus.forgotten[0] :] == pytest.approx([0.125], abs=5e-4)
+
+
+def test_an_adapter_whose_bus_was_full_at_the_end_forgets_nothing_even_where_all_seems_to_be_out(
+    rig: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("orchestrator.bridge.bus.traffic._CONFIRMING", 60)
+    for flooded in (True, False):
+        bus, said = _Flooded(), list[str]()
+        traffic = on(bus, rig, said, TIMED)
+        run(traffic, bus, 0, 100)
+        if flooded:
+            bus.flood(seconds=1)
+        traffic.end(0.1)
+        report = traffic.report(0.6)
+        assert (report.unconfirmed, report.pending) == ((), False)
+        assert bus.stays == flooded == bool(bus.forgotten)
+
+
+class _Flooded(ScriptedBus):
+    """A bus that others fill from some time on, for so long [s]."""
+
+    begun = 0.0
+    heard = 0
+    seconds = math.inf
+
+    def flood(self, seconds: float = math.inf) -> None:
+        self.begun, self.seconds = time.monotonic(), seconds
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        if not self.waiting and self.begun:
+            passed = int(min(time.monotonic() - self.begun, self.seconds) / occupied(THEIRS, TIMED))
+            self.waiting += [THEIRS] * (passed - self.heard)
+            self.heard = passed
+        return super().recv(timeout)
+
+
+FAULTS = ("", "silent", "checksum", "stuck", "short", "not finite", "hangs")
+SPELLS = st.lists(st.tuples(st.sampled_from(FAULTS), st.integers(5, 400)), min_size=1, max_size=8)
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(spells=SPELLS, latched=st.booleans())
+def test_whatever_goes_wrong_no_blind_command_goes_out(
+    rig: Database, spells: list[tuple[str, int]], latched: bool
+) -> None:
+    """Ticks of 1 ms; a good frame comes every 10 ms where none of the faults is there."""
+    bus, silence, most_late, period = ScriptedBus(), 0.1, 0.05, 0.002
+    changes = {
+        "receive": {"rig.page": {"signal": "torque", "safe": 0}},
+        "send": {"angle": {"source": "rig.angle", "safe": 0}},
+        "every": {"State": period},
+        "resume": "latch" if latched else "auto",
+    }
+    traffic = on(bus, rig, [], ANY, **changes | {"silence": silence, "most_late": most_late})
+    peers = CanBlock.model_validate({"database": rig.path, "send": {"torque": "rig.torque"}})
+    (peer,) = coupled(peers, sample_system(), [rig], Fraction(1, 1000)).sent
+    heard = stepped = -math.inf
+    for tick, fault in enumerate(fault for fault, ticks in spells for _ in range(ticks)):
+        now, good = tick * STEP, True
+        if tick % 10 == 0 and fault != "silent":
+            message = peer.frame([0.25])
+            assert message is not None
+            data, good = bytes(message.data), fault not in ("checksum", "stuck", "short")
+            data = {"checksum": bytes([data[0] ^ 1]) + data[1:], "stuck": bytes([0, 0, 5, 0]), "short": data[:2]}.get(
+                fault, data
+            )
+            bus.waiting.append(frame(GUARDED, data))
+            heard = now if good else heard
+        traffic.receive(now)
+        before = len(bus.sent)
+        if fault == "hangs":
+            traffic.watch(now)
+        else:
+            traffic.send(tick, [math.nan if fault == "not finite" else 1.0], now, 0.0)
+            stepped = now
+        for message in bus.sent[before:]:
+            if struct.unpack_from("<i", message.data)[0] != 0:
+                assert fault != "not finite"
+                assert now - heard <= silence + 2 * period + 1e-9
+                assert now - stepped <= most_late + STEP + 2 * period
+    traffic.end(2.0)
+    assert struct.unpack_from("<i", bus.sent[-1].data)[0] == 0

@@ -1,0 +1,39 @@
+"""Fixtures that tests of single FMUs share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from orchestrator.fmi.file import FmuFile
+from orchestrator.fmi.slave import Slave
+from tests.support.fmus import moody
+from tests.support.simulation.exchanging import Shelf, open_shelf
+from tests.support.simulation.slaves import Load
+
+
+@pytest.fixture(scope="module")
+def shelf(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Shelf]:
+    with open_shelf(tmp_path_factory.mktemp("fmus")) as shelf:
+        yield shelf
+
+
+@pytest.fixture
+def load() -> Iterator[Load]:
+    """Opens FMUs as slaves, and closes them after the test."""
+    with ExitStack() as stack:
+
+        def opened(path: Path, name: str = "fmu") -> Slave:
+            slave = Slave(stack.enter_context(FmuFile(path)), name)
+            stack.callback(slave.close)
+            return slave
+
+        yield opened  # type: ignore[misc]
+
+
+@pytest.fixture(scope="module")
+def moody_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return moody.build(tmp_path_factory.mktemp("moody"))

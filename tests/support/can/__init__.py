@@ -1,0 +1,1 @@
+"""Buses, adapters, frames and databases for tests."""

@@ -1,0 +1,1 @@
+"""Small FMUs for tests, and what opens, steps and moves those that were built."""

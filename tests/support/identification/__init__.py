@@ -1,0 +1,1 @@
+"""Systems, records and studies whose truth is known."""

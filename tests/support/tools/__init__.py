@@ -1,0 +1,1 @@
+"""Programs of others that tests read and run things in."""
