@@ -34,10 +34,25 @@ _ALIKE = 0.1  # of an interval: by how much its sides may differ and still be to
 LARGE = 16  # elements of an array up to which each has a row
 
 
+class PriorSummary(TypedDict):
+    """What was known of a parameter before, in words, and where it is from.
+
+    Attributes:
+        added: share of its variance that the recordings took away.
+        off: how many of its standard deviations the estimate is off.
+    """
+
+    text: str
+    source: str
+    added: float
+    off: float
+
+
 class ParameterSummary(TypedDict):
     """A parameter's estimate, all in `unit`; what is not determined is null.
 
     Attributes:
+        prior: what was known of it before, where something was.
         start: where its estimation began; null for one that is tied to another.
         truth: what is behind synthetic traces, where a study tells.
     """
@@ -48,6 +63,7 @@ class ParameterSummary(TypedDict):
     unit: str
     start: Value | None
     truth: NotRequired[float]
+    prior: NotRequired[PriorSummary]
 
 
 class FitsSummary(TypedDict, total=False):

@@ -133,12 +133,13 @@ def covariance(
     outputs: int,
     rounding: FloatArray | None = None,
     before: WindowBlock | None = None,
+    noise: float = 1.0,
 ) -> Covariance:
     """Covariance of the parameters from central-difference blocks at the estimate.
 
     Args:
         rounding: (m,) variance of the outputs' rounding, in the residuals' units, below which no noise is taken to be.
-        before: what is known before of parameters as rows (p,) of the residuals' noise, which is white.
+        before: what is known before of parameters as rows (p,), in standard deviations times `noise`.
 
     "white": H^-1 (sum of J_w^T N J_w) H^-1 with N = S at every instant, S the (m, m) covariance of the outputs'
     noise; for one output and least squares this is s^2 (J^T J)^-1. Right when residuals are white; those of a
@@ -169,7 +170,7 @@ def covariance(
     if rounding is not None:
         flat, correlated = flat.at_least(rounding), correlated.at_least(rounding)
     tests = tuple(whiteness([b.residual.reshape(-1, outputs)[:, i] for b in blocks]) for i in range(outputs))
-    drawn = _scatter_before(before, transform, float(np.mean(np.concatenate(influences) ** 2)))
+    drawn = _scatter_before(before, transform, noise**2)
     found: dict[CovarianceMethod, FloatArray] = {
         "white": _stationary(rows, transform, flat) + drawn,
         "coloured": _stationary(rows, transform, correlated) + drawn,
@@ -277,10 +278,10 @@ def _whitening(
     return transform, np.asarray(np.sum(vectors[:, ~seen] ** 2, axis=1) > 1e-4)
 
 
-def _scatter_before(before: WindowBlock | None, transform: FloatArray, power: float) -> FloatArray:
-    """(n, n) what the scatter of what is known before does to the estimate, as noise of that power does."""
+def _scatter_before(before: WindowBlock | None, transform: FloatArray, variance: float) -> FloatArray:
+    """(n, n) what the scatter of what is known before does to the estimate, as noise of that variance does."""
     seen = np.zeros((0, transform.shape[1])) if before is None else before.parameters @ transform
-    return np.asarray(transform @ (power * seen.T @ seen) @ transform.T)
+    return np.asarray(transform @ (variance * seen.T @ seen) @ transform.T)
 
 
 def _stationary(rows: Sequence[_Rows], transform: FloatArray, noise: Noise) -> FloatArray:

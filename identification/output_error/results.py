@@ -206,4 +206,6 @@ def _parameter(calibration: Calibration, name: str) -> ParameterSummary:
     }
     if name in study.truth:
         entry["truth"] = study.truth[name]
+    if (known := found.known.get(name)) is not None:
+        entry["prior"] = {"text": known.text, "source": known.source, "added": known.added, "off": known.off}
     return entry

@@ -34,6 +34,7 @@ def uncertainty(section: Section, calibration: Calibration) -> None:
     for combination in (*seen.unseen, *seen.weak):
         section.callout("warning", combination.message)
     _other_intervals(section, found, calibration)
+    _known(section, found)
     _noise(section, found, calibration)
     section.figure(figures.correlation_heatmap(seen.names, seen.correlation), "Correlation of the estimates")
     directions = np.arange(1.0, len(seen.singular_values) + 1)
@@ -76,6 +77,17 @@ def _other_intervals(section: Section, found: Estimate, calibration: Calibration
             "Profiles: how the least cost rises beside each estimate; the interval is where it is below the line. "
             "A parabola is what local intervals take it for.",
         )
+
+
+def _known(section: Section, found: Estimate) -> None:
+    """What was known before beside what the recordings made of it."""
+    rows: list[list[Cell]] = [
+        [name, known.text, found.values[name], found.std[name], f"{100 * known.added:.0f} %", known.source]
+        for name, known in found.known.items()
+    ]
+    if rows:
+        headers = ["parameter", "known before", "estimate", "standard deviation", "added by the recordings", "source"]
+        section.table(headers, rows, caption="What was known before, and by how much of its variance recordings cut it")
 
 
 def _noise(section: Section, found: Estimate, calibration: Calibration) -> None:

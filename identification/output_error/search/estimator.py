@@ -58,8 +58,8 @@ __all__ = [
 
 
 _ROUNDS = 3  # of looking beside the steps of parameters that act in steps, and searching on from there
-_FIRST_NOISE = 0.01  # of the outputs' spread, until something is known of it
-_WEIGHINGS, _SETTLED = 6, 0.01  # how often the noise is estimated anew, and from which change on it is not
+_FIRST_NOISE = 1e-3  # of the outputs' spread, until something is known of it
+_WEIGHINGS, _SETTLED = 6, 0.1  # how often the noise is estimated anew, and from which fall on it is not
 SILENT = "nothing to find: the outputs do not depend on"
 
 
@@ -126,25 +126,28 @@ def _fitted(work: Work, begin: Iterate) -> tuple[Minimum, Spoken]:
 
 
 def _weighed(work: Work, begin: Iterate) -> Minimum:
-    """The minimum; what is known before counts by the noise, which is what is left over: both are found in turn."""
+    """The minimum; what is known before counts by the noise that is left over where it counts for little.
+
+    So that a prior which the recordings contradict shows as that, and is not obeyed at the price of more noise.
+    """
     problem, reached, windows = work.problem, work.reached, work.all_windows
     found = search(work, windows, begin, "fit", work.options.max_evaluations)
     for _ in range(_WEIGHINGS if problem.parameters.informed else 0):
         left = np.concatenate(problem.measured_only(found.at.residuals, windows))
         power = float(np.sum(problem.loss.influence(left) ** 2))
-        noise = math.sqrt(power / max(problem.samples - problem.unknowns, 1))
-        if abs(noise - reached.noise) <= _SETTLED * noise:
-            break
+        noise, before = math.sqrt(power / max(problem.samples - problem.unknowns, 1)), reached.noise
         reached.noise = noise
-        again = evaluated(work.over(windows), found.at.point, problem.loss)
-        if again is None:
+        at = replace(found.at, residuals=work.over(windows).informed(found.at))
+        again = search(work, windows, replace(at, cost=problem.loss.cost(at.residuals)), "fit", _left(work, found))
+        found = replace(again, iterations=found.iterations + again.iterations)
+        if noise > (1 - _SETTLED) * before:
             break
-        again_found = search(work, windows, again, "fit", work.options.max_evaluations)
-        found = replace(again_found, iterations=found.iterations + again_found.iterations)
-    else:
-        if problem.parameters.informed:
-            found = replace(found, converged=False, message="stopped: the noise that priors count by does not settle")
     return found
+
+
+def _left(work: Work, found: Minimum) -> int:
+    """Iterations that may follow."""
+    return max(1, work.options.max_evaluations - found.iterations)
 
 
 def predict(problem: Problem, factory: Factory, options: Options | None = None) -> Prediction:
@@ -184,8 +187,7 @@ def _beside_steps(work: Work, found: Minimum) -> Minimum:
         there = best_nearby(work.over(work.all_windows), found.at, loss)
         if there.cost >= found.at.cost:
             break
-        left = max(1, work.options.max_evaluations - found.iterations)
-        again = search(work, work.all_windows, there, "fit", left)
+        again = search(work, work.all_windows, there, "fit", _left(work, found))
         found = replace(again, iterations=found.iterations + again.iterations)
     for column in sorted(column for column in reached.wide if column < len(found.at.point.parameters)):
         run = work.over(work.all_windows)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmus.errors import FmuError, IdentificationError, TangentsMissing
-from identification.estimation.arrow_least_squares import Point, WindowBlock
+from identification.estimation.arrow_least_squares import Iterate, Point, WindowBlock
 from identification.estimation.workers import Pool, Task
 from identification.output_error.search.exact import WITNESSES, Columns, exact_columns, require_agreement, say
 from identification.output_error.search.problem import Problem
@@ -94,6 +94,10 @@ class FreeRun:
         if not self.problem.parameters.informed:
             return residuals
         return [np.concatenate([residuals[0], self.before(point).residual]), *residuals[1:]]
+
+    def informed(self, at: Iterate) -> list[FloatArray]:
+        """The residuals there, with what is known before by the noise of this run."""
+        return self._informed(self.problem.measured_only(at.residuals, self.windows), at.point)
 
     def before(self, point: Point) -> WindowBlock:
         """What is known before as rows (p,), one a parameter of which something is known."""

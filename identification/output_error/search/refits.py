@@ -39,7 +39,7 @@ def spoken(work: Work, found: Minimum) -> Spoken:
     residuals = problem.measured_only(found.at.residuals, work.all_windows)
     blocks = run.linearised(found.at.point, residuals, central=True)
     before = run.before(found.at.point) if problem.parameters.informed else None
-    uncertainty = covariance(blocks, problem.loss, len(problem.outputs), problem.rounding, before)
+    uncertainty = covariance(blocks, problem.loss, len(problem.outputs), problem.rounding, before, work.reached.noise)
     seen = _seen(work, found.at, blocks)
     by = work.options.intervals.by
     if by == "local" or not work.problem.parameters.free:

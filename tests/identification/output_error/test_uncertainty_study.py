@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from fmus.errors import IdentificationError, ScenarioError
+from fmus.errors import IdentificationError, InputError, ScenarioError
 from identification.calibrate import calibrate_study
 from identification.output_error import calibration
 from identification.study import load_study
@@ -67,6 +67,51 @@ def test_a_constant_that_is_wrong_is_never_passed_over(tmp_path: Path, data: Pat
     assert any(not low <= TRUTH[name] <= high for name, (low, high) in off.items())
     said = next(warning for warning in summary["warnings"] if warning.startswith("residuals are not white"))
     assert "not how near it is to the truth" in said and "hand.angle (" in said
+
+
+def parameters(**prior: Any) -> Document:
+    """Those of the small study, with a prior of the inertia."""
+    known: Document = study()["parameters"]
+    known["hand.inertia"] = {**known["hand.inertia"], "prior": prior}
+    return known
+
+
+def test_what_is_known_before_stands_beside_the_estimate(tmp_path: Path, data: Path) -> None:
+    prior = {"mean": "40.1 kg.cm2", "std": "0.02 kg.cm2", "source": "data sheet, page 3"}
+    summary, page = calibrated(tmp_path, data, parameters=parameters(**prior))
+    known = summary["parameters"]["hand.inertia"]["prior"]
+    assert known["text"] == "0.00401 ± 2e-06" and known["source"] == "data sheet, page 3"
+    assert 0 < known["added"] < 1
+    assert 0.004 < summary["parameters"]["hand.inertia"]["value"] < 0.00401
+    assert "What was known before" in page and "data sheet, page 3" in page
+
+
+@pytest.mark.parametrize(
+    ("prior", "message"),
+    [
+        ({"mean": 0.5, "std": 0.1}, r"parameters\.hand\.inertia\.prior: mean 0.5 is outside the parameter's bounds"),
+        ({"mean": "5 rad", "std": 0.1}, "hand.inertia"),
+    ],
+)
+def test_a_prior_that_makes_no_sense_is_refused(tmp_path: Path, data: Path, prior: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message) as caught:
+        calibrated(tmp_path, data, parameters=parameters(**prior))
+    assert "s.yaml" in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"prior": {"mean": 1.0}}, "give `mean` and `std`, `median` and `factor`, or `min` and `max`"),
+        ({"prior": {"mean": 0.004, "std": 1e-4}, "fixed": True}, "a prior is of a free parameter"),
+    ],
+)
+def test_a_prior_of_no_kind_is_refused_with_its_line(tmp_path: Path, change: Document, message: str) -> None:
+    known = study()["parameters"]
+    known["hand.inertia"] |= change
+    with pytest.raises(ScenarioError, match=message) as caught:
+        load_study(write_study(tmp_path / "s.yaml", parameters=known))
+    assert "parameters.hand.inertia" in str(caught.value)
 
 
 @pytest.mark.parametrize(
