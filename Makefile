@@ -5,7 +5,7 @@ BIN := .venv/bin
 READY := .venv/.ready-$(EXTRAS)
 DEMO := out/demo
 
-.PHONY: setup demo test bench endurance docs lint changelog clean
+.PHONY: setup demo test bench endurance docs dist lint changelog clean
 
 setup: $(READY)
 
@@ -30,6 +30,17 @@ bench endurance:
 docs:
 	@$(MAKE) --no-print-directory setup EXTRAS=dev,docs
 	$(BIN)/python -m sphinx -W --keep-going -q -E docs out/docs
+
+# Wheel, sources, the parts that they bring along (CycloneDX) and whose these are; the wheel is installed and used.
+dist:
+	@$(MAKE) --no-print-directory setup EXTRAS=dev,dist
+	rm -rf dist build/installed
+	SOURCE_DATE_EPOCH=$$(git log -1 --format=%ct) $(BIN)/python -m build --outdir dist
+	$(PYTHON) -m venv build/installed
+	build/installed/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt dist/*.whl
+	$(BIN)/cyclonedx-py environment build/installed/bin/python --pyproject pyproject.toml --output-reproducible -o dist/sbom.cdx.json
+	$(BIN)/pip-licenses --python build/installed/bin/python --format plain-vertical --with-urls --with-license-file --no-license-path --output-file dist/THIRD_PARTY.txt
+	build/installed/bin/python .ci/try-install.py
 
 lint: $(READY)
 	$(BIN)/ruff check .

@@ -22,6 +22,7 @@ NEEDS = {
     "mf4": "asammdf",
     "formats": "nptdms",
     "canopen": "canopen",
+    "dist": "cyclonedx_py",
     "cross": "ziglang",
     "dask": "distributed",
     "sensitivity": "SALib",

@@ -14,7 +14,7 @@ from xml.etree import ElementTree as ET
 
 from fmus.modelling.agreement import require_agreement
 from fmus.modelling.model import Model, Number, Table
-from fmus.packaging import archive, defaults, values
+from fmus.packaging import archive, defaults, licenses, values
 from fmus.packaging.description import documentation, exposure, interface, xml
 from fmus.packaging.description.interface import ModelInterface
 from fmus.packaging.description.xml import Extras, Offer
@@ -77,6 +77,7 @@ def build(
     files |= _binaries(model, code, fmi, compiler.find(platforms))
     files["modelDescription.xml"] = _description(shown, f"{code.token}-{archive.digest(resources)[:16]}", fmi, code)
     files["documentation/index.html"] = documentation.page(shown)
+    files[licenses.NAME] = licenses.native()
     if fmi == 3:
         files["sources/buildDescription.xml"] = _build_description(model, code)
     archive.write(path, files)

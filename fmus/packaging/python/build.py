@@ -14,7 +14,7 @@ from pathlib import Path
 from fmus import library
 from fmus.errors import ModelError
 from fmus.modelling.model import Model, Number, Table
-from fmus.packaging import archive, defaults, values
+from fmus.packaging import archive, defaults, licenses, values
 from fmus.packaging.description import exposure, xml
 from fmus.packaging.python import runtime
 
@@ -70,6 +70,7 @@ def build(
         uuid.uuid5(uuid.NAMESPACE_URL, f"servotwin:{model.name}:{archive.digest(files)}:{defaults.dump(starts)}")
     )
     files[defaults.RESOURCE] = defaults.dump(starts).encode()
+    files[licenses.NAME] = licenses.python()
     offer = xml.Offer("CoSimulation", model.name, _CAPABILITIES)
     files["modelDescription.xml"] = xml.fmi2(exposure.plain(model, starts), guid, [offer])
     archive.write(path, files)
