@@ -10,6 +10,7 @@ from orchestrator.batch.sweep.runs.folder import Folder
 from orchestrator.batch.sweep.runs.local import Local
 from orchestrator.batch.sweep.runs.preparation import Prepared, prepared
 from orchestrator.batch.sweep.runs.queue import Queue, Runner
+from orchestrator.batch.sweep.told.report import PAGE, report
 from orchestrator.batch.sweep.told.result import SweepResult
 from orchestrator.batch.sweep.told.summary import write_summary
 from orchestrator.progress import Progress, silent
@@ -44,7 +45,9 @@ def sweep(
             for task, done in who.outcomes(queue, ready.setup) if folder.left else ():
                 folder.keep(task.runs, rows.unpacked(done.rows), done)
                 progress(*_how_far(folder))
-            return write_summary(ready, Path(out))
+            result = write_summary(ready, Path(out))
+            report(ready, result).write(result.folder / PAGE)
+            return result
 
 
 def _how_far(folder: Folder) -> tuple[float, str]:

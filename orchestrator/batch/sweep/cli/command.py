@@ -30,6 +30,9 @@ def sweep(
         str | None, typer.Option(metavar="ADDRESS", help="Run on the Dask cluster with this scheduler instead.")
     ] = None,
     retry: Annotated[bool, typer.Option("--retry", help="Run those again that failed.")] = False,
+    one: Annotated[
+        int | None, typer.Option("--run", metavar="N", help="That run alone again, with its whole record and report.")
+    ] = None,
     limited: Limited,
     out: Out = None,
 ) -> Answer:
@@ -41,6 +44,8 @@ def sweep(
     from orchestrator.batch.sweep.runs.local import Local
     from orchestrator.batch.sweep.sweep import sweep as run
 
+    if one is not None:
+        return _again(terminal, study, one, out or Path("out") / f"{study.stem}-{one}")
     folder = out or Path("out") / study.stem
     with terminal.bar(study.stem) as move:
         runner = Local(jobs, limited.limits()) if scheduler is None else Cluster(scheduler)
@@ -59,3 +64,21 @@ def _row(asked: AskedDocument) -> tuple[str, ...]:
     spread = asked["figure"]
     figures = "-" if spread is None else f"{spread['q05']:.4g} to {spread['q95']:.4g} {asked['unit']}".strip()
     return asked["text"], share, interval, figures, "-" if asked["worst"] is None else str(asked["worst"])
+
+
+def _again(terminal: Terminal, study: Path, run: int, out: Path) -> Answer:
+    """A run of the sweep by itself."""
+    from orchestrator.batch.sweep.runs.preparation import prepared
+    from orchestrator.batch.sweep.told.again import alone
+    from orchestrator.results import check_target
+    from orchestrator.scenario.results import document_of, write_run
+    from orchestrator.scenario.run import HEADERS as CHECKED
+    from orchestrator.scenario.run import run_scenario
+
+    check_target(out, [study])
+    with prepared(study) as ready, terminal.bar(study.stem) as move:
+        result = run_scenario(alone(ready, run), progress=move, going_on=True)
+        write_run(result, {}, out)
+        return Answer(
+            document_of(result, {}, out), [Listing(CHECKED, result.rows()), f"written to {out}"], result.passed
+        )

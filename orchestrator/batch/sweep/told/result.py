@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NotRequired, TypedDict
 
 import numpy as np
 import pyarrow as pa
-from pyarrow import dataset
+from pyarrow import dataset, parquet
 
 from fmus.errors import InputError
 from orchestrator.batch.sweep.runs.folder import RUNS, header
@@ -41,7 +41,7 @@ class AskedDocument(TypedDict):
     held: int
     of: int
     share: float | None
-    interval: tuple[float, float] | None
+    interval: list[float] | None
     figure: dict[str, float] | None
     worst: int | None
 
@@ -94,6 +94,16 @@ class SweepResult:
     def frame(self, columns: Sequence[str] | None = None) -> pandas.DataFrame:
         """The same for pandas, which has to be installed."""
         return self.table(columns).to_pandas()
+
+    def sampled(self, columns: Sequence[str], most: int) -> pa.Table:
+        """At most so many rows, spread evenly over all; no more than a part of the data set is in memory besides."""
+        step = max(1, -(-self.document["runs"] // most))
+        found, first = [], 0
+        for file in sorted((self.folder / RUNS).glob("*.parquet")):
+            rows = parquet.read_table(file, columns=list(columns))
+            found.append(rows.take(np.arange(-first % step, len(rows), step)))
+            first += len(rows)
+        return pa.concat_tables(found)
 
     def column(self, name: str) -> FloatArray:
         """(N,) numbers of a column, NaN where a run has none."""

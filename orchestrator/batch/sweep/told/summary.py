@@ -62,7 +62,7 @@ def verdicts(found: SweepResult, name: str) -> FloatArray:
 def asked_of(asked: Asked, held: FloatArray, figures: FloatArray | None, margins: FloatArray | None) -> AskedDocument:
     """What is told of verdicts (N,), figures (N,) and margins (N,)."""
     of, count = int(np.isfinite(held).sum()), int(np.nansum(held))
-    interval = share_interval(count, of) if of else None
+    interval = list(share_interval(count, of)) if of else None
     return {
         "column": asked.name,
         "text": asked.text,

@@ -1,0 +1,123 @@
+"""What cannot be run is told before anything runs, with its place and what to do."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fmus.errors import ServotwinError
+from orchestrator.batch.sweep.sweep import sweep
+from tests.support.sweeping import FALLING, Here, study
+
+DRAWN = {"by": "monte-carlo", "samples": 5, "seed": 1}
+MANY = {"between": [0.1, 0.2], "count": 10_000}
+NORMAL = {"normal": 0.1, "std": 0.01}
+WRONG: dict[str, tuple[dict[str, Any], str]] = {
+    "too many points": (
+        {
+            "vary": {
+                f"hand.{n}": {"between": [0.1, 0.2], "count": 10_000} for n in ("inertia", "added_mass", "added_length")
+            },
+            "design": {"by": "grid"},
+        },
+        r"study\.yaml: design: asks for 1,000,000,000,000 runs, .*; 100,000,000 are the most; take fewer levels",
+    ),
+    "an unknown name": (
+        {"vary": {"hand.added_mas": {"between": [0.1, 0.2]}}, "design": DRAWN},
+        r"study\.yaml: vary\.hand\.added_mas: no variable 'added_mas' in 'hand'; .*added_mass",
+    ),
+    "another quantity": (
+        {"vary": {"hand.added_mass": {"between": ["1 m", "2 m"]}}, "design": DRAWN},
+        r"study\.yaml: vary\.hand\.added_mass: .*m .*kg",
+    ),
+    "outside the bounds": (
+        {"vary": {"hand.added_mass": {"between": [-0.1, 0.2]}}, "design": DRAWN},
+        r"study\.yaml: vary\.hand\.added_mass: is -0\.1, outside its bounds",
+    ),
+    "no logarithm": (
+        {"vary": {"hand.added_mass": {"between": [0, 0.2], "scale": "log"}}, "design": DRAWN},
+        r"vary\.hand\.added_mass: has no logarithm at 0; begin above 0",
+    ),
+    "no interval": (
+        {"vary": {"hand.added_mass": {"between": [0.3, 0.2]}}, "design": DRAWN},
+        r"vary\.hand\.added_mass: `between` 0\.3 and 0\.2 is no interval",
+    ),
+    "no spread": (
+        {"vary": {"hand.added_mass": {"normal": 0.3, "std": 0}}, "design": DRAWN},
+        r"vary\.hand\.added_mass: has a standard deviation of 0",
+    ),
+    "no such scenario": ({"sweep": "rising.yaml"}, r"rising\.yaml: no such file"),
+    "no such case": ({"cases": ["walk"]}, r"study\.yaml: cases: there is no case 'walk'"),
+    "no noise": ({"noise": ["hand"]}, r"study\.yaml: noise: hand: no variable 'seed' in 'hand'; name components"),
+    "no power of two": (
+        {"design": {"by": "sobol-indices", "samples": 100, "seed": 1}},
+        r"design\.samples: 100 is no power of two; give 128",
+    ),
+    "no ends": (
+        {
+            "vary": {"hand.added_mass": {"normal": 0.1, "std": 0.01}},
+            "design": {"by": "morris", "trajectories": 4, "seed": 1},
+        },
+        r"vary\.hand\.added_mass: has no ends, .*give it `between`",
+    ),
+    "between steps": (
+        {"traces": {"signals": ["hand.angle"], "every": 0.015}},
+        r"study\.yaml: traces\.every: ",
+    ),
+    "no such signal": ({"traces": {"signals": ["hand.angel"]}}, r"traces\.signals: hand\.angel: .*angle"),
+    "points that differ": (
+        {"vary": None, "design": {"by": "list", "points": [{"hand.added_mass": 0.1}, {"hand.added_length": 0.1}]}},
+        r"design\.points\.1: has hand\.added_length, not hand\.added_mass as the first",
+    ),
+    "a grid of draws": (
+        {"vary": {"hand.added_mass": {"normal": 0.1, "std": 0.01}}, "design": {"by": "grid"}},
+        r"study\.yaml:1: .*is drawn, which a grid does not do",
+    ),
+    "no covariance": (
+        {"calibration": {"folder": "none"}},
+        r"none/summary\.json: is not there; give the folder of a calibration",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_a_study_that_cannot_be_run_is_told_and_leaves_nothing(what: str, tmp_path: Path) -> None:
+    changes, problem = WRONG[what]
+    with pytest.raises(ServotwinError, match=problem):
+        sweep(study(tmp_path, **changes), tmp_path / "out", Here())
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_nothing_can_see_is_refused(tmp_path: Path) -> None:
+    two = FALLING | {
+        "components": {**FALLING["components"], "other": {"model": "pendulum"}},  # type: ignore[dict-item]
+        "stimuli": {"hand.torque": {"constant": 0}, "other.torque": {"constant": 0}},
+    }
+    with pytest.raises(ServotwinError, match=r"other\.added_mass: no expectation, measure or trace can see it"):
+        sweep(
+            study(tmp_path, two, vary={"other.added_mass": [0.1, 0.2]}, design={"by": "grid"}), tmp_path / "out", Here()
+        )
+
+
+def test_a_disk_that_is_full_is_told_and_what_was_done_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file, real, left = study(tmp_path), Path.open, [4]
+
+    def full(path: Path, mode: str = "r", *args: Any, **kwargs: Any) -> Any:
+        if mode == "xb" and "pending" in str(path):
+            left[0] -= 1
+            if left[0] < 0:
+                raise OSError(28, "No space left on device", str(path))
+        return real(path, mode, *args, **kwargs)
+
+    monkeypatch.setattr(Path, "open", full)
+    with pytest.raises(ServotwinError, match=r"pending/.*cannot be written \(No space left on device\)"):
+        sweep(file, tmp_path / "out", Here())
+    left[0] = 1 << 30
+    runs: list[int] = []
+    sweep(file, tmp_path / "out", Here(told=lambda task: runs.extend(task.runs.tolist())))
+    lines = [json.loads(line) for line in (tmp_path / "out" / "manifest.jsonl").read_text().splitlines()]
+    stretches = [one for line in lines for one in line.get("runs", [])]
+    assert 0 < len(runs) < 20 and sum(last - first + 1 for first, last in stretches) == 20
