@@ -13,14 +13,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.support.brute import Mood
 
 from orchestrator.batch.limits import Limits
 from orchestrator.batch.sweep.runs import queue
 from orchestrator.batch.sweep.runs.local import Local
 from orchestrator.batch.sweep.sweep import sweep
 from orchestrator.processes import Processes
-from tests.support import brute
+from tests.support.fmus import brute
+from tests.support.fmus.brute import Mood
 from tests.support.sweeping import FALLING, Here, results, study
 
 ROOT = Path(__file__).parents[4]
