@@ -18,7 +18,7 @@ from orchestrator.batch.limits import Limits
 from orchestrator.batch.sweep.runs import queue
 from orchestrator.batch.sweep.runs.local import Local
 from orchestrator.batch.sweep.sweep import sweep
-from orchestrator.processes import Processes
+from orchestrator.processes.pool import Processes
 from tests.support.fmus import brute
 from tests.support.fmus.brute import Mood
 from tests.support.sweeping import FALLING, Here, results, study
