@@ -22,7 +22,11 @@ PrintedDeltas = tuple[float, float, float, float, float]
 
 
 class NamedConditioningBlock(ConditioningBlock):
-    """A preparation with a name for reports."""
+    """A preparation with a name for reports.
+
+    Attributes:
+        name: what reports call it.
+    """
 
     name: str = "preparation"
 
@@ -62,7 +66,13 @@ class PhysicalBlock(Block):
 
 
 class PublishedSet(Block):
-    """What was printed about a data set: stable orders, the order chosen, and delta of each output and their mean."""
+    """What was printed about a data set: stable orders, the order chosen, and delta of each output and their mean.
+
+    Attributes:
+        orders: those that gave stable models, as they were printed.
+        order: the one that was chosen.
+        delta: errors of the four outputs in validation, and their mean.
+    """
 
     orders: str
     order: int
@@ -73,6 +83,9 @@ class SetBlock(Block):
     """One data set.
 
     Attributes:
+        experiment: what drove it: the excitation alone, one that turns at bounds of the position, or a controller.
+        excitation: in words, for tables.
+        published: what was printed about it.
         volts: greatest magnitude of the excitation.
         rate: [Hz].
         payload: [kg].
@@ -91,14 +104,25 @@ class SetBlock(Block):
 
 
 class PublishedStage(Block):
-    """Printed delta of a model in the two validations."""
+    """Printed delta of a model in the two validations.
+
+    Attributes:
+        dmv: of the four outputs, and their mean, of free runs along the record (data matching).
+        sfv: likewise under the controller, along the set-point (set-point following).
+    """
 
     dmv: PrintedDeltas | None = None
     sfv: PrintedDeltas | None = None
 
 
 class PublishedExample(Block):
-    """What was printed about a reduction: frequency [Hz], damping, rank by MRM and by MSV of each mode, and errors."""
+    """What was printed about a reduction: frequency [Hz], damping, rank by MRM and by MSV of each mode, and errors.
+
+    Attributes:
+        model: what it was called.
+        modes: frequency [Hz], damping, rank by MRM and rank by MSV of each.
+        stages: model on the way -> its errors.
+    """
 
     model: str
     modes: list[tuple[float | None, float | None, int, int]] = []
@@ -109,7 +133,13 @@ class ExampleBlock(Block):
     """A model that is reduced and updated; see `reduction.Example`. Models are named after it.
 
     Attributes:
+        name: by which claims call it.
         data: the data set.
+        unstable: whether it starts from the best unstable order, which is then forced to be stable.
+        order, further: states that are kept, and after a second reduction.
+        by: which of the three reductions is updated: `mrm` or `msv` alone, or `mrmc` with known frequencies.
+        update: which matrix is computed anew, `input` (B) or `output` (C).
+        published: what was printed about it.
         table: number of the tables that it fills, none when it only counts in the last one.
         removed: whether the compensation is taken off the input first (type II), or left in it (type III).
         listed: whether its updated models stand in the last table.
@@ -134,7 +164,12 @@ class ExampleBlock(Block):
 
 
 class InequalityBlock(Block):
-    """Every figure (or number) of `less`, times a factor, is below every one of `than`."""
+    """Every figure (or number) of `less`, times a factor, is below every one of `than`.
+
+    Attributes:
+        less, than: figures of this study by name, or numbers.
+        times: the factor.
+    """
 
     less: list[str | float] = Field(min_length=1)
     than: list[str | float] = Field(min_length=1)
@@ -145,6 +180,8 @@ class ClaimBlock(Block):
     """What was claimed, as inequalities between figures of this study.
 
     Attributes:
+        statement: the claim in words.
+        holds: inequalities, all of which make it hold; some of which, hold in part.
         outcome: how the claim is known to come out here; another outcome is a regression.
         reason: why the rig does not bear it out, where it does not.
     """
@@ -159,6 +196,15 @@ class ExperimentsBlock(StudyBlock):
     """A study of many data sets of one rig: identified, validated, reduced, updated, and held against claims.
 
     Attributes:
+        input: signal of the records that drives the model.
+        outputs: signals that it gives.
+        preparation: what is done to the records first.
+        compared: order of the models whose frequencies are compared with those that were printed.
+        feedback: the controller that models are validated under.
+        physical: the model that frequencies are compared with.
+        sets: name -> a data set.
+        examples: models that are reduced and updated.
+        claims: what was claimed.
         scenarios: whose cases are the data sets, by name.
         compare: another preparation, under which everything is done again and claims are tried, too.
         stop: signal that tells how long an end stop was touched.

@@ -13,6 +13,9 @@ class ConditioningBlock(Block):
 
     Attributes:
         zero_mean: outputs that are centred; the others start at zero.
+        cutoff: corner of a second-order Butterworth low-pass [Hz]; nothing is filtered without.
+        causal: whether it filters forwards alone, as an instrument would; else to and fro, without a lag.
+        filter_input: whether inputs are filtered as outputs are.
     """
 
     zero_mean: tuple[str, ...] = Preparation.zero_mean

@@ -17,7 +17,13 @@ DRY: tuple[Lumped, ...] = ("dry_positive", "dry_negative")
 
 
 class AngleBlock(Block):
-    """The signal of the angle, the output that it is of, and the parameter that free runs take its start value by."""
+    """The signal of the angle, the output that it is of, and the parameter that free runs take its start value by.
+
+    Attributes:
+        signal: of the traces.
+        output: component.output that it is of.
+        start: component.parameter that sets where free runs begin.
+    """
 
     signal: str
     output: str
@@ -25,21 +31,37 @@ class AngleBlock(Block):
 
 
 class SpeedBlock(Block):
-    """The signal of the speed, where there is one, and the parameter that free runs take its start value by."""
+    """The signal of the speed, where there is one, and the parameter that free runs take its start value by.
+
+    Attributes:
+        signal: of the traces; without, the angle's derivative is taken.
+        start: component.parameter that sets the speed that free runs begin with.
+    """
 
     signal: str | None = None
     start: str
 
 
 class VoltageBlock(Block):
-    """The signal of the command, and the input that it drives in free runs."""
+    """The signal of the command, and the input that it drives in free runs.
+
+    Attributes:
+        signal: of the traces.
+        input: component.input that it drives.
+    """
 
     signal: str
     input: str
 
 
 class FreeRunsBlock(Block):
-    """Free runs in the tube around the motion; see `TubeSpec`."""
+    """Free runs in the tube around the motion; see `TubeSpec`.
+
+    Attributes:
+        periods: how many periods of the motion each lasts.
+        skip: what is left out of every trace first, the approach [s].
+        at_least: how many times smaller the recalibrated model's error has to be than the generic one's.
+    """
 
     periods: float = Field(TubeSpec.periods, gt=0)
     skip: Seconds = TubeSpec.skip
@@ -57,6 +79,11 @@ class MotionBlock(RecordedStudyBlock, SystemBlock):
     """A study that recalibrates a generic pendulum near a motion, such as energy control brings about.
 
     Attributes:
+        angle: what of the traces is the angle.
+        speed: what of them is the speed.
+        voltage: what of them is the command.
+        free_runs: how the generic and the recalibrated model are compared; not at all without.
+        truth: component.parameter -> the value behind synthetic traces, shown beside the estimate.
         step: communication step of the free runs [s].
         equilibrium: component.parameter with the angle of the downward equilibrium.
         write: p1 to p4, and dry friction by direction where a component takes it -> one or several component.parameter

@@ -70,7 +70,9 @@ class StretchBlock(Block):
     """A stretch that is left out, of every trace or of one; with a `signal`, where it is beyond a limit.
 
     Attributes:
+        trace: the one that it is of; all without.
         from_, to: in the time of the recording, both included; open ones reach to its ends [s].
+        signal: of the traces, that has a limit.
         above, below: of the signal [its unit].
     """
 
@@ -134,6 +136,10 @@ class TracesBlock(Block):
     """Where traces come from: files (a pattern under the data folder), or the cases of a scenario that is run.
 
     Attributes:
+        files: pattern of names, `*.csv`, under the data folder.
+        scenario: a scenario whose cases are run for it.
+        layout: how the files are laid out, where they do not tell.
+        file_name: what names of files tell.
         values: component.variable -> field of the file's name, given to every window of that trace.
         hold_out: names of traces that are kept out of the fit and judged afterwards, or parts of traces whose rest is
             fitted: `{trace: rig, from: 10, to: 20}` [s].
@@ -196,7 +202,13 @@ def _layout(layout: Layout, signals: UsedSignals, conditions: frozenset[str]) ->
 
 
 class StudyBlock(Block):
-    """What the study files of all methods have."""
+    """What the study files of all methods have.
+
+    Attributes:
+        title: what it is, in a line.
+        description: more of it.
+        method: how it is done; the other keys follow from it.
+    """
 
     title: str
     description: str = ""
@@ -212,7 +224,11 @@ class StudyBlock(Block):
 
 
 class RecordedStudyBlock(StudyBlock):
-    """What the study files of methods that work on recordings have."""
+    """What the study files of methods that work on recordings have.
+
+    Attributes:
+        traces: where they come from.
+    """
 
     traces: TracesBlock
 

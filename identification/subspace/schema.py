@@ -34,7 +34,13 @@ class PreparationBlock(ConditioningBlock):
 
 
 class OrderBlock(Block):
-    """How many states: by a threshold on the singular values, by their largest gap, or the best of a range."""
+    """How many states: by a threshold on the singular values, by their largest gap, or the best of a range.
+
+    Attributes:
+        threshold: as many states as singular values exceed this share of the largest.
+        gap: [least, most]; the order between them after which the singular values fall by the largest factor.
+        best: [least, most]; the smallest order between them whose free-run error is within 1 % of the least.
+    """
 
     threshold: float | None = Field(None, gt=0, lt=1)
     gap: tuple[int, int] | None = None
@@ -65,6 +71,8 @@ class ReductionBlock(Block):
 
     Attributes:
         order: states that are kept.
+        by: how modes are ranked: by `mrm`, by `msv`, or `mrmc`, by MRM but with those of known frequencies kept.
+        update: which matrix is computed anew from the records: `input` (B), `output` (C) or `none`.
         flexible: known frequencies [Hz] for `by: mrmc`.
     """
 
@@ -87,6 +95,11 @@ class SubspaceBlock(RecordedStudyBlock):
         inputs, outputs: signals of the traces.
         sample: even distance of samples that the traces are brought to [s], inputs held and outputs interpolated; None
             takes them as they are.
+        preparation: what is done to recordings first.
+        past: block rows of the past, or of the autoregression in closed loop; `block` without.
+        closed_loop: whether records are from a closed loop: they are then whitened with a long autoregression first.
+        initial_states: whether each record's state at its start is estimated; else all start at 0.
+        reduce: how the model is reduced and updated; not at all without.
         block: block rows of the data matrices (q of the flexible-manipulator thesis); some sizes are compared without.
         weightings: methods that are compared; the model with the best free run is refined and reduced.
         order: how many states; the best of up to 10 without.

@@ -46,6 +46,8 @@ class MatricesBlock(Block):
     """A linear model, x[k+1] = A x[k] + B u[k], y[k] = C x[k] + D u[k].
 
     Attributes:
+        A, B, C, D: the matrices row by row; without D inputs do not act on outputs at once.
+        sample_time: from one k to the next [s].
         inputs, outputs: name -> unit, in the order of the columns of B and the rows of C.
     """
 
@@ -81,7 +83,13 @@ class MatricesBlock(Block):
 
 
 class OutputBlock(Block):
-    """An output of a plant; see `system_plant.PlantOutput`."""
+    """An output of a plant; see `system_plant.PlantOutput`.
+
+    Attributes:
+        of: component.variable that it shows.
+        factor: by which that is multiplied.
+        unit: of the output; the variable's without, which a factor leaves unknown.
+    """
 
     of: str
     factor: float = PlantOutput.factor
@@ -96,6 +104,8 @@ class PlantBlock(Block):
     """A plant: a linear model, as an FMU, in matrices or the result folder of its study; or a system.
 
     Attributes:
+        fmu: a file with a linear model, such as `subspace` and `linearise` write.
+        matrices: a linear model in discrete time.
         components, connections: a system that is linearised where it rests: models by their equations, FMUs of any
             supplier by Model Exchange.
         parameters: of an `fmu` its values; of a system files with parameter sets (SSV), over its own values.
@@ -164,6 +174,10 @@ class MeasureBlock(Block):
     """A measure, and of what it is; see `goals.goal.Goal`.
 
     Attributes:
+        measure: its name, one of the table in the guide to tuning.
+        relative: what a figure is divided by: `reference`, the height of the move; `peak`, the largest error of the
+            response.
+        weight: factor of its part in the objective.
         of: a signal, `plant.position`.
         opened: the connection at which the loop is opened.
         disturbed: the plant's input to which a step is added.
@@ -222,7 +236,11 @@ class GoalBlock(MeasureBlock):
 
 
 class TermBlock(MeasureBlock):
-    """A part of the objective: a measure, summed over the plants or taken at the worst of them."""
+    """A part of the objective: a measure, summed over the plants or taken at the worst of them.
+
+    Attributes:
+        over: how the figures of all plants become one, `sum` or `worst`.
+    """
 
     over: Over = "sum"
 
@@ -233,7 +251,15 @@ class TermBlock(MeasureBlock):
 
 
 class StepBlock(Block):
-    """The steps that responses answer to; see `study.StepSpec`."""
+    """The steps that responses answer to; see `study.StepSpec`.
+
+    Attributes:
+        height: of the reference [its unit].
+        duration: how long responses are followed [s].
+        disturbance: height of what is added to a plant's input [its unit].
+        band: share of the height within which a response has settled.
+        limit: of the command [its unit], which linear loops do not have; what counts as saturation.
+    """
 
     height: float = StepSpec.height
     duration: Seconds = Field(StepSpec.duration, gt=0, validate_default=True)
@@ -247,7 +273,13 @@ class StepBlock(Block):
 
 
 class DrawsBlock(Block):
-    """Draws of plants whose parameters have a spread; see `study.DrawSpec`."""
+    """Draws of plants whose parameters have a spread; see `study.DrawSpec`.
+
+    Attributes:
+        count: how many of each such plant the search sees; as many more show what its values do with others.
+        seed: of the draws.
+        share: of all draws that has to hold all hard goals.
+    """
 
     count: int = Field(DrawSpec.count, ge=1, le=100_000)
     seed: int = DrawSpec.seed
@@ -262,6 +294,7 @@ class RigBlock(Block):
     """A scenario on which the design is judged; see `rig.Rig`.
 
     Attributes:
+        scenario: its file, relative to this one.
         component: of the scenario, in whose place the controller's FMU is put.
         gains_only: whether the component stays, and only takes what was found: PDP's gains into PDPC.
         set: component.variable -> value over those of the file.
@@ -297,6 +330,11 @@ class TuneBlock(StudyBlock):
     """A study that finds the values of a controller for several plants at once.
 
     Attributes:
+        controller: what is tuned, as a component of a scenario; its values are where searches start.
+        plants: name -> a plant; all are tuned for at once.
+        step: the moves that responses are judged by.
+        goals: bounds that the design has to hold, or, `soft`, should.
+        minimise: what is to be small besides, summed up by weight.
         connections: between `plant` and `controller`, as in a scenario.
         reference: the controller's input that tells where to go.
         tracked: the plant's output that is to follow it; the loop is opened there for margins.

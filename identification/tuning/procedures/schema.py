@@ -18,7 +18,13 @@ Weight = float | list[float] | list[list[float]] | dict[str, float]
 
 
 class UnknownBlock(Block):
-    """A parameter of the controller that is sought between bounds, in its unit or with their own: `5 V`."""
+    """A parameter of the controller that is sought between bounds, in its unit or with their own: `5 V`.
+
+    Attributes:
+        start: where the search begins; the controller's own value without.
+        min, max: the bounds.
+        scale: in which steps are taken between the bounds, `linear` or `log`.
+    """
 
     start: float | Quantity | None = None
     min: float | Quantity
@@ -34,6 +40,10 @@ class SearchBlock(Block):
     """A search within bounds; see `search.Search`.
 
     Attributes:
+        by: names the procedure.
+        unknowns: the controller's parameter -> its bounds.
+        seed: of the starts that are drawn.
+        evaluations: the most that a simplex may take.
         starts: points to start from, each parameter -> value, over the unknowns' own; in their units.
         more: how many further starts are drawn between the bounds.
     """
@@ -76,7 +86,12 @@ class WeightsBlock(Block):
 
 
 class ObserverBlock(WeightsBlock):
-    """Weights of the observer, and how much faster than the feedback it is at least; see `StateFeedback.faster`."""
+    """Weights of the observer, and how much faster than the feedback it is at least; see `StateFeedback.faster`.
+
+    Attributes:
+        faster: times the slowest pole of the feedback, at which all of the observer's fade at least; the weights alone
+            decide without.
+    """
 
     faster: float | None = Field(StateFeedback.faster, gt=0)
 
@@ -85,6 +100,7 @@ class StateFeedbackBlock(Block):
     """State feedback from an observer, for `ilqr` and `lqg`; see `state_feedback.StateFeedback`.
 
     Attributes:
+        by: names the procedure.
         plant: the one of the design, the first by default.
         weights: of the linear-quadratic regulator, for K.
         observer: of its dual, for L.
@@ -105,7 +121,11 @@ class StateFeedbackBlock(Block):
 
 
 class GivenBlock(Block):
-    """The controller as it is given: its goals are judged, nothing is sought."""
+    """The controller as it is given: its goals are judged, nothing is sought.
+
+    Attributes:
+        by: names the procedure.
+    """
 
     by: Literal["given"]
 

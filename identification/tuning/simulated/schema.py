@@ -21,6 +21,7 @@ class LoopBlock(Block):
     """A closed loop, a case of a scenario; see `study.LoopSpec`.
 
     Attributes:
+        scenario: its file, relative to this one.
         component: of the scenario, in whose place the controller's FMU is put.
         case: its name, the first by default; what it expects is not judged.
         set: component.variable -> value over those of the file.
@@ -40,6 +41,10 @@ class SimulatedBlock(StudyBlock):
     """A study that finds the values of any controller's FMU for several simulated closed loops at once, nonlinear ones.
 
     Attributes:
+        controller: what is tuned, as a component of a scenario; its values are where searches start.
+        goals: bounds that the design has to hold, or, `soft`, should.
+        minimise: what is to be small besides, summed up by weight.
+        design: the unknowns, and how they are sought.
         plants: name -> a scenario in which the controller closes the loop; the reference's last step is the move.
         reference, tracked: signals of all scenarios, in one unit: where to go, and what is to follow it.
         command: what the controller gives, for goals that are of it.
