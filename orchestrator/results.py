@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 import platform
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cache
@@ -22,7 +23,8 @@ MARKS = ("manifest.json", "summary.json")
 FAILURE = "the process that took the steps was gone before the end"
 NOTE = "rescue.json"  # beside a record: the result that it would be
 EARLIER = "earlier"  # in a hidden folder: the result whose place is taken
-RECORD = ".written.json"  # in a result: its files and their sizes, so that what others put there is known
+RECORD = ".written.json"  # in a result: its files and their sizes, so that what others put there is known; what of
+CLAIM = "claim.json"  # in a hidden folder: what the result is made of
 LEAST_FREE = 16 << 20  # bytes
 _JUNK = {".DS_Store", "Thumbs.db", "desktop.ini"}  # that file managers leave
 
@@ -113,8 +115,8 @@ def result_folder(target: Path, inputs: Iterable[Path] = (), begins: bool = True
         fresh.mkdir()
         yield fresh
         files = {str(path.relative_to(fresh)): path.stat().st_size for path in fresh.rglob("*") if path.is_file()}
-        write_json(fresh / RECORD, {"files": dict(sorted(files.items()))})
         place = target.resolve()
+        write_json(fresh / RECORD, {"files": dict(sorted(files.items())), "of": _sources(place)})
         try:
             place.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -139,7 +141,39 @@ def aside(target: Path) -> Iterator[Path]:
         except OSError as error:
             raise _unwritable(target, error) from error
         stack.enter_context(last_words.own().saying(last_words.LITTER, folder))
+        with suppress(OSError):  # a full disk; whoever writes the result says so
+            write_json(folder / CLAIM, {"of": _sources(place)})
         yield folder
+
+
+def default_folder(file: Path, ending: str = "") -> Path:
+    """Where the result of a file goes that is given no other place: `out/` and its name without the suffix.
+
+    Raises:
+        InputError: there is the result of another file of that name, or a command is making it.
+    """
+    target = Path("out") / f"{file.stem}{ending}"
+    place, own = target.resolve(), file.resolve()
+    claims = [one for near in place.parents[:2] for one in near.glob(f".{place.name}{MARK}*/{CLAIM}")]
+    for record in (place / RECORD, *claims):
+        others = [place.parent / one for one in _claimed(record)]
+        if others and not any(other.resolve() == own for other in others):
+            other = os.path.relpath(others[0].resolve())
+            raise InputError(target, f"is the folder for the results of {other}, too", "give another --out")
+    return target
+
+
+def _sources(place: Path) -> list[str]:
+    """The files that a result at this place is made of, as seen from the folder that it is in."""
+    return [Path(os.path.relpath(file.resolve(), place.parent)).as_posix() for file in permission().inputs]
+
+
+def _claimed(record: Path) -> list[str]:
+    """What the result is made of that lies, or is to lie, beside this file; nothing where that is not known."""
+    try:
+        return [str(one) for one in json.loads(record.read_text(encoding="utf-8"))["of"]]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return []
 
 
 def put_back(hidden: Path) -> None:

@@ -38,8 +38,9 @@ def calibrate(
     """
     from identification.calibrate import calibrate_study
     from identification.estimation.stopped import EstimationFailed, EstimationInterrupted
+    from orchestrator.results import default_folder
 
-    folder = out or Path("out") / study.stem
+    folder = out or default_folder(study)
     try:
         with terminal.bar(study.stem) as move:
             document = calibrate_study(study, data, folder, move, isolate.isolation())
@@ -95,8 +96,9 @@ def tune(
     is expected of them on the nonlinear rig (`judged_on`).
     """
     from identification.calibrate import tune_study
+    from orchestrator.results import default_folder
 
-    folder = out or Path("out") / study.stem
+    folder = out or default_folder(study)
     with terminal.bar(study.stem) as move:
         document = tune_study(study, folder, move)
     tuned = cast("TuningSummary", document)

@@ -64,9 +64,12 @@ def bridge(
     live: LiveOptions,
 ) -> Answer:
     """Couple a scenario to buses in real time; exit code 1 when an expectation fails."""
+    from orchestrator.results import default_folder
+
     live.check()
+    folder = out or default_folder(scenario)
     job = coupling.job(scenario, adapter.buses(interface, channel), endless=False)
-    coupled, folder = _coupled(job, out or Path("out") / scenario.stem, terminal, live)
+    coupled, folder = _coupled(job, folder, terminal, live)
     return _answer(coupled, folder, coupled.ending.stopped)
 
 
@@ -92,6 +95,7 @@ def bench(
 ) -> Answer:
     """Stand in for hardware behind a bus, until Ctrl-C or SIGTERM; silent peers and a lost bus do not end it."""
     from orchestrator.can.slcan.hub import hub_process
+    from orchestrator.results import default_folder
 
     with ExitStack() as stack:
         if not serve:
@@ -108,7 +112,7 @@ def bench(
                 assert bus.bitrate is not None
                 stack.enter_context(hub_process(folder, ports, bus.bitrate, data_rate))
         job = coupling.job(scenario, buses, endless=True)
-        coupled, results = _coupled(job, out or Path("out") / f"{scenario.stem}_bench", terminal, LiveOptions())
+        coupled, results = _coupled(job, out or default_folder(scenario, "_bench"), terminal, LiveOptions())
     return _answer(coupled, results, coupled.interrupted)
 
 

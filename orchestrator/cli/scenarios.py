@@ -190,14 +190,14 @@ def run(
     from orchestrator.crossing import notes
     from orchestrator.engine import Profile
     from orchestrator.fmi.said import LOG_FILE
-    from orchestrator.results import aside, check_target
+    from orchestrator.results import aside, check_target, default_folder
     from orchestrator.scenario import accounts
     from orchestrator.scenario.report import interruption
     from orchestrator.scenario.results import document_of, write_run
     from orchestrator.scenario.run import HEADERS, Keeping, ScenarioFailed, ScenarioInterrupted, run_scenario
     from orchestrator.scenario.schema import load_scenario
 
-    values, isolation, folder = overrides(set_), isolate.isolation(), out or Path("out") / scenario.stem
+    values, isolation, folder = overrides(set_), isolate.isolation(), out or default_folder(scenario)
     live.check()
     check_target(folder)
     failure: ScenarioFailed | None = None

@@ -17,7 +17,9 @@ from orchestrator import results
 from orchestrator.results import (
     RECORD,
     Permission,
+    aside,
     check_target,
+    default_folder,
     permitted,
     prepare,
     rescue,
@@ -278,3 +280,28 @@ def test_where_nothing_was_recorded_there_is_no_result(tmp_path: Path) -> None:
     assert rescue(near) == "" and rescue(tmp_path) == ""
     (near / "rescue.json").write_text("[1")
     assert rescue(near) == "" and not (tmp_path / "out").exists()
+
+
+def test_two_files_of_one_name_do_not_share_the_folder_that_is_theirs_by_default(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    one, other = tmp_path / "a" / "x.yaml", tmp_path / "b" / "x.yaml"
+    for file in (one, other):
+        file.parent.mkdir()
+        file.write_text("title: x")
+    assert default_folder(one) == default_folder(other) == Path("out/x")
+    with permitted(Permission(inputs=(one,))), result_folder(Path("out/x")) as folder:
+        write_json(folder / "manifest.json", {"versions": versions()})
+    assert default_folder(one) == Path("out/x") and default_folder(other, "_bench") == Path("out/x_bench")
+    with pytest.raises(InputError, match=r"out/x: is the folder for the results of a/x\.yaml, too; give another --out"):
+        default_folder(other)
+
+
+def test_a_folder_that_another_command_is_filling_is_taken_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with permitted(Permission(inputs=(Path("a/x.yaml"),))), aside(Path("out/x")):
+        with pytest.raises(InputError, match=r"results of a/x\.yaml, too"):
+            default_folder(Path("b/x.yaml"))
+        assert default_folder(Path("a/x.yaml")) == Path("out/x")
+    assert default_folder(Path("b/x.yaml")) == Path("out/x")
