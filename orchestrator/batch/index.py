@@ -11,27 +11,28 @@ from orchestrator.batch.summary import Summary
 from orchestrator.batch.verdict import Verdict
 from orchestrator.report import Report
 from orchestrator.report.content import Callout, Content, DataTable
-from orchestrator.report.document import is_ours
+from orchestrator.report.document import is_ours, write_shared
 from orchestrator.report.entries import Entries, Entry
 from orchestrator.results import versions
 
 NAME = "index.html"
 
 
-def check_place(out: Path) -> None:
-    """See, before a suite runs, that its page may be written.
+def prepare(out: Path) -> None:
+    """See, before a suite runs, that its page may be written, and put there what it shares with the reports behind it.
 
     Raises:
-        InputError: there is a page of somebody else.
+        InputError: there is a page of somebody else, or the place cannot be written.
     """
     page = out / NAME
     if page.exists() and not is_ours(page):
         raise InputError(page, "is there, and no command of ours wrote it", "move it away, or give another --out")
+    write_shared(out)
 
 
 def write_index(summary: Summary, out: Path) -> Path:
     """Write the page of a suite whose results are in this folder; its path."""
-    return index_of(summary, out).write(out / NAME)
+    return index_of(summary, out).write(out / NAME, shared=".")
 
 
 def index_of(summary: Summary, out: Path) -> Report:

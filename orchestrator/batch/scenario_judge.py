@@ -15,6 +15,8 @@ from orchestrator.scenario.run import CaseResult, CaseState, Keeping, ScenarioRe
 from orchestrator.scenario.scenario import Case, Scenario
 from orchestrator.scenario.schema import load_scenario
 
+SHARED = "../.."  # the suite's folder, as seen from one of its results
+
 
 @dataclass(frozen=True)
 class LostCase:
@@ -69,7 +71,7 @@ class ScenarioJudge:
                 replace(scenario, cases=left), keeping=keeping, isolation=self.isolation, going_on=True
             )
             result = self._completed(result, scenario)
-            write_run(result, {}, out)
+            write_run(result, {}, out, SHARED)
             return document_of(result, {}, out)
 
     def _completed(self, result: ScenarioResult, scenario: Scenario) -> ScenarioResult:

@@ -106,9 +106,9 @@ def test(
     limits, folder = limited.limits(), out or Path("out/test")
     if mutate:
         return _mutated(terminal, paths or [Path("scenarios")], jobs, folder, isolate)
-    index.check_place(folder)
     found = find_scenarios(paths or [Path("scenarios")], JUDGES, ScenarioJudge(isolate.isolation()))
     tasks = chosen.of(found, folder, terminal)
+    index.prepare(folder)
     passed: dict[Path, bool] = {}
     begun = perf_counter()
     with terminal.bar("scenarios") as move:

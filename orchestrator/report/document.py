@@ -1,10 +1,12 @@
-"""A report as a document: sections, rendered into one HTML file that needs nothing else to be read.
+"""A report as a document: sections, rendered into one HTML file that needs nothing else to be read; or, where many lie
+in one folder, into one that takes script and style from there.
 
 A report is filled section by section while the work goes on and written once at its end.
 """
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Collection, Mapping, Sequence
 from functools import cache
 from html import escape
@@ -36,11 +38,10 @@ PAGE = Template("""<!doctype html>
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <meta name="color-scheme" content="light dark">
 <meta name="generator" content="servotwin">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; script-src 'unsafe-inline';
- style-src 'unsafe-inline'; img-src data: blob:; form-action 'none'; base-uri 'none'">
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; script-src 'unsafe-inline'$from;
+ style-src 'unsafe-inline'$from; img-src data: blob:; form-action 'none'; base-uri 'none'">
 <title>$title</title>
-<style>
-$style</style>
+$style
 </head>
 <body>
 <nav aria-label="Contents"><ol>$contents</ol></nav>
@@ -53,6 +54,12 @@ $script
 </body>
 </html>
 """)
+SCRIPT, STYLE = "chart.js", "style.css"
+SHARED = " 'self' file:"  # what a page may take from its own folders
+ALONE = (
+    "This page was taken out of its folder, which has its script: there, or by running its scenario alone, "
+    "its charts are drawn."
+)
 HINT = (
     "In charts: drag to zoom, Shift and drag to move, Ctrl and wheel to zoom about a place, double click for all. "
     "Keys: ← → to move, + − to zoom, 0 for all, Shift ← → to read values."
@@ -125,8 +132,12 @@ class Report:
         self.sections.append(Section(heading))
         return self.sections[-1]
 
-    def render(self) -> str:
+    def render(self, shared: str | None = None) -> str:
         """The whole document as HTML; the script of the charts is in it once, and only if there is one.
+
+        Args:
+            shared: the folder in which `write_shared` has put script and style, as seen from the page; None has them in
+                the page.
 
         What charts are first drawn from comes before the script, and their samples after it: a page with many of them
         is seen before it is there as a whole.
@@ -135,11 +146,12 @@ class Report:
         sections = "\n".join(_section(section, number, columns) for number, section in enumerate(self.sections, 1))
         drawn = bool(columns.columns)
         return PAGE.substitute(
+            {"from": SHARED if shared else ""},
             title=escape(self.title),
             subtitle=f"<p class='subtitle'>{escape(self.subtitle)}</p>" if self.subtitle else "",
             hint=f"<p class='hint'>{HINT}</p>" if drawn else "",
-            style=_shipped("style.css"),
-            script=_script(columns) if drawn else "",
+            style=_style(shared),
+            script=_script(columns, shared) if drawn else "",
             contents="".join(
                 f'<li><a href="#section-{number}">{escape(section.heading)}</a></li>'
                 for number, section in enumerate(self.sections, 1)
@@ -147,13 +159,23 @@ class Report:
             sections=sections,
         )
 
-    def write(self, path: str | Path) -> Path:
-        """The path, once the whole document is there.
+    def write(self, path: str | Path, shared: str | None = None) -> Path:
+        """The path, once the whole document is there; `shared` as in `render`.
 
         Raises:
             InputError: the place cannot be written.
         """
-        return atomic_write(path, self.render().encode())
+        return atomic_write(path, self.render(shared).encode())
+
+
+def write_shared(folder: Path) -> None:
+    """Put script and style into a folder, for the pages below it that share them.
+
+    Raises:
+        InputError: the place cannot be written.
+    """
+    for name in (SCRIPT, STYLE):
+        atomic_write(folder / _shared_name(name), _shipped(name).encode())
 
 
 def is_ours(page: Path) -> bool:
@@ -167,9 +189,25 @@ def _section(section: Section, number: int, columns: Columns) -> str:
     return f'<section id="section-{number}"><h2>{escape(section.heading)}</h2>\n{content}</section>'
 
 
-def _script(columns: Columns) -> str:
+def _style(shared: str | None) -> str:
+    if shared is None:
+        return f"<style>\n{_shipped(STYLE)}</style>"
+    return f'<link rel="stylesheet" href="{escape(shared)}/{_shared_name(STYLE)}">'
+
+
+def _script(columns: Columns, shared: str | None) -> str:
     heads = f'<script type="application/json" id="columns">{columns.heads()}</script>'
-    return f"{heads}\n<script>\n{_shipped('chart.js')}</script>\n{columns.markup()}"
+    if shared is None:
+        return f"{heads}\n<script>\n{_shipped(SCRIPT)}</script>\n{columns.markup()}"
+    missed = escape(f"document.querySelector('header').append({ALONE!r})")
+    script = f'<script src="{escape(shared)}/{_shared_name(SCRIPT)}" onerror="{missed}"></script>'
+    return f"{heads}\n{script}\n{columns.markup()}"
+
+
+def _shared_name(name: str) -> str:
+    """As a file for many pages: another version has another name, for it may not know their numbers."""
+    kind, content = Path(name), _shipped(name).encode()
+    return f"{kind.stem}-{hashlib.sha256(content).hexdigest()[:8]}{kind.suffix}"
 
 
 @cache

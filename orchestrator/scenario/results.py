@@ -78,9 +78,13 @@ class RunDocument(FileDocument):
     versions: dict[str, str]
 
 
-def write_run(result: ScenarioResult, overrides: Mapping[str, Value], target: Path) -> None:
+def write_run(result: ScenarioResult, overrides: Mapping[str, Value], target: Path, shared: str | None = None) -> None:
     """Write the folder of a run: `<case>.parquet` (or, of a recorder, `<case>.csv`), manifest.json, report.html;
-    and profile.json where there is one."""
+    and profile.json where there is one.
+
+    Args:
+        shared: the folder that the report takes its script from, as seen from its own; None has it in the report.
+    """
     with result_folder(target, [result.scenario.path, *result.assembled.files.values()]) as folder:
         for case in result.cases:
             if case.result is not None and case.file is not None:
@@ -91,7 +95,7 @@ def write_run(result: ScenarioResult, overrides: Mapping[str, Value], target: Pa
             shutil.copyfile(log, folder / LOG_FILE)
         write_json(folder / "manifest.json", document_of(result, overrides, target))
         with result.keeping.span("write the report"):
-            report(result).write(folder / "report.html")
+            report(result).write(folder / "report.html", shared)
         if result.keeping.profile is not None:
             write_json(folder / PROFILE, result.keeping.profile.document())
 

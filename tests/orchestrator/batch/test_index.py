@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
+from importlib import resources
 from pathlib import Path
 
 import pytest
 
 from fmus.errors import InputError
-from orchestrator.batch.index import check_place, index_of, write_index
+from orchestrator.batch.index import index_of, prepare, write_index
 from orchestrator.batch.summary import Summary
 from orchestrator.batch.verdict import Verdict
 from orchestrator.results import FileDocument
@@ -48,9 +49,16 @@ def test_what_failed_comes_first_and_tells_why(tmp_path: Path) -> None:
 
 def test_each_report_that_is_there_is_behind_its_verdict(tmp_path: Path) -> None:
     page = write_index(suite(tmp_path), tmp_path)
-    links = [link for link in re.findall(r'href="(.*?)"', page.read_text()) if not link.startswith("#")]
+    links = [link for link in re.findall(r'<a href="(.*?)"', page.read_text()) if not link.startswith("#")]
     assert links == ["good/swing/report.html"]
     assert (page.parent / links[0]).is_file()
+
+
+def test_the_style_of_the_page_is_the_one_that_reports_share(tmp_path: Path) -> None:
+    summary = suite(tmp_path)
+    prepare(tmp_path)
+    (style,) = re.findall(r'<link rel="stylesheet" href="(.*?)"', write_index(summary, tmp_path).read_text())
+    assert (tmp_path / style).read_text() == (resources.files("orchestrator.report") / "style.css").read_text()
 
 
 def test_names_from_outside_are_neither_markup_nor_addresses(tmp_path: Path) -> None:
@@ -65,9 +73,9 @@ def test_names_from_outside_are_neither_markup_nor_addresses(tmp_path: Path) -> 
 
 def test_the_page_of_somebody_else_is_not_replaced(tmp_path: Path) -> None:
     summary = suite(tmp_path)
-    check_place(tmp_path)
+    prepare(tmp_path)
     write_index(summary, tmp_path)
-    check_place(tmp_path)
+    prepare(tmp_path)
     (tmp_path / "index.html").write_text("<h1>Mine</h1>")
     with pytest.raises(InputError, match="no command of ours wrote it"):
-        check_place(tmp_path)
+        prepare(tmp_path)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from orchestrator.report import Chart, Curve, Panel, Report, figures
+from orchestrator.report.document import write_shared
 from orchestrator.report.entries import Entries, Entry
 from orchestrator.trace import Trace
 from tests.support.tools.browser import Seen, browsing, opened
@@ -195,3 +196,22 @@ def test_what_is_folded_opens_and_its_chart_is_drawn(browser: Browser, tmp_path:
         seen.page.get_by_text("the rest").click()
         [[[_, lowest, highest]]] = seen.view()["panels"]
         assert [lowest, highest] == pytest.approx([0, 8])
+
+
+def test_a_report_that_shares_its_script_opens_from_a_file_and_out_of_its_folder_says_what_it_misses(
+    browser: Browser, tmp_path: Path
+) -> None:
+    page = Report("A chart")
+    page.section("Curves").figure(figures.overlay(spiky()))
+    write_shared(tmp_path)
+    file = page.write(tmp_path / "group" / "one" / "report.html", shared="../..")
+    with opened(browser, file) as seen:
+        [[[_, lowest, highest]]] = seen.view()["panels"]
+        assert [lowest, highest] == pytest.approx([-3.5, 7.25], abs=1e-6)
+        assert seen.complaints == []
+        assert sorted(Path(request).parent for request in seen.requests) == [Path(tmp_path.as_uri())] * 2
+    moved = tmp_path / "elsewhere" / "a" / "b" / "report.html"
+    moved.parent.mkdir(parents=True)
+    moved.write_bytes(file.read_bytes())
+    with opened(browser, moved) as seen:
+        assert "taken out of its folder" in seen.page.locator("header").inner_text()

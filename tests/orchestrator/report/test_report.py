@@ -17,7 +17,8 @@ from identification.estimation.validation import whiteness
 from orchestrator.display.table import text
 from orchestrator.display.thinning import thin
 from orchestrator.formats import read, write
-from orchestrator.report import Chart, Report, figures
+from orchestrator.report import Chart, Report, document, figures
+from orchestrator.report.document import write_shared
 from orchestrator.report.drawings import Grid
 from orchestrator.report.plot import plot_traces
 from orchestrator.trace import Trace
@@ -290,3 +291,31 @@ def test_a_plot_of_recordings_says_what_is_odd_about_them(tmp_path: Path) -> Non
         assert part in words
     assert recordings[0].sha256 in words
     assert "angle never" not in words
+
+
+def test_reports_of_one_folder_share_script_and_style(tmp_path: Path) -> None:
+    write_shared(tmp_path)
+    page = full_report("word").write(tmp_path / "group" / "one" / "report.html", shared="../..").read_text()
+    shared = re.findall(r'(?:src|<link rel="stylesheet" href)="(.*?)"', page)
+    assert [(page_of(tmp_path, link)).read_text() for link in shared] == [shipped("style.css"), shipped("chart.js")]
+    alone = full_report("word").render()
+    assert len(alone) - len(page) > 0.95 * (len(shipped("style.css")) + len(shipped("chart.js")))
+    assert shipped("chart.js") not in page and not re.search(r"https?://", page)
+    assert "script-src 'unsafe-inline' 'self' file:" in page and "file:" not in alone
+
+
+def page_of(folder: Path, link: str) -> Path:
+    return folder / "group" / "one" / link
+
+
+def shipped(name: str) -> str:
+    return (resources.files("orchestrator.report") / name).read_text(encoding="utf-8")
+
+
+def test_scripts_that_differ_have_different_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A page of an earlier version in the same folder keeps the script that knows its numbers."""
+    write_shared(tmp_path)
+    before = {file.name for file in tmp_path.iterdir()}
+    monkeypatch.setattr(document, "_shipped", lambda name: f"another {name}")
+    write_shared(tmp_path)
+    assert len(before) == 2 and len(list(tmp_path.iterdir())) == 4
