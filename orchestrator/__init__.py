@@ -2,8 +2,8 @@
 
     from orchestrator import Trace, load_scenario, open_system, read, run, write
 
-`read` and `write` move recordings in and out of files, `run`, `accept` and `compare` do what the commands of these
-names do, and `open_system` wires FMUs and models without a file. What is named here is loaded when it is used.
+`read` and `write` move recordings in and out of files, `run`, `sweep`, `accept` and `compare` do what the commands of
+these names do, and `open_system` wires FMUs and models without a file. What is named here is loaded when it is used.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from orchestrator.assembly.assembly import ComponentSpec, OpenSystem, open_system
     from orchestrator.assembly.stimulus import Stimulus
+    from orchestrator.batch.sweep.sweep import sweep
+    from orchestrator.batch.sweep.told.result import SweepResult
     from orchestrator.comparison.comparison import Tolerance
     from orchestrator.comparison.vocabulary import accept, compare
     from orchestrator.formats import Layout, read, write
@@ -29,6 +31,7 @@ _PLACES = {
     "OpenSystem": "assembly.assembly",
     "Scenario": "scenario.scenario",
     "ScenarioResult": "scenario.run",
+    "SweepResult": "batch.sweep.told.result",
     "Stimulus": "assembly.stimulus",
     "Tolerance": "comparison.comparison",
     "Trace": "trace",
@@ -38,6 +41,7 @@ _PLACES = {
     "open_system": "assembly.assembly",
     "read": "formats",
     "run": "scenario.run",
+    "sweep": "batch.sweep.sweep",
     "write": "formats",
 }
 __all__ = [
@@ -47,6 +51,7 @@ __all__ = [
     "Scenario",
     "ScenarioResult",
     "Stimulus",
+    "SweepResult",
     "Tolerance",
     "Trace",
     "accept",
@@ -55,6 +60,7 @@ __all__ = [
     "open_system",
     "read",
     "run",
+    "sweep",
     "write",
 ]
 

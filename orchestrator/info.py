@@ -261,11 +261,19 @@ def about_log(path: Path, progress: Progress = silent) -> InfoDocument:
 def about_result(folder: Path) -> InfoDocument:
     """Title, figures and files of a result folder."""
     mark = next((folder / mark for mark in MARKS if (folder / mark).is_file()), None)
+    if mark is None and (folder / "manifest.jsonl").is_file():
+        from orchestrator.batch.sweep.told.unfinished import about_unfinished  # noqa: PLC0415 (it brings pyarrow along)
+
+        return about_unfinished(folder)
     if mark is None:
         raise InputError(folder, "holds no result", f"give a folder with {' or '.join(MARKS)}")
     document = _document(mark, mark.read_bytes())
     facts: dict[str, object] = {"name": document.get("title", "")}
-    facts |= {key: document[key] for key in ("method", "passed", "interrupted", "held") if key in document}
+    facts |= {
+        key: document[key]
+        for key in ("method", "passed", "interrupted", "held", "runs", "points", "failed")
+        if key in document
+    }
     parameters = document.get("parameters", {})
     if not isinstance(parameters, dict) or not all(isinstance(entry, dict) for entry in parameters.values()):
         raise InputError(mark, "its `parameters` are no parameters", "run the command again")

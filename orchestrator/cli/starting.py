@@ -17,6 +17,9 @@ app = typer.Typer()
 _OURS = "orchestrator.cli.starters"
 STARTERS |= {
     "scenario": Starter(_OURS, {"scenario.yaml": "scenario.yaml"}, ("servotwin run scenario.yaml",)),
+    "sweep": Starter(
+        _OURS, {"scenario.yaml": "scenario.yaml", "sweep.yaml": "sweep.yaml"}, ("servotwin sweep sweep.yaml",)
+    ),
     "model": Starter(_OURS, {"model.txt": "my_model.py"}, ("servotwin build my_model.py",)),
     "ci": Starter(_OURS, {"ci.yaml": ".github/workflows/scenarios.yaml"}, ("servotwin test scenarios",)),
     "gitlab-ci": Starter(_OURS, {"gitlab.yaml": ".gitlab-ci.yml"}, ("servotwin test scenarios",)),
@@ -26,7 +29,7 @@ STARTERS |= {
 @command(app)
 def init(
     terminal: Terminal,
-    kind: Annotated[str, typer.Argument(help="scenario, study, model, ci (GitHub) or gitlab-ci.")],
+    kind: Annotated[str, typer.Argument(help="scenario, study, sweep, model, ci (GitHub) or gitlab-ci.")],
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the files.")] = Path(),
 ) -> Answer:
     """Write commented starting files that run; a file that is there is never replaced."""

@@ -17,7 +17,7 @@ def servotwin(arguments: str) -> Result:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["scenario", "study", "model"])
+@pytest.mark.parametrize("kind", ["scenario", "study", "sweep", "model"])
 def test_starting_files_do_what_their_last_lines_say(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -48,6 +48,8 @@ def test_a_file_that_is_there_is_kept_and_nothing_else_written(tmp_path: Path) -
         ("scenario", "calibrate scenario.yaml", "is a scenario; give it to `servotwin run`"),
         ("study", "study.yaml", "servotwin calibrate study.yaml"),
         ("scenario", "scenario.yaml", "servotwin run scenario.yaml"),
+        ("sweep", "run sweep.yaml", "is a sweep; give it to `servotwin sweep`"),
+        ("sweep", "sweep.yaml", "servotwin sweep sweep.yaml"),
         ("model", "my_model.py", "servotwin build my_model.py"),
     ],
 )

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from orchestrator.cli.suite import Limited
 from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 
-if TYPE_CHECKING:
-    from orchestrator.batch.sweep.told.result import AskedDocument
-
 app = typer.Typer()
-HEADERS = ("of each run", "held", "95 % sure", "5 % to 95 % of the runs", "worst run")
 
 
 @command(app)
@@ -43,27 +39,21 @@ def sweep(
     from orchestrator.batch.sweep.runs.cluster import Cluster
     from orchestrator.batch.sweep.runs.local import Local
     from orchestrator.batch.sweep.sweep import sweep as run
+    from orchestrator.batch.sweep.told.result import HEADERS
 
     if one is not None:
         return _again(terminal, study, one, out or Path("out") / f"{study.stem}-{one}")
     folder = out or Path("out") / study.stem
-    with terminal.bar(study.stem) as move:
-        runner = Local(jobs, limited.limits()) if scheduler is None else Cluster(scheduler)
-        result = run(study, folder, runner, move, retry)
+    runner = Local(jobs, limited.limits()) if scheduler is None else Cluster(scheduler)
+    try:
+        with terminal.bar(study.stem) as move:
+            result = run(study, folder, runner, move, retry)
+    except KeyboardInterrupt:
+        return _interrupted(folder)
     document = result.document
-    rows = [_row(one) for one in (document["passing"], *document["asked"])]
-    failed = f"; {document['failed']:,} failed, see `reason`" if document["failed"] else ""
-    sentence = f"{document['runs']:,} runs at {document['points']:,} points{failed}"
-    shown: list[Listing | str] = [Listing(HEADERS, rows, document["title"]), *document["notes"], sentence]
+    listing = Listing(HEADERS, result.rows(), document["title"])
+    shown: list[Listing | str] = [listing, *document["notes"], result.sentence]
     return Answer({**document, "out": str(folder)}, [*shown, f"written to {folder}"], result.passed)
-
-
-def _row(asked: AskedDocument) -> tuple[str, ...]:
-    share = "-" if asked["share"] is None else f"{asked['held']:,} of {asked['of']:,}"
-    interval = "-" if asked["interval"] is None else "{:.3g} to {:.3g} %".format(*(100 * e for e in asked["interval"]))
-    spread = asked["figure"]
-    figures = "-" if spread is None else f"{spread['q05']:.4g} to {spread['q95']:.4g} {asked['unit']}".strip()
-    return asked["text"], share, interval, figures, "-" if asked["worst"] is None else str(asked["worst"])
 
 
 def _again(terminal: Terminal, study: Path, run: int, out: Path) -> Answer:
@@ -82,3 +72,14 @@ def _again(terminal: Terminal, study: Path, run: int, out: Path) -> Answer:
         return Answer(
             document_of(result, {}, out), [Listing(CHECKED, result.rows()), f"written to {out}"], result.passed
         )
+
+
+def _interrupted(folder: Path) -> Answer:
+    """How far it is; without anything there the interrupt goes on."""
+    from orchestrator.batch.sweep.told.unfinished import about_unfinished
+
+    if not (folder / "manifest.jsonl").exists():
+        raise KeyboardInterrupt
+    there = about_unfinished(folder)
+    line = f"interrupted with {there['unfinished']} in {folder}; the same command goes on from there"
+    return Answer({**there, "out": str(folder), "interrupted": True}, interrupted=line)

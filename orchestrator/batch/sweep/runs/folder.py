@@ -17,7 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import pyarrow as pa
@@ -43,6 +43,21 @@ _FORMAT = 1
 def part_rows(samples: int) -> int:
     """Rows of a part, where each has so many samples."""
     return int(np.clip(PART_BYTES // (8 * max(samples, 1)), 1, LARGEST_PART))
+
+
+class Same(Protocol):
+    """Whether rows are those of a study."""
+
+    @property
+    def columns(self) -> Sequence[str]:
+        """That it looks at."""
+
+    def check(self, file: Path, rows: pa.Table) -> None:
+        """See that rows are what the study would give.
+
+        Raises:
+            InputError: they are not.
+        """
 
 
 @dataclass
@@ -142,13 +157,23 @@ class Folder:
         for file in files:
             file.unlink()
 
-    def look(self) -> None:
-        """Find out what is there; parts that have to grow, and whatever a killed command has left, are put right."""
-        for file in self._files(RUNS):
-            part, runs = int(file.stem.removeprefix("part-")), _runs(file)
-            if runs[-1] >= len(self.done):
+    def look(self, same: Same) -> None:
+        """Find out what is there; parts that have to grow, and whatever a killed command has left, are put right.
+
+        Args:
+            same: asked of the rows of each file, for the columns that it names.
+
+        Raises:
+            InputError: there are more runs than are asked for, or rows that the study would not give.
+        """
+        for file in [*self._files(RUNS), *self._files(PENDING)]:
+            rows = parquet.read_table(file, columns=["run", *same.columns])
+            if rows["run"][-1].as_py() >= len(self.done):
                 problem = f"holds more than the {len(self.done):,} runs that are asked for"
                 raise InputError(self.path, problem, "ask for as many points, or give another --out")
+            same.check(file, rows)
+        for file in self._files(RUNS):
+            part, runs = int(file.stem.removeprefix("part-")), _runs(file)
             if len(runs) == len(self.runs(part)):
                 self._found(file, runs)
             else:
@@ -171,8 +196,14 @@ class Folder:
 
 
 @contextmanager
-def opened(path: Path, runs: int, size: int, identity: Mapping[str, Any], inputs: Sequence[Path]) -> Iterator[Folder]:
+def opened(
+    path: Path, runs: int, size: int, identity: Mapping[str, Any], inputs: Sequence[Path], same: Same
+) -> Iterator[Folder]:
     """The folder of a study with so many runs, as it was left or new.
+
+    Args:
+        size: rows of a part, where it is new.
+        same: what is asked of rows that are there.
 
     Raises:
         InputError: it is another study's, holds something else, has more runs than that, cannot be written, or another
@@ -194,10 +225,11 @@ def opened(path: Path, runs: int, size: int, identity: Mapping[str, Any], inputs
     try:
         _lock(descriptor, path)
         begun = _whole_lines(descriptor)
-        folder = Folder(path, size, np.zeros(runs, dtype=bool), 0, descriptor)
+        own = int(header(path)["part"]) if begun else size
+        folder = Folder(path, own, np.zeros(runs, dtype=bool), 0, descriptor)
         if not begun:
             folder.say({"servotwin sweep": _FORMAT, "identity": identity, "part": size, "versions": versions()})
-        folder.look()
+        folder.look(same)
         folder.say({"begun": runs, "there": int(folder.done.sum()), "versions": versions()})
         yield folder
     finally:

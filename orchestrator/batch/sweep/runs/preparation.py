@@ -9,15 +9,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from fmus import library
 from fmus.errors import ScenarioError, ServotwinError
 from fmus.files import sha256
+from fmus.modelling.model import Model
 from orchestrator.assembly.stimulus import Stimulus
 from orchestrator.batch.sweep.points import resolving
 from orchestrator.batch.sweep.points.choosing import chosen
 from orchestrator.batch.sweep.points.designs import Design
 from orchestrator.batch.sweep.points.factors import Space, Target
 from orchestrator.batch.sweep.points.resolving import Place
-from orchestrator.batch.sweep.points.schema import MOST_RUNS, SweepBlock, load_sweep
+from orchestrator.batch.sweep.points.schema import MOST_RUNS, HypercubeBlock, SweepBlock, load_sweep
 from orchestrator.batch.sweep.runs.reach import unseen
 from orchestrator.batch.sweep.runs.setup import Asked, Kept, Setup, Variant
 from orchestrator.batch.sweep.runs.systems import Wired, wired
@@ -195,14 +197,12 @@ def _notes(systems: Sequence[Wired]) -> list[str]:
 
 
 def _identity(block: SweepBlock, file: Path, systems: Sequence[Wired]) -> dict[str, Any]:
-    document = block.model_dump(mode="json", exclude_none=True)
-    for key in ("title", "description", "at_least"):
-        document.pop(key, None)
-    document["design"] = {
-        key: value
-        for key, value in document["design"].items()
-        if key not in ("samples", "trajectories", "points") or "latin" in document["design"]["by"]
-    }
+    """What rows depend on, besides how many points there are; points themselves are compared with the rows."""
+    document = block.model_dump(mode="json", exclude_none=True, exclude={"title", "description", "at_least"})
+    design, asked = document["design"], block.design
+    if isinstance(asked, HypercubeBlock):
+        design["strata"] = asked.strata or asked.samples
+    document["design"] = {key: one for key, one in design.items() if key not in ("samples", "trajectories", "points")}
     return document | {"files": _hashes(block, file, systems)}
 
 
@@ -213,6 +213,13 @@ def _hashes(block: SweepBlock, file: Path, systems: Sequence[Wired]) -> dict[str
     read += [file.parent / one for factor in block.vary.values() for one in factor.files or ()]
     given = {spec.fmu for one in systems for spec in one.scenario.system.components.values()}
     read += [one for one in given if one is not None]
+    read += [library.source_file(one) for one in _models(systems)]
     if block.calibration is not None:
         read.append(file.parent / block.calibration.folder / "summary.json")
     return {path.name: sha256(path) for path in dict.fromkeys(read)}
+
+
+def _models(systems: Sequence[Wired]) -> list[Model]:
+    """Those that components are made from."""
+    specs = [spec for one in systems for spec in one.scenario.system.components.values() if spec.fmu is None]
+    return [one.source if isinstance(one.source, Model) else library.find(str(one.source)) for one in specs]

@@ -62,7 +62,7 @@ def table(setup: Setup, task: Task, rows: Sequence[Row]) -> pa.Table:
     """The rows of a task."""
     points, cases = np.divmod(task.runs, len(setup.cases))
     columns: list[Any] = [task.runs, points, [setup.cases[case] for case in cases]]
-    columns += [_values(factor, task.points[:, place]) for place, factor in enumerate(setup.space.factors)]
+    columns += [values_of(factor, task.points[:, place]) for place, factor in enumerate(setup.space.factors)]
     columns += [[seed_of(setup.seed, int(p), number) for p in points] for number in range(len(setup.noise))]
     columns += [[row.state for row in rows], [row.reason for row in rows], [row.passed for row in rows]]
     for number in range(len(setup.asked)):
@@ -112,10 +112,12 @@ def _type(factor: Factor) -> pa.DataType:
     return {None: pa.float64(), int: pa.int64(), bool: pa.bool_()}[factor.whole]
 
 
-def _values(factor: Factor, numbers: FloatArray) -> Any:
+def values_of(factor: Factor, numbers: FloatArray) -> pa.Array:
+    """The column of a factor at points that have these numbers (N,) of it."""
     if factor.words:
-        return [factor.words[int(number)] for number in numbers]
-    return numbers if factor.whole is None else [factor.whole(number) for number in numbers]
+        return pa.array([factor.words[int(number)] for number in numbers], pa.string())
+    given = numbers if factor.whole is None else [factor.whole(number) for number in numbers]
+    return pa.array(given, _type(factor))
 
 
 def _lists(traces: Sequence[Sequence[FloatArray] | None], place: int) -> pa.Array:

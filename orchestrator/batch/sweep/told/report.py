@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from orchestrator.batch.sweep.runs.preparation import Prepared
-from orchestrator.batch.sweep.runs.rows import FAILED, MARGIN, TIME
+from orchestrator.batch.sweep.runs.rows import MARGIN, TIME
 from orchestrator.batch.sweep.told.again import command
 from orchestrator.batch.sweep.told.numbers import Numbers, numbers_of
 from orchestrator.batch.sweep.told.result import AskedDocument, SweepResult
@@ -100,10 +100,8 @@ def _worst(section: Section, study: Prepared, result: SweepResult, numbers: Numb
 
 
 def _failures(section: Section, study: Prepared, result: SweepResult) -> None:
-    table = result.table(["run", "state", "reason"])
-    states = table["state"].to_numpy(zero_copy_only=False)
-    failed = np.flatnonzero(states == FAILED)
-    reasons = [table["reason"][int(run)].as_py() for run in failed]
+    failed = result.failed
+    reasons = result.table(["reason"])["reason"].take(failed).to_pylist()
     first = {reason: int(run) for reason, run in reversed(list(zip(reasons, failed, strict=True)))}
     rows: list[list[Cell]] = [
         [count, reason, first[reason], command(study.file, first[reason])]

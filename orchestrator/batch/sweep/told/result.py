@@ -10,16 +10,20 @@ from typing import TYPE_CHECKING, Any, NotRequired, TypedDict
 
 import numpy as np
 import pyarrow as pa
-from pyarrow import dataset, parquet
+from pyarrow import compute, dataset, parquet
 
 from fmus.errors import InputError
 from orchestrator.batch.sweep.runs.folder import RUNS, header
+from orchestrator.batch.sweep.runs.rows import FAILED
+from orchestrator.batch.sweep.runs.setup import Numbers
+from orchestrator.display.table import table
 from orchestrator.trace import FloatArray
 
 if TYPE_CHECKING:
     import pandas
 
 SUMMARY = "summary.json"
+HEADERS = ("of each run", "held", "95 % sure", "5 % to 95 % of the runs", "worst run")
 
 
 class AskedDocument(TypedDict):
@@ -83,6 +87,19 @@ class SweepResult:
         return self.document["passed"]
 
     @property
+    def sentence(self) -> str:
+        """How many runs there were."""
+        failed = f"; {self.document['failed']:,} failed, see `reason`" if self.document["failed"] else ""
+        return f"{self.document['runs']:,} runs at {self.document['points']:,} points{failed}"
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """A row under `HEADERS` of all that was asked."""
+        return [_row(one) for one in (self.document["passing"], *self.document["asked"])]
+
+    def _repr_html_(self) -> str:
+        return table(HEADERS, self.rows(), caption=f"{self.document['title']}: {self.sentence}")
+
+    @property
     def dataset(self) -> dataset.Dataset:
         """The rows, which need not be in memory."""
         return dataset.dataset(self.folder / RUNS, format="parquet")
@@ -94,6 +111,13 @@ class SweepResult:
     def frame(self, columns: Sequence[str] | None = None) -> pandas.DataFrame:
         """The same for pandas, which has to be installed."""
         return self.table(columns).to_pandas()
+
+    @property
+    def failed(self) -> Numbers:
+        """Numbers of the runs that failed."""
+        states = self.table(["state"])["state"]
+        found: Numbers = np.flatnonzero(compute.equal(states, FAILED).to_numpy())
+        return found
 
     def sampled(self, columns: Sequence[str], most: int) -> pa.Table:
         """At most so many rows, spread evenly over all; no more than a part of the data set is in memory besides."""
@@ -131,3 +155,11 @@ def load_result(folder: str | Path) -> SweepResult:
 def text_of(document: SweepDocument) -> bytes:
     """A summary as its file has it."""
     return (json.dumps(document, indent=2, allow_nan=False) + "\n").encode()
+
+
+def _row(asked: AskedDocument) -> tuple[str, ...]:
+    share = "–" if asked["share"] is None else f"{asked['held']:,} of {asked['of']:,}"
+    interval = "–" if asked["interval"] is None else "{:.3g} to {:.3g} %".format(*(100 * e for e in asked["interval"]))
+    spread = asked["figure"]
+    figures = "–" if spread is None else f"{spread['q05']:.4g} to {spread['q95']:.4g} {asked['unit']}".strip()
+    return asked["text"], share, interval, figures, "–" if asked["worst"] is None else str(asked["worst"])

@@ -8,7 +8,7 @@ import numpy as np
 
 from fmus.files import atomic_write
 from orchestrator.batch.sweep.runs.preparation import Prepared
-from orchestrator.batch.sweep.runs.rows import FAILED, HELD, MARGIN
+from orchestrator.batch.sweep.runs.rows import HELD, MARGIN
 from orchestrator.batch.sweep.runs.setup import Asked
 from orchestrator.batch.sweep.told.result import SUMMARY, AskedDocument, SweepDocument, SweepResult, text_of
 from orchestrator.measures.share import share_interval
@@ -30,7 +30,7 @@ def write_summary(study: Prepared, folder: Path) -> SweepResult:
 def _document(study: Prepared, found: SweepResult) -> SweepDocument:
     setup, block = study.setup, study.block
     passing = asked_of(PASSED, verdicts(found, "passed"), None, None)
-    failed = int(np.count_nonzero(found.table(["state"])["state"].to_numpy(zero_copy_only=False) == FAILED))
+    failed = len(found.failed)
     document: SweepDocument = {
         "title": block.title,
         "passed": block.at_least is None or (passing["share"] or 0.0) >= block.at_least,

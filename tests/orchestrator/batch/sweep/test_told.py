@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+import orchestrator
 from fmus.errors import InputError
+from identification.cli import app
 from orchestrator.batch.sweep.points.designs import Morris, SobolIndices
 from orchestrator.batch.sweep.points.factors import Factor, Interval, Space
 from orchestrator.batch.sweep.runs.preparation import prepared
@@ -16,6 +20,7 @@ from orchestrator.batch.sweep.told.again import alone
 from orchestrator.batch.sweep.told.report import report
 from orchestrator.batch.sweep.told.result import load_result
 from orchestrator.batch.sweep.told.sensitivity import indices, rank_correlations
+from orchestrator.info import about
 from orchestrator.scenario.run import run_scenario
 from orchestrator.trace import FloatArray
 from tests.support.sweeping import Here, study
@@ -102,3 +107,23 @@ def test_a_result_is_read_from_its_folder(tmp_path: Path) -> None:
     assert found.document == made.document and found.table().equals(made.table())
     with pytest.raises(InputError, match=r"has no manifest\.jsonl"):
         load_result(tmp_path)
+
+
+def test_the_command_says_what_its_python_function_gives(tmp_path: Path) -> None:
+    file = study(tmp_path)
+    told = CliRunner().invoke(app, ["sweep", str(file), "-j", "1", "--out", str(tmp_path / "out"), "--json"])
+    assert told.exit_code == 0, told.output
+    made = orchestrator.sweep(file, tmp_path / "out", Here())
+    assert json.loads(told.stdout) == {**made.document, "out": str(tmp_path / "out")}
+    assert made.rows()[1][0] in made._repr_html_()
+    again = CliRunner().invoke(app, ["sweep", str(file), "--run", "13", "--out", str(tmp_path / "run"), "--json"])
+    (case,) = json.loads(again.stdout)["cases"]
+    assert case["checks"][0]["figure"] == made.column("e1")[13]
+    assert (tmp_path / "run" / "report.html").exists()
+
+
+def test_info_tells_of_a_sweep_and_of_one_that_has_not_come_to_its_end(tmp_path: Path) -> None:
+    sweep(study(tmp_path), tmp_path / "out", Here())
+    assert {"runs": 20, "points": 20, "failed": 0}.items() <= about(tmp_path / "out").items()
+    (tmp_path / "out" / "summary.json").unlink()
+    assert about(tmp_path / "out") == {"name": "sweep of falling.yaml", "unfinished": "20 of 20 runs", "failed": 0}
