@@ -84,7 +84,8 @@ _Text = Annotated[str, StringConstraints(pattern=_TIME)]
 Seconds = Annotated[Fraction, BeforeValidator(exact, json_schema_input_type=float | _Text)]
 """A time as files hold it [s]: a number, or text where a quotient is exact; 0.001, "1/300"."""
 
-Quantity = Annotated[str, StringConstraints(pattern=r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*[^\s0-9.].*$")]
+_QUANTITY = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?(\s*[^\s0-9.]|\s+1\s*/).*$"
+Quantity = Annotated[str, StringConstraints(pattern=_QUANTITY)]
 """A number with its unit, `90 deg`."""
 
 

@@ -28,7 +28,7 @@ from identification.recordings.campaign import TraceSource
 from identification.recordings.schema import RecordedStudyBlock, UsedSignals
 from orchestrator.assembly.assembly import SystemSpec
 from orchestrator.assembly.schema import SystemBlock
-from orchestrator.crossing import Given
+from orchestrator.crossing import Given, quantity
 from orchestrator.fmi.interface import Value
 from orchestrator.yaml_file import Block, Quantity, Seconds, exact
 
@@ -162,7 +162,8 @@ class PriorBlock(Block):
 
 def _nought(text: str) -> str:
     """Nothing in the unit of a quantity, which a difference is counted from: 0 degC for 5 degC."""
-    return "0 " + text.strip().lstrip("+-.0123456789").removeprefix("e").strip()
+    found = quantity(text)
+    return text if found is None else f"0 {found[1]}"
 
 
 def _number(value: float | str | None) -> float:

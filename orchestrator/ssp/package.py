@@ -27,7 +27,7 @@ SYSTEM = "SystemStructure.ssd"
 LARGEST_XML = 256 << 20  # bytes
 _NAME = "servotwin-ssp"
 _lock = threading.Lock()
-_folders: dict[str, Path] = {}  # hash of an archive -> where files of it are, until the process ends
+_homes: dict[int, Path] = {}  # number of a process -> where it has the files of archives, until it ends
 
 
 class Package:
@@ -128,14 +128,7 @@ class Package:
     def _folder(self) -> Path:
         digest = sha256(self.path)
         with _lock:
-            folder = _folders.get(digest)
-            if folder is None or not folder.is_dir():
-                parent = Path(tempfile.gettempdir())
-                owned.sweep(parent, _NAME)
-                folder, descriptor = owned.create(parent, _NAME)
-                _folders[digest] = folder
-                atexit.register(_remove, folder, descriptor, os.getpid())
-        return folder
+            return _home() / digest
 
     def close(self) -> None:
         """Let go of the archive."""
@@ -146,6 +139,19 @@ class Package:
 
     def __exit__(self, kind: type | None, error: BaseException | None, traceback: TracebackType | None) -> None:
         self.close()
+
+
+def _home() -> Path:
+    """The folder of this process; one, however many archives it reads."""
+    process = os.getpid()
+    folder = _homes.get(process)
+    if folder is None or not folder.is_dir():
+        parent = Path(tempfile.gettempdir())
+        owned.sweep(parent, _NAME)
+        folder, descriptor = owned.create(parent, _NAME)
+        _homes[process] = folder
+        atexit.register(_remove, folder, descriptor, process)
+    return folder
 
 
 def _remove(folder: Path, descriptor: int, process: int) -> None:

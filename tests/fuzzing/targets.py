@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import shutil
+import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +19,10 @@ from orchestrator.can import logs
 from orchestrator.can.database.database import load as load_database
 from orchestrator.info import about
 from orchestrator.scenario.schema import load_scenario
+from orchestrator.ssp.checking import check
 from orchestrator.trace import Trace
 from tests.support.can.can_samples import DBC, any_frames
+from tests.support.simulation import ssps
 
 ROOT = Path(__file__).parents[2]
 XML = "modelDescription.xml"
@@ -61,6 +65,60 @@ def _describe(file: Path) -> object:
         return about(whole)
     finally:
         whole.unlink(missing_ok=True)
+
+
+SSP_FILES = {".ssd": "SystemStructure.ssd", ".ssv": "resources/values.ssv", ".ssm": "resources/names.ssm"}
+NAMES = f"""<ssm:ParameterMapping {ssps.XMLNS} version="1.0"><ssm:MappingEntry source="gain" target="k"/>
+<ssm:MappingEntry source="n" target="n"><ssc:IntegerMappingTransformation><ssc:MapEntry source="1" target="2"/>
+</ssc:IntegerMappingTransformation></ssm:MappingEntry></ssm:ParameterMapping>"""
+
+
+def _ssp_files() -> dict[str, str]:
+    """The documents of a sound SSP: two gains in a row in a system within a system, values in three places."""
+    bound = """<ssd:ParameterBindings><ssd:ParameterBinding source="resources/values.ssv">
+    <ssd:ParameterMapping source="resources/names.ssm"/></ssd:ParameterBinding></ssd:ParameterBindings>"""
+    inline = ssps.bindings(ssps.values({"b": ssps.real(2.0, "mm")}))
+    unit = '<ssd:Units><ssc:Unit name="mm"><ssc:BaseUnit m="1" factor="0.001"/></ssc:Unit></ssd:Units>'
+    linear = '<ssc:LinearTransformation factor="2" offset="1"/>'
+    inner = ssps.system(
+        [ssps.component("a", inner=bound), ssps.component("b", inner=inline, units=' unit="mm"')],
+        [ssps.connection("a.y", "b.u", linear), ssps.connection("u", "a.u"), ssps.connection("b.y", "y")],
+        "inner",
+        ssps.connectors(u="input", y="output"),
+    )
+    outer = ssps.system([inner, ssps.component("c")], [ssps.connection("inner.y", "c.u")])
+    described = ssps.described(outer).replace("<ssd:DefaultExperiment", unit + "<ssd:DefaultExperiment")
+    entries = {"gain": ssps.real(3.0), "n": '<ssv:Integer value="1"/>', "on": '<ssv:Boolean value="true"/>'}
+    entries |= {"mode": '<ssv:Enumeration value="fast"/>', "text": '<ssv:String value="x"/>'}
+    return {".ssd": described, ".ssv": ssps.values(entries), ".ssm": NAMES}
+
+
+def _ssp(suffix: str) -> Target:
+    """Documents of an SSP with this suffix, in one whose others are sound."""
+
+    def use(file: Path) -> object:
+        whole = file.with_suffix(".ssp")
+        contents = {SSP_FILES[other]: text.encode() for other, text in _ssp_files().items()}
+        contents |= {SSP_FILES[suffix]: file.read_bytes(), "resources/gain.fmu": _small_gain()}
+        archive.write(whole, contents)
+        try:
+            check(whole)
+            return about(whole)
+        finally:
+            whole.unlink()
+            for kept in Path(tempfile.gettempdir()).glob("servotwin-ssp*/*"):
+                shutil.rmtree(kept)
+
+    return Target(suffix, use, lambda folder: iter([_ssp_files()[suffix].encode()]))
+
+
+@cache
+def _small_gain() -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "gain.fmu"
+        described = archive.read(ssps.gain())[XML]
+        archive.write(file, {XML: described, "binaries/linux64/gain.so": b""})
+        return file.read_bytes()
 
 
 def _databases(folder: Path) -> Iterator[bytes]:
@@ -137,6 +195,7 @@ def _yaml(pattern: str, key: bytes) -> Callable[[Path], Iterator[bytes]]:
 TARGETS: dict[str, Target] = {
     "description": Target(".xml", _describe, _descriptions),
     "archive": Target(".fmu", about, lambda folder: iter([_fmu(folder)])),
+    **{f"ssp{suffix}": _ssp(suffix) for suffix in SSP_FILES},
     "dbc": Target(".dbc", load_database, _databases),
     "arxml": Target(".arxml", load_database, _arxml),
     "kcd": Target(".kcd", load_database, _converted(".kcd")),

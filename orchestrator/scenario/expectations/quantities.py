@@ -44,7 +44,7 @@ class Dimension(StrEnum):
         if self is Dimension.FREQUENCY:
             return frequency(place, value)
         own = Dimension.DISTANCE if difference and self is Dimension.LEVEL else self
-        return number(place, value, own._unit(port.measure if port else named("1")))
+        return number(place, value, own._unit(port.measure if port else named("1")), own is not Dimension.LEVEL)
 
     @property
     def own(self) -> str:
@@ -82,8 +82,11 @@ class Dimension(StrEnum):
         return NamedUnit(self.written(one.name), unit, one.declared)
 
 
-def number(place: str, value: Number, unit: NamedUnit) -> float:
+def number(place: str, value: Number, unit: NamedUnit, difference: bool = False) -> float:
     """The number that is meant, in this unit.
+
+    Args:
+        difference: whether it is one between values, so that offsets of units do not count.
 
     Raises:
         FmuFileError: a text is no number with a unit that is known.
@@ -95,7 +98,7 @@ def number(place: str, value: Number, unit: NamedUnit) -> float:
     own = named(found[1]) if found else NamedUnit()
     if found is None or own.unit is None or unit.unit is None:
         raise FmuFileError(place, f"cannot be '{value}': no unit that is known on both sides", "give a plain number")
-    return crossing(place, own, unit).conversion(found[0])
+    return crossing(place, own.difference if difference else own, unit).conversion(found[0])
 
 
 def frequency(place: str, value: Number) -> float:

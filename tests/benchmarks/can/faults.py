@@ -261,7 +261,7 @@ def campaign(runs: int, seed: int, only: Sequence[str] = ()) -> list[Figure]:
         "... without the safe value at the end": counts["last command"],
         "... with another exit code, sentence or result than is right": counts["told"],
     }
-    of = only[0] if only else "faults"
+    of = only[0] if len(only) == 1 else "faults"
     said = f"{runs} of {len(kinds)} kinds" if len(kinds) > 1 else f"{runs}"
     return [
         Figure(f"random {of} for a bridge or bench", f"{SIGNALS if only else RUNS}", f"{said}, load {_load()}"),

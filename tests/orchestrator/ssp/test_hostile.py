@@ -36,6 +36,14 @@ def valued(element: str) -> str:
     return system([component("a", inner=bindings(values({"k": element})))])
 
 
+def test_many_archives_are_read_without_holding_on_to_anything(tmp_path: Path) -> None:
+    open_files, held = Path("/proc/self/fd"), set()
+    for number in range(12):
+        imported(archive(tmp_path / "s.ssp", system([component("a")], name=f"top{number}")))
+        held.add(len([*open_files.iterdir()]) if open_files.is_dir() else 0)
+    assert len(held) == 1
+
+
 @pytest.mark.parametrize(
     ("described", "problem"),
     [

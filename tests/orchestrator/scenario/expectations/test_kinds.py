@@ -139,6 +139,35 @@ def test_figures_have_units_of_their_own_and_bounds_any_that_fit(fields: dict[st
     assert check.unit == unit
 
 
+@pytest.mark.parametrize(
+    ("fields", "held", "margin"),
+    [
+        ({"peak": {"about": "20 degC", "at_most": "10 degC"}}, True, 1.0),
+        ({"peak": {"about": "20 degC", "at_most": "8 degC"}}, False, -1.0),
+        ({"rms": {"at_most": "300 degC"}}, True, None),
+        ({"final_value": {"near": "29 degC", "within": "1 degC"}}, True, 1.0),
+        ({"final_value": {"near": "32 degC", "within": "2 degC"}}, False, -1.0),
+        ({"steady_error": {"target": "32 degC", "at_most": "2 degC"}}, False, -1.0),
+        ({"settling_time": {"target": "29 degC", "band": "1 degC", "at_most": 9}}, True, None),
+        ({"monotone": {"direction": "rising", "slack": "0.1 degC"}}, True, None),
+        ({"crossings": {"level": "25 degC", "hysteresis": "1 degC", "count": 1}}, True, None),
+        ({"near": "20 degC", "within": "9.5 degC"}, True, 0.5),
+    ],
+)
+def test_distances_do_not_count_from_the_nought_of_a_unit(
+    fields: dict[str, Any], held: bool, margin: float | None
+) -> None:
+    warming = Trace(TIME, {"y": 293.15 + 0.9 * TIME}, {"y": "K"}, "run")
+    check = asked({"signal": "y", **fields}, warming)
+    assert check.held is held
+    assert margin is None or check.margin == pytest.approx(margin)
+
+
+def test_a_unit_may_begin_with_one() -> None:
+    turning = Trace(TIME, {"y": np.full(len(TIME), 2 * math.pi)}, {"y": "rad/s"}, "run")
+    assert asked({"signal": "y", "near": "60 1/min", "within": "0.1 1/min"}, turning).held
+
+
 def test_a_held_signal_is_judged_by_its_steps() -> None:
     coarse = Trace(np.array([0.0, 1.0, 2.0]), {"y": np.array([2.0, 0.0, 0.0])}, {}, "coarse")
     iae = {"signal": "y", "iae": {"at_most": 9}}
