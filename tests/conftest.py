@@ -7,15 +7,20 @@ import shutil
 import signal
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
+from orchestrator.processes.pool import Processes, calling
+
 settings.register_profile("any load", deadline=None)
 settings.load_profile("any load")
+
+POOLS = {"identification", "batch"}  # folders of tests many of which work in pools of processes
+AHEAD = ["orchestrator.batch.ahead", "orchestrator.batch.suite", "identification.output_error.simulator"]
 
 # What a test may need beyond the extra `dev` -> the module or program that shows that it is there.
 NEEDS = {
@@ -47,6 +52,19 @@ def pytest_configure(config: pytest.Config) -> None:
         folder = tempfile.mkdtemp(prefix="servotwin-tests-")
         os.environ["SERVOTWIN_CACHE"] = folder
         config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Have the processes of all pools forked from a server that has loaded what most of them need.
+
+    There is one server for all pools of a process, and whoever starts it says what it loads: after a test whose pool
+    needs nothing, each process of every later pool would load NumPy, SciPy and the project by itself.
+    """
+    if session.config.option.collectonly:
+        return
+    if POOLS & {part for item in session.items for part in item.path.parts}:
+        with Processes[Callable[[], int], int](calling, 1, AHEAD) as pool:
+            list(pool.answers([os.getpid]))
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
