@@ -49,6 +49,8 @@ class Rig:
     def judged(self, controller: CalibratedFmu, found: Mapping[str, float], progress: Progress) -> ScenarioResult:
         """All cases with the controller's FMU and its values, or only with those that were `found`.
 
+        References that were accepted of the scenario's own controller judge none of them.
+
         Raises:
             InputError: it does not fit the scenario.
         """
@@ -60,7 +62,8 @@ class Rig:
             elif target not in write_back(controller.source, controller.values, target):
                 fmus, given = {self.component: controller.source}, dict(controller.values)
             values = {**{f"{self.component}.{name}": value for name, value in given.items()}, **self.values}
-            return run_scenario(load_scenario(self.scenario, fmus=fmus), values, progress, going_on=True)
+            scenario = load_scenario(self.scenario, references=False, fmus=fmus).without_accepted()
+            return run_scenario(scenario, values, progress, going_on=True)
 
 
 def cases(result: ScenarioResult) -> list[CaseDocument]:

@@ -8,6 +8,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from enum import StrEnum
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -129,8 +130,27 @@ def _tolerances(case: Case, run: Trace) -> dict[Path, dict[str, float]]:
     found: dict[Path, dict[str, float]] = {}
     for leaf, condition in _asked(case):
         signals = found.setdefault(condition.reference.file, {})
-        signals[leaf.signal] = min(condition.precision(run[leaf.signal]), signals.get(leaf.signal, np.inf))
+        values = leaf.window(run)[leaf.signal]
+        signals[leaf.signal] = min(condition.precision(values), signals.get(leaf.signal, np.inf))
     return found
+
+
+def _looked_at(case: Case, file: Path, run: Trace) -> Trace:
+    """The part of a run that the case compares with a file, a sample on either side of it.
+
+    Signals that are looked at for less long keep their first and last value there beyond: that costs no samples.
+    """
+    spans: dict[str, tuple[int, int]] = {}
+    for leaf, condition in _asked(case):
+        if condition.reference.file == file:
+            time = leaf.window(run).time
+            first, last = (int(row) for row in np.searchsorted(run.time, time[[0, -1]]))
+            known = spans.get(leaf.signal, (first, last))
+            spans[leaf.signal] = min(known[0], first - 1), max(known[1], last + 1)
+    rows = np.arange(max(min(first for first, _ in spans.values()), 0), len(run))
+    rows = rows[: max(last for _, last in spans.values()) - rows[0] + 1]
+    signals = {name: run[name][np.clip(rows, max(span[0], 0), span[1])] for name, span in spans.items()}
+    return Trace(run.time[rows], signals, run.units, run.name)
 
 
 def _made(scenario: Scenario, case: Case, result: CaseResult, hashes: Mapping[str, str]) -> Iterator[NewReference]:
@@ -143,13 +163,15 @@ def _made(scenario: Scenario, case: Case, result: CaseResult, hashes: Mapping[st
     hold = {leaf.signal for leaf, _ in _asked(case) if leaf.hold}
     _check_finite(asked, place)
     for file, tolerances in _tolerances(case, asked).items():
-        run = asked.select(tolerances)
+        run = _looked_at(case, file, asked.select(tolerances))
         kept = _compact(run, tolerances, hold & tolerances.keys())
         old, why = _old(file, scenario.path)
         found = [] if old is None else _held_against(run, old, tolerances, hold)
         if old is not None:
             why = _others(run, old)
-        content = references.content(kept, _provenance(scenario.path, case, file, run, tolerances, hashes))
+        content = references.content(
+            kept, _provenance(scenario.path, case, file, run, tolerances, hashes, scenario.timing.step)
+        )
         change = Change.OTHER
         if old is None:
             change = Change.UNFIT if file.exists() else Change.NEW
@@ -228,6 +250,7 @@ def _provenance(
     run: Trace,
     tolerances: Mapping[str, float],
     hashes: Mapping[str, str],
+    step: Fraction,
 ) -> references.Provenance:
     return {
         "scenario": scenario.name,
@@ -238,6 +261,7 @@ def _provenance(
         "versions": versions(),
         "sha256": dict(hashes),
         "samples": len(run),
+        "step": float(step),
         "tolerances": dict(tolerances),
         "replaces": sha256(file) if file.exists() else "",
     }

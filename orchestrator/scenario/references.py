@@ -11,7 +11,7 @@ import json
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NotRequired
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -38,6 +38,7 @@ class Provenance(TypedDict):
         by, at: who accepted it, and when (ISO 8601, UTC).
         sha256: file that went in -> its hash.
         samples: of the run that it was taken from.
+        step: between these [s]; between them it knows nothing of the run.
         tolerances: signal -> how far the lines between its samples may be from the run [unit of the signal].
         replaces: hash of the reference that was there before, "" where there was none.
     """
@@ -50,6 +51,7 @@ class Provenance(TypedDict):
     versions: dict[str, str]
     sha256: dict[str, str]
     samples: int
+    step: NotRequired[float]
     tolerances: dict[str, float]
     replaces: str
 
@@ -78,15 +80,16 @@ class CaseReferences:
         self.asked.add(file)
         return file
 
-    def trace(self, kind: Accepted, signal: str) -> Trace | None:
-        """The reference of a signal; None where there is no file, or it is not to be read.
+    def trace(self, kind: Accepted, signal: str) -> tuple[Trace | None, float]:
+        """The reference of a signal, None where there is no file, or it is not to be read; and the step of the run that
+        it is from [s], 0 where that is not known.
 
         Raises:
             TraceError: it is no reference of this case and signal, or not fit to be one.
         """
         file = self.file(kind)
         if not self.read or not file.exists():
-            return None
+            return None, 0.0
         trace, origin = read(file)
         again = f"look at it and take another with `servotwin accept {self.scenario}`"
         if origin["case"] != self.case:
@@ -94,7 +97,7 @@ class CaseReferences:
         if signal not in trace.names:
             raise TraceError(file, f"is no reference of {signal}, but of {', '.join(trace.names)}", again)
         check_owner(file, origin, self.scenario)
-        return trace.select([signal])
+        return trace.select([signal]), origin.get("step", 0.0)
 
 
 def folder_of(scenario: Path) -> Path:

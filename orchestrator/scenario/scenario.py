@@ -119,6 +119,12 @@ class Scenario:
         cases = tuple(replace(case, system=case.system and changed[known.index(case.system)]) for case in self.cases)
         return replace(self, system=changed[0], cases=cases)
 
+    def without_accepted(self) -> Scenario:
+        """The scenario for other components or values than its own, of which its accepted references say nothing."""
+        kept = (tuple(asked for asked in case.expected if not asked.accepted) for case in self.cases)
+        cases = tuple(replace(case, expected=asked) for case, asked in zip(self.cases, kept, strict=True))
+        return replace(self, cases=cases)
+
     def by_system(self) -> list[Scenario]:
         """Scenarios of the cases that have one system and follow each other, in their order."""
         groups: list[tuple[SystemSpec, list[Case]]] = []

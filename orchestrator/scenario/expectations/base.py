@@ -126,6 +126,11 @@ class Expected(ABC):
         return ()
 
     @property
+    def accepted(self) -> bool:
+        """Whether it compares with a reference that was accepted of the case, as its file has it."""
+        return any(leaf.accepted for leaf in self.leaves if leaf is not self)
+
+    @property
     def leaves(self) -> tuple[Expected, ...]:
         """What it is made of in the end; itself where it is not made of others."""
         return (self,)
@@ -192,6 +197,11 @@ class Condition(ABC):
     def files(self) -> tuple[Path, ...]:
         """The references that it compares with."""
         return ()
+
+    @property
+    def accepted(self) -> bool:
+        """As in `Expected`."""
+        return False
 
     def brought(self, place: str, port: Port, wiring: Wiring) -> Self:
         """As in `Expected`, for the variable that it is asked of."""

@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Self
 
+import numpy as np
+
 from orchestrator.fmi.interface import Port
 from orchestrator.measures import correlation_lag, fit, largest_deviation, nrmse
 from orchestrator.scenario.expectations.base import Judgement, Wiring
@@ -70,3 +72,8 @@ class Close(Against):
         kind = KINDS[self.kind]
         figure, more = kind.measure(time, values, self.reference.at(time, hold), hold)
         return self.bounds.judgement(kind.words, figure, kind.dimension, more, kind.lowest, kind.highest)
+
+    def precision(self, values: FloatArray) -> float:
+        most = 0.0 if self.bounds.at_most is None else float(self.bounds.at_most)
+        size = {"nrmse": float(np.ptp(values)), "deviation": 1.0}.get(self.kind, 0.0)
+        return most * size or super().precision(values)

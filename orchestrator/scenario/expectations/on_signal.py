@@ -57,6 +57,10 @@ class OnSignal(Expected):
     def files(self) -> tuple[Path, ...]:
         return self.condition.files
 
+    @property
+    def accepted(self) -> bool:
+        return self.condition.accepted
+
     def brought(self, wiring: Wiring) -> Self:
         port = wiring.port(self.signal, self.place)
         if not port.numeric:

@@ -20,8 +20,11 @@ from orchestrator.scenario.expectations.base import Condition, Judgement, Tube, 
 from orchestrator.scenario.expectations.figure import shown
 from orchestrator.scenario.expectations.limits import within
 from orchestrator.scenario.expectations.quantities import Number
-from orchestrator.trace import FloatArray, Trace
+from orchestrator.trace import BoolArray, FloatArray, Trace
 from orchestrator.yaml_file import Block
+
+ON_STEP = 1e-6  # of a step, to which a stamp is on it
+FEWEST = 2  # stamps that have to be on steps; a run with another step has not even these
 
 
 class ReferenceBlock(Block):
@@ -59,6 +62,7 @@ class Reference:
         given: what it is converted by, over its unit, until it is brought.
         accepted: whether it is one that `servotwin accept` keeps of a case.
         missing: what to do where it is not there.
+        step: of the run that it is from [s]; 0 where that is not known.
     """
 
     trace: Trace | None
@@ -67,6 +71,7 @@ class Reference:
     given: Given = NOTHING_GIVEN
     accepted: bool = False
     missing: str = ""
+    step: float = 0.0
 
     def brought(self, place: str, port: Port, wiring: Wiring) -> Reference:
         """The same in the unit of a variable.
@@ -122,6 +127,17 @@ class Reference:
         first, last = np.searchsorted(self.samples.time, [time[0], time[-1]])
         return self.values[max(int(first) - 1, 0) : int(last) + 1]
 
+    def known(self, time: FloatArray) -> BoolArray:
+        """(K,) at which of these stamps (K,) [s] it tells something of the run that it is from: at the steps of that
+        run, where a run with a smaller step has them, too. What lies between is what lines or steps make of it.
+        """
+        every = np.ones(len(time), dtype=bool)
+        if not self.step:
+            return every
+        count = (time - self.samples.time[0]) / self.step
+        on = np.abs(count - np.rint(count)) < ON_STEP
+        return on if np.count_nonzero(on) >= FEWEST else every
+
     def at(self, time: FloatArray, hold: bool) -> FloatArray:
         """(K,) its values at these stamps (K,) [s].
 
@@ -142,6 +158,10 @@ class Against(Condition):
     def files(self) -> tuple[Path, ...]:
         return () if self.reference.trace is None else (self.reference.file,)
 
+    @property
+    def accepted(self) -> bool:
+        return self.reference.accepted
+
     def brought(self, place: str, port: Port, wiring: Wiring) -> Self:
         return replace(self, reference=self.reference.brought(place, port, wiring))
 
@@ -151,7 +171,8 @@ class Against(Condition):
     def judged(self, time: FloatArray, values: FloatArray, hold: bool, draws: Sequence[Trace]) -> Judgement:
         if self.reference.trace is None:
             return Judgement(False, self.reference.missing)
-        return self.compared(time, values, hold)
+        known = self.reference.known(time)
+        return self.compared(time[known], values[known], hold)
 
     @abstractmethod
     def compared(self, time: FloatArray, values: FloatArray, hold: bool) -> Judgement:

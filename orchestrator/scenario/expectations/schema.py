@@ -95,7 +95,8 @@ class Sources:
         assert self.accepted is not None
         file = self.accepted.file(block)
         missing = f"no {file}, which `servotwin accept {self.accepted.scenario}` writes"
-        return Reference(self.accepted.trace(block, signal), "its reference", file, accepted=True, missing=missing)
+        trace, step = self.accepted.trace(block, signal)
+        return Reference(trace, "its reference", file, accepted=True, missing=missing, step=step)
 
 
 class StepBlock(Block):

@@ -127,6 +127,10 @@ class Often(Condition):
         return self.condition.files
 
     @property
+    def accepted(self) -> bool:
+        return self.condition.accepted
+
+    @property
     def needed(self) -> int:
         """Runs of which it must hold."""
         return int(np.ceil(self.share * (self.wanted.count + 1) - 1e-9))

@@ -72,3 +72,14 @@ def test_a_component_that_is_not_there_is_refused_before_anything_is_sought(tmp_
 def test_a_scenario_that_is_not_there_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"rig\.yaml"):
         tuned(tmp_path)
+
+
+@pytest.mark.parametrize("gains_only", [False, True])
+def test_references_of_the_scenarios_own_controller_do_not_judge_another(gains_only: bool, tmp_path: Path) -> None:
+    rig(tmp_path, at_least=0.01)
+    file = tmp_path / "rig.yaml"
+    file.write_text(f"{file.read_text()}  - {{signal: servo.voltage, reference: accepted, within: 1.0e-6}}\n")
+    accepted = CliRunner().invoke(app, ["accept", str(file), "--out", str(tmp_path / "accept")])
+    assert accepted.exit_code == 0, accepted.output
+    found = tuned(tmp_path, gains_only=gains_only)
+    assert found["verdict"]["held"] and len(found["rigs"][0]["cases"][0]["checks"]) == 1

@@ -15,7 +15,7 @@ from orchestrator.engine import Account, Engine, Result
 from orchestrator.engine.loop import Statistics
 from orchestrator.scenario.expectations import Check, Ran
 from orchestrator.scenario.expectations.on_run import KINDS
-from orchestrator.scenario.expectations.schema import ExpectationBlock
+from orchestrator.scenario.expectations.schema import AGAINST, FIGURES, FIRST, TOGETHER, ExpectationBlock
 from orchestrator.trace import Trace
 from tests.support.simulation.expecting import asked
 
@@ -184,3 +184,16 @@ def test_a_figure_that_cannot_be_told_of_a_signal_does_not_hold_and_says_why() -
     check = asked({"signal": "y", "distortion": {"frequency": "1 Hz", "at_most": 0.1}}, flat)
     assert (check.held, check.found) == (False, "harmonics: there is no fundamental of 6.28319 rad/s")
     assert asked({"signal": "y", "damping": {"at_least": 0.1}}, flat).found == "no damping"
+
+
+def test_every_key_of_an_expectation_is_a_kind_of_the_tables_or_says_of_what_and_when() -> None:
+    kinds = {*FIRST, *FIGURES, *AGAINST, *KINDS, *TOGETHER}
+    assert set(ExpectationBlock.model_fields) - kinds == {
+        "signal",
+        "signals",
+        "after",
+        "before",
+        "seeds",
+        "share",
+        "vary",
+    }
