@@ -13,13 +13,6 @@ from orchestrator.scenario.scenario import Scenario
 from orchestrator.scenario.schema import load_scenario
 
 SCENARIOS = Path(__file__).parents[3] / "scenarios"
-# What rests in dry friction, and how much it then still swings, hangs on the instants at which the sensors' filters see
-# the arm by more than the margins of what these ask; with half the step some of that is missed by up to 66 %.
-STEP_MATTERS = (
-    "flexible_arm/control/payload.yaml",
-    "flexible_arm/control/pdpc.yaml",
-    "flexible_arm/control/square.yaml",
-)
 SHORT = ("butterfly/sine.yaml", "butterfly/energy_control.yaml", "flexible_arm/control/payload.yaml")
 CHEAP = SCENARIOS / "butterfly" / "energy_control_refused.yaml"
 
@@ -44,9 +37,7 @@ def test_a_short_scenario_passes_in_every_way(way: str, tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.shipped
 @pytest.mark.parametrize("file", judging(), ids=lambda file: str(file.relative_to(SCENARIOS)))
-def test_half_the_step_fails_no_scenario(file: Path, tmp_path: Path, request: pytest.FixtureRequest) -> None:
-    if str(file.relative_to(SCENARIOS)) in STEP_MATTERS:
-        request.applymarker(pytest.mark.xfail(strict=True, reason="asks for more than its step gives"))
+def test_half_the_step_fails_no_scenario(file: Path, tmp_path: Path) -> None:
     assert failures(load_scenario(file), "half-step", tmp_path) == []
 
 

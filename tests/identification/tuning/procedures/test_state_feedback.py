@@ -214,7 +214,7 @@ def test_what_has_no_gains_is_refused(changes: dict[str, Any], problem: str, tmp
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["ilqr"])
+@pytest.mark.parametrize("name", ["ilqr", "lqg"])
 def test_a_shipped_design_has_both_kp_alike_and_holds_its_goals_and_the_rig(name: str, tmp_path: Path) -> None:
     found: Any = tune_study(SHIPPED / f"{name}.yaml", tmp_path / "out", silent)
     assert found["feasible"] and found["verdict"]["held"]
