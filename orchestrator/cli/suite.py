@@ -137,7 +137,8 @@ def test(
 def _mutated(terminal: Terminal, paths: Sequence[Path], jobs: int, folder: Path, isolate: Isolate) -> Answer:
     """What the scenarios under the paths notice of their parameters."""
     from orchestrator.batch.discovery import find_scenarios
-    from orchestrator.batch.mutation import HEADERS, Coverage, MutationJudge
+    from orchestrator.batch.mutation.coverage import HEADERS, Coverage
+    from orchestrator.batch.mutation.judge import MutationJudge
     from orchestrator.batch.suite import run_suite
 
     found = find_scenarios(paths, {}, MutationJudge(isolate.isolation()))
@@ -151,13 +152,18 @@ def _mutated(terminal: Terminal, paths: Sequence[Path], jobs: int, folder: Path,
 
         verdicts = run_suite(tasks, folder, jobs, done)
     coverage, errors = Coverage.of(verdicts), [verdict.error for verdict in verdicts if verdict.error]
-    unnoticed = coverage.unnoticed
-    rows = [(name, ", ".join(map(str, files))) for name, files in unnoticed.items()]
-    told = Listing(("parameter that nothing notices", "scenarios that depend on it"), rows)
-    sentence = f"{100 * coverage.share:.1f} % of the changes that show in a record are noticed"
-    shown: list[Listing | str] = [Listing(HEADERS, coverage.rows()), *([told] if rows else []), sentence, *errors]
+    unseen, unnoticed = coverage.unseen, coverage.unnoticed
+    rows = [(name, ", ".join(map(str, files)), "" if name in unnoticed else "yes") for name, files in unseen.items()]
+    told = Listing(("parameter that goes unseen", "where it acts", "seen elsewhere"), rows)
+    shown: list[Listing | str] = [
+        Listing(HEADERS, coverage.rows()),
+        *([told] if rows else []),
+        coverage.sentence,
+        *errors,
+    ]
     document = {
         "noticed": coverage.share,
+        "unseen": {name: [str(file) for file in files] for name, files in unseen.items()},
         "unnoticed": {name: [str(file) for file in files] for name, files in unnoticed.items()},
         "errors": errors,
         "parameters": [

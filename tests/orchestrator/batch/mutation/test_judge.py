@@ -1,4 +1,4 @@
-"""A parameter that is changed by 1 % is seen, unseen, or without effect, as what scenarios ask has it."""
+"""A parameter that is changed by 1 % is seen, unseen, or does not act, as what scenarios ask has it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from typing import Any
 import pytest
 
 from fmus.errors import InputError
-from orchestrator.batch.mutation import Coverage, MutationJudge, Outcome, outcome_of
+from orchestrator.batch.mutation import judge
+from orchestrator.batch.mutation.coverage import Coverage, Outcome, outcome_of
+from orchestrator.batch.mutation.judge import MutationJudge
 from orchestrator.batch.verdict import Verdict
 
 GRAVITY = "hand.gravity_torque"
@@ -43,11 +45,36 @@ def test_a_loose_expectation_sees_no_change_and_a_narrow_one_does(tmp_path: Path
     assert loose["hand.inertia"] == narrow["hand.inertia"] == Outcome.UNSEEN
 
 
-def test_what_does_not_show_in_the_record_has_no_effect(tmp_path: Path) -> None:
+def test_what_moves_no_output_has_no_effect(tmp_path: Path) -> None:
     found = outcomes(scenario(tmp_path))
     assert found["hand.friction_speed"] == Outcome.WITHOUT_EFFECT  # without friction
     assert found[GRAVITY] == Outcome.UNSEEN
     assert "hand.viscous_friction" not in found  # 1 % of nothing
+
+
+def test_what_is_not_recorded_counts_for_it_is_an_output_all_the_same(tmp_path: Path) -> None:
+    components = {
+        "hand": {"model": "pendulum", "parameters": {"angle_start": 0.5}},
+        "motor": {"model": "dc_motor", "parameters": {"resistance": 2.0}},
+    }
+    found = outcomes(scenario(tmp_path, components=components, stimuli={"motor.voltage": {"constant": 1.0}}))
+    assert found["motor.resistance"] == Outcome.UNSEEN  # of the current
+
+
+def test_what_changes_no_more_than_the_step_does_is_told_from_what_acts(tmp_path: Path) -> None:
+    """A drive that is held over each step is off by half of a step, here 5 % of a period; friction by far less."""
+    components = {
+        "drive": {"model": "excitation", "parameters": {"shape": "sine", "amplitude": 0.002, "frequency": 1}},
+        "motor": {"model": "dc_motor", "parameters": {"torque_gain": 2.5}},
+        "hand": {"model": "pendulum", "parameters": {"viscous_friction": 1e-3}},
+    }
+    connections = ["drive.signal -> motor.voltage", "motor.torque -> hand.torque"]
+    held = {"components": components, "connections": connections, "run": {"stop": 2, "step": 0.1}}
+    coarse = outcomes(scenario(tmp_path, "coarse", **held))
+    fine = outcomes(scenario(tmp_path, "fine", **{**held, "run": {"stop": 2, "step": 0.0001}}))
+    assert coarse["hand.viscous_friction"] == Outcome.WITHOUT_EFFECT
+    assert fine["hand.viscous_friction"] == Outcome.UNSEEN
+    assert fine["motor.torque_gain"] == Outcome.UNSEEN
 
 
 def test_each_case_has_its_own_value_changed_and_one_that_sees_it_is_enough(tmp_path: Path) -> None:
@@ -65,6 +92,21 @@ def test_each_case_has_its_own_value_changed_and_one_that_sees_it_is_enough(tmp_
     assert found["checks"][0]["found"].startswith("0.8 -> 0.808: high: hand.angle stays below 0.8001, found")
 
 
+@pytest.mark.parametrize("together", [1, 3])
+def test_changes_that_are_run_in_one_go_come_out_as_alone(
+    together: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cases = [
+        {"name": "low", "expect": [{"signal": "hand.angle", "below": 0.5001}]},
+        {"name": "high", "set": {"hand.angle_start": 0.8}, "expect": [{"signal": "hand.energy", "below": 0.02}]},
+    ]
+    file = scenario(tmp_path, cases=cases)
+    document = MutationJudge()(file, tmp_path)
+    monkeypatch.setattr(judge, "TOGETHER", together)
+    assert MutationJudge()(file, tmp_path) == document
+    assert {outcome_of(case) for case in document["cases"]} == set(Outcome)
+
+
 def test_a_scenario_that_fails_as_it_is_cannot_notice_anything(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="does not pass as it is"):
         MutationJudge()(scenario(tmp_path, expect=[{"signal": "hand.angle", "below": 0}]), tmp_path)
@@ -78,4 +120,6 @@ def test_the_share_is_of_changes_that_show_and_names_what_no_file_notices(tmp_pa
     assert coverage.share == shown.count(Outcome.SEEN) / len(shown) and 0 < coverage.share < 1
     assert "hand.angle_start" not in coverage.unnoticed
     assert coverage.unnoticed[GRAVITY] == [loose, narrow]
+    assert coverage.unseen["hand.angle_start"] == [loose]
+    assert coverage.sentence.startswith(f"{100 * coverage.share:.1f} % of the changes that act are noticed (")
     assert [row[0] for row in coverage.rows()] == [str(loose), str(narrow)]
