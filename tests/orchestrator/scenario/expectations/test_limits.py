@@ -148,8 +148,8 @@ REFERENCE = {"file": "a.csv", "signal": "b"}
 @pytest.mark.parametrize(
     ("fields", "problem"),
     [
-        ({"signal": "y"}, "give one of near, reference, below, above, refused"),
-        ({"signal": "y", "below": 1, "above": 0}, "give one of near, reference, below, above, refused"),
+        ({"signal": "y"}, "give one of near, reference, below, above, equals, refused"),
+        ({"signal": "y", "below": 1, "above": 0}, "give one of near, reference, below, above, equals, refused"),
         ({"signal": "y", "near": 1}, "`within` goes with `near` and `reference`"),
         ({"signal": "y", "reference": REFERENCE}, "`reference` goes with one of within, funnel"),
         ({"signal": "y", "below": 1, "within": 1}, "`within` goes with `near` and `reference`"),
