@@ -112,6 +112,8 @@ def compare_sides(one: Side, other: Side, tolerance: Tolerance) -> Comparison:
         ours, theirs = _alike(a.select(signals), b.select(signals))
         converted, crossed = _converted(ours, theirs)
         crossings += crossed
+        if text := next((own for own in tolerance.within if own in ours.texts), None):
+            raise InputError(f"--within {text}", "is text, of which nothing is tolerated", "leave it out")
         tolerances = {own: 0.0 if own in ours.texts else tolerance.of(own, ours, converted) for own in signals}
         pairs.append(CasePair(name, ours, converted, partings(ours, converted, tolerances)))
     unknown = [name for name in tolerance.within if not any(name in pair.one.names for pair in pairs)]

@@ -28,7 +28,7 @@ from orchestrator.can.live.link import linked
 from orchestrator.can.live.news import ErrorStates, News
 from orchestrator.can.live.receiver import Receiver
 from orchestrator.can.sending.passed import Passage, Passed
-from orchestrator.can.sending.routes import ELSEWHERE, RENAMED, TOO_MANY, Routes
+from orchestrator.can.sending.routes import BOTH, RENAMED, TOO_MANY, Routes
 from orchestrator.can.sending.safe_end import NOTHING, Last, SafeEnd
 from orchestrator.can.sending.selection import EVERYTHING, Chosen
 from orchestrator.can.slcan.flow import Key
@@ -238,7 +238,7 @@ class _Work:
         """Count a frame that is not passed; what nobody asked for is said the first time."""
         self._ways[bus].left_out[why] += 1
         key = message.arbitration_id, message.is_extended_id
-        if why not in (ELSEWHERE, RENAMED, TOO_MANY, TOO_LONG) or (bus, key) in self._said or len(self._said) > QUEUE:
+        if why not in (BOTH, RENAMED, TOO_MANY, TOO_LONG) or (bus, key) in self._said or len(self._said) > QUEUE:
             return
         self._said.add((bus, key))
         LOG.warning("%s: %s is not passed: %s", self._lines[bus].name, identifier_text(*key), why)

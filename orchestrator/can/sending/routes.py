@@ -1,7 +1,7 @@
 """Which frames go from one bus to another, and under which identifier.
 
-A message has one sender. Frames of it that come from the other side, too, are not passed: they are another sender's, or
-have gone round over a second gateway and would do so for ever.
+A message has one sender, on one side. One that comes from both sides is passed no more: there is a second sender, or
+both buses are one wire, or a second gateway passes it, and frames would go round for ever.
 """
 
 from __future__ import annotations
@@ -20,11 +20,8 @@ from orchestrator.can.statistics import identifier_text
 
 MOST = 1 << 14  # identifiers that are told apart; noise can hold half a billion
 NOT_CHOSEN, AGAINST = "they are not chosen", "it is a one-way gateway"
-RENAMED, ELSEWHERE, TOO_MANY = (
-    "of identifiers that others get",
-    "also sent on the other side",
-    "of too many identifiers",
-)
+RENAMED, BOTH = "its identifier is what another one gets", "it comes from both sides"
+TOO_MANY = f"there are more than {MOST:,} identifiers"
 
 
 @dataclass(frozen=True)
@@ -91,14 +88,14 @@ class Routes:
         name = self._name(1 - bus, there)
         frames = from_messages([message])
         frames.channel[:] = bus
-        if self._one_way and bus:
-            return Route(name, None, AGAINST)
         if not len(self._selection.of(frames)):
             return Route(name, None, NOT_CHOSEN)
         if there == key and key in self._renamed[1 - bus]:
             return Route(name, None, RENAMED)
-        home = self._homes.setdefault((there if bus else key, remote), bus)
-        return Route(name, there) if home == bus else Route(name, None, ELSEWHERE)
+        if self._homes.setdefault((there if bus else key, remote), bus) == bus:
+            return Route(name, None, AGAINST) if self._one_way and bus else Route(name, there)
+        self._known[1 - bus, there, remote] = Route(self._name(bus, key), None, BOTH)
+        return Route(name, None, BOTH)
 
     def _name(self, bus: int, key: Key) -> str:
         """Of the message with this identifier, where a database has it."""

@@ -103,6 +103,9 @@ def test_what_was_recorded_is_kept_streamed_converted_shown_and_compared(tmp_pat
     cli("compare", tmp_path / "a", tmp_path / "b")
     said = cli("compare", tmp_path / "a", tmp_path / "c", code=1)
     assert "they part first at 0.8 s: lag.said of case run says 'läuft, \"gut\"' beside 'idle'" in said
+    assert "is text, of which nothing" in cli(
+        "compare", tmp_path / "a", tmp_path / "b", "--within", "lag.said=1", code=2
+    )
     cli("trace", "convert", file, table)
     assert formats.read(table, formats.Layout(columns={"said": "lag.said"}, texts=True)).trace.words("said") == SAID
     assert 'idle, läuft, "gut"' in cli("trace", "info", file)

@@ -20,7 +20,7 @@ from fmus.errors import BusError, InputError
 from orchestrator.can.live.bus import BusSettings, opened
 from orchestrator.can.sending.gateway import TOO_LONG, Gateway, gateway
 from orchestrator.can.sending.passed import Passed
-from orchestrator.can.sending.routes import AGAINST, ELSEWHERE, MOST, NOT_CHOSEN, RENAMED, TOO_MANY, Routes
+from orchestrator.can.sending.routes import AGAINST, BOTH, MOST, NOT_CHOSEN, RENAMED, TOO_MANY, Routes
 from orchestrator.can.sending.selection import EVERYTHING, Chosen
 from orchestrator.can.slcan.hub import hub_process
 from tests.support.can.can_samples import DBC
@@ -43,10 +43,10 @@ def test_what_is_chosen_passes_both_ways_and_the_rest_does_not() -> None:
     assert routes(one_way=True).of(frame(0), 1).why == AGAINST
 
 
-def test_a_message_that_comes_from_both_sides_passes_from_the_first_only() -> None:
+def test_a_message_that_comes_from_both_sides_is_passed_no_more() -> None:
     found = routes()
     assert found.of(frame(0), 0).key == (0x100, False)
-    assert found.of(frame(1), 1).why == ELSEWHERE
+    assert found.of(frame(1), 1).why == found.of(frame(2), 0).why == BOTH
     asked = can.Message(arbitration_id=0x100, is_extended_id=False, is_remote_frame=True)
     assert found.of(asked, 1).key == (0x100, False), "who asks for a message is on the other side"
 
@@ -68,17 +68,27 @@ def test_what_cannot_be_renamed_is_refused(renamed: list[str]) -> None:
 
 
 @given(st.lists(st.tuples(st.integers(0, 7), st.integers(0, 1)), max_size=60), st.permutations(range(8)))
-def test_two_gateways_side_by_side_never_pass_a_frame_round(came: list[tuple[int, int]], new: list[int]) -> None:
-    """Whatever one has passed, the other does not pass back: both have heard it on its own bus first."""
-    renamed = [f"{old:03X}={renamed:03X}" for old, renamed in enumerate(new)]
-    one, other = routes(renamed=renamed), routes(renamed=renamed)
-    for identifier, bus in came:
-        sent = frame(0, identifier)
-        keys = [each.of(sent, bus).key for each in (one, other)]
-        assert keys[0] == keys[1]
-        if keys[0] is not None:
-            passed = frame(0, keys[0][0])
-            assert one.of(passed, 1 - bus).why == other.of(passed, 1 - bus).why == ELSEWHERE
+def test_frames_never_go_round_over_two_gateways(came: list[tuple[int, int]], new: list[int]) -> None:
+    """What one passes, the other hears on both sides; however often they hear it, it comes to an end."""
+    renamed = [f"{old:03X}={other:03X}" for old, other in enumerate(new)]
+    both = routes(renamed=renamed), routes(renamed=renamed)
+    waiting: list[tuple[int, int, Routes | None]] = [(identifier, bus, None) for identifier, bus in came]
+    passed = 0
+    while waiting:
+        identifier, bus, sender = waiting.pop(0)
+        for one in both:
+            key = None if one is sender else one.of(frame(0, identifier), bus).key
+            if key is not None:
+                waiting.append((key[0], 1 - bus, one))
+                passed += 1
+    assert passed <= 2 * len(came)
+
+
+@pytest.mark.parametrize("one_way", [False, True])
+def test_a_wire_that_is_both_buses_gets_no_frame_again_and_again(one_way: bool) -> None:
+    found = routes(one_way=one_way)
+    copies = [found.of(frame(0), bus).key for bus in (0, 1, 0, 0, 1, 0)]  # each is heard by both adapters
+    assert sum(key is not None for key in copies) == 1
 
 
 def test_noise_takes_a_bounded_number_of_identifiers() -> None:
@@ -166,6 +176,24 @@ def test_a_gateway_between_serial_adapters_ends_with_safe_values(tmp_path: Path)
     assert process.returncode == 0
     assert [way["passed"] for way in document["ways"]] == [200, 0] and document["confirmed"]
     assert document["ways"][0]["messages"] == {"200": 200} and document["last"] == ["300#00", "300#00"]
+
+
+@pytest.mark.slow
+def test_two_adapters_on_one_wire_are_told_and_fill_it_with_nothing(tmp_path: Path) -> None:
+    with hub_process(tmp_path / "a", 3) as hub:
+        arguments = ["--interface", "slcan", "--channel", hub.paths[0], "--channel", hub.paths[1]]
+        with (
+            command("can", "gateway", *arguments, "--bitrate", 500_000) as process,
+            joined(hub.paths[2]) as peer,
+        ):
+            until_said(process, "passing frames")
+            for count in range(50):
+                peer.send(frame(count))
+            until_said(process, "100 is not passed: it comes from both sides")
+            time.sleep(0.2)
+            process.send_signal(signal.SIGTERM)
+            process.communicate(timeout=HANG)
+        assert hub.statistics().frames < 100
 
 
 @pytest.mark.slow
