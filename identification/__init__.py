@@ -1,13 +1,13 @@
 """From recordings to parameters: calibration of FMUs, linear models, frequency responses.
 
-    from identification import calibrate, load_study, tune, validate            # studies, as the commands do them
+    from identification import calibrate, design, load_study, tune, validate    # studies, as the commands do them
     from identification import estimate, predict, subspace, frequency_response  # the methods on their own
     from identification import linearise                                        # a wired system as a linear model
 
 `calibrate` fits what a study leaves free and writes the result back into FMUs; `validate` judges a result on other
-recordings; `tune` finds the values of a controller. `estimate` fits windows by free runs and `predict` runs them;
-`subspace` finds a linear model in records; `frequency_response` compares sines; `linearise` makes a linear model of a
-scenario's system about a point of its run. What is named here is loaded when it is used.
+recordings; `tune` finds the values of a controller, `design` the next experiments. `estimate` fits windows by free runs
+and `predict` runs them; `subspace` finds a linear model in records; `frequency_response` compares sines; `linearise`
+makes a linear model of a scenario's system about a point of its run. What is named here is loaded when it is used.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from identification.calibrate import calibrate, tune, validate
+    from identification.calibrate import calibrate, design, tune, validate
     from identification.linearisation.linearise import linearise
     from identification.output_error.search.estimator import estimate, predict
     from identification.signals.frequency_response import frequency_response
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "calibrate",
+    "design",
     "estimate",
     "frequency_response",
     "linearise",
@@ -39,6 +40,7 @@ __all__ = [
 
 _PLACES = {
     "calibrate": "calibrate",
+    "design": "calibrate",
     "estimate": "output_error.search.estimator",
     "frequency_response": "signals.frequency_response",
     "linearise": "linearisation.linearise",

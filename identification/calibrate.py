@@ -90,6 +90,8 @@ class CalibratedStudy:
             if made.parameters:
                 self._write_parameters(made, fresh)
             _keep(self.study, fresh)
+            if self.study.method.files is not None:
+                self.study.method.files(self.result, fresh, Path(folder))
             page = self.study.method.report(self.result)
             if self.messages is not None:
                 self.messages.write(page, fresh)
@@ -156,6 +158,19 @@ def tune(study: Study | str | Path, progress: Progress = silent) -> CalibratedSt
         FmuError: the FMUs fail.
     """
     return _found(_loaded(study, "tune"), None, progress, None)
+
+
+def design(study: Study | str | Path, progress: Progress = silent) -> CalibratedStudy:
+    """Find the experiments after which a calibration's intervals are smallest.
+
+    Args:
+        study: a study file of `method: design`, or what `load_study` made of one.
+
+    Raises:
+        InputError: the study's parts do not fit together, or no experiment that is allowed shows all parameters.
+        FmuError: the FMUs fail.
+    """
+    return _found(_loaded(study, "design"), None, progress, None)
 
 
 def _loaded(study: Study | str | Path, command: str) -> Study:
@@ -234,7 +249,21 @@ def tune_study(study_file: Path, target: Path, progress: Progress) -> Summary:
         InputError: the study or the target do not fit.
         FmuError: the FMUs fail.
     """
-    study = _loaded(study_file, "tune")
+    return _without_data(study_file, "tune", target, progress)
+
+
+def design_study(study_file: Path, target: Path, progress: Progress) -> Summary:
+    """Design and write the result folder; the summary comes back.
+
+    Raises:
+        InputError: the study or the target do not fit, or no experiment shows all parameters.
+        FmuError: the FMUs fail.
+    """
+    return _without_data(study_file, "design", target, progress)
+
+
+def _without_data(study_file: Path, command: str, target: Path, progress: Progress) -> Summary:
+    study = _loaded(study_file, command)
     check_target(target, [study_file])
     with aside(target) as near:
         return _written(_found(study, None, progress, None, near / LOG_FILE), target, progress)

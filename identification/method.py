@@ -66,6 +66,8 @@ class Method(Generic[StudyType, ResultType]):
         report: the result as a page.
         calibrated: what of it is written for other tools; FMUs that are built for that go into the given folder.
         command: of the command line, that its studies are for.
+        files: writes what else a result leaves into a folder that becomes another (the last argument); None where it
+            leaves nothing.
     """
 
     schema: type[StudyType]
@@ -73,4 +75,5 @@ class Method(Generic[StudyType, ResultType]):
     summary: Callable[[ResultType], Summary]
     report: Callable[[ResultType], Report]
     calibrated: Callable[[ResultType, Path], Calibrated]
-    command: Literal["calibrate", "tune"] = "calibrate"
+    command: Literal["calibrate", "tune", "design"] = "calibrate"
+    files: Callable[[ResultType, Path, Path], None] | None = None

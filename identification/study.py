@@ -20,6 +20,7 @@ METHODS = {
     "experiments": "identification.experiments.method",
     "motion": "identification.motion.method",
     "inverse-dynamics": "identification.inverse_dynamics.method",
+    "design": "identification.design.method",
     "tune": "identification.tuning.method",
     "tune-simulated": "identification.tuning.simulated.method",
 }

@@ -77,11 +77,23 @@ def _studies() -> Any:
     return Annotated[Union[schemas], Field(discriminator="method")]  # noqa: UP007 (made here)
 
 
+def _designs() -> Any:
+    from identification.design.schema import ExperimentDesignBlock
+
+    return ExperimentDesignBlock
+
+
 tables.JUDGES["claims"] = _judge_claims
 tables.LAYOUTS["method"] = _layout_of
 tables.SCHEMAS["study"] = _studies
+tables.SCHEMAS["design"] = _designs
 tables.STARTERS["study"] = tables.Starter(
     "identification.cli.starters",
     {"rig.yaml": "rig.yaml", "study.yaml": "study.yaml"},
     ("servotwin run rig.yaml --out recordings", "servotwin calibrate study.yaml --data recordings"),
+)
+tables.STARTERS["design"] = tables.Starter(
+    "identification.cli.starters",
+    {"rig.yaml": "rig.yaml", "study.yaml": "study.yaml", "design.yaml": "design.yaml"},
+    ("servotwin design design.yaml --out next", "servotwin run next/experiments.yaml --out recordings"),
 )

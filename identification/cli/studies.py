@@ -1,4 +1,4 @@
-"""Commands that find parameters and judge them: calibrate, validate, tune."""
+"""Commands that find parameters and judge them, and what to record for that: calibrate, validate, tune, design."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from orchestrator.cli.scenarios import Isolate
 from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 
 if TYPE_CHECKING:
+    from identification.design.summary import DesignSummary
     from identification.fits import FitSummary
     from identification.results import ClaimsSummary, FitsSummary, Summary, ValidationSummary, VerdictSummary
     from identification.subspace.summary import SubspaceSummary
@@ -108,6 +109,53 @@ def tune(
     shown += [*_draws(tuned), *_remarks(document)]
     shown.append(f"FMUs in {folder / 'fmus'}, report in {folder / 'report.html'}")
     return _judged(document, document.get("verdict"), shown)
+
+
+@command(app)
+def design(
+    terminal: Terminal,
+    study: Annotated[Path, typer.Argument(help="A study file of `method: design`.")],
+    *,
+    out: Out = None,
+) -> Answer:
+    """The next experiments: what to excite a rig with so that a calibration's intervals become smallest, within limits.
+
+    Writes a scenario that runs them, a playback file of each, and the study that calibrates by their recordings.
+    """
+    from identification.calibrate import design_study
+    from identification.design.written import CALIBRATION, EXPERIMENTS
+
+    folder = out or Path("out") / study.stem
+    with terminal.bar(study.stem) as move:
+        document = design_study(study, folder, move)
+    designed = cast("DesignSummary", document)
+    shown: list[Listing | str] = [_half_widths(designed), *_experiments(designed), *_remarks(document)]
+    shown += [f"worst half-width, {name}: {100 * x:.3g} %" for name, x in designed["worst"].items() if x is not None]
+    shown.append(
+        f"{folder / EXPERIMENTS} runs them, {folder / CALIBRATION} calibrates; report in {folder / 'report.html'}"
+    )
+    return Answer(document, shown)
+
+
+def _half_widths(document: DesignSummary) -> Listing:
+    """Half-widths of the intervals: known, of other experiments, of the design."""
+    entries = document["half_widths"]
+    others = list(next(iter(entries.values()))["compared"])
+    rows = []
+    for name, entry in entries.items():
+        widths = (entry["before"], *(entry["compared"][other] for other in others), entry["after"])
+        cells = ("-" if width is None else f"{width:.3g}" for width in widths)
+        rows.append((name, f"{document['parameters'][name]['value']:.5g}", *cells, entry["unit"]))
+    title = "half-widths of the 95 % intervals"
+    return Listing(("parameter", "value", "before", *others, "design", "unit"), rows, title, figures=True)
+
+
+def _experiments(document: DesignSummary) -> list[str]:
+    lines = []
+    for name, one in document["experiments"].items():
+        values = ", ".join(f"{key} {_cell('', value)}" for key, value in one["values"].items())
+        lines.append(f"{name}: {values}")
+    return lines
 
 
 def _goals(document: TuningSummary) -> Listing:

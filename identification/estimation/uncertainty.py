@@ -165,7 +165,7 @@ def covariance(
     unknowns = transform.shape[1] + blocks[0].states.shape[1] * len(blocks)
     influences = [row.influence for row in rows]
     freedom = max(sum(map(len, influences)) - unknowns, 1)
-    fitted = [np.column_stack([_basis(row.states), row.jacobian @ transform]) for row in rows]
+    fitted = [np.column_stack([basis(row.states), row.jacobian @ transform]) for row in rows]
     flat, correlated = white(influences, outputs, freedom), coloured(influences, outputs, fitted)
     if rounding is not None:
         flat, correlated = flat.at_least(rounding), correlated.at_least(rounding)
@@ -227,17 +227,18 @@ def _projected(blocks: Sequence[WindowBlock], loss: Loss, outputs: int) -> list[
     for block in blocks:
         root = np.tile(np.sqrt(curvature), len(block.residual) // outputs)
         parameters, states = block.parameters * root[:, None], block.states * root[:, None]
-        rows.append(_Rows(_without(parameters, states), loss.influence(block.residual) / root, parameters, states))
+        rows.append(_Rows(without(parameters, states), loss.influence(block.residual) / root, parameters, states))
     return rows
 
 
-def _without(parameters: FloatArray, states: FloatArray) -> FloatArray:
-    """What of the parameters' columns the states' columns cannot explain."""
-    basis = _basis(states)
-    return np.asarray(parameters - basis @ (basis.T @ parameters))
+def without(parameters: FloatArray, states: FloatArray) -> FloatArray:
+    """(N, n) what of the parameters' columns (N, n) the states' columns (N, s) cannot explain."""
+    spanned = basis(states)
+    return np.asarray(parameters - spanned @ (spanned.T @ parameters))
 
 
-def _basis(columns: FloatArray) -> FloatArray:
+def basis(columns: FloatArray) -> FloatArray:
+    """(N, r) orthonormal columns that span these (N, n)."""
     return np.asarray(orth(columns, rcond=1e-10)) if columns.any() else np.zeros((len(columns), 0))
 
 
@@ -346,7 +347,7 @@ def identifiability(
     names = tuple(parameter.name for parameter in parameters)
     if not names:
         return Identifiability((), np.zeros(0), np.zeros((0, 0)), ())
-    jacobians = [_without(block.parameters, block.states) for block in blocks]
+    jacobians = [without(block.parameters, block.states) for block in blocks]
     lengths, singular, vectors = _decomposed(blocks, jacobians)
     hidden = singular <= UNSEEN * singular.max()
     effects = _lengths(blocks)

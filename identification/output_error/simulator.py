@@ -33,36 +33,52 @@ class SystemFactory:
         return SystemSimulator(self)
 
 
-class SystemSimulator:
-    """A system that is opened once and reset for each run."""
+class FreeRuns:
+    """Free runs over windows, of a system that is open and reset for each run."""
 
-    def __init__(self, factory: SystemFactory) -> None:
-        self._factory = factory
-        self._opened = OpenSystem(factory.assembled)
-        try:
-            self._simulation: Simulation = self._opened.simulation(factory.timing)
-        except BaseException:
-            self._opened.close()
-            raise
+    def __init__(
+        self,
+        simulation: Simulation,
+        windows: Sequence[FreeRunWindow],
+        outputs: tuple[str, ...],
+        values: Mapping[str, Value],
+    ) -> None:
+        self._simulation, self._windows, self._outputs, self._values = simulation, windows, outputs, values
 
     def simulate(self, window: int, values: Mapping[str, float]) -> FloatArray:
         """(K, m) what a window's outputs are recorded as; `values` go over the trace's own, those over the study's.
 
         Values of names without a dot are delays.
         """
-        return self._factory.windows[window].recorded(self._simulation.rows(self._run(window, values)), values)
+        return self._windows[window].recorded(self._simulation.rows(self._run(window, values)), values)
 
     def sensitivities(self, window: int, values: Mapping[str, float], by: Sequence[str]) -> FloatArray:
         """(K, m, 1 + d) the same, and behind it the derivatives by values that the FMUs are given."""
         found = self._simulation.sensitivities(self._run(window, values), by)
         slices = [found.rows, *np.moveaxis(found.slopes, 2, 0)]
-        return np.stack([self._factory.windows[window].recorded(one, values) for one in slices], axis=2)
+        return np.stack([self._windows[window].recorded(one, values) for one in slices], axis=2)
 
     def _run(self, window: int, values: Mapping[str, float]) -> Run:
-        cut = self._factory.windows[window]
+        cut = self._windows[window]
         own = {name: value for name, value in values.items() if "." in name}
-        merged = {**self._factory.values, **cut.constants, **own, **cut.start_values(values)}
-        return Run(merged, cut.driven(values), self._factory.outputs, cut.stop)
+        merged = {**self._values, **cut.constants, **own, **cut.start_values(values)}
+        return Run(merged, cut.driven(values), self._outputs, cut.stop)
+
+    def close(self) -> None:
+        """Nothing: who has opened the system closes it."""
+
+
+class SystemSimulator(FreeRuns):
+    """A system that is opened once."""
+
+    def __init__(self, factory: SystemFactory) -> None:
+        self._opened = OpenSystem(factory.assembled)
+        try:
+            simulation: Simulation = self._opened.simulation(factory.timing)
+        except BaseException:
+            self._opened.close()
+            raise
+        super().__init__(simulation, factory.windows, factory.outputs, factory.values)
 
     def close(self) -> None:
         """Free the FMUs."""

@@ -45,7 +45,7 @@ SCHEMAS |= {"scenario": _scenario, "part": _part, "procedure": _procedure, "swee
 @command(app)
 def schema(
     terminal: Terminal,
-    kind: Annotated[str, typer.Argument(help="scenario, part, study, procedure or sweep.")],
+    kind: Annotated[str, typer.Argument(help="scenario, part, study, design, procedure or sweep.")],
     out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write it there.")] = None,
     markdown: Annotated[bool, typer.Option("--markdown", help="A page for people about every key, instead.")] = False,
 ) -> Answer:

@@ -29,7 +29,7 @@ STARTERS |= {
 @command(app)
 def init(
     terminal: Terminal,
-    kind: Annotated[str, typer.Argument(help="scenario, study, sweep, model, ci (GitHub) or gitlab-ci.")],
+    kind: Annotated[str, typer.Argument(help="scenario, study, design, sweep, model, ci (GitHub) or gitlab-ci.")],
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the files.")] = Path(),
 ) -> Answer:
     """Write commented starting files that run; a file that is there is never replaced."""

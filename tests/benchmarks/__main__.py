@@ -27,6 +27,7 @@ BENCH = {
     "calibration_speed": "the calibration from the real recordings; a step of a Python FMU",
     "window_overhead": "a window of a calibration beside its stepping",
     "sensitivities": "the exact Jacobian of a run beside forward differences",
+    "design_speed": "the shipped design of experiments, beside sweeps",
     "reports": "size of reports, first paint and zooms in Chromium",
     "tuning_speed": "PDP over three models; tuning with 1,000 draws",
     "many_runs": "1,000 runs of energy control",

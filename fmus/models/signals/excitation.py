@@ -1,4 +1,4 @@
-"""Test signals: sine, sine sweep, squares of one height or of random ones, random, steps, and playback of a trace.
+"""Test signals: sine, sine sweep, squares of one height or of random ones, random, steps, multisine, and playback.
 
 Every signal is a pure function of time, so it can be entered anywhere and repeats exactly for one seed:
 `offset + amplitude * shape(t)`, zero before `begin`.
@@ -18,7 +18,9 @@ SHAPES = (
     "steps",
     "playback",
     "alternating random",
+    "multisine",
 )
+MOST_LINES = 12
 
 
 def turning(t, p):
@@ -38,6 +40,15 @@ def square(angle):
     """+1 over the first half of each turn, -1 over the second."""
     turn = angle / (2 * math.pi) + 1e-9
     return ops.where(turn - ops.floor(turn) < 0.5, 1.0, -1.0)
+
+
+def multisine(t, p):
+    """Sum of the first `lines` harmonics, with the phases after which it hardly peaks and the power of one sine."""
+    total = 0.0
+    for line in range(1, MOST_LINES + 1):
+        angle = line * turning(t, p) - math.pi * line * (line - 1) / p.lines
+        total = total + ops.where(p.lines > line - 0.5, ops.sin(angle), 0.0)
+    return total / ops.sqrt(p.lines)
 
 
 def interval(t, p):
@@ -64,6 +75,7 @@ def shape(t, p):
         (6, 2 * ops.uniform(p.seed, count) - 1),
         (7, staircase(t, p)),
         (9, ops.uniform(p.seed, count) * square(turning(t, p))),
+        (10, multisine(t, p)),
     ):
         signal = ops.where(p.shape < number + 0.5, ops.where(p.shape > number - 0.5, candidate, signal), signal)
     return signal
@@ -83,16 +95,20 @@ MODEL = Model(
         parameter("amplitude", "1", 1.0, "Factor of the signal (peak value; playback: gain)"),
         parameter("offset", "1", 0.0, "Added to the signal"),
         parameter("begin", "s", 0.0, "Zero before this time; the signal's own time counts from here"),
-        parameter("frequency", "Hz", 1.0, "Of sine, square and alternating random; where sweeps begin", minimum=0),
+        parameter("frequency", "Hz", 1.0, "Of sines, square and alternating random; where sweeps begin", minimum=0),
         parameter("frequency_end", "Hz", 10.0, "Where sine sweep and varying square end", minimum=0),
         parameter("duration", "s", 10.0, "Of sine sweep and varying square", minimum=1e-9),
         parameter("phase", "1", 0.0, "Turns of sine, sweep and square before the beginning; 0.25 centres a motion"),
         parameter("sample_time", "s", 0.01, "How long a random value or a step lasts", minimum=1e-9),
         parameter("period_samples", "1", 100, "Values until periodic random repeats", minimum=1),
         parameter("levels", "1", 4, "Steps up to the amplitude, and down again", minimum=1),
+        parameter("lines", "1", 4, "Harmonics of a multisine, from its frequency on", minimum=1, maximum=MOST_LINES),
         parameter("seed", "1", 1, "Of the random signals"),
     ),
     outputs=outputs,
     tables=("playback",),
-    references=("Random values: SplitMix64 of (seed, sample number), uniform in (-1, 1)",),
+    references=(
+        "Random values: SplitMix64 of (seed, sample number), uniform in (-1, 1)",
+        "Phases of the multisine: Schroeder, IEEE Transactions on Information Theory 16(1), 1970, pp. 85-89",
+    ),
 )

@@ -145,7 +145,7 @@ def test_a_schema_goes_into_a_file(tmp_path: Path) -> None:
 
 def test_an_unknown_kind_is_refused_with_those_there_are() -> None:
     answer = servotwin("schema", "poem")
-    assert answer.exit_code == 2 and "choose scenario or part or procedure or sweep or study" in answer.stderr
+    assert answer.exit_code == 2 and "choose scenario or part or procedure or sweep or study or design" in answer.stderr
 
 
 @pytest.mark.parametrize("file", SHIPPED, ids=lambda file: str(file.relative_to(ROOT / "scenarios")))

@@ -17,7 +17,7 @@ def servotwin(arguments: str) -> Result:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["scenario", "study", "sweep", "model"])
+@pytest.mark.parametrize("kind", ["scenario", "study", "design", "sweep", "model"])
 def test_starting_files_do_what_their_last_lines_say(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

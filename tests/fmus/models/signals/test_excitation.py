@@ -115,6 +115,27 @@ def test_steps_go_up_to_the_amplitude_and_down_again() -> None:
     assert found.tolist() == pytest.approx((up_and_down * 3)[:18])
 
 
+@pytest.mark.parametrize("lines", [1, 3, 12])
+def test_a_multisine_has_the_power_of_a_sine_in_its_lines_alone(lines: int) -> None:
+    """Over a period: as many harmonics, of equal amplitude, and no others."""
+    period = played("multisine", grid(1.99, 0.01), frequency=0.5, lines=lines, amplitude=2.0)
+    spectrum = 2 * np.abs(np.fft.rfft(period)) / len(period)
+    expected = np.zeros_like(spectrum)
+    expected[1 : lines + 1] = 2.0 / math.sqrt(lines)
+    assert spectrum == pytest.approx(expected, abs=1e-9)
+    assert period.std() == pytest.approx(math.sqrt(2.0))
+
+
+def test_the_phases_of_a_multisine_keep_its_peak_low() -> None:
+    """Its lines in phase would reach far beyond; Schroeder's stay below twice the effective value."""
+    time = grid(1.999, 0.001)
+    found = played("multisine", time, frequency=0.5, lines=12)
+    together = sum(np.sin(2 * math.pi * 0.5 * line * time) for line in range(1, 13)) / math.sqrt(12)
+    peak = np.abs(found).max()
+    assert peak < 2 * found.std()
+    assert peak < 0.7 * np.abs(together).max()
+
+
 def test_playback_interpolates_the_table_from_the_beginning_on() -> None:
     table = Table("playback", (0.0, 0.5, 2.0), (1.0, 3.0, -1.0))
     time = grid(4.0, 0.1)

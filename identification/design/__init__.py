@@ -1,0 +1,1 @@
+"""The next experiment: what to excite a rig with so that a calibration's intervals become smallest, within limits."""

@@ -1,0 +1,233 @@
+"""The study file of a design."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BeforeValidator, Field, model_validator
+
+from fmus.errors import IdentificationError, ScenarioError
+from identification.design.study import Choice, Criterion, DesignStudy, Limit, Options, Range, SearchSpec
+from identification.estimation.parameters import ParameterSet
+from identification.output_error.schema import OutputErrorBlock
+from identification.output_error.study import OutputErrorStudy
+from identification.recordings.schema import StudyBlock
+from identification.results import SUMMARY, read_summary, result_file
+from orchestrator.scenario.schema import load_scenario
+from orchestrator.trace import FloatArray
+from orchestrator.yaml_file import Block, Seconds, load
+
+
+class SpanBlock(Block):
+    """All values from `min` to `max` [the variable's unit]."""
+
+    min: float
+    max: float
+
+    @model_validator(mode="after")
+    def _spans(self) -> SpanBlock:
+        if not self.min < self.max:
+            raise ValueError("`min` must be below `max`")
+        return self
+
+    def choice(self) -> Choice:
+        """As a plain value."""
+        return Range(self.min, self.max)
+
+
+class OneOfBlock(Block):
+    """One of some values."""
+
+    one_of: list[float | int | bool | str] = Field(min_length=1)
+
+    def choice(self) -> Choice:
+        """As a plain value."""
+        return Options(tuple(self.one_of))
+
+
+def _choice(value: Any) -> Any:
+    """A single value or a list as the options that they are short for."""
+    if isinstance(value, dict):
+        return value
+    return {"one_of": value if isinstance(value, list) else [value]}
+
+
+Short = float | int | bool | str | list[float | int | bool | str]
+ChoiceBlock = Annotated[
+    SpanBlock | OneOfBlock, BeforeValidator(_choice, json_schema_input_type=Short | SpanBlock | OneOfBlock)
+]
+
+
+class ResponseLimitBlock(Block):
+    """Within which a variable has to stay, as an expectation says it [the variable's unit]."""
+
+    above: float | None = None
+    below: float | None = None
+
+    @model_validator(mode="after")
+    def _limits(self) -> ResponseLimitBlock:
+        if self.above is None and self.below is None:
+            raise ValueError("give `above`, `below` or both")
+        if not self.limit().above < self.limit().below:
+            raise ValueError("`above` must be less than `below`")
+        return self
+
+    def limit(self) -> Limit:
+        """As a plain value."""
+        given = {"above": self.above, "below": self.below}
+        return Limit(**{key: end for key, end in given.items() if end is not None})
+
+
+class DesignSearchBlock(Block):
+    """How experiments are sought; see `study.SearchSpec`."""
+
+    candidates: int = Field(SearchSpec.candidates, ge=1, le=100_000)
+    rounds: int = Field(SearchSpec.rounds, ge=0, le=1000)
+    neighbours: int = Field(SearchSpec.neighbours, ge=1, le=10_000)
+    seed: int = Field(SearchSpec.seed, ge=0)
+
+
+class ExperimentDesignBlock(StudyBlock):
+    """A study that finds the experiments after which a calibration's intervals are smallest.
+
+    Attributes:
+        calibration: a study of `method: output-error`, which will take the recordings.
+        result: the folder of a calibration: its estimates are where the design is made, its covariance is what is
+            known already.
+        values: parameters as they are known, over those of the result and the starts of the calibration's study.
+        scenario: of the rig: what drives it, sensors and recorder; its values of calibrated parameters do not count.
+        experiments: how many.
+        duration: of each [s].
+        families: name -> component.variable of the rig -> a value, a list of values, or `{min: , max: }`.
+        vary: what may differ in every family: an added mass, a set-point.
+        amplitude: the variable of a family that is made smaller where a limit is exceeded.
+        limits: component.variable of the rig -> `above`, `below`.
+        criterion: D the volume, A the mean square, E the longest axis of the relative intervals' ellipsoid; worst the
+            largest relative half-width.
+        parameters: those that it is about; all that the calibration frees by default.
+        noise: output of the calibration -> standard deviation of a compared sample [its unit], over what the rig's
+            sensors give.
+        compare: name -> cases of the scenario, which are predicted beside the design.
+        name: of an experiment and so of its recording: text with `{number}`, and `{hand.added_mass g}` for a value in a
+            unit, as the calibration's `file_name` reads it.
+    """
+
+    method: Literal["design"]
+    calibration: Path
+    result: Path | None = None
+    values: dict[str, float] = {}
+    scenario: Path
+    experiments: int = Field(1, ge=1, le=100)
+    duration: Seconds
+    families: dict[str, dict[str, ChoiceBlock]] = Field(min_length=1)
+    vary: dict[str, ChoiceBlock] = {}
+    amplitude: str | None = None
+    limits: dict[str, ResponseLimitBlock] = {}
+    criterion: Criterion = DesignStudy.criterion
+    parameters: list[str] = []
+    noise: dict[str, Annotated[float, Field(gt=0)]] = {}
+    compare: dict[str, Annotated[list[str], Field(min_length=1)]] = {}
+    name: str = DesignStudy.names
+    search: DesignSearchBlock = DesignSearchBlock()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> ExperimentDesignBlock:
+        if self.duration <= 0:
+            raise ValueError("`duration` must be positive")
+        for name, family in self.families.items():
+            if self.amplitude and not isinstance({**self.vary, **family}.get(self.amplitude), SpanBlock):
+                raise ValueError(f"family {name} gives no range of {self.amplitude}, which `amplitude` names")
+        return self
+
+    def study(self, base: Path) -> DesignStudy:
+        """The study as plain values; `base` is the folder of its file.
+
+        Raises:
+            ScenarioError: a file is none, or a name is not in it.
+            IdentificationError: the result is none of this calibration.
+        """
+        calibration = self._calibration(base)
+        free = [parameter.name for parameter in calibration.parameters.free]
+        for place, names in (("parameters", self.parameters), ("values", self.values)):
+            there = free if place == "parameters" else calibration.parameters.names
+            if unknown := next((name for name in names if name not in there), None):
+                raise ScenarioError(
+                    f"{place}.{unknown}", "is no parameter of the calibration", f"there are {', '.join(there)}"
+                )
+        if unknown := next((name for name in self.noise if name not in calibration.outputs), None):
+            raise ScenarioError(
+                f"noise.{unknown}", "is no output of the calibration", f"there are {', '.join(calibration.outputs)}"
+            )
+        estimates = self._estimates(base) | self.values
+        parameters = ParameterSet(
+            tuple(replace(p, start=estimates.get(p.name, p.start)) for p in calibration.parameters.parameters),
+            calibration.parameters.ties,
+        )
+        known = None if self.result is None else _known(base / self.result, parameters)
+        return DesignStudy(
+            title=self.title,
+            calibration=replace(calibration, parameters=parameters),
+            values=parameters.values(np.zeros(len(parameters.free))),
+            known=known,
+            rig=load_scenario(base / self.scenario, references=False),
+            rig_file=base / self.scenario,
+            calibration_file=base / self.calibration,
+            families={
+                name: {key: one.choice() for key, one in family.items()} for name, family in self.families.items()
+            },
+            limits={name: block.limit() for name, block in self.limits.items()},
+            count=self.experiments,
+            duration=self.duration,
+            criterion=self.criterion,
+            parameters=tuple(self.parameters or free),
+            vary={name: block.choice() for name, block in self.vary.items()},
+            amplitude=self.amplitude,
+            noise=dict(self.noise),
+            compare={name: tuple(cases) for name, cases in self.compare.items()},
+            names=self.name,
+            search=SearchSpec(**dict(self.search)),
+            description=self.description,
+        )
+
+    def _calibration(self, base: Path) -> OutputErrorStudy:
+        file = base / self.calibration
+        block = load(file, OutputErrorBlock)
+        return block.study(block.system(file.parent), block.source(file.parent))
+
+    def _estimates(self, base: Path) -> dict[str, float]:
+        if self.result is None:
+            return {}
+        return {name: entry["value"] for name, entry in read_summary(base / self.result)["parameters"].items()}
+
+
+def _known(folder: Path, parameters: ParameterSet) -> FloatArray:
+    """(n, n) the information behind the covariance in a result's summary, in z; 0 of what it does not determine.
+
+    Raises:
+        IdentificationError: it has none.
+    """
+    document: Any = json.loads(result_file(folder, SUMMARY).read_text(encoding="utf-8"))
+    try:
+        found: Mapping[str, Any] = document["uncertainty"]["covariance"]
+        names = [str(name) for name in found["parameters"]]
+        matrix = np.array([[np.nan if x is None else float(x) for x in row] for row in found["matrix"]]).reshape(
+            len(names), -1
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise IdentificationError(
+            folder, f"has no covariance ({error})", "give the result of an output-error study"
+        ) from None
+    free = [parameter.name for parameter in parameters.free]
+    slopes = dict(zip(free, parameters.slopes(np.zeros(len(free))), strict=True))
+    rows = [i for i, name in enumerate(names) if name in slopes and np.isfinite(matrix[i, i])]
+    size = np.array([slopes[names[i]] for i in rows])
+    places = [free.index(names[i]) for i in rows]
+    information = np.zeros((len(free), len(free)))
+    if rows:
+        information[np.ix_(places, places)] = np.linalg.inv(matrix[np.ix_(rows, rows)] / np.outer(size, size))
+    return information
