@@ -85,6 +85,8 @@ def _stand_alone(life: int) -> None:
 
     The end of the parent, who has the other end of `life`, is a wish to end, too.
     """
+    if sys.platform == "win32":
+        raise OSError("Windows does not fork")
     os.setpgid(0, 0)
     signal.signal(signal.SIGTTOU, signal.SIG_IGN)  # to write to the terminal is no reason to be stopped
     if os.isatty(0):  # to read from it would be
@@ -129,6 +131,8 @@ def _identity(descriptor: int) -> tuple[int, int] | None:
 
 def _watch(child: int, watched: set[signal.Signals], words: LastWords) -> NoReturn:
     """Pass signals on to the child, await its end, clean up, and leave with the exit code."""
+    if sys.platform == "win32":
+        raise OSError("Windows does not fork")
     with suppress(OSError):  # the child does it as well; whoever comes first
         os.setpgid(child, child)
     sent: list[int] = []
@@ -167,6 +171,8 @@ def _watch(child: int, watched: set[signal.Signals], words: LastWords) -> NoRetu
 
 def _end_group(group: int, words: LastWords) -> None:
     """See that no process of the command is left: most end by themselves when it has."""
+    if sys.platform == "win32":
+        raise OSError("Windows does not fork")
     begun = monotonic()
     with suppress(OSError):  # there is none
         while monotonic() < begun + (_SAVING if words.said(SAVING) else _LEAVING):
@@ -195,6 +201,8 @@ def _remove(words: LastWords) -> None:
 
 def _verdict(code: int, words: LastWords, interrupted: bool, given_up: bool) -> tuple[str, int]:
     """The line and the exit code for an end that the command did not come to."""
+    if sys.platform == "win32":
+        raise OSError("Windows does not fork")
     names = culprits(words)
     if interrupted and given_up:
         return f"interrupted; {names or 'the command'} did not let go", 130

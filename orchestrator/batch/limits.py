@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
@@ -55,6 +56,8 @@ class Limits:
 
 def resident(pid: int) -> int:
     """Resident memory of a process; 0 where it has ended [bytes]."""
+    if sys.platform == "win32":
+        raise OSError("Windows does not tell how much memory a process has")
     try:
         pages = int(Path(_STATUS.format(pid=pid)).read_text().split()[1])
     except (OSError, IndexError, ValueError):

@@ -59,6 +59,8 @@ class Isolation:
     patience: float = PATIENCE
 
     def __post_init__(self) -> None:
+        if sys.platform == "win32":
+            raise InputError("--isolate", "needs what Windows does not have", "leave it out, or work under WSL")
         if not 0 < self.patience <= LONGEST:
             raise InputError("--patience", f"is {self.patience:g} s", f"give more than 0 and at most {LONGEST:g} s")
 
@@ -331,8 +333,11 @@ class _Worker:
 
     def kill(self) -> None:
         """End it and what it has started."""
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(self._process.pid, signal.SIGKILL)
+        if sys.platform == "win32":
+            self._process.kill()
+        else:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout, self._held):
             assert pipe is not None

@@ -7,7 +7,6 @@ are pickled; answers are numbers and JSON, for the memory of a process with a br
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import itertools
 import json
 import logging
@@ -57,8 +56,7 @@ class Line:
         self._reading, self._writing = reading, writing
         self._rest = b""
         self._sending = threading.Lock()  # an FMU may log from a thread of its own
-        self._poll = select.poll()
-        self._poll.register(reading, select.POLLIN)
+        self._poll = _polled(reading)
 
     def send(self, kind: bytes, body: bytes) -> None:
         """Say something.
@@ -83,7 +81,7 @@ class Line:
             ValueError: its size cannot be true.
         """
         while (message := self._next()) is None:
-            if deadline is not None and not self._poll.poll(1000 * max(0.0, deadline - monotonic())):
+            if deadline is not None and not self._poll(1000 * max(0.0, deadline - monotonic())):
                 raise TimeoutError
             received = os.read(self._reading, 1 << 16)
             if not received:
@@ -102,6 +100,15 @@ class Line:
             return None
         body, self._rest = self._rest[_HEAD.size : end], self._rest[end:]
         return kind, body
+
+
+def _polled(reading: int) -> Callable[[float], object]:
+    """What waits for something to read for so many milliseconds; it returns something true when there is."""
+    if sys.platform == "win32":
+        raise OSError("Windows does not poll pipes")
+    poll = select.poll()
+    poll.register(reading, select.POLLIN)
+    return poll.poll
 
 
 def serve(life: int) -> None:
@@ -131,6 +138,8 @@ def _die_with(life: int) -> None:
     """
     os.set_inheritable(life, False)
     if sys.platform == "linux":
+        import fcntl  # noqa: PLC0415 (of Unix)
+
         fcntl.fcntl(life, fcntl.F_SETSIG, signal.SIGKILL)
         fcntl.fcntl(life, fcntl.F_SETOWN, -os.getpgrp())
         fcntl.fcntl(life, fcntl.F_SETFL, fcntl.fcntl(life, fcntl.F_GETFL) | os.O_ASYNC)

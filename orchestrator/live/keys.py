@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 
 from orchestrator.live.beside import beside
 
-if sys.platform != "win32":
+with suppress(ImportError):  # where terminals are no files
     import termios
 
 _LOOK = 0.1  # between two looks whether it is over [s]
@@ -49,6 +49,8 @@ def keys(press: Callable[[str], None]) -> Iterator[None]:
 @contextmanager
 def _foreground(terminal: int) -> Iterator[None]:
     """The terminal gives each key at once, to this process group; Ctrl-C still interrupts, Ctrl-Z is a key."""
+    if sys.platform == "win32":
+        raise OSError("Windows has no terminals that are files")
     former, group = termios.tcgetattr(terminal), os.tcgetpgrp(terminal)
     own = termios.tcgetattr(terminal)
     own[3] &= ~(termios.ICANON | termios.ECHO)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -72,7 +73,7 @@ class Panel:
     def press(self, key: str) -> None:
         """Do what a key is for; space ends the run as Ctrl-C does, whatever has been typed."""
         if key == "space":
-            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+            _interrupt()
             return
         names = self._names()
         if not names:
@@ -145,3 +146,11 @@ def sparkline(values: Sequence[float]) -> str:
         BARS[round(top * ((value - low) / span)) if span else 0] if abs(value) < float("inf") else " "
         for value in values
     )
+
+
+def _interrupt() -> None:
+    """As Ctrl-C in the main thread, whatever it waits for."""
+    if sys.platform == "win32":
+        signal.raise_signal(signal.SIGINT)
+    else:
+        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)

@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from multiprocessing import parent_process, resource_tracker
-from multiprocessing.connection import Connection
 from multiprocessing.context import BaseContext
 from multiprocessing.util import get_temp_dir
 from pathlib import Path
@@ -152,7 +151,7 @@ class Child:
 
 
 @cache
-def _life() -> tuple[Connection, Connection]:
+def _life() -> tuple[Any, Any]:
     """A pipe that this process closes by its end only, however that comes."""
     return multiprocessing.Pipe(duplex=False)
 
@@ -214,7 +213,7 @@ def _guarded(main: ModuleType) -> bool:
 @contextlib.contextmanager
 def _uninterrupted() -> Iterator[None]:
     """A process started here never sees SIGINT: a terminal sends it to all, and only we shall answer."""
-    if not hasattr(signal, "pthread_sigmask"):
+    if sys.platform == "win32":
         yield
         return
     resource_tracker.ensure_running()  # it would unblock the signal when it is started along with the first process

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 from fmus.errors import InputError
@@ -16,9 +17,9 @@ def available() -> float:
         lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
         return 1024 * float(next(line.split()[1] for line in lines if line.startswith("MemAvailable")))
     except (OSError, StopIteration, ValueError):
-        known = getattr(os, "sysconf_names", {})
-        there = "SC_PHYS_PAGES" in known and "SC_PAGE_SIZE" in known
-        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")) if there else float("inf")
+        if sys.platform == "win32":
+            return float("inf")
+        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
 
 
 def require(place: object, what: str, size: float, fix: str) -> None:

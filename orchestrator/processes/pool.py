@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import wait
 from time import monotonic
 from types import TracebackType
 from typing import Any, Generic, Self, TypeVar
@@ -141,7 +141,7 @@ def _speaking(busy: Mapping[Child, int], patience: float | None, watch: Watch | 
         if watch is not None:
             left = _LOOK if left is None else min(left, _LOOK)
         if speaking := wait(list(known), left):
-            return [known[connection] for connection in speaking if isinstance(connection, Connection)]
+            return [process for connection, process in known.items() if connection in speaking]
         for process in known.values():
             if watch is not None:
                 process.look_after(watch, busy[process])

@@ -7,6 +7,7 @@ import os
 import pickle
 import shutil
 import signal
+import sys
 import tempfile
 import threading
 import traceback
@@ -60,7 +61,7 @@ def serve(
     try:
         interrupts.__enter__()  # to the end of this process
         last_words.begin(LastWords(Path(folder, WORDS)))
-        if hasattr(signal, "pthread_sigmask"):  # for those that are started from here
+        if sys.platform != "win32":  # for those that are started from here
             signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
             threading.Thread(target=_await_end, args=[life, litter, folder], daemon=True).start()
         _work(connection, make)
@@ -93,6 +94,8 @@ def _await_end(life: Connection, litter: str, folder: str) -> None:
         life.recv()
     if litter:
         shutil.rmtree(litter, ignore_errors=True)
+    if sys.platform == "win32":
+        os._exit(1)
     main_thread = threading.main_thread().ident
     assert main_thread is not None
     signal.pthread_kill(main_thread, signal.SIGTERM)

@@ -157,8 +157,14 @@ def identity(target: Platform) -> tuple[object, ...]:
     programs = [Path(found).resolve() for word in command if (found := shutil.which(word)) is not None]
     files = [(str(program), program.stat().st_size, program.stat().st_mtime_ns) for program in programs]
     package = version("ziglang") if "ziglang" in command else ""
-    c_library = os.confstr("CS_GNU_LIBC_VERSION") if "CS_GNU_LIBC_VERSION" in getattr(os, "confstr_names", ()) else ""
-    return command, FLAGS, files, package, c_library, [(name, os.environ.get(name)) for name in _ENVIRONMENT]
+    return command, FLAGS, files, package, _c_library(), [(name, os.environ.get(name)) for name in _ENVIRONMENT]
+
+
+def _c_library() -> str:
+    """Name and version of the C library where it tells them."""
+    if sys.platform == "linux" and "CS_GNU_LIBC_VERSION" in os.confstr_names:  # musl has none
+        return os.confstr("CS_GNU_LIBC_VERSION") or ""
+    return ""
 
 
 def _compiled(sources: tuple[tuple[str, str], ...], name: str, target: Platform, compiler: tuple[str, ...]) -> bytes:

@@ -166,6 +166,8 @@ def apart(
     Raises:
         BusError: the adapter does not open.
     """
+    if sys.platform == "win32":
+        raise OSError("Windows does not fork")
     board = _Board(coupling.width)
     steps, theirs = socket.socketpair()
     news, told = Pipe(duplex=False)
@@ -192,6 +194,8 @@ def _place(buses: Sequence[BusSettings]) -> str:
 
 
 def _await(child: int) -> None:
+    if sys.platform == "win32":
+        raise OSError("Windows does not fork")
     until = time.monotonic() + _ENDING
     with suppress(ChildProcessError):
         while os.waitpid(child, os.WNOHANG) == (0, 0):
@@ -289,6 +293,8 @@ class _Guard:
 
     def _watch(self, traffic: BusTraffic, now: float) -> None:
         """See that steps end: where none has for too long nobody listens, and at last who takes them is ended."""
+        if sys.platform == "win32":
+            raise OSError("Windows does not fork")
         patience = 2 * self._coupling.rules.give_up  # steps that are only late end it by themselves
         self._alone = traffic.waited(now) > self._step + self._coupling.rules.most_late
         if traffic.watch(now) > patience and self._parent:
@@ -300,6 +306,8 @@ class _Guard:
 
     def _records(self) -> list[tuple[float, ...]]:
         """What the steps have told since the last look."""
+        if sys.platform == "win32":
+            raise OSError("Windows does not fork")
         try:
             data = self._steps.recv(1 << 20, socket.MSG_DONTWAIT)
         except BlockingIOError:

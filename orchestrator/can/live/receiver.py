@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -13,7 +14,6 @@ import can
 from orchestrator.can.frames import CALENDAR
 from orchestrator.can.live.link import Link
 
-_CLOCK = getattr(time, "CLOCK_BOOTTIME", None)
 _PAUSE = 0.1  # for which it may be kept from receiving without that being a pause [s]
 _PAUSES = 1000  # that are kept; beyond it they are only counted
 _PATIENCE = 0.05  # with a bus on which nothing happens, before the thread looks whether to end [s]
@@ -127,4 +127,6 @@ class Receiver:
 
 def _now() -> float:
     """A clock that goes on while the computer sleeps, where there is one [s]."""
-    return time.clock_gettime(_CLOCK) if _CLOCK is not None else time.monotonic()
+    if sys.platform == "linux":
+        return time.clock_gettime(time.CLOCK_BOOTTIME)
+    return time.monotonic()

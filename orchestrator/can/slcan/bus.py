@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import fcntl
 import math
 import os
 import re
+import sys
 import time
 from binascii import unhexlify
 from collections import deque
@@ -296,7 +296,9 @@ def _port(name: str, baudrate: int, rtscts: bool) -> serial.Serial:
 
 def _release(port: serial.Serial) -> None:
     """Let others have the port, also where a child of this process has inherited it."""
-    if port.fd is not None:
+    if sys.platform != "win32" and port.fd is not None:
+        import fcntl  # noqa: PLC0415 (of Unix)
+
         with contextlib.suppress(OSError):
             fcntl.flock(port.fd, fcntl.LOCK_UN)
     port.close()

@@ -7,16 +7,13 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import fcntl
 import json
 import os
 import select
 import signal
 import subprocess
 import sys
-import termios
 import time
-import tty
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -25,6 +22,11 @@ from typing import IO, Any
 
 from fmus.errors import BusError, InputError
 from orchestrator.can.slcan.adapter import AdapterBus, BitRates, SerialAdapter
+
+with contextlib.suppress(ImportError):  # where terminals are no files; `_taken` says so
+    import fcntl
+    import termios
+    import tty
 
 _STARTING = 20.0  # patience with a process that has still to start [s]
 _ENDING = 5.0  # patience with one that has been told to end [s]
@@ -77,10 +79,7 @@ class _Port:
 
     def __init__(self, path: Path, adapter: SerialAdapter) -> None:
         self.adapter, self.path = adapter, path
-        self.master, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        os.set_blocking(self.master, False)
-        self._name = os.ttyname(self._slave)
+        self.master, self._slave, self._name = _pseudo_terminal()
         if path.is_symlink():  # of a hub that was killed
             path.unlink()
         path.symlink_to(self._name)
@@ -92,7 +91,7 @@ class _Port:
             data = os.read(self.master, 65536)
         except BlockingIOError:
             return
-        if self.adapter.take(data, now) and not self.adapter.open:
+        if self.adapter.take(data, now) and not self.adapter.open and sys.platform != "win32":
             termios.tcflush(self._slave, termios.TCIFLUSH)  # what the one before has not read
 
     def write(self) -> None:
@@ -188,12 +187,24 @@ class _Hub:
         return HubStatistics(self._bus.frames, self._bus.busy, elapsed, tuple(ports))
 
 
+def _pseudo_terminal() -> tuple[int, int, str]:
+    """Its two ends, the first of which never waits, and the name of the second."""
+    if sys.platform == "win32":
+        raise OSError("Windows has no pseudo-terminals")
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    os.set_blocking(master, False)
+    return master, slave, os.ttyname(slave)
+
+
 def _taken(folder: Path) -> int:
     """Make the folder this hub's own, for as long as what is returned stays open.
 
     Raises:
         InputError: another hub has it, or it cannot be made.
     """
+    if sys.platform == "win32":
+        raise InputError(folder, "cannot hold serial ports on Windows", "work under WSL, or with real adapters")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import io
 import json
-import resource
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -73,7 +72,10 @@ def _served(path: Path) -> tuple[dict[str, Any], Any]:
 
 def serve(path: str) -> None:
     """Write the channels of a file to standard output as .npz: in the process that `read` starts."""
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    if sys.platform != "win32":
+        import resource  # noqa: PLC0415 (of Unix)
+
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     from asammdf import MDF  # noqa: PLC0415 (of an extra)
 
     out, sys.stdout = sys.stdout.buffer, sys.stderr

@@ -30,7 +30,9 @@ from orchestrator.batch.sweep.runs.rows import FAILED
 from orchestrator.batch.sweep.runs.setup import Done, Numbers
 from orchestrator.results import check_target, permission, versions
 
-if sys.platform != "win32":
+if sys.platform == "win32":
+    import msvcrt
+else:
     import fcntl
 
 MANIFEST, RUNS, PENDING = "manifest.jsonl", "runs", "pending"
@@ -38,6 +40,7 @@ WRITING: dict[str, Any] = {"compression": "zstd", "write_page_checksum": True, "
 LARGEST_PART = 1000  # rows
 PART_BYTES = 32 << 20  # about which the samples of a part take at most
 _FORMAT = 1
+_BEHIND = 1 << 40  # where a file has no bytes
 
 
 def part_rows(samples: int) -> int:
@@ -276,10 +279,12 @@ def _difference(key: str, known: Any, asked: Any) -> str:
 
 
 def _lock(descriptor: int, path: Path) -> None:
-    if sys.platform == "win32":
-        return
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if sys.platform == "win32":
+            os.lseek(descriptor, _BEHIND, os.SEEK_SET)
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        else:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
         raise InputError(path, "is written to by another command", "wait for that, or give another --out") from None
 
@@ -287,7 +292,8 @@ def _lock(descriptor: int, path: Path) -> None:
 def _whole_lines(descriptor: int) -> bool:
     """Cut off a line that a killed command has not finished; whether there are others."""
     size = os.fstat(descriptor).st_size
-    data = os.pread(descriptor, min(size, 1 << 20), max(0, size - (1 << 20)))
+    os.lseek(descriptor, max(0, size - (1 << 20)), os.SEEK_SET)
+    data = os.read(descriptor, min(size, 1 << 20))
     end = data.rfind(b"\n") + 1
     if end < len(data):
         os.ftruncate(descriptor, size - len(data) + end)

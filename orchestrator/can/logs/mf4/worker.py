@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import struct
 import sys
 from pathlib import Path
@@ -28,7 +27,10 @@ MEMORY = 4 << 30  # bytes
 
 def serve(path: Path) -> None:
     """Read the log and say what is in it."""
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    if sys.platform != "win32":
+        import resource  # noqa: PLC0415 (of Unix)
+
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     pipe = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what asammdf prints is no message
     findings = _Telling(pipe)
