@@ -229,7 +229,8 @@ def load_scenario(path: str | Path, references: bool = True, fmus: Mapping[str, 
 
     Args:
         references: whether its accepted references are read; what is to be replaced need not be fit for it.
-        fmus: component -> FMU file that takes its place, with the values in it and none of the component's.
+        fmus: component -> FMU file that takes its place, with the values in it and none of the component's; accepted
+            references are then not asked for, and told.
 
     Raises:
         ScenarioError: no such file, or it does not fit.
@@ -238,4 +239,15 @@ def load_scenario(path: str | Path, references: bool = True, fmus: Mapping[str, 
     file = Path(path)
     block, parts = load_joined(file, ScenarioBlock)
     with naming(file):
-        return replace(block.with_fmus(fmus or {}).scenario(file, references), parts=parts)
+        scenario = block.with_fmus(fmus or {}).scenario(file, references and not fmus)
+    return replace(_of_others(scenario) if fmus else scenario, parts=parts)
+
+
+def _of_others(scenario: Scenario) -> Scenario:
+    """A scenario with other FMUs than its own, of which what was accepted says nothing; that is logged."""
+    kept = scenario.without_accepted()
+    left = dict.fromkeys(str(asked) for case in scenario.cases for asked in case.expected if asked.accepted)
+    said = [f"not asked of other FMUs than its own: {text}" for text in left]
+    for line in said:
+        LOG.warning("%s", line)
+    return replace(kept, notes=[*kept.notes, *said])

@@ -13,12 +13,14 @@ from typer.testing import CliRunner, Result
 
 from fmus import files as fmu_files
 from fmus.files import sha256
+from fmus.packaging import targets
 from identification.cli import app
 from orchestrator import formats
 from orchestrator.formats import parquet
 from orchestrator.scenario import references
 from orchestrator.scenario.expectations import OnSignal
 from orchestrator.scenario.run import run_scenario
+from orchestrator.scenario.schema import load_scenario
 from orchestrator.trace import Trace
 
 SWING = """
@@ -334,3 +336,15 @@ def test_a_reference_is_as_fine_as_the_bound_that_it_is_for(tmp_path: Path, aske
     kept = formats.read(tmp_path / "references" / "swing" / "run.parquet").trace
     off = kept.resampled(case.trace.time)["hand.angle"] - case.trace["hand.angle"]
     assert 0 < np.abs(off).max() < 0.06 * apart * np.ptp(case.trace["hand.angle"]) / 0.3 + 1e-12
+
+
+def test_references_of_a_scenarios_own_components_are_not_asked_of_other_fmus_and_that_is_told(
+    swing: Path, tmp_path: Path
+) -> None:
+    accept(swing)
+    heavy = targets.build("pendulum", tmp_path / "heavy.fmu", parameters={"angle_start": 0.7})
+    assert not run_scenario(load_scenario(swing), {"hand.angle_start": 0.7}).passed
+    other = run_scenario(load_scenario(swing, fmus={"hand": heavy}))
+    assert [case.checks for case in other.cases] == [(), ()]
+    told = "not asked of other FMUs than its own: hand.angle follows its reference within 0.001"
+    assert told in other.scenario.notes

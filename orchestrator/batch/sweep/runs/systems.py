@@ -81,9 +81,11 @@ def _with_cases(scenario: Scenario, block: SweepBlock, file: Path) -> Scenario:
 
 def _wired(scenario: Scenario, numbers: tuple[int, ...], block: SweepBlock, file: Path, folder: Path) -> Wired:
     named = dict(_measures(block, file))
-    left_out = tuple(dict.fromkeys(str(one) for case in scenario.cases for one in case.expected if _of_machine(one)))
+    left_out = tuple(
+        dict.fromkeys(str(one) for case in scenario.cases for one in case.expected if _is_no_matter_of_points(one))
+    )
     cases = tuple(
-        replace(case, expected=(*(one for one in case.expected if not _of_machine(one)), *named.values()))
+        replace(case, expected=(*(one for one in case.expected if not _is_no_matter_of_points(one)), *named.values()))
         for case in scenario.cases
     )
     assembled = assemble(scenario.system, folder, scenario.driven)
@@ -109,5 +111,6 @@ def _measures(block: SweepBlock, file: Path) -> Iterator[tuple[str, Expected]]:
             yield name, asked.expectation(file.parent)
 
 
-def _of_machine(expected: Expected) -> bool:
-    return any(isinstance(leaf, OnRun) and leaf.kind in OF_THE_MACHINE for leaf in expected.leaves)
+def _is_no_matter_of_points(expected: Expected) -> bool:
+    """Whether it is asked of the machine, or was accepted of the scenario's own values."""
+    return expected.accepted or any(isinstance(leaf, OnRun) and leaf.kind in OF_THE_MACHINE for leaf in expected.leaves)
