@@ -242,14 +242,17 @@ def calibrate_study(
         return _written(found, target, progress)
 
 
-def tune_study(study_file: Path, target: Path, progress: Progress) -> Summary:
+def tune_study(study_file: Path, target: Path, progress: Progress, isolation: Isolation | None = None) -> Summary:
     """Tune and write the result folder; the summary comes back.
+
+    Args:
+        isolation: of FMUs given as files, in simulated loops and on rigs; a run that crashes or hangs has failed.
 
     Raises:
         InputError: the study or the target do not fit.
         FmuError: the FMUs fail.
     """
-    return _without_data(study_file, "tune", target, progress)
+    return _without_data(study_file, "tune", target, progress, isolation)
 
 
 def design_study(study_file: Path, target: Path, progress: Progress) -> Summary:
@@ -262,11 +265,13 @@ def design_study(study_file: Path, target: Path, progress: Progress) -> Summary:
     return _without_data(study_file, "design", target, progress)
 
 
-def _without_data(study_file: Path, command: str, target: Path, progress: Progress) -> Summary:
+def _without_data(
+    study_file: Path, command: str, target: Path, progress: Progress, isolation: Isolation | None = None
+) -> Summary:
     study = _loaded(study_file, command)
     check_target(target, [study_file])
     with aside(target) as near:
-        return _written(_found(study, None, progress, None, near / LOG_FILE), target, progress)
+        return _written(_found(study, None, progress, isolation, near / LOG_FILE), target, progress)
 
 
 def _written(found: CalibratedStudy, target: Path, progress: Progress) -> Summary:

@@ -89,6 +89,7 @@ def tune(
     terminal: Terminal,
     study: Annotated[Path, typer.Argument(help="A study file of `method: tune`.")],
     *,
+    isolate: Isolate,
     out: Out = None,
 ) -> Answer:
     """A controller's values for several plants at once, written into its FMU, with summary.json and report.html.
@@ -101,7 +102,7 @@ def tune(
 
     folder = out or default_folder(study)
     with terminal.bar(study.stem) as move:
-        document = tune_study(study, folder, move)
+        document = tune_study(study, folder, move, isolate.isolation())
     tuned = cast("TuningSummary", document)
     shown: list[Listing | str] = [_parameters(document), _goals(tuned)]
     shown += [_rig(rig) for rig in tuned.get("rigs", [])]

@@ -14,7 +14,7 @@ from orchestrator.progress import Progress
 
 
 def _run(block: TuneBlock, base: Path, data: Path | None, progress: Progress, isolation: Isolation | None) -> Tuning:
-    return tune(block.study(base), progress)
+    return tune(block.study(base), progress, isolation)
 
 
 METHOD: Method[TuneBlock, Tuning] = Method(TuneBlock, _run, summary, report, calibrated, command="tune")

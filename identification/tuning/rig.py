@@ -12,6 +12,7 @@ from fmus.errors import ScenarioError
 from fmus.parameters.write_back import write_back
 from identification.method import CalibratedFmu
 from orchestrator.fmi.interface import Value
+from orchestrator.fmi.isolation import Isolation
 from orchestrator.progress import Progress
 from orchestrator.results import CaseDocument
 from orchestrator.scenario.results import document_of_check
@@ -46,7 +47,13 @@ class Rig:
             problem = f"'{self.component}' is no component of {self.scenario.name}"
             raise ScenarioError(f"{place}.component", problem, f"there are {', '.join(there)}")
 
-    def judged(self, controller: CalibratedFmu, found: Mapping[str, float], progress: Progress) -> ScenarioResult:
+    def judged(
+        self,
+        controller: CalibratedFmu,
+        found: Mapping[str, float],
+        progress: Progress,
+        isolation: Isolation | None = None,
+    ) -> ScenarioResult:
         """All cases with the controller's FMU and its values, or only with those that were `found`.
 
         References that were accepted of the scenario's own controller judge none of them.
@@ -63,7 +70,7 @@ class Rig:
                 fmus, given = {self.component: controller.source}, dict(controller.values)
             values = {**{f"{self.component}.{name}": value for name, value in given.items()}, **self.values}
             scenario = load_scenario(self.scenario, references=False, fmus=fmus).without_accepted()
-            return run_scenario(scenario, values, progress, going_on=True)
+            return run_scenario(scenario, values, progress, isolation=isolation, going_on=True)
 
 
 def cases(result: ScenarioResult) -> list[CaseDocument]:

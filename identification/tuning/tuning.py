@@ -11,6 +11,7 @@ from identification.tuning.procedures.problem import Judgement, Problem
 from identification.tuning.procedures.procedure import Found
 from identification.tuning.study import CONTROLLER, TuningStudy
 from orchestrator.fmi.interface import Interface
+from orchestrator.fmi.isolation import Isolation
 from orchestrator.progress import Progress, silent
 from orchestrator.scenario.run import ScenarioResult
 
@@ -62,8 +63,11 @@ class Tuning:
 
 
 @single_threaded
-def tune(study: TuningStudy, progress: Progress = silent) -> Tuning:
+def tune(study: TuningStudy, progress: Progress = silent, isolation: Isolation | None = None) -> Tuning:
     """The values that a study's procedure comes to, and how they do on the study's rigs.
+
+    Args:
+        isolation: of FMUs given as files on the rigs; a case in which one crashes or hangs has failed.
 
     Raises:
         InputError: the study's parts do not fit together.
@@ -76,4 +80,6 @@ def tune(study: TuningStudy, progress: Progress = silent) -> Tuning:
     parts.problem.controller.require_slopes(found.best.values)
     unseen = None if parts.unseen is None else parts.problem.on(parts.unseen).judged(found.best.values)
     result = Tuning(study, parts, found, unseen)
-    return replace(result, rigs=tuple(rig.judged(result.controller, found.best.values, progress) for rig in study.rigs))
+    return replace(
+        result, rigs=tuple(rig.judged(result.controller, found.best.values, progress, isolation) for rig in study.rigs)
+    )

@@ -51,7 +51,7 @@ def report(result: SimulatedTuning) -> Report:
 def _run(
     block: SimulatedBlock, base: Path, data: Path | None, progress: Progress, isolation: Isolation | None
 ) -> SimulatedTuning:
-    return tune(block.study(base), progress)
+    return tune(block.study(base), progress, isolation)
 
 
 METHOD: Method[SimulatedBlock, SimulatedTuning] = Method(

@@ -13,6 +13,7 @@ from identification.tuning.simulated.study import LoopSpec
 from orchestrator.assembly.assembly import OpenSystem
 from orchestrator.engine import Simulation
 from orchestrator.fmi.interface import Value
+from orchestrator.fmi.isolation import Isolation
 from orchestrator.scenario.scenario import Case, Scenario
 from orchestrator.scenario.schema import load_scenario
 from orchestrator.scenario.units import in_units_of
@@ -32,7 +33,13 @@ class SimulatedLoop:
     """
 
     def __init__(
-        self, place: str, spec: LoopSpec, controller: Path, values: Mapping[str, Value], signals: Sequence[str]
+        self,
+        place: str,
+        spec: LoopSpec,
+        controller: Path,
+        values: Mapping[str, Value],
+        signals: Sequence[str],
+        isolation: Isolation | None = None,
     ) -> None:
         self._component, self._signals = spec.component, list(signals)
         there = load_scenario(spec.scenario)
@@ -46,7 +53,7 @@ class SimulatedLoop:
         opened = OpenSystem(self._built.assembled)
         self.system: System = opened.system
         self.duration = float(scenario.timing.stop - scenario.timing.start)
-        self._simulation: Simulation = opened.simulation(scenario.timing)
+        self._simulation: Simulation = opened.simulation(scenario.timing, isolation)
         weakref.finalize(self, _freed, self._simulation, opened)
         scenario, _ = in_units_of(opened.system, replace(scenario, cases=(replace(case, expected=()),)))
         instants = self._simulation.instants()

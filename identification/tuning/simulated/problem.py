@@ -32,7 +32,7 @@ class SimulatedProblem:
     band: float
     limit: float
     goals: tuple[Goal, ...]
-    failures: dict[str, str] = field(default_factory=dict)
+    failures: dict[str, list[str]] = field(default_factory=dict)
 
     def judged(self, values: Mapping[str, float]) -> Judgement:
         """What these parameters do; a loop whose run fails counts as unstable, and there are no figures of it."""
@@ -43,7 +43,7 @@ class SimulatedProblem:
             try:
                 trace = self.loops[name].run(values)
             except FmuError as error:
-                self.failures[name] = str(error)
+                self.failures.setdefault(name, []).append(str(error))
                 radius[j] = FAILED - _share(error, self.loops[name].duration)
                 continue
             move = Move(f"plants.{name}", trace, self.reference, self.tracked, self.band, self.limit)

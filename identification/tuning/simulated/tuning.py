@@ -22,6 +22,7 @@ from identification.tuning.simulated.study import SimulatedStudy
 from identification.tuning.study import CONTROLLER, GoalSpec
 from orchestrator.assembly.assembly import OpenSystem, SystemSpec
 from orchestrator.fmi.interface import Interface
+from orchestrator.fmi.isolation import Isolation
 from orchestrator.progress import Progress, silent
 from orchestrator.scenario.run import ScenarioResult
 from orchestrator.system import check_values
@@ -46,7 +47,8 @@ class SimulatedTuning:
     @property
     def remarks(self) -> list[str]:
         """What a reader of the figures must know."""
-        return [f"runs of {name} failed on the way, last: {said}" for name, said in self.problem.failures.items()]
+        failed = self.problem.failures
+        return [f"{len(said)} runs of {name} failed on the way, last: {said[-1]}" for name, said in failed.items()]
 
     @property
     def values(self) -> dict[str, float]:
@@ -60,8 +62,11 @@ class SimulatedTuning:
 
 
 @single_threaded
-def tune(study: SimulatedStudy, progress: Progress = silent) -> SimulatedTuning:
+def tune(study: SimulatedStudy, progress: Progress = silent, isolation: Isolation | None = None) -> SimulatedTuning:
     """The values that the study's search comes to, and how they do on its rigs.
+
+    Args:
+        isolation: of FMUs given as files; a run that crashes or hangs counts as one that fails.
 
     Raises:
         InputError: the study's parts do not fit together.
@@ -74,20 +79,22 @@ def tune(study: SimulatedStudy, progress: Progress = silent) -> SimulatedTuning:
         check_values(opened.system, built.assembled.system.values())
         interface = opened.system.parts[CONTROLLER].interface
     study.search.check(interface)
-    problem = _problem(study, built)
+    problem = _problem(study, built, isolation)
     found = searched(study.search, problem, interface, progress)
     result = SimulatedTuning(study, problem, built, interface, found)
-    return replace(result, rigs=tuple(rig.judged(result.controller, found.best.values, progress) for rig in study.rigs))
+    return replace(
+        result, rigs=tuple(rig.judged(result.controller, found.best.values, progress, isolation) for rig in study.rigs)
+    )
 
 
-def _problem(study: SimulatedStudy, built: BuiltSystem) -> SimulatedProblem:
+def _problem(study: SimulatedStudy, built: BuiltSystem, isolation: Isolation | None) -> SimulatedProblem:
     goals = tuple(_goal(spec, study) for spec in study.goals)
     named = [study.reference, study.tracked, *(goal.signal.name for goal in goals if goal.signal is not None)]
     signals, values = list(dict.fromkeys(named)), built.assembled.system.components[CONTROLLER].parameters
     loops = {}
     for name, spec in study.plants.items():
         file = built.assembled.files[CONTROLLER]
-        loop = SimulatedLoop(f"plants.{name}", spec, file, values, signals)
+        loop = SimulatedLoop(f"plants.{name}", spec, file, values, signals, isolation)
         units = {each: loop.unit(each, f"plants.{name}") for each in (study.reference, study.tracked)}
         if len({unit for unit in units.values() if unit}) > 1:
             problem = f"is in {units[study.tracked]}, and {study.reference} in {units[study.reference]}"

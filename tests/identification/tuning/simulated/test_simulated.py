@@ -15,8 +15,10 @@ from fmus.errors import InputError
 from identification.calibrate import tune_study
 from identification.cli import app
 from identification.tuning.summary import TuningSummary
+from orchestrator.fmi.isolation import Isolation
 from orchestrator.info import about
 from orchestrator.progress import silent
+from tests.support.fmus import quirks
 from tests.support.identification.tuning_study import study, write
 
 STEP = 0.01
@@ -179,3 +181,25 @@ def test_a_run_that_fails_counts_as_unstable_and_is_told(tmp_path: Path) -> None
     )
     assert np.isfinite(found["objective"])
     assert any("runs of light failed on the way" in remark for remark in found["warnings"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("trouble", ["abort();", "for (;;);"])
+def test_an_fmu_that_crashes_or_hangs_at_some_gains_fails_there_and_the_search_goes_on(
+    tmp_path: Path, trouble: str
+) -> None:
+    """The lag of `quirks.c` starts at 1 and is to go to 2, so that the command is at most kp."""
+    quirks.build(tmp_path / "lag.fmu", ON_STEP=f"if (m->number[U] > 4) {trouble}")
+    components = RIG["components"] | {"load": {"fmu": "lag.fmu"}}
+    connections = ["source.signal -> servo.reference", "load.x -> servo.position", "servo.voltage -> load.u"]
+    (tmp_path / "rig.yaml").write_text(
+        json.dumps(RIG | {"components": components, "connections": connections, "cases": [{"name": "run"}]})
+    )
+    unknowns = {"kp": {"start": 3, "min": 0.5, "max": 20}}
+    asked = ASKED | {"tracked": "load.x", "design": {"unknowns": unknowns, "evaluations": 12}}
+    file = write(tmp_path, asked)
+    found: Any = tune_study(file, tmp_path / "out", silent, Isolation(2.0))
+    assert 3 <= gain(found) <= 4
+    [remark] = [line for line in found["warnings"] if "failed on the way" in line]
+    assert ("crashed" if trouble == "abort();" else "hangs") in remark
+    assert CliRunner().invoke(app, ["tune", str(file), "--patience", "2"]).exit_code == 2
