@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from importlib.metadata import version as version_of
@@ -14,10 +15,15 @@ from identification.cli import app
 HERE = Path(__file__).parent
 project = "servotwin"
 release = version = version_of("servotwin")
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton"]
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
 suppress_warnings = ["misc.highlighting_failure"]  # a fragment of YAML with braces is no whole document
+# Notebooks are run anew with each build; one that fails is an error.
+nb_execution_mode = "force"
+nb_execution_raise_on_error = True
+nb_execution_timeout = 300
+os.environ["PLOTLY_RENDERER"] = "notebook"  # figures that a page shows without a network
 html_theme = "pydata_sphinx_theme"
 html_title = "servotwin"
 html_theme_options = {"show_toc_level": 2, "navigation_with_keys": True}

@@ -19,8 +19,6 @@ from identification.study import load_study
 ROOT = Path(__file__).parents[1]
 PAGE = re.search(r"^```python\n(# first_page\.py\n.*?)^```$", (ROOT / "README.md").read_text(), re.M | re.S)[1]  # type: ignore[index]
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.fixture
 def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
@@ -28,6 +26,12 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     shutil.copytree(ROOT / "scenarios", tmp_path / "scenarios")
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     return tmp_path
+
+
+@pytest.mark.parametrize("file", (ROOT / "docs" / "notebooks").glob("*.ipynb"), ids=lambda file: file.stem)
+def test_notebooks_of_the_site_are_kept_without_what_came_out(file: Path) -> None:
+    cells = nbformat.read(file, as_version=4).cells
+    assert not [cell for cell in cells if cell.cell_type == "code" and (cell.outputs or cell.execution_count)]
 
 
 def check_estimates(folder: Path) -> None:
@@ -38,6 +42,7 @@ def check_estimates(folder: Path) -> None:
     assert {file.name for file in (folder / "fmus").iterdir()} == {"motor.fmu", "hand.fmu"}
 
 
+@pytest.mark.slow
 def test_the_page_is_a_script_that_needs_no_guard_around_its_work(checkout: Path) -> None:
     (checkout / "first_page.py").write_text(PAGE)
     done = subprocess.run(
@@ -53,6 +58,7 @@ def test_the_page_is_a_script_that_needs_no_guard_around_its_work(checkout: Path
     check_estimates(checkout / "out" / "page" / "calibrated")
 
 
+@pytest.mark.slow
 def test_the_page_is_a_notebook_that_shows_plots_and_the_estimates(checkout: Path) -> None:
     cells = [nbformat.v4.new_code_cell(part) for part in PAGE.split("\n\n")]
     notebook = nbformat.v4.new_notebook(cells=cells)
