@@ -31,6 +31,7 @@ BENCH = {
     "reports": "size of reports, first paint and zooms in Chromium",
     "tuning_speed": "PDP over three models; tuning with 1,000 draws",
     "many_runs": "1,000 runs of energy control",
+    "sweep": "10,000 points of energy control into a data set: time, scaling, overhead, memory",
     "judging": "a million samples judged by a funnel about a reference",
     "closed_loops": "1,000 closed loops of the flexible arm, and one beside real time",
     "can_codec": "CAN frames to a trace and back, beside cantools",

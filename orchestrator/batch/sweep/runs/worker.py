@@ -83,7 +83,10 @@ class Worker:
         ran, state = self._ran(opened, asked, Run(values, self._stimuli(opened, point), opened.record))
         if state == rows.FAILED:
             return Row(state, str(ran.error), False, {})
-        checks = [_checked(expected, ran) for expected in asked.expected]
+        try:
+            checks = [_checked(expected, ran) for expected in asked.expected]
+        except ServotwinError as odd:
+            return Row(rows.FAILED, f"cannot be judged: {odd}", False, {})
         columns = variant.asked[place_of_case]
         counted = [c for c, column in zip(checks, columns, strict=True) if self._setup.asked[column].counts]
         passed = not any(check.failed for check in counted) and (ran.error is None or bool(counted))
@@ -154,11 +157,13 @@ def _open(variant: Variant, setup: Setup) -> _Opened:
 
 
 def _checked(expected: Expected, ran: Ran) -> Check:
-    """How an expectation turned out; one about times that a run which ended early has not reached does not hold."""
+    """How an expectation turned out; one about times that a run which an FMU ended has not reached does not hold."""
     try:
         return expected.check(ran)
-    except ScenarioError as problem:
-        return Check(str(expected), False, problem.problem)
+    except ScenarioError:
+        if ran.result is None or not ran.result.ended:
+            raise
+        return Check(str(expected), False, ran.result.ended)
 
 
 def _kept(trace: Trace, kept: Kept) -> list[FloatArray]:

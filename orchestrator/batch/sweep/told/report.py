@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
+from orchestrator.batch.sweep.points.designs import Morris, SobolIndices
 from orchestrator.batch.sweep.runs.preparation import Prepared
 from orchestrator.batch.sweep.runs.rows import MARGIN, TIME
 from orchestrator.batch.sweep.told.again import command
@@ -178,6 +179,8 @@ def _map(section: Section, numbers: Numbers, result: SweepResult) -> None:
 
 def _indices(section: Section, study: Prepared, result: SweepResult) -> None:
     """Sensitivity indices of each figure and case, where the points were chosen for them."""
+    if not isinstance(study.design, SobolIndices | Morris):
+        return
     points = study.design.points(0, study.design.count)
     names, cases = study.setup.space.names, len(study.setup.cases)
     rows: list[list[Cell]] = []

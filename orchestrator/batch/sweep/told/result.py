@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NotRequired, TypedDict
@@ -115,15 +115,14 @@ class SweepResult:
     @property
     def failed(self) -> Numbers:
         """Numbers of the runs that failed."""
-        states = self.table(["state"])["state"]
-        found: Numbers = np.flatnonzero(compute.equal(states, FAILED).to_numpy())
+        found: Numbers = np.flatnonzero(self._joined("state", lambda states: compute.equal(states, FAILED)))
         return found
 
     def sampled(self, columns: Sequence[str], most: int) -> pa.Table:
         """At most so many rows, spread evenly over all; no more than a part of the data set is in memory besides."""
         step = max(1, -(-self.document["runs"] // most))
         found, first = [], 0
-        for file in sorted((self.folder / RUNS).glob("*.parquet")):
+        for file in self._files:
             rows = parquet.read_table(file, columns=list(columns))
             found.append(rows.take(np.arange(-first % step, len(rows), step)))
             first += len(rows)
@@ -131,8 +130,19 @@ class SweepResult:
 
     def column(self, name: str) -> FloatArray:
         """(N,) numbers of a column, NaN where a run has none."""
-        found = self.table([name])[name].cast(pa.float64())
-        return np.asarray(found.to_numpy(zero_copy_only=False), dtype=float)
+        return self._joined(name, lambda values: values)
+
+    def _joined(self, name: str, change: Callable[[pa.ChunkedArray], pa.ChunkedArray]) -> FloatArray:
+        """(N,) a column, changed, part by part: no more than that and a part is in memory."""
+        pieces = [np.zeros(0)]
+        for file in self._files:
+            values = change(parquet.read_table(file, columns=[name])[name]).cast(pa.float64())
+            pieces.append(np.asarray(values.to_numpy(zero_copy_only=False), dtype=float))
+        return np.concatenate(pieces)
+
+    @property
+    def _files(self) -> list[Path]:
+        return sorted((self.folder / RUNS).glob("*.parquet"))
 
 
 def load_result(folder: str | Path) -> SweepResult:

@@ -80,6 +80,6 @@ def asked_of(asked: Asked, held: FloatArray, figures: FloatArray | None, margins
 def _spread(figures: FloatArray) -> dict[str, float] | None:
     if not len(figures):
         return None
-    quantiles = np.quantile(figures, list(QUANTILES.values())).tolist()
+    quantiles = np.quantile(figures, list(QUANTILES.values()), overwrite_input=True).tolist()
     ends = {"lowest": float(figures.min()), "highest": float(figures.max()), "mean": float(figures.mean())}
     return {**ends, "std": float(figures.std()), **dict(zip(QUANTILES, quantiles, strict=True))}
