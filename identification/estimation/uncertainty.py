@@ -18,6 +18,7 @@ from scipy.special import stdtrit
 from identification.estimation.arrow_least_squares import Loss, WindowBlock
 from identification.estimation.noise import Noise, coloured, white
 from identification.estimation.parameters import Parameter
+from identification.estimation.remedies import separating
 from identification.estimation.validation import Whiteness, whiteness
 from orchestrator.trace import FloatArray, ReadOnlyArrays
 
@@ -35,10 +36,12 @@ class Combination:
     Attributes:
         coefficients: name -> change of the parameter [its unit], the largest relative change first.
         message: the same as a sentence.
+        remedy: what would tell its parameters apart, or show a single one.
     """
 
     coefficients: dict[str, float]
     message: str
+    remedy: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -399,7 +402,18 @@ def _combination(
         message = _pair([parameters[i] for i in involved], values[involved], direction[involved], moves[involved], only)
     else:
         message = _many(names, values[involved], moves[involved], only)
-    return Combination({parameters[i].name: float(moves[i]) for i in involved}, message)
+    told = [parameters[i] for i in involved]
+    remedy = separating(told, _proportional(values[involved], moves[involved])) if len(told) > 1 else _showing(message)
+    return Combination({parameters[i].name: float(moves[i]) for i in involved}, message, remedy)
+
+
+def _showing(alone: str) -> str:
+    """What would show a single parameter that is not seen."""
+    if "initial states" in alone:
+        return "longer windows, or windows that begin at rest (`estimated: false`)"
+    if "failed" in alone:
+        return "narrower `min` and `max`, where runs succeed"
+    return "a recording of motion that depends on it, or `fixed: true`"
 
 
 def _alone(name: str, silent: bool, failed: int) -> str:

@@ -45,6 +45,7 @@ class SignalBlock(Block):
     """A signal of the traces, and how much later than the system it is (an output) or reaches it (an input).
 
     Attributes:
+        signal: its name in the recordings.
         factor, offset: variable = factor * signal + offset, over what their units say.
         delay: [s] or the name of a parameter of the study; a command with a delay counts by its mean over each
             communication step, one without by its value at the beginning.
@@ -57,11 +58,13 @@ class SignalBlock(Block):
 
 
 class InitialBlock(Block):
-    """A start value read off a signal around the beginning of each window; see `StartSpec`.
+    """A start value read off a signal around the beginning of each window.
 
     Attributes:
         factor, offset: variable = factor * reading + offset, over what their units say.
     """
+
+    explained_by = (StartSpec,)
 
     signal: str
     factor: float | None = None
@@ -83,7 +86,9 @@ class InitialBlock(Block):
 
 
 class WindowsBlock(Block):
-    """Where free runs lie; see `WindowSpec`."""
+    """Where free runs lie in a recording."""
+
+    explained_by = (WindowSpec,)
 
     length: Seconds
     every: Seconds | None = WindowSpec.every
@@ -176,7 +181,8 @@ class ParameterBlock(Block):
 
     Attributes:
         start, min, max: in the variable's unit, or with their own: `90 deg`.
-        tied: name of the parameter that this one is `factor` times of.
+        tied: name of the parameter that this one is a multiple of.
+        factor: how many times the parameter that it is tied to.
         prior: what is known of it before the recordings.
     """
 
@@ -213,14 +219,22 @@ class ParameterBlock(Block):
 
 
 class LossBlock(Block):
-    """How much a sample counts that lies far off; `scale` is in standard deviations of the weighted output."""
+    """How much a sample counts that lies far off.
+
+    Attributes:
+        scale: from where on it lies far off, in standard deviations of the weighted output.
+    """
+
+    explained_by = (Loss,)
 
     kind: LossKind = Loss.kind
     scale: float = Field(Loss.scale, gt=0)
 
 
 class OptionsBlock(Block):
-    """How the estimation searches; see `estimator.Options`."""
+    """How the estimation searches."""
+
+    explained_by = (Options,)
 
     starts: int = Field(Options.starts, ge=1)
     seed: int = Options.seed

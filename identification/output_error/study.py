@@ -27,6 +27,7 @@ class TraceSignal:
     """A signal of the traces, and how much later than the system it is (an output) or reaches it (an input).
 
     Attributes:
+        signal: name of the signal in the recordings.
         given: what it is converted to the variable's unit by, over its own.
         delay: None takes the value at the beginning of each communication step; a command with a delay, 0 too, counts
             by its mean over each step.
@@ -49,6 +50,11 @@ class StartSpec:
     the variable's unit.
 
     Attributes:
+        signal: name of the signal in the recordings.
+        derivative: which derivative of the polynomial counts; 0 is its value.
+        half_width: to either side of the window's beginning, how far samples count [s].
+        degree: of the polynomial.
+        estimated: whether the reading is only where an estimation of the start value begins, one a window.
         given: what it is converted to the variable's unit by, over the signal's.
         conversion: what it is converted by, once the trace is known.
     """
@@ -135,7 +141,14 @@ class FreeRunSpec:
 
 @dataclass(frozen=True)
 class WindowSpec:
-    """Free runs of `length` [s], `every` so often [s] (back to back by default), after `skip` [s], at most `most`."""
+    """Where free runs lie in a trace.
+
+    Attributes:
+        length: of each free run [s].
+        every: from the beginning of one to that of the next [s]; back to back without.
+        skip: what is left out at the beginning of a trace [s].
+        most: at most so many of a trace; all that fit without.
+    """
 
     length: Fraction
     every: Fraction | None = None

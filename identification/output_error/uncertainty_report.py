@@ -11,6 +11,7 @@ from orchestrator.display.table import Cell
 from orchestrator.display.titles import with_unit
 from orchestrator.report import Chart, Curve, Mark, Panel, Section, figures
 from orchestrator.report.drawings import Grid
+from orchestrator.trace import FloatArray
 
 HOW = {
     "white": "Covariance for white residuals, s² (JᵀJ)⁻¹.",
@@ -32,10 +33,11 @@ def uncertainty(section: Section, calibration: Calibration) -> None:
     seen = found.identifiability
     section.paragraph(f"{HOW[found.uncertainty.method]} {BY[found.intervals.by]} {GIVEN}")
     for combination in (*seen.unseen, *seen.weak):
-        section.callout("warning", combination.message)
+        section.callout("warning", f"{combination.message}. What would show it: {combination.remedy}.")
     _other_intervals(section, found, calibration)
     _known(section, found)
     _noise(section, found, calibration)
+    _told(section, found, calibration)
     section.figure(figures.correlation_heatmap(seen.names, seen.correlation), "Correlation of the estimates")
     directions = np.arange(1.0, len(seen.singular_values) + 1)
     strengths = Curve("singular value", directions, np.asarray(seen.singular_values), "dots")
@@ -108,6 +110,36 @@ def _noise(section: Section, found: Estimate, calibration: Calibration) -> None:
         rows,
         caption="What is taken for noise",
     )
+
+
+def _told(section: Section, found: Estimate, calibration: Calibration) -> None:
+    """Which part of the recordings informs which parameter."""
+    told, windows = found.told, calibration.train.windows
+    if told is None or not found.free:
+        return
+    time = np.arange(len(told.over_time)) * float(windows[0].step)
+    so_far = np.cumsum(told.over_time, axis=0)
+    seen = [i for i in range(len(found.free)) if np.isfinite(so_far[-1, i])]
+    curves = [Curve(found.free[i], time, so_far[:, i], colour=number) for number, i in enumerate(seen)]
+    if not curves:
+        return
+    section.figure(
+        Chart([Panel("share told so far", curves, range=(0.0, 1.0))], x="time in the windows [s]"),
+        "Which part of the windows informs which parameter: steep is what tells of it, flat could be left out",
+    )
+    traces = list(dict.fromkeys(window.trace for window in windows))
+    rows: list[list[Cell]] = []
+    for trace in traces if len(traces) > 1 else ():
+        own = told.by_window[[window.trace == trace for window in windows]].sum(axis=0)
+        rows.append([trace, *_percent(own)])
+    outputs = calibration.train.outputs
+    rows += [[name, *_percent(own)] for name, own in zip(outputs, told.by_output, strict=True) if len(outputs) > 1]
+    if rows:
+        section.table(["", *found.free], rows, caption="Share of each trace and output in what is known of a parameter")
+
+
+def _percent(shares: FloatArray) -> list[Cell]:
+    return [f"{100 * share:.0f} %" if np.isfinite(share) else None for share in shares]
 
 
 def _drawn(curve: Profile, axis: str) -> Chart:

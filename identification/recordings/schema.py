@@ -34,7 +34,13 @@ class UsedSignals:
 
 
 class FieldBlock(Block):
-    """How digits in a file's name make a number, in SI by a factor or in a unit; see `FileField`."""
+    """How digits in a file's name make a number, in SI by a factor or in a unit.
+
+    Attributes:
+        decimal: where the decimal point of the digits is.
+        factor: what the number is multiplied by, to SI.
+        unit: what it is in, in the place of a factor.
+    """
 
     decimal: DecimalPoint = FileField.decimal
     factor: float = FileField.factor
@@ -50,7 +56,11 @@ class FieldBlock(Block):
 
 
 class FileNameBlock(Block):
-    """What the files' names tell: named groups of a regular expression, as numbers."""
+    """What the files' names tell: named groups of a regular expression, as numbers.
+
+    Attributes:
+        pattern: the regular expression, with groups like `(?P<mass>[0-9]+)`.
+    """
 
     pattern: str
     fields: dict[str, FieldBlock] = {}
@@ -113,7 +123,12 @@ def _stretch(value: Any) -> Any:
 
 
 class PartBlock(Block):
-    """A part of a trace that is kept out of the fit, from one time to another of the recording [s]; one may be open."""
+    """A part of a trace that is kept out of the fit, from one time to another of the recording [s]; one may be open.
+
+    Attributes:
+        trace: name of the trace.
+        from_, to: in the time of the recording [s].
+    """
 
     trace: str
     from_: float | None = Field(None, alias="from")

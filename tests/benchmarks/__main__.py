@@ -20,6 +20,7 @@ from .figure import Figure, report_groups
 
 BENCH = {
     "startup": "processor time of commands, with a cache of built FMUs and without; Ctrl-C",
+    "coverage": "how often the 95 % intervals of output error hold the truth, by profiles and locally",
     "coverage_frequency": "how often the 95 % intervals of the resonance study hold the truth",
     "coverage_time": "how often those of output error do",
     "coverage_motion": "how often those of a recalibration near a motion do",
@@ -45,6 +46,7 @@ BENCH = {
     "suite_speed": "200 short scenarios as a suite, one after the other and two at a time",
 }
 ENDURANCE = {
+    "coverage": "how often the 95 % intervals of output error hold the truth, in 500 draws, and with play",
     "coverage_frequency": "how often the intervals of the resonance study hold the truth, in 400 draws",
     "coverage_time": "how often those of output error do, in 200 draws",
     "can_codec": "a day of log in a stream",

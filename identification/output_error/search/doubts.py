@@ -21,6 +21,7 @@ def doubts(problem: Problem, result: Estimate) -> list[str]:
     seen = result.identifiability
     named = [combo for combo in (*seen.unseen, *seen.weak) if not set(combo.coefficients) <= set(result.flat)]
     warnings = [_only_known(combo, result) for combo in named]
+    warnings += [f"what would show {' and '.join(combo.coefficients)}: {combo.remedy}" for combo in named]
     warnings += [*result.intervals.remarks, *_of_priors(result)]
     for name, (low, high) in result.flat.items():
         unit = next(p.unit for p in problem.parameters.free if p.name == name)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from identification.estimation.arrow_least_squares import Iterate, Minimum, Point
+from identification.estimation.information import Information
 from identification.estimation.parameters import Parameter, ParameterSet
 from identification.estimation.uncertainty import Covariance, Identifiability, marked
 from identification.estimation.validation import fit
@@ -101,6 +102,7 @@ class Estimate(ReadOnlyArrays):
         warnings: what else a reader of the numbers has to know.
         noise: of each output.
         known: name -> what was known of a parameter before.
+        told: which samples inform which parameter; None where the search was stopped.
         intervals: how `ci95` came about, where not by `covariance` alone.
         local95: name -> interval by `covariance` of every estimated or tied one [its unit].
     """
@@ -128,6 +130,7 @@ class Estimate(ReadOnlyArrays):
     flat: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     noise: tuple[OutputNoise, ...] = ()
     known: Mapping[str, Known] = field(default_factory=dict)
+    told: Information | None = None
     intervals: Intervals = LOCAL
     local95: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
@@ -173,6 +176,7 @@ def assembled(
     uncertainty: Covariance,
     seen: Identifiability,
     intervals: Intervals = LOCAL,
+    told: Information | None = None,
 ) -> Estimate:
     """What a search has come to, as people and files need it; `doubts` says what is to be told of it."""
     z = found.at.point.parameters
@@ -206,6 +210,7 @@ def assembled(
         flat=_flat_ranges(problem.parameters, reached.flats, given),
         noise=_noise(problem, uncertainty, residuals),
         known=_known(problem, z, deviations * slopes),
+        told=told,
         intervals=intervals,
         local95=_with_tied_ends(problem.parameters, local),
     )

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from identification.estimation.arrow_least_squares import Iterate, Minimum, WindowBlock
+from identification.estimation.information import Information, information
 from identification.estimation.uncertainty import Covariance, Identifiability, covariance, identifiability
 from identification.output_error.search.bootstrap import bootstrapped
 from identification.output_error.search.intervals import LOCAL, Intervals
@@ -22,12 +23,14 @@ class Spoken:
 
     Attributes:
         blocks: the windows linearised there.
+        told: which samples inform which parameter.
         better: a point of less cost, met while profiles were followed.
     """
 
     blocks: Sequence[WindowBlock]
     uncertainty: Covariance
     seen: Identifiability
+    told: Information
     intervals: Intervals
     better: Iterate | None = None
 
@@ -41,18 +44,19 @@ def spoken(work: Work, found: Minimum) -> Spoken:
     before = run.before(found.at.point) if problem.parameters.informed else None
     uncertainty = covariance(blocks, problem.loss, len(problem.outputs), problem.rounding, before, work.reached.noise)
     seen = _seen(work, found.at, blocks)
+    told = information(blocks, uncertainty.curvature, len(problem.outputs))
     by = work.options.intervals.by
     if by == "local" or not work.problem.parameters.free:
-        return Spoken(blocks, uncertainty, seen, LOCAL)
+        return Spoken(blocks, uncertainty, seen, told, LOCAL)
     if is_perfect(work, found):
         said = f"intervals are local, no {by}s: {PERFECT}, so that there is no noise to hold values against"
-        return Spoken(blocks, uncertainty, seen, Intervals(remarks=(said,)))
+        return Spoken(blocks, uncertainty, seen, told, Intervals(remarks=(said,)))
     if by == "bootstrap":
-        return Spoken(blocks, uncertainty, seen, bootstrapped(work, found.at, blocks, uncertainty))
+        return Spoken(blocks, uncertainty, seen, told, bootstrapped(work, found.at, blocks, uncertainty))
     silent = {column for column, range_ in work.reached.flats.items() if range_.silent}
     columns = [column for column in range(len(work.problem.parameters.free)) if column not in silent]
     found_curves = profiled(work, found.at, uncertainty, columns)
-    return Spoken(blocks, uncertainty, seen, _by_profiles(found_curves.curves), found_curves.better)
+    return Spoken(blocks, uncertainty, seen, told, _by_profiles(found_curves.curves), found_curves.better)
 
 
 def _seen(work: Work, at: Iterate, blocks: Sequence[WindowBlock]) -> Identifiability:

@@ -11,6 +11,7 @@ import pytest
 from fmus.errors import IdentificationError, InputError, ScenarioError
 from identification.calibrate import calibrate_study
 from identification.output_error import calibration
+from identification.output_error.schema import OutputErrorBlock
 from identification.study import load_study
 from tests.support.identification.small_study import TRUTH, record, study, write_study
 
@@ -67,6 +68,23 @@ def test_a_constant_that_is_wrong_is_never_passed_over(tmp_path: Path, data: Pat
     assert any(not low <= TRUTH[name] <= high for name, (low, high) in off.items())
     said = next(warning for warning in summary["warnings"] if warning.startswith("residuals are not white"))
     assert "not how near it is to the truth" in said and "hand.angle (" in said
+
+
+def test_what_would_tell_parameters_apart_is_named(tmp_path: Path, data: Path) -> None:
+    """Without the known masses, only ratios are seen."""
+    traces = {"files": "rig_0__a.csv", "hold_out": []}
+    summary, page = calibrated(tmp_path, data, traces=traces)
+    (unseen,) = summary["uncertainty"]["unseen"]
+    assert "only their ratios are seen" in unseen and unseen in summary["warnings"]
+    remedy = "something of known size: an added mass, or a sensor of the force or the current"
+    assert any(warning.startswith("what would show") and remedy in warning for warning in summary["warnings"])
+    assert remedy in page
+
+
+def test_the_report_shows_which_part_informs_which_parameter(tmp_path: Path, data: Path) -> None:
+    _, page = calibrated(tmp_path, data)
+    assert "Which part of the windows informs which parameter" in page
+    assert "Share of each trace and output" in page
 
 
 def parameters(**prior: Any) -> Document:
@@ -144,3 +162,11 @@ def test_a_bootstrap_says_what_it_drew(tmp_path: Path, data: Path) -> None:
     drawn = summary["uncertainty"]["bootstrap"]
     assert (drawn["resamples"], drawn["seed"], drawn["kind"]) == (200, 3, "bca")
     assert summary["uncertainty"]["intervals"] == "bootstrap"
+
+
+def test_every_key_of_an_output_error_study_is_explained() -> None:
+    schema = OutputErrorBlock.model_json_schema()
+    blocks = {"study": schema, **schema["$defs"]}
+    keys = [(block, key, part) for block, made in blocks.items() for key, part in made.get("properties", {}).items()]
+    assert len(keys) > 80
+    assert [f"{block}.{key}" for block, key, part in keys if not part.get("description")] == []
