@@ -6,7 +6,7 @@ by more than the run's own error.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
@@ -67,8 +67,11 @@ class _Probed:
         self.names = parameters(self.plain)
         self._halved: dict[int, Trace | None] = {}
         self._seen: dict[str, str] = {}
+        self._acting: set[str] = set()
         for number in self._order:
             self._look(number)
+        for number in self._order:
+            self._watch(number)
 
     @property
     def _order(self) -> list[int]:
@@ -80,10 +83,9 @@ class _Probed:
         """What the cases make of one parameter; the first that notices is enough."""
         if name in self._seen:
             return document(name, Outcome.SEEN, self._seen[name])
-        changes = {number: change for number in self._order if (change := self._change(name, number))}
-        acting = any(self._acts(number, name, change) for number, change in changes.items())
-        told = ", ".join(dict.fromkeys(map(str, changes.values())))
-        return document(name, Outcome.UNSEEN if acting else Outcome.WITHOUT_EFFECT, told)
+        changes = [change for number in self._order if (change := self._change(name, number))]
+        outcome = Outcome.UNSEEN if name in self._acting else Outcome.WITHOUT_EFFECT
+        return document(name, outcome, ", ".join(dict.fromkeys(map(str, changes))))
 
     def _change(self, name: str, number: int) -> Change | None:
         """How a parameter is changed in a case; None where it is zero there."""
@@ -92,13 +94,22 @@ class _Probed:
 
     def _look(self, number: int) -> None:
         """See which of the changes that no case has noticed so far this one does."""
-        left = {name: self._change(name, number) for name in self.names if name not in self._seen}
-        changes = {name: change for name, change in left.items() if change is not None}
-        names = list(changes)
-        for first in range(0, len(names), TOGETHER):
-            some = {name: changes[name] for name in names[first : first + TOGETHER]}
-            for name, found in self._noticed(number, some).items():
+        for changes in self._changes(number, self._seen):
+            for name, found in self._noticed(number, changes).items():
                 self._seen[name] = f"{changes[name]}: {self._judged.cases[number].name}: {found}"
+
+    def _watch(self, number: int) -> None:
+        """See which of the changes that no case notices move an output of this one by more than it is off."""
+        for changes in self._changes(number, {*self._seen, *self._acting}):
+            made = self._run(self._shown, number, [{name: change.new} for name, change in changes.items()])
+            self._acting |= {name for name, case in zip(changes, made, strict=True) if self._acts(number, case)}
+
+    def _changes(self, number: int, without: Container[str]) -> Iterator[dict[str, Change]]:
+        """How the parameters but these are changed in a case, as many at a time as are run in one go."""
+        left = {name: self._change(name, number) for name in self.names if name not in without}
+        changes = [(name, change) for name, change in left.items() if change is not None]
+        for first in range(0, len(changes), TOGETHER):
+            yield dict(changes[first : first + TOGETHER])
 
     def _noticed(self, number: int, changes: Mapping[str, Change]) -> dict[str, str]:
         """Why a case does not come out as it did, of the changes with which it does not."""
@@ -120,9 +131,8 @@ class _Probed:
         missed = [f"{check.text}, found {check.found}" for check in made.checks if not check.held]
         return missed[0] if missed else str(made.error)
 
-    def _acts(self, number: int, name: str, change: Change) -> bool:
-        """Whether a change moves an output of a case by more than the case is off."""
-        (made,) = self._run(self._shown, number, [{name: change.new}])
+    def _acts(self, number: int, made: CaseResult) -> bool:
+        """Whether an output of a case has moved by more than the case is off."""
         plain = self.plain.cases[number]
         if made.result is None or plain.result is None or made.trace == plain.trace:
             return False
