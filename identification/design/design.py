@@ -15,6 +15,7 @@ from identification.design.criteria import figure, half_widths
 from identification.design.search import Candidate, Found, search
 from identification.design.study import DesignStudy
 from identification.estimation.arrow_least_squares import LEAST_SQUARES
+from identification.recordings.campaign import FileField
 from orchestrator.fmi.interface import Value
 from orchestrator.progress import Progress, silent
 from orchestrator.trace import FloatArray
@@ -168,12 +169,20 @@ def _require_told(study: DesignStudy, name: str, values: Mapping[str, Value]) ->
     match = re.fullmatch(source.file_name.pattern, name)
     wanted = {variable: field for variable, field in source.values.items() if variable in values}
     for variable, field in wanted.items():
-        rule = source.file_name.fields.get(field)
-        told = rule.number(match[field] or "") if match and rule else None
-        if told is None or not np.isclose(told, float(values[variable]), rtol=1e-6, atol=0):
+        rule, value = source.file_name.fields.get(field), values[variable]
+        told = _number(rule, match[field] or "") if match and rule else None
+        if told is None or isinstance(value, str) or not np.isclose(told, float(value), rtol=1e-6, atol=0):
             problem = f"'{name}' does not tell the calibration {field}, from which it takes {variable}"
             fix = f"write a `name` after its pattern {source.file_name.pattern}"
             raise ScenarioError("name", problem, fix)
+
+
+def _number(rule: FileField, digits: str) -> float | None:
+    """The number in a name; None where it is none."""
+    try:
+        return rule.number(digits)
+    except ValueError:
+        return None
 
 
 def _remarks(study: DesignStudy, found: Found, bench: Bench) -> tuple[str, ...]:
@@ -188,6 +197,12 @@ def _remarks(study: DesignStudy, found: Found, bench: Bench) -> tuple[str, ...]:
         )
     if study.calibration.loss != LEAST_SQUARES:
         remarks.append("the calibration's loss is robust: its intervals are somewhat wider than those of least squares")
+    read = [name for name, spec in study.calibration.run.initial.items() if not spec.estimated]
+    if read:
+        remarks.append(
+            f"start values are read and not estimated ({', '.join(read)}): they scatter as no noise model tells, and "
+            "predictions are rough; set `estimated: true` in the calibration's study"
+        )
     if found.failed:
         remarks.append(f"some experiments could not be simulated; the first: {found.failed[0]}")
     return tuple(remarks)

@@ -207,6 +207,6 @@ class _Search:
     def _unseen(self) -> IdentificationError:
         """No set of experiments shows all parameters."""
         free = [parameter.name for parameter in self.study.calibration.parameters.free]
-        problem = f"no {self.study.count} experiments that are allowed show it apart from the others"
+        problem = f"nothing that is allowed shows it apart from the others (experiments: {self.study.count})"
         fix = "allow others by `families`, `vary`, `limits` or `experiments`, or fix it in the calibration's study"
         return IdentificationError(f"parameters.{free[unseen(self._told(self.result.chosen))]}", problem, fix)

@@ -131,7 +131,8 @@ def test_what_no_allowed_input_excites_is_refused_with_place_and_fix(tmp_path: P
     study["parameters"]["lag.beyond"] = {"min": 0, "max": 5, "start": 1}
     yaml.dump(study, tmp_path / "study.yaml")
     with pytest.raises(
-        IdentificationError, match=r"parameters\.lag\.beyond: no 1 experiments .* allow others by `families`"
+        IdentificationError,
+        match=r"parameters\.lag\.beyond: nothing that is allowed shows it .* allow others by `families`",
     ):
         design(file)
     beyond = {"sine": sine(**{"drive.frequency": [0.1, 0.2]})}
