@@ -28,7 +28,7 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("file", (ROOT / "docs" / "notebooks").glob("*.ipynb"), ids=lambda file: file.stem)
+@pytest.mark.parametrize("file", sorted((ROOT / "docs" / "notebooks").glob("*.ipynb")), ids=lambda file: file.stem)
 def test_notebooks_of_the_site_are_kept_without_what_came_out(file: Path) -> None:
     cells = nbformat.read(file, as_version=4).cells
     assert not [cell for cell in cells if cell.cell_type == "code" and (cell.outputs or cell.execution_count)]

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from orchestrator.live.panel import Panel
     from orchestrator.live.steering import Steering
     from orchestrator.progress import Progress
-    from orchestrator.scenario.run import Execute
+    from orchestrator.scenario.run import Execute, ScenarioResult
+    from orchestrator.scenario.scenario import Scenario
 
 app = typer.Typer()
 
@@ -183,6 +184,12 @@ def run(
     profile: Annotated[
         bool, typer.Option("--profile", help="Write profile.json, all steps as a trace for Perfetto or Chrome.")
     ] = False,
+    check_step: Annotated[
+        bool,
+        typer.Option(
+            "--check-step", help="Run with a half and a quarter of the step, too: each signal's error, and its order."
+        ),
+    ] = False,
     isolate: Isolate,
     live: LiveOptions,
 ) -> Answer:
@@ -199,6 +206,8 @@ def run(
 
     values, isolation, folder = overrides(set_), isolate.isolation(), out or default_folder(scenario)
     live.check()
+    if check_step and live.live:
+        raise InputError("--check-step", "is not for runs in real time", "leave --live out")
     check_target(folder)
     failure: ScenarioFailed | None = None
     with live.progress(terminal, scenario.stem) as (move, execute), aside(folder) as near:
@@ -230,7 +239,28 @@ def run(
         ]
         statistics = Listing(accounts.HEADERS, rows, "Step statistics, all cases")
         shown[1:1] = [statistics, accounts.sentence_of(result)]
-    return Answer(document, shown, result.passed, failure=failure)
+    answer = Answer(document, shown, result.passed, failure=failure)
+    return _with_step_errors(answer, terminal, loaded, result, isolation) if check_step and failure is None else answer
+
+
+def _with_step_errors(
+    answer: Answer, terminal: Terminal, scenario: Scenario, result: ScenarioResult, isolation: Isolation | None
+) -> Answer:
+    """The answer with what the length of the steps costs each signal."""
+    from orchestrator.scenario.step_check import HEADERS, step_errors
+
+    with terminal.bar("shorter steps") as move:
+        errors = step_errors(scenario, result, move, isolation)
+    listing = Listing(
+        HEADERS, [error.row() for error in errors if error.difference], "Errors by the communication step"
+    )
+    same = sum(not error.difference for error in errors)
+    lines = [f"{same} of {len(errors)} signals are the same with half the step"] if same else []
+    for name in dict.fromkeys(error.signal for error in errors if error.unsettled):
+        cases = ", ".join(error.case for error in errors if error.unsettled and error.signal == name)
+        lines.append(f"{name} ({cases}): the difference does not fall with the step as an error does; try shorter ones")
+    document = {**answer.document, "steps": [error.document() for error in errors]}
+    return replace(answer, document=document, shown=[*answer.shown, listing, *lines])
 
 
 @command(app)

@@ -1,0 +1,118 @@
+"""How far a run is off by the length of its communication steps, seen from runs with shorter ones."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from fractions import Fraction
+
+import numpy as np
+
+from orchestrator.fmi.isolation import Isolation
+from orchestrator.progress import Progress, silent
+from orchestrator.scenario.run.keeping import Keeping
+from orchestrator.scenario.run.outcome import ScenarioResult
+from orchestrator.scenario.run.scenario import run_scenario
+from orchestrator.scenario.scenario import Scenario
+from orchestrator.trace import FloatArray, Trace
+
+HEADERS = ("case", "signal", "error", "of its range", "order")
+_ROUNDING = 1e-12  # of a signal's range: what tells nothing of its steps
+_LEAST, _MOST = 0.5, 6.0  # orders between which a difference falls as the error of a method does
+
+
+@dataclass(frozen=True)
+class StepError:
+    """What the communication step costs a signal of a case.
+
+    Attributes:
+        difference: largest over the run between steps h and h/2, at the instants of h.
+        share: of the largest less the smallest value of the signal; 0 where that is nought.
+        order: p of an error that falls as h^p, by h, h/2 and h/4; None where two of the three are equal to rounding.
+    """
+
+    case: str
+    signal: str
+    unit: str
+    difference: float
+    share: float
+    order: float | None
+
+    @property
+    def error(self) -> float:
+        """Of the run with h: extrapolated (Richardson), or where that cannot be the difference alone."""
+        known = self.order is not None and not self.unsettled
+        return self.difference / (1 - 2**-self.order) if known else self.difference  # type: ignore[operator]
+
+    @property
+    def unsettled(self) -> bool:
+        """Whether it does not fall with the step as an error does: not at all, or as where h is far too long."""
+        return self.order is not None and not _LEAST <= self.order <= _MOST
+
+    def document(self) -> dict[str, str | float | None]:
+        """As plain values."""
+        return {
+            "case": self.case,
+            "signal": self.signal,
+            "unit": self.unit,
+            "error": self.error,
+            "difference": self.difference,
+            "share": self.share,
+            "order": self.order,
+        }
+
+    def row(self) -> tuple[str, str, str, str, str]:
+        """What stands under `HEADERS`."""
+        order = "-" if self.order is None else f"{self.order:.2f}"
+        return self.case, self.signal, f"{self.error:.3g} {self.unit}".strip(), f"{100 * self.share:.2g} %", order
+
+
+def step_errors(
+    scenario: Scenario,
+    result: ScenarioResult,
+    progress: Progress = silent,
+    isolation: Isolation | None = None,
+) -> list[StepError]:
+    """Those of all signals that `result`, a run of the scenario, holds as numbers, by falling share.
+
+    It is run twice more, with a half and a quarter of its step.
+
+    Raises:
+        ServotwinError: as `run_scenario`, also where a component cannot take such steps.
+    """
+
+    def run(parts: int) -> ScenarioResult:
+        keeping = Keeping(result.keeping.every * parts)
+        return run_scenario(_shorter(scenario, parts), result.overrides, progress, keeping=keeping, isolation=isolation)
+
+    whole = result if scenario.logger is None else run(1)  # a logger's record is no row a step
+    half, quarter = run(2), run(4)
+    cases = zip(whole.cases, half.cases, quarter.cases, strict=True)
+    whole_cases = [case for case in cases if all(one.result is not None for one in case)]
+    found = [error for case in whole_cases for error in _errors(case[0].name, *(one.trace.numbers for one in case))]
+    return sorted(found, key=lambda error: -error.share)
+
+
+def _shorter(scenario: Scenario, parts: int) -> Scenario:
+    """With so many steps in the place of one, all of them recorded, and nothing expected."""
+    timing = replace(scenario.timing, step=scenario.timing.step / Fraction(parts))
+    cases = tuple(replace(case, expected=()) for case in scenario.cases)
+    return replace(scenario, timing=timing, cases=cases, logger=None)
+
+
+def _errors(case: str, whole: Trace, half: Trace, quarter: Trace) -> list[StepError]:
+    found = []
+    for name in (name for name in whole.signals if name in half.signals):  # others are there for expectations alone
+        values = whole[name]
+        coarse, fine = _largest(values, half[name]), _largest(half[name], quarter[name])
+        reach = float(np.ptp(values)) if len(values) else 0.0
+        told = max(coarse, fine) > _ROUNDING * max(reach, float(np.abs(values).max(initial=0.0)))
+        order = math.log2(coarse / fine) if told and coarse > 0 and fine > 0 else None
+        found.append(StepError(case, name, whole.unit(name) or "", coarse, coarse / reach if reach else 0.0, order))
+    return found
+
+
+def _largest(one: FloatArray, other: FloatArray) -> float:
+    """Over the instants that both have, for an FMU may have asked to stop earlier."""
+    both = min(len(one), len(other))
+    return float(np.abs(one[:both] - other[:both]).max(initial=0.0))
