@@ -24,7 +24,11 @@ from orchestrator.yaml_file import Block, Seconds, load
 
 
 class SpanBlock(Block):
-    """All values from `min` to `max` [the variable's unit]."""
+    """All values from `min` to `max` [the variable's unit].
+
+    Attributes:
+        min, max: the ends, both included.
+    """
 
     min: float
     max: float
@@ -41,7 +45,11 @@ class SpanBlock(Block):
 
 
 class OneOfBlock(Block):
-    """One of some values."""
+    """One of some values.
+
+    Attributes:
+        one_of: the values.
+    """
 
     one_of: list[float | int | bool | str] = Field(min_length=1)
 
@@ -64,7 +72,11 @@ ChoiceBlock = Annotated[
 
 
 class ResponseLimitBlock(Block):
-    """Within which a variable has to stay, as an expectation says it [the variable's unit]."""
+    """Within which a variable has to stay, as an expectation says it [the variable's unit].
+
+    Attributes:
+        above, below: every sample lies above, or below, this value.
+    """
 
     above: float | None = None
     below: float | None = None
@@ -84,7 +96,14 @@ class ResponseLimitBlock(Block):
 
 
 class DesignSearchBlock(Block):
-    """How experiments are sought; see `study.SearchSpec`."""
+    """How experiments are sought; see `study.SearchSpec`.
+
+    Attributes:
+        candidates: how many of each family are drawn.
+        rounds: of looking near the best ones, nearer each time.
+        neighbours: how many are tried of each experiment in each round.
+        seed: of the draws.
+    """
 
     candidates: int = Field(SearchSpec.candidates, ge=1, le=100_000)
     rounds: int = Field(SearchSpec.rounds, ge=0, le=1000)

@@ -16,7 +16,12 @@ from orchestrator.yaml_file import Block
 
 
 class PositionBlock(Block):
-    """The signal of the position, and the output that it is of."""
+    """The signal of the position, and the output that it is of.
+
+    Attributes:
+        signal: of the recordings.
+        output: component.output that it is of.
+    """
 
     signal: str
     output: str
@@ -26,6 +31,8 @@ class CommandBlock(Block):
     """The signal of the command, held from sample to sample, and the input that it is of.
 
     Attributes:
+        signal: of the recordings.
+        input: component.input that it drives.
         gain: component.parameter by which it is the force; without one it is the force itself.
     """
 
@@ -39,7 +46,8 @@ class LoopBlock(Block):
 
     Attributes:
         reference: signal.
-        position_gain: [1/s], speed_gain: [command per speed].
+        position_gain: [1/s].
+        speed_gain: [command per speed].
     """
 
     reference: str
