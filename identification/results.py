@@ -7,12 +7,13 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import NotRequired
+from typing import Any, NotRequired
 
+import numpy as np
 from pydantic import TypeAdapter, ValidationError
 from typing_extensions import TypedDict
 
-from fmus.errors import InputError
+from fmus.errors import IdentificationError, InputError
 from identification.fits import FitSummary, WorstSummary, told
 from identification.messages import MessagesSummary
 from identification.recordings.campaign import StudyTrace
@@ -24,6 +25,7 @@ from orchestrator.report import Section, figures
 from orchestrator.report.content import CalloutKind
 from orchestrator.report.intervals import Interval
 from orchestrator.results import versions
+from orchestrator.trace import FloatArray
 
 STUDY = "study.yaml"
 SUMMARY = "summary.json"
@@ -266,6 +268,25 @@ def read_summary(folder: Path) -> Summary:
         raise InputError(file, f"is not a calibration's summary ({place}: {first['msg']})", "calibrate again") from None
     except ValueError as error:
         raise InputError(file, f"is not a calibration's summary ({error})", "calibrate again") from error
+
+
+def covariance_in(folder: Path) -> tuple[list[str], FloatArray] | None:
+    """Names of the n free parameters, and their covariance (n, n) in the product of their units as a result's summary
+    has it, nan of what is not determined; None where it has none.
+
+    Raises:
+        IdentificationError: what stands there is no covariance.
+    """
+    document: Any = json.loads(result_file(folder, SUMMARY).read_text(encoding="utf-8"))
+    try:
+        found = document.get("uncertainty", {}).get("covariance")
+        if found is None:
+            return None
+        names = [str(name) for name in found["parameters"]]
+        matrix = [[math.nan if value is None else float(value) for value in row] for row in found["matrix"]]
+        return names, np.array(matrix, dtype=float).reshape(len(names), len(names))
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise IdentificationError(folder, f"has a covariance that is none ({error})", "calibrate again") from None
 
 
 def result_file(folder: Path, name: str) -> Path:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -17,7 +15,7 @@ from identification.estimation.parameters import ParameterSet
 from identification.output_error.schema import OutputErrorBlock
 from identification.output_error.study import OutputErrorStudy
 from identification.recordings.schema import StudyBlock
-from identification.results import SUMMARY, read_summary, result_file
+from identification.results import covariance_in, read_summary
 from orchestrator.scenario.schema import load_scenario
 from orchestrator.trace import FloatArray
 from orchestrator.yaml_file import Block, Seconds, load
@@ -117,7 +115,7 @@ class ExperimentDesignBlock(StudyBlock):
     Attributes:
         calibration: a study of `method: output-error`, which will take the recordings.
         result: the folder of a calibration: its estimates are where the design is made, its covariance is what is
-            known already.
+            known already; without, that is what priors of the calibration's study say.
         values: parameters as they are known, over those of the result and the starts of the calibration's study.
         scenario: of the rig: what drives it, sensors and recorder; its values of calibrated parameters do not count.
         experiments: how many.
@@ -187,10 +185,10 @@ class ExperimentDesignBlock(StudyBlock):
             tuple(replace(p, start=estimates.get(p.name, p.start)) for p in calibration.parameters.parameters),
             calibration.parameters.ties,
         )
-        known = None if self.result is None else _known(base / self.result, parameters)
+        known = _of_priors(parameters) if self.result is None else _known(base / self.result, parameters)
         return DesignStudy(
             title=self.title,
-            calibration=replace(calibration, parameters=parameters),
+            calibration=replace(calibration, parameters=_without_priors(parameters)),
             values=parameters.values(np.zeros(len(parameters.free))),
             known=known,
             rig=load_scenario(base / self.scenario, references=False),
@@ -230,17 +228,10 @@ def _known(folder: Path, parameters: ParameterSet) -> FloatArray:
     Raises:
         IdentificationError: it has none.
     """
-    document: Any = json.loads(result_file(folder, SUMMARY).read_text(encoding="utf-8"))
-    try:
-        found: Mapping[str, Any] = document["uncertainty"]["covariance"]
-        names = [str(name) for name in found["parameters"]]
-        matrix = np.array([[np.nan if x is None else float(x) for x in row] for row in found["matrix"]]).reshape(
-            len(names), -1
-        )
-    except (KeyError, TypeError, ValueError) as error:
-        raise IdentificationError(
-            folder, f"has no covariance ({error})", "give the result of an output-error study"
-        ) from None
+    found = covariance_in(folder)
+    if found is None:
+        raise IdentificationError(folder, "has no covariance", "give the result of an output-error study")
+    names, matrix = found
     free = [parameter.name for parameter in parameters.free]
     slopes = dict(zip(free, parameters.slopes(np.zeros(len(free))), strict=True))
     rows = [i for i, name in enumerate(names) if name in slopes and np.isfinite(matrix[i, i])]
@@ -248,5 +239,21 @@ def _known(folder: Path, parameters: ParameterSet) -> FloatArray:
     places = [free.index(names[i]) for i in rows]
     information = np.zeros((len(free), len(free)))
     if rows:
-        information[np.ix_(places, places)] = np.linalg.inv(matrix[np.ix_(rows, rows)] / np.outer(size, size))
+        relative = matrix[np.ix_(rows, rows)] / np.outer(size, size)
+        information[np.ix_(places, places)] = np.linalg.pinv(relative, hermitian=True)
     return information
+
+
+def _without_priors(parameters: ParameterSet) -> ParameterSet:
+    """The same for recordings alone: what is known before is counted once, beside them."""
+    return replace(parameters, parameters=tuple(replace(one, prior=None) for one in parameters.parameters))
+
+
+def _of_priors(parameters: ParameterSet) -> FloatArray | None:
+    """(n, n) the information of what the calibration's study says of parameters before, in z; None without any."""
+    slopes = parameters.slopes(np.zeros(len(parameters.free)))
+    weights = [
+        0.0 if parameter.prior is None else (parameter.prior.slope(parameter.start) * slope) ** 2
+        for parameter, slope in zip(parameters.free, slopes, strict=True)
+    ]
+    return np.diag(weights) if any(weights) else None

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from fmus.errors import IdentificationError
 from identification.output_error.schema import OutputErrorBlock
-from identification.results import STUDY, SUMMARY, read_summary, result_file
+from identification.results import STUDY, covariance_in, read_summary, result_file
 from identification.tuning.sources.system_plant import Spread
 from orchestrator.assembly.assembly import SystemSpec
 from orchestrator.yaml_file import load
@@ -33,14 +31,9 @@ def calibrated_system(folder: Path) -> tuple[SystemSpec, Spread]:
 
 def _spread(folder: Path) -> Spread:
     """Of the parameters; delays, which are no component's, are left out. Empty where the result has no covariance."""
-    document: Any = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
-    found = document.get("uncertainty", {}).get("covariance")
+    found = covariance_in(folder)
     if found is None:
         return Spread()
-    try:
-        names = [str(name) for name in found["parameters"]]
-        matrix = np.array([[np.nan if value is None else float(value) for value in row] for row in found["matrix"]])
-        kept = [i for i, name in enumerate(names) if "." in name]
-        return Spread(tuple(names[i] for i in kept), matrix.reshape(len(names), len(names))[np.ix_(kept, kept)])
-    except (KeyError, TypeError, ValueError) as error:
-        raise IdentificationError(folder, f"has a covariance that is none ({error})", "calibrate again") from None
+    names, matrix = found
+    kept = [i for i, name in enumerate(names) if "." in name]
+    return Spread(tuple(names[i] for i in kept), matrix[np.ix_(kept, kept)])

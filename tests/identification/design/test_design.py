@@ -194,6 +194,34 @@ def test_what_is_known_already_counts(tmp_path: Path) -> None:
     assert both.after == pytest.approx(first.after / math.sqrt(2), rel=0.1)
 
 
+@pytest.mark.slow
+def test_priors_of_the_calibration_are_known_already(tmp_path: Path) -> None:
+    """One that is far narrower than what a recording tells stays; one that is far wider does not count."""
+    file = lagging(tmp_path, {"sine": sine(**{"drive.frequency": 0.2})}, search={"candidates": 1, "rounds": 0})
+    without: Design = design(file).result
+    yaml = YAML()
+    study = yaml.load(tmp_path / "study.yaml")
+    study["parameters"]["lag.gain"]["prior"] = {"mean": 1, "std": 1e-6}
+    study["parameters"]["lag.time_constant"]["prior"] = {"mean": 0.5, "std": 1.0}
+    yaml.dump(study, tmp_path / "study.yaml")
+    found: Design = design(file).result
+    assert found.before == pytest.approx([1.96e-6, 1.96], rel=1e-3)
+    assert found.after[0] == pytest.approx(1.96e-6, rel=1e-3)
+    assert 0.5 * without.after[1] < found.after[1] <= without.after[1]
+
+
+@pytest.mark.slow
+def test_start_values_that_are_read_are_told_to_make_predictions_rough(tmp_path: Path) -> None:
+    file = lagging(tmp_path, {"sine": sine(**{"drive.frequency": 0.2})}, search={"candidates": 1, "rounds": 0})
+    assert design(file).summary["warnings"] == []
+    yaml = YAML()
+    study = yaml.load(tmp_path / "study.yaml")
+    study["initial"] = {"lag.beyond": {"signal": "x", "half_width": 0.05}}
+    yaml.dump(study, tmp_path / "study.yaml")
+    [warning] = design(file).summary["warnings"]
+    assert "start values are read and not estimated (lag.beyond)" in warning
+
+
 @pytest.mark.shipped
 def test_the_shipped_design_keeps_its_word_on_the_rig(tmp_path: Path) -> None:
     """Half-widths come out within 20 % of those predicted, and the limits are kept."""
