@@ -15,6 +15,11 @@ from identification.results import ParameterSummary, Summary, data_summary, fini
 from orchestrator.crossing import documents_of
 from orchestrator.results import versions
 
+GIVEN = (
+    "intervals take the model, and whatever is fixed in it, for right: a wrong constant that other parameters make up "
+    "for shows nowhere"
+)
+
 
 class CovarianceSummary(TypedDict):
     """Covariance of the free parameters, in the product of their units; null beside one that is not determined."""
@@ -75,10 +80,12 @@ class UncertaintySummary(TypedDict):
         method: of the covariance.
         intervals: local, profile or bootstrap.
         noise: by output.
+        given: what intervals take for right.
     """
 
     method: str
     intervals: str
+    given: str
     noise: dict[str, NoiseSummary]
     profiles: NotRequired[dict[str, ProfileSummary]]
     bootstrap: NotRequired[BootstrapSummary]
@@ -144,6 +151,7 @@ def _uncertainty(found: Estimate) -> UncertaintySummary:
     made: UncertaintySummary = {
         "method": found.uncertainty.method,
         "intervals": found.intervals.by,
+        "given": GIVEN,
         "noise": {
             one.output: {
                 "std": one.std,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from identification.output_error.calibration import Calibration
+from identification.output_error.results import GIVEN
 from identification.output_error.search.estimate import Estimate
 from identification.output_error.search.profile_curve import Profile
 from orchestrator.display.table import Cell
@@ -24,14 +25,13 @@ BY = {
     "profile": "Intervals are read off profiles: a parameter is held, all others are fitted anew.",
     "bootstrap": "Intervals are by bootstrap: all is fitted anew to windows drawn with replacement.",
 }
-GIVEN = "They take the model, and whatever is fixed in it, for right."
 
 
 def uncertainty(section: Section, calibration: Calibration) -> None:
     """How intervals came about, noise, correlations, singular values, and what the search took."""
     found = calibration.estimate
     seen = found.identifiability
-    section.paragraph(f"{HOW[found.uncertainty.method]} {BY[found.intervals.by]} {GIVEN}")
+    section.paragraph(f"{HOW[found.uncertainty.method]} {BY[found.intervals.by]} {GIVEN[0].upper()}{GIVEN[1:]}.")
     for combination in (*seen.unseen, *seen.weak):
         section.callout("warning", f"{combination.message}. What would show it: {combination.remedy}.")
     _other_intervals(section, found, calibration)

@@ -57,6 +57,7 @@ def test_what_is_taken_for_noise_is_told_by_output(tmp_path: Path, data: Path) -
     assert noise["samples_each"] == 1 and noise["resolution"] == 0
     assert "What is taken for noise" in page
     assert "take the model, and whatever is fixed in it, for right" in page
+    assert summary["uncertainty"]["given"].endswith("a wrong constant that other parameters make up for shows nowhere")
 
 
 def test_a_constant_that_is_wrong_is_never_passed_over(tmp_path: Path, data: Path) -> None:
