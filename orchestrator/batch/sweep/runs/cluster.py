@@ -85,7 +85,7 @@ class _Session:
         self._name = f"servotwin-{package.key}"
         self._active: dict[str, tuple[Future, Task]] = {}
         self._completed = as_completed(loop=client.loop)
-        self._counted = self._seen = -1e9
+        self._counted = self._seen = self._searched = -1e9
         self._numbered = 0
         self.finished = False
 
@@ -104,11 +104,19 @@ class _Session:
                 futures = self._completed.next_batch(block=False)
                 if not futures:
                     sleep(LOOK)
-                for future in futures:
+                for future in [*futures, *self._forgotten()]:
                     yield from self._come(future)
         finally:
             self._queue.back([task for _, task in self._active.values()])
             self._active.clear()
+
+    def _forgotten(self) -> list[Future]:
+        """Those that a scheduler which came again does not know of; looked for now and then."""
+        now = monotonic()
+        if now - self._searched < COUNTING:
+            return []
+        self._searched = now
+        return [future for future, _ in self._active.values() if future.status in ("cancelled", "lost")]
 
     def _there(self) -> bool:
         return bool(self._client.status == "running")
@@ -138,7 +146,7 @@ class _Session:
         self._counted = now
         threads = {}
         with suppress(Exception):  # the scheduler is gone, which is noticed
-            threads = self._client.nthreads()
+            threads = self._client.sync(self._client.scheduler.ncores, workers=None, callback_timeout=CONNECTING)
         able = {worker: count for worker, count in threads.items() if worker not in self._unable}
         if threads and not able:
             worker, problem = next(iter(self._unable.items()))
@@ -186,7 +194,8 @@ class _Session:
 
         if unable.bare:
             with suppress(Exception):  # it is gone, then
-                self._client.run(equip, self._package, workers=[unable.worker])
+                run = self._client._run
+                self._client.sync(run, equip, self._package, workers=[unable.worker], callback_timeout=CONNECTING)
             return
         if unable.worker not in self._unable:
             LOG.warning("worker %s: %s; its runs go to others", unable.worker, unable.problem)
