@@ -15,6 +15,7 @@ from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 if TYPE_CHECKING:
     from identification.design.summary import DesignSummary
     from identification.fits import FitSummary
+    from identification.output_error.results import OutputErrorSummary
     from identification.results import ClaimsSummary, FitsSummary, Summary, ValidationSummary, VerdictSummary
     from identification.subspace.summary import SubspaceSummary
     from identification.tuning.summary import RigSummary, TuningSummary
@@ -57,6 +58,7 @@ def calibrate(
     fmus = f"FMUs in {folder / 'fmus'}, " if (folder / "fmus").is_dir() else ""
     shown: list[Listing | str] = [
         _table(document),
+        *_given(document),
         *_fits(document["fit"]),
         *_remarks(document),
     ]
@@ -267,6 +269,13 @@ def _fits(groups: FitsSummary | Mapping[str, FitSummary]) -> list[str]:
 
 def _figure(value: float | None) -> str:
     return "none" if value is None else f"{value:.4f}"
+
+
+def _given(document: Summary) -> list[str]:
+    """What the intervals take for right, of a method that says so."""
+    if document["method"] != "output-error":
+        return []
+    return [f"± 95 %: {cast('OutputErrorSummary', document)['uncertainty']['given']}"]
 
 
 def _remarks(document: Summary | ValidationSummary) -> list[str]:

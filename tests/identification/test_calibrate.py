@@ -280,6 +280,7 @@ def test_a_calibration_whose_validation_misses_its_target_ends_with_exit_code_1_
     answer = calibrated(tmp_path, data, validation={"length": 1, "at_least": 1.0})
     assert answer.exit_code == 1
     assert answer.stdout.splitlines()[-1].startswith("MISSED: median FIT, unseen, 0.9")
+    assert "± 95 %: intervals take the model, and whatever is fixed in it" in " ".join(answer.stdout.split())
     verdict = json.loads((tmp_path / "out" / "summary.json").read_text())["verdict"]
     assert not verdict["held"] and verdict["converged"] and 0.9 < verdict["reached"] < verdict["at_least"] == 1.0
     assert "MISSED: median FIT, unseen" in (tmp_path / "out" / "report.html").read_text()
