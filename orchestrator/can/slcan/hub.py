@@ -63,11 +63,16 @@ class PortStatistics:
 
 @dataclass(frozen=True)
 class HubStatistics:
-    """Frames that have passed, how long they kept the bus busy and the hub has run [s], and counts of its ports."""
+    """Frames that have passed, how long they kept the bus busy and the hub has run [s], and counts of its ports.
+
+    Attributes:
+        paused: the longest time for which this computer kept the hub from its work, so that frames were heard late [s].
+    """
 
     frames: int
     busy: float
     elapsed: float
+    paused: float
     ports: tuple[PortStatistics, ...]
 
 
@@ -130,14 +135,18 @@ class _Hub:
         self._orders, self._order = orders, b""
         self._parent = os.getppid()
         self._started = time.monotonic()
+        self._paused = 0.0
         self.running = True
 
     def run(self) -> None:
         """Work until told to end."""
         orders = [] if self._orders is None else [self._orders]
         by_number = {port.master: port for port in self._ports}
+        due = time.monotonic()  # by when the loop is to come round
         while self.running:
-            end = self._bus.advance(time.monotonic())
+            now = time.monotonic()
+            self._paused = max(self._paused, now - due)
+            end = self._bus.advance(now)
             live = [port for port in self._ports if port.plugged]
             for port in live:
                 if port.adapter.outgoing:
@@ -145,6 +154,7 @@ class _Hub:
             readable = [port.master for port in live if not port.adapter.full]
             writable = [port.master for port in live if port.adapter.outgoing]
             patience = 1.0 if end is None else max(0.0, end - time.monotonic())
+            due = now + patience
             readable, writable, _ = select.select(readable + orders, writable, [], patience)
             now = time.monotonic()
             for number in readable:
@@ -184,7 +194,7 @@ class _Hub:
             PortStatistics(adapter.sent, adapter.heard, adapter.lost, adapter.ignored) for adapter in self._bus.adapters
         )
         elapsed = time.monotonic() - self._started
-        return HubStatistics(self._bus.frames, self._bus.busy, elapsed, tuple(ports))
+        return HubStatistics(self._bus.frames, self._bus.busy, elapsed, self._paused, tuple(ports))
 
 
 def _pseudo_terminal() -> tuple[int, int, str]:

@@ -254,7 +254,7 @@ def campaign(runs: int, seed: int, only: Sequence[str] = ()) -> list[Figure]:
     for (number, name, _), outcome in zip(plans, outcomes, strict=True):
         for problem in outcome:
             print(f"run {number}, {name}: {problem}", file=sys.stderr)
-    counts = Counter(problem.partition(":")[0] for outcome in outcomes for problem in outcome)
+    counts = Counter(re.split(" \\(|:", problem)[0] for outcome in outcomes for problem in outcome)
     blind, excused = counts["blind command"], counts["late, and this computer paused"]
     asked = {
         "... with a command that nobody means, later than is allowed": blind,
@@ -266,7 +266,7 @@ def campaign(runs: int, seed: int, only: Sequence[str] = ()) -> list[Figure]:
     return [
         Figure(f"random {of} for a bridge or bench", f"{SIGNALS if only else RUNS}", f"{said}, load {_load()}"),
         *(Figure(name, "0", f"{count}", not count, certain=True) for name, count in asked.items()),
-        Figure("... later, while this computer kept the peer from looking", "-", f"{excused}"),
+        Figure("... later, or told otherwise, while this computer kept peer or bus from going on", "-", f"{excused}"),
     ]
 
 
@@ -365,7 +365,10 @@ def judged(trial: Trial, kind: Kind, code: int | None, said: str, out: Path) -> 
     said, ended = " ".join(said.split()), trial.process.returncode
     right = ended == code and re.search(kind.says, said)
     if not right or "Traceback" in said:
-        found.append(f"told: {ended} for {code}: {said[-700:]}")
+        paused = trial.hub.statistics().paused
+        deceived = kind.act is full_to_the_end and ended in (0, 130) and paused > HEARD
+        what = f"late, and this computer paused (the bus, for {paused:.3f} s)" if deceived else "told"
+        found.append(f"{what}: {ended} for {code}: {said[-700:]}")
     with suppress(OSError, ValueError):
         if json.loads((out / "manifest.json").read_text())["ended"] in ("failed", "stopped"):
             return found
