@@ -61,7 +61,7 @@ def _outcome(section: Section, result: SweepResult) -> None:
     section.highlights(
         [
             ("runs", document["runs"], f"{document['points']:,} points in {len(document['cases'])} cases"),
-            ("passed", _percent(passing["share"]), _interval(passing)),
+            ("passed", passing["held"], f"of {passing['of']:,}; 95 % sure: {_interval(passing)} %"),
             ("failed", document["failed"], "without a verdict"),
         ]
     )
