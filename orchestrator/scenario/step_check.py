@@ -41,8 +41,9 @@ class StepError:
     @property
     def error(self) -> float:
         """Of the run with h: extrapolated (Richardson), or where that cannot be the difference alone."""
-        known = self.order is not None and not self.unsettled
-        return self.difference / (1 - 2**-self.order) if known else self.difference  # type: ignore[operator]
+        if self.order is None or self.unsettled:
+            return self.difference
+        return self.difference / (1 - 2**-self.order)
 
     @property
     def unsettled(self) -> bool:
