@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -238,7 +239,7 @@ class StudyBlock(Block):
         return []
 
 
-class RecordedStudyBlock(StudyBlock):
+class RecordedStudyBlock(StudyBlock, ABC):
     """What the study files of methods that work on recordings have.
 
     Attributes:
@@ -248,9 +249,9 @@ class RecordedStudyBlock(StudyBlock):
     traces: TracesBlock
 
     @property
+    @abstractmethod
     def signals(self) -> UsedSignals:
         """What the method uses of the traces."""
-        raise NotImplementedError
 
     def source(self, base: Path) -> TraceSource:
         """Where its traces come from; `base` is the folder of its file."""

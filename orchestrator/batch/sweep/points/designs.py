@@ -7,6 +7,7 @@ Random numbers come from `numpy.random.SeedSequence(seed, spawn_key=(block,))`, 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Protocol
@@ -65,7 +66,7 @@ class Listed:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Drawn:
+class Drawn(ABC):
     """Points that come in blocks of shares.
 
     Attributes:
@@ -85,9 +86,9 @@ class Drawn:
             pieces.append(self.space.at(shares))
         return np.concatenate(pieces) if pieces else np.zeros((0, len(self.space)))
 
+    @abstractmethod
     def shares(self, block: int) -> FloatArray:
         """(size, d) of a block."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True, kw_only=True)
