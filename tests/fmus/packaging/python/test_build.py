@@ -84,8 +84,8 @@ def test_numbers_of_the_wrong_type_and_unknown_tables_are_refused(tmp_path: Path
     excitation = library.find("excitation")
     with pytest.raises(ModelError, match=r"excitation.seed: 1.5 is no Integer value"):
         python.build(excitation, tmp_path / "a.fmu", {"seed": 1.5})
-    with pytest.raises(ModelError, match=r"excitation.shape: 10 is outside 1 to 9"):
-        python.build(excitation, tmp_path / "a.fmu", {"shape": 10})
+    with pytest.raises(ModelError, match=r"excitation.shape: 11 is outside 1 to 10"):
+        python.build(excitation, tmp_path / "a.fmu", {"shape": 11})
     with pytest.raises(ModelError, match=r"excitation.table: no such table; it has playback"):
         python.build(excitation, tmp_path / "a.fmu", tables={"table": Table("table")})
 
