@@ -37,7 +37,8 @@ def information(blocks: Sequence[WindowBlock], curvature: FloatArray, outputs: i
         curvature: (n, n) inverse of the curvature by the parameters, the states fitted.
         outputs: how many there are; rows of a block are ordered instant by instant.
     """
-    parts = [_weights(block, curvature).reshape(-1, outputs, len(curvature)) for block in blocks]
+    weights = [_weights(block, curvature) for block in blocks]
+    parts = [one.reshape(len(one) // outputs, outputs, len(curvature)) for one in weights]
     longest = max(map(len, parts))
     over_time = sum(np.pad(part.sum(axis=1), ((0, longest - len(part)), (0, 0))) for part in parts)
     whole = np.sum(over_time, axis=0)
