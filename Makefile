@@ -35,7 +35,7 @@ docs:
 dist:
 	@$(MAKE) --no-print-directory setup EXTRAS=dev,dist
 	rm -rf dist build/installed
-	SOURCE_DATE_EPOCH=$$(git log -1 --format=%ct) $(BIN)/python -m build --outdir dist
+	SOURCE_DATE_EPOCH=$$(git log -1 --format=%ct 2> /dev/null || echo 315532800) $(BIN)/python -m build --outdir dist
 	$(PYTHON) -m venv build/installed
 	build/installed/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt dist/*.whl
 	$(BIN)/cyclonedx-py environment build/installed/bin/python --pyproject pyproject.toml --output-reproducible -o dist/sbom.cdx.json
