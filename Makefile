@@ -20,8 +20,9 @@ demo: $(READY)
 	$(BIN)/servotwin build --out $(DEMO)/fmus
 	$(BIN)/servotwin test scenarios/butterfly/bus/procedure.yaml --out $(DEMO) -v
 
+# Three at a time on two processors: many wait for processes, buses and compilers.
 test: lint
-	$(BIN)/python -m pytest -m "not readme and not shipped" --durations=10
+	$(BIN)/python -m pytest -n 3 -m "not readme and not shipped" --durations=10
 
 bench endurance:
 	@$(MAKE) --no-print-directory setup EXTRAS=dev,bench

@@ -28,6 +28,7 @@ from orchestrator.engine import (
     Timing,
     compiled,
 )
+from orchestrator.engine.initialisation import initialise
 from orchestrator.fmi.interface import Port, Value
 from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part, wire
@@ -148,20 +149,19 @@ def outcome_of_turning_bad(shelf: Shelf, engine: Engine, stage: str, status: int
     slave = Slave(shelf["moody"], "c0")
     system = wire({"c0": Part(shelf["moody"].interface)}, [], ["c0.input"])
     stimuli = {"c0.input": np.arange(11.0)}
+
+    def turn_bad(*details: Any) -> None:
+        initialise(*details)
+        slave.set({stage: status})
+
     with Simulation(system, {"c0": slave}, Timing(Fraction(1), Fraction(1, 10), engine=engine)) as made:
-        initialise = made._initialise
-
-        def turn_bad(*details: Any) -> None:
-            initialise(*details)
-            slave.set({stage: status})
-
-        made._initialise = turn_bad  # type: ignore[method-assign]
         try:
-            return bits(made.run(stimuli=stimuli).trace), slave.warnings, None
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setattr("orchestrator.engine.simulation.initialise", turn_bad)
+                return bits(made.run(stimuli=stimuli).trace), slave.warnings, None
         except FmuError as error:
             fatal = status == 4
             if fatal:
-                made._initialise = initialise  # type: ignore[method-assign]
                 assert len(made.run(stimuli=stimuli).trace) == 11
             return str(error), slave.warnings, fatal
 
@@ -275,8 +275,7 @@ def test_what_the_compiled_loop_does_not_know_is_stepped_in_python_and_said_once
 
 @needs_loop
 def test_the_compiled_loop_can_be_demanded(shelf: Shelf) -> None:
-    made = simulation([Clock("clock")])
-    made.timing = replace(made.timing, engine=Engine.COMPILED)
+    made = simulation([Clock("clock")], engine=Engine.COMPILED)
     with pytest.raises(WiringError, match="engine: cannot be the compiled one: clock is no co-simulation FMU"):
         made.run()
 

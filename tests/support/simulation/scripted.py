@@ -10,7 +10,7 @@ import numpy as np
 import scipy.linalg
 
 from fmus.errors import FmuError
-from orchestrator.engine import REFUSED, CycleSettings, Order, Simulation, Timing
+from orchestrator.engine import REFUSED, CycleSettings, Engine, Order, Simulation, Timing
 from orchestrator.fmi.interface import Interface, Port, Value
 from orchestrator.system import FeedThrough, Part, System, wire
 from orchestrator.trace import FloatArray
@@ -279,12 +279,13 @@ def simulation(
     stop: Fraction = Fraction(1),
     start: Fraction = Fraction(0),
     order: Order = Order.GAUSS_SEIDEL,
+    engine: Engine = Engine.AUTO,
     cycles: CycleSettings | None = None,
     stimulated: Iterable[str] = (),
     steps: Mapping[str, Fraction] | None = None,
     feed_through: Mapping[str, FeedThrough] | None = None,
 ) -> Simulation:
     """A simulation of these components."""
-    timing = Timing(stop, step, start, order, cycles or REFUSED)
+    timing = Timing(stop, step, start, order, cycles or REFUSED, engine=engine)
     wired = system(components, connections, stimulated, steps, feed_through)
     return Simulation(wired, {each.name: each for each in components}, timing)

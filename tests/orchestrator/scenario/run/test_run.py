@@ -445,7 +445,7 @@ def test_the_error_with_which_an_fmu_answers_an_interrupt_is_no_refusal(tmp_path
     path = tmp_path / "scenario.yaml"
     path.write_text(FALLING + "cases: [{name: a, expect: [{refused: fatal}]}, {name: b}]")
     with pytest.MonkeyPatch.context() as patch, Interrupts(), pytest.raises(KeyboardInterrupt):
-        patch.setattr(Simulation, "_initialise", fail)
+        patch.setattr("orchestrator.engine.simulation.initialise", fail)
         run_scenario(path)
 
 
