@@ -27,6 +27,7 @@ AHEAD = 2  # tasks on their way for each thread of a worker
 CONNECTING = 10.0  # patience with who answers [s]
 LOOK = 0.005  # between two looks at what has come [s]
 COUNTING = 5.0  # between two counts of workers [s]
+SILENT = 5  # connections in a row without any answer
 LONELY = 30.0  # without any worker, until that is said [s]
 
 
@@ -61,14 +62,19 @@ class Cluster:
         Raises:
             InputError: the scheduler is gone for longer than the patience, or no worker can run anything.
         """
-        package, unable = Package.of(setup), dict[str, str]()
-        while True:
+        package, unable, silent = Package.of(setup), dict[str, str](), 0
+        while silent < SILENT:
+            silent += 1
             with _connected(self.address, self.patience) as client:
                 session = _Session(client, package, queue, unable)
-                yield from session.outcomes()
+                for outcome in session.outcomes():
+                    silent = 0
+                    yield outcome
             if session.finished:
                 return
             LOG.warning("%s: the scheduler is gone; waiting for it, at most %g s", self.address, self.patience)
+        problem = f"gave no answer over {SILENT} connections"
+        raise InputError(f"--scheduler {self.address}", problem, "look at its log and those of its workers")
 
 
 class _Session:
@@ -76,6 +82,8 @@ class _Session:
 
     Attributes:
         finished: whether all tasks have been done.
+
+    It ends, too, when an answer that there was does not come: the scheduler may be another one than before.
     """
 
     def __init__(self, client: Client, package: Package, queue: Queue, unable: dict[str, str]) -> None:
@@ -87,7 +95,7 @@ class _Session:
         self._completed = as_completed(loop=client.loop)
         self._counted = self._seen = self._searched = -1e9
         self._numbered = 0
-        self.finished = False
+        self._broken = self.finished = False
 
     def outcomes(self) -> Iterator[tuple[Task, Done]]:
         """What came of tasks, until all are done or the scheduler is gone; then those on their way are put back."""
@@ -105,7 +113,8 @@ class _Session:
                 if not futures:
                     sleep(LOOK)
                 for future in [*futures, *self._forgotten()]:
-                    yield from self._come(future)
+                    if self._there():
+                        yield from self._come(future)
         finally:
             self._queue.back([task for _, task in self._active.values()])
             self._active.clear()
@@ -119,7 +128,7 @@ class _Session:
         return [future for future, _ in self._active.values() if future.status in ("cancelled", "lost")]
 
     def _there(self) -> bool:
-        return bool(self._client.status == "running")
+        return bool(self._client.status == "running") and not self._broken
 
     def _finish(self) -> None:
         self.finished = True
@@ -173,7 +182,7 @@ class _Session:
             error = future.exception(timeout=CONNECTING) if future.status == "error" else None
         except Exception as gone:  # who had the answer is gone before it came
             LOG.info("%s comes again: %s", future.key, gone)
-            answer = None
+            answer, self._broken = None, True
         future.release()
         if isinstance(error, KilledWorker):
             reason = "crashed the workers that ran it; narrow what varies, or mend the FMU"
