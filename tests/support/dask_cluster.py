@@ -95,9 +95,9 @@ def _start(arguments: list[str], environment: Mapping[str, str], prefix: str = "
     paths = [environment.get("PYTHONPATH", ""), root, os.environ.get("PYTHONPATH", "")]
     env = {**os.environ, **environment, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
     command = ["/bin/bash", "-c", f'{prefix} exec "$0" -m "$@"', sys.executable, *arguments]
-    return subprocess.Popen(
-        command, env=env, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
-    )
+    # Elsewhere, for the folder that -m puts first may hold what tells the version of this tree.
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    return subprocess.Popen(command, env=env, cwd="/", start_new_session=True, **quiet)
 
 
 @contextmanager
