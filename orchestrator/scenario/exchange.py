@@ -55,6 +55,8 @@ def export(file: Path, out: Path, tool: Tool = Tool.ANY) -> Exported:
         notes = write(out, outline, tool)
     if any(case.system is not None for case in scenario.cases):
         notes.append("components that cases have of their own are known here only")
+    if any(asked.accepted for case in scenario.cases for asked in case.expected):
+        notes.append(f"accepted references stay behind; `servotwin accept {out}` takes its own")
     files = {name: path.name for name, path in outline.files.items()}
     return Exported(files, len(outline.system.connections), tuple(notes))
 
