@@ -59,7 +59,7 @@ def run_case(
             state = CaseState.FAILED
     trace = result.trace if result is not None and error is None else None
     ran = Ran(trace, error, result, spent, case.name, draws=draws)
-    checks = tuple(_checked(expected, ran) for expected in case.expected)
+    checks = tuple(checked(expected, ran) for expected in case.expected)
     made = CaseResult(case.name, result, error, checks, file, state, processor=spent, draws=draws)
     for check in checks:
         if check.doubt:
@@ -71,7 +71,7 @@ def run_case(
     return made
 
 
-def _checked(expected: Expected, ran: Ran) -> Check:
+def checked(expected: Expected, ran: Ran) -> Check:
     """How an expectation turned out; one about times that a run which an FMU ended has not reached does not hold."""
     try:
         return expected.check(ran)

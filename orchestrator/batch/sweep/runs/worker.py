@@ -10,7 +10,7 @@ from time import perf_counter
 
 import numpy as np
 
-from fmus.errors import FmuError, ScenarioError, ServotwinError
+from fmus.errors import FmuError, ServotwinError
 from orchestrator.assembly.assembly import OpenSystem
 from orchestrator.batch.sweep.points.designs import seed_of
 from orchestrator.batch.sweep.points.factors import Factor, Target
@@ -21,7 +21,8 @@ from orchestrator.engine import Result, Run, RunFailed, Simulation
 from orchestrator.fmi.interface import Value
 from orchestrator.processes import last_words
 from orchestrator.processes.interrupts import requested
-from orchestrator.scenario.expectations import Check, Expected, Ran
+from orchestrator.scenario.expectations import Ran
+from orchestrator.scenario.run.case import checked
 from orchestrator.scenario.run.draws import drawn
 from orchestrator.scenario.scenario import Case
 from orchestrator.trace import FloatArray, Trace
@@ -84,7 +85,7 @@ class Worker:
         if state == rows.FAILED:
             return Row(state, str(ran.error), False, {})
         try:
-            checks = [_checked(expected, ran) for expected in asked.expected]
+            checks = [checked(expected, ran) for expected in asked.expected]
         except ServotwinError as odd:
             return Row(rows.FAILED, f"cannot be judged: {odd}", False, {})
         columns = variant.asked[place_of_case]
@@ -154,16 +155,6 @@ def _open(variant: Variant, setup: Setup) -> _Opened:
         looked_at = [signal for case in scenario.cases for signal in case.looked_at]
         record = tuple(dict.fromkeys([*looked_at, *(setup.kept.signals if setup.kept else ())]))
         return _Opened(simulation, stack.pop_all(), instants, stimuli, record)
-
-
-def _checked(expected: Expected, ran: Ran) -> Check:
-    """How an expectation turned out; one about times that a run which an FMU ended has not reached does not hold."""
-    try:
-        return expected.check(ran)
-    except ScenarioError:
-        if ran.result is None or not ran.result.ended:
-            raise
-        return Check(str(expected), False, ran.result.ended)
 
 
 def _kept(trace: Trace, kept: Kept) -> list[FloatArray]:
