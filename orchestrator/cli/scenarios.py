@@ -198,7 +198,6 @@ def run(
     from orchestrator.engine import Profile
     from orchestrator.fmi.said import LOG_FILE
     from orchestrator.results import aside, check_target, default_folder
-    from orchestrator.scenario import accounts
     from orchestrator.scenario.report import interruption
     from orchestrator.scenario.results import document_of, write_run
     from orchestrator.scenario.run import HEADERS, Keeping, ScenarioFailed, ScenarioInterrupted, run_scenario
@@ -233,14 +232,20 @@ def run(
     checks = Listing(HEADERS, result.rows(), result.scenario.title)
     shown: list[Listing | str] = [checks, f"results in {folder}"]
     if terminal.verbose:
-        rows = [
-            (name, f"{calls:,}", f"{seconds:.3g}", f"{microseconds:.3g}", f"{share:.1f}")
-            for name, calls, seconds, microseconds, share in accounts.rows_of(result)
-        ]
-        statistics = Listing(accounts.HEADERS, rows, "Step statistics, all cases")
-        shown[1:1] = [statistics, accounts.sentence_of(result)]
+        shown[1:1] = _step_statistics(result)
     answer = Answer(document, shown, result.passed, failure=failure)
     return _with_step_errors(answer, terminal, loaded, result, isolation) if check_step and failure is None else answer
+
+
+def _step_statistics(result: ScenarioResult) -> list[Listing | str]:
+    """What the steps of all cases took."""
+    from orchestrator.scenario import accounts
+
+    rows = [
+        (name, f"{calls:,}", f"{seconds:.3g}", f"{microseconds:.3g}", f"{share:.1f}")
+        for name, calls, seconds, microseconds, share in accounts.rows_of(result)
+    ]
+    return [Listing(accounts.HEADERS, rows, "Step statistics, all cases"), accounts.sentence_of(result)]
 
 
 def _with_step_errors(
