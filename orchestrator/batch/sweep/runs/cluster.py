@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import socket
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -28,6 +29,7 @@ CONNECTING = 10.0  # patience with who answers [s]
 LOOK = 0.005  # between two looks at what has come [s]
 COUNTING = 5.0  # between two counts of workers [s]
 SILENT = 5  # connections in a row without any answer
+FORGETFUL = 100  # times that a worker has not what it was given, until it is left alone
 LONELY = 30.0  # without any worker, until that is said [s]
 
 
@@ -94,7 +96,7 @@ class _Session:
         self._active: dict[str, tuple[Future, Task]] = {}
         self._completed = as_completed(loop=client.loop)
         self._counted = self._seen = self._searched = -1e9
-        self._numbered = 0
+        self._numbered, self._bare = 0, Counter[str]()
         self._broken = self.finished = False
 
     def outcomes(self) -> Iterator[tuple[Task, Done]]:
@@ -201,14 +203,16 @@ class _Session:
         """Ask a worker no more; or give it what it needs, where that is all."""
         from orchestrator.batch.sweep.runs.equipment import equip  # noqa: PLC0415 (see above)
 
-        if unable.bare:
+        self._bare[unable.worker] += unable.bare
+        if unable.bare and self._bare[unable.worker] <= FORGETFUL:
             with suppress(Exception):  # it is gone, then
                 run = self._client._run
                 self._client.sync(run, equip, self._package, workers=[unable.worker], callback_timeout=CONNECTING)
             return
         if unable.worker not in self._unable:
-            LOG.warning("worker %s: %s; its runs go to others", unable.worker, unable.problem)
-            self._unable[unable.worker] = unable.problem
+            problem = unable.problem or "does not keep the FMUs that it is given"
+            LOG.warning("worker %s: %s; its runs go to others", unable.worker, problem)
+            self._unable[unable.worker] = problem
         self._counted = -1e9
 
 

@@ -64,20 +64,19 @@ class Package:
         setup: whose FMUs are files by their hash.
         files: name -> content.
         platform: what the worker has to be.
+        key: a hash, by which workers know it; made once, for an equal object can be pickled to other bytes.
     """
 
     setup: Setup
     files: Mapping[str, bytes]
     platform: Platform
-
-    @property
-    def key(self) -> str:
-        """Its hash."""
-        return hashlib.sha256(pickle.dumps(self)).hexdigest()[:16]
+    key: str
 
     @classmethod
     def of(cls, setup: Setup) -> Package:
         """A setup with its FMUs."""
         places = {file: Path(f"{sha256(file)}.fmu") for variant in setup.variants for file in variant.files}
         content = {place.name: file.read_bytes() for file, place in places.items()}
-        return cls(setup.moved(places), content, Platform.here())
+        moved, here = setup.moved(places), Platform.here()
+        key = hashlib.sha256(pickle.dumps((moved, sorted(content), here))).hexdigest()[:16]
+        return cls(moved, content, here, key)

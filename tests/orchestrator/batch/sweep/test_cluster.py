@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import pickle
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -12,7 +13,8 @@ import pytest
 from fmus.errors import InputError
 from orchestrator.batch.sweep.runs import queue
 from orchestrator.batch.sweep.runs.cluster import Cluster
-from orchestrator.batch.sweep.runs.package import Platform
+from orchestrator.batch.sweep.runs.package import Package, Platform
+from orchestrator.batch.sweep.runs.preparation import prepared
 from orchestrator.batch.sweep.sweep import sweep
 from tests.support.dask_cluster import DaskCluster, dask_cluster
 from tests.support.sweeping import FALLING, Here, results, study
@@ -161,6 +163,29 @@ def test_without_dask_a_cluster_says_what_to_install(monkeypatch: pytest.MonkeyP
     monkeypatch.setitem(__import__("sys").modules, "distributed", None)
     with pytest.raises(InputError, match=r"needs Dask .*pip install 'servotwin\[dask\]'"):
         Cluster("tcp://127.0.0.1:1").check()
+
+
+def test_a_worker_knows_a_package_by_the_name_that_it_has_here(tmp_path: Path) -> None:
+    """A worker that answers to another name than it is asked by gets its task again and again."""
+    with prepared(larger(tmp_path)) as ready:
+        package = Package.of(ready.setup)
+    there = pickle.loads(pickle.dumps(package))  # whose own pickle is longer: names are no longer one object
+    again = pickle.loads(pickle.dumps(there))
+    assert pickle.dumps(there) != pickle.dumps(package) and package.key == there.key == again.key
+
+
+@pytest.mark.slow
+@pytest.mark.needs("dask")
+def test_a_worker_that_does_not_keep_what_it_is_given_is_left_alone(
+    shared: DaskCluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def renamed(self: Package) -> tuple[type[Package], tuple[object, ...]]:
+        return Package, (self.setup, self.files, self.platform, "another")
+
+    monkeypatch.setattr(Package, "__reduce__", renamed)
+    monkeypatch.setattr("distributed.Client.register_plugin", lambda self, plugin: None)
+    with pytest.raises(InputError, match="does not keep the FMUs that it is given"):
+        sweep(study(tmp_path), tmp_path / "out", Cluster(shared.address))
 
 
 @pytest.mark.parametrize(
