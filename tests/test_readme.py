@@ -135,6 +135,7 @@ def test_every_page_is_in_the_contents_and_every_link_leads_somewhere() -> None:
 
 
 @pytest.mark.readme
+@pytest.mark.timeout(0)
 def test_every_command_works_in_the_order_given(tmp_path: Path) -> None:
     copy = tmp_path / "checkout"
     shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(*NOT_COPIED))
