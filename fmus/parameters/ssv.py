@@ -1,8 +1,9 @@
-"""Parameter sets as SSV files (SSP 1.0), and the SSP archive that binds one to an FMU."""
+"""Parameter sets as SSV files (SSP 1.0; 2.0 where it is asked for), and the SSP archive that binds one to an FMU."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -27,8 +28,24 @@ class Item(str):
     __slots__ = ()
 
 
+@dataclass(frozen=True)
+class ArrayValue:
+    """Values of a type that SSP 2.0 knows, by its name.
+
+    Attributes:
+        kind: Float64, Int32, Binary, ..., or one of SSP 1.0.
+        values: of an array all elements, row by row.
+        shape: of an array; () of a scalar.
+    """
+
+    kind: str
+    values: tuple[Number | str, ...]
+    shape: tuple[int, ...] = ()
+
+
 SetValue = Number | str  # what a parameter set holds; a plain str is the value of a String
 _KINDS = {bool: "Boolean", int: "Integer", Item: "Enumeration", str: "String"}
+_REAL = ("Real", "Float64", "Float32")
 
 
 def parameter_set(name: str, values: Mapping[str, SetValue], units: Mapping[str, str] | None = None) -> bytes:
@@ -91,18 +108,32 @@ def _value(path: Path, name: str, kind: str, text: str) -> SetValue:
         raise FmuFileError(f"{path}: {name}", f"'{text}' is no {kind}", "write the set again") from None
 
 
-def parameter_set_element(name: str, values: Mapping[str, SetValue], units: Mapping[str, str]) -> ET.Element:
-    """The same as an element, to stand in another document."""
-    root = ET.Element(f"{{{SSV}}}ParameterSet", {"version": "1.0", "name": name})
+def parameter_set_element(
+    name: str, values: Mapping[str, SetValue | ArrayValue], units: Mapping[str, str], version: str = "1.0"
+) -> ET.Element:
+    """The same as an element, to stand in another document; an `ArrayValue` needs version 2.0."""
+    root = ET.Element(f"{{{SSV}}}ParameterSet", {"version": version, "name": name})
     parameters = ET.SubElement(root, f"{{{SSV}}}Parameters")
     for variable, value in values.items():
         parameter = ET.SubElement(parameters, f"{{{SSV}}}Parameter", {"name": variable})
-        kind = _KINDS.get(type(value), "Real")
-        typed = ET.SubElement(parameter, f"{{{SSV}}}{kind}", {"value": _text(value)})
-        if variable in units and kind == "Real":
+        whole = value if isinstance(value, ArrayValue) else ArrayValue(_KINDS.get(type(value), "Real"), (value,))
+        typed = ET.SubElement(parameter, f"{{{SSV}}}{whole.kind}")
+        _set(typed, whole)
+        if variable in units and whole.kind in _REAL:
             typed.set("unit", units[variable])
+        for size in whole.shape:
+            ET.SubElement(parameter, f"{{{SSC}}}Dimension", {"size": str(size)})
     _unit_definitions(root, {units[variable] for variable in values if variable in units})
     return root
+
+
+def _set(typed: ET.Element, whole: ArrayValue) -> None:
+    """Numbers of an array stand side by side, texts each in an element of their own."""
+    if whole.shape and whole.kind in ("String", "Enumeration", "Binary"):
+        for value in whole.values:
+            ET.SubElement(typed, f"{{{SSV}}}Value", {"value": _text(value)})
+    else:
+        typed.set("value", " ".join(map(_text, whole.values)))
 
 
 def _text(value: SetValue) -> str:

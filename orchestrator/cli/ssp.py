@@ -21,18 +21,29 @@ def ssp_export(
     tool: Annotated[
         str, typer.Option("--for", help="any, or a tool with habits of its own: omsimulator, ecos, libcosim or fmpy.")
     ] = "any",
+    version: Annotated[
+        str, typer.Option("--ssp-version", metavar="VERSION", help="1.0, or 2.0: types and arrays of FMI 3.0.")
+    ] = "1.0",
 ) -> Answer:
     """Write a scenario as an SSP, with its FMUs, values and all that belongs to it."""
     from orchestrator.scenario.exchange import export
+    from orchestrator.ssp.names import Version
     from orchestrator.ssp.outline import Tool
 
     if tool not in list(Tool):
         raise InputError(f"--for {tool}", "is no tool that is known", f"choose {', '.join(Tool)}")
+    if version not in list(Version):
+        raise InputError(f"--ssp-version {version}", "is no version that is known", f"choose {', '.join(Version)}")
     file = out or Path("out") / f"{scenario.stem}.ssp"
     if file.suffix.lower() != ".ssp":
         raise InputError(f"--out {file}", "does not end in .ssp", "other tools know an SSP by its name")
-    done = export(scenario, file, Tool(tool))
-    document = {"ssp": str(file), "components": list(done.components), "connections": done.connections}
+    done = export(scenario, file, Tool(tool), Version(version))
+    document = {
+        "ssp": str(file),
+        "version": version,
+        "components": list(done.components),
+        "connections": done.connections,
+    }
     notes = [f"note: {line}" for line in done.notes]
     counted = f"{len(done.components)} components and {done.connections} connections in {file}"
     return Answer({**document, "notes": list(done.notes)}, [*notes, counted])

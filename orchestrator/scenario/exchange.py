@@ -17,6 +17,7 @@ from orchestrator.fmi.isolation import scratch
 from orchestrator.scenario.scenario import Scenario
 from orchestrator.scenario.schema import ScenarioBlock, load_scenario
 from orchestrator.ssp.annotations import kept
+from orchestrator.ssp.names import Version
 from orchestrator.ssp.outline import Outline, Times, Tool
 from orchestrator.ssp.writing import write
 from orchestrator.system import Part, System, typed, wire
@@ -40,16 +41,19 @@ class Exported:
     notes: tuple[str, ...]
 
 
-def export(file: Path, out: Path, tool: Tool = Tool.ANY) -> Exported:
+def export(file: Path, out: Path, tool: Tool = Tool.ANY, version: Version = Version.ONE) -> Exported:
     """Write a scenario as an SSP, with the FMUs of its components and all that it reads.
 
     Raises:
-        InputError: the scenario does not fit; nothing is written.
+        InputError: the scenario does not fit, or the tool is not known to read this version; nothing is written.
     """
+    if not tool.writes(version):
+        known = f"what {tool} makes of an SSP is known for {Version.ONE} only"
+        raise InputError(f"--ssp-version {version}", known, f"leave out --for, or write {Version.ONE}")
     scenario = load_scenario(file, references=False)
     with scratch(None) as folder:
         assembled = assemble(scenario.system, folder, scenario.driven)
-        outline = _outline(file, scenario, assembled)
+        outline = replace(_outline(file, scenario, assembled), version=version)
         if tool is not Tool.ANY:
             outline = _with_defaults(outline, folder)
         notes = write(out, outline, tool)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from fmus.errors import InputError
 from fmus.files import package_folder
 from orchestrator.ssp.document import imported
-from orchestrator.ssp.names import SSB, SSD, SSM, SSV
+from orchestrator.ssp.names import SSB, SSD, SSM, SSV, Version
 from orchestrator.ssp.package import SYSTEM, Package
 
 if TYPE_CHECKING:
@@ -63,26 +63,26 @@ def check(path: Path) -> Checked:
         notes = tuple(imported(path).notes)
     except InputError as error:
         problems.append(Problem(path.name, str(error)))
-    version = roots[SYSTEM].get("version", "")
-    if version != "1.0":
-        notes = (*notes, f"version {version} is read; only documents of 1.0 are validated, for lack of schemas")
-    return Checked(version, tuple(problems), notes)
+    return Checked(roots[SYSTEM].get("version", ""), tuple(problems), notes)
 
 
 def _complaints(root: etree._Element) -> Iterator[str]:
-    """What the schema of a document has to say of it, and of the documents that stand inside it."""
-    if root.get("version") != "1.0":
-        return
+    """What the schema of a document has to say of it, and of those that stand inside it, each by its version."""
     for element in root.iter(*_SCHEMAS):
-        schema = _schema(_SCHEMAS[str(element.tag)])
+        version = element.get("version", "")
+        if version not in list(Version):
+            yield f"line {element.sourceline}: is of SSP version '{version}'; {' and '.join(Version)} are known"
+            continue
+        schema = _schema(_SCHEMAS[str(element.tag)], Version(version))
         if not schema.validate(element):
             for error in schema.error_log:
                 yield f"line {error.line}: {error.message}"
 
 
 @cache
-def _schema(name: str) -> etree.XMLSchema:
-    """A schema of SSP 1.0, as FMPy brings it along."""
+def _schema(name: str, version: Version) -> etree.XMLSchema:
+    """A schema: of SSP 1.0 as FMPy brings it along, of 2.0 as it lies beside this file."""
     from lxml import etree  # noqa: PLC0415 (slow to load)
 
-    return etree.XMLSchema(etree.parse(package_folder("fmpy") / "ssp" / "schema" / f"{name}.xsd"))
+    folder = package_folder("fmpy") / "ssp" if version is Version.ONE else Path(__file__).parent
+    return etree.XMLSchema(etree.parse(folder / "schema" / f"{name}.xsd"))

@@ -65,7 +65,8 @@ class Flat:
         if node in self.entries:
             return self.entries[node]
         owner: Element = self.components[path] if path in self.components else self.systems[path]
-        return owner.connectors.get(name) or Connector(name, "unspecified")
+        array = name.partition("[")[0]  # of an element
+        return owner.connectors.get(name) or owner.connectors.get(array) or Connector(name, "unspecified")
 
     def units_at(self, path: Path) -> Mapping[str, Unit]:
         """What units are in the system that holds an element, or in this system."""

@@ -1,5 +1,15 @@
 """Names of the standard: namespaces, types of files, and elements of other tools that tell a step."""
 
+from enum import StrEnum
+
+
+class Version(StrEnum):
+    """Versions of SSP; they share their namespaces."""
+
+    ONE = "1.0"
+    TWO = "2.0"
+
+
 SSD = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"
 SSV = "{http://ssp-standard.org/SSP1/SystemStructureParameterValues}"
 SSC = "{http://ssp-standard.org/SSP1/SystemStructureCommon}"
@@ -14,4 +24,3 @@ MAPPING = "application/x-ssp-parameter-mapping"
 DICTIONARY = "application/x-ssp-signal-dictionary"
 
 STEPS = ("stepSize", "baseStepSize", "initialStepSize")  # of OMSimulator's and libcosim's annotations
-VERSIONS = ("1.0", "2.0")

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from orchestrator.fmi.file import Kind
 from orchestrator.fmi.interface import Value
+from orchestrator.ssp.names import Version
 from orchestrator.system import System
 
 
@@ -20,6 +21,10 @@ class Tool(StrEnum):
     ECOS = "ecos"
     LIBCOSIM = "libcosim"
     FMPY = "fmpy"
+
+    def writes(self, version: Version) -> bool:
+        """Whether it is known what of this version it takes; of those with habits of their own it is of 1.0."""
+        return self is Tool.ANY or version is Version.ONE
 
     @property
     def joins_system(self) -> bool:
@@ -61,6 +66,7 @@ class Outline:
         driven: input -> its constant value, None where it changes in time.
         recorded: what the outputs of the system show.
         annotations: of other tools, see `annotations.kept`.
+        version: of SSP, which it is written as.
         others: name in the archive -> contents of what else goes along.
     """
 
@@ -75,3 +81,4 @@ class Outline:
     recorded: tuple[str, ...] = ()
     annotations: Mapping[str, Sequence[bytes]] = field(default_factory=dict)
     others: Mapping[str, bytes] = field(default_factory=dict)
+    version: Version = Version.ONE

@@ -30,7 +30,7 @@ from orchestrator.ssp.names import (
     SSC,
     SSD,
     STEPS,
-    VERSIONS,
+    Version,
 )
 from orchestrator.ssp.package import SYSTEM, Package
 from orchestrator.ssp.parameters import mapping, parameters, required, transformation, truth, units
@@ -75,8 +75,8 @@ class _File:
         if root.tag != f"{SSD}SystemStructureDescription":
             raise FmuFileError(self.place, "is no System Structure Description", "export the SSP again")
         version = root.get("version", "")
-        if version not in VERSIONS:
-            raise FmuFileError(self.place, f"is of SSP version '{version}'", f"export it as {' or '.join(VERSIONS)}")
+        if version not in list(Version):
+            raise FmuFileError(self.place, f"is of SSP version '{version}'", f"export it as {' or '.join(Version)}")
         system = root.find(f"{SSD}System")
         if system is None:
             raise FmuFileError(self.place, "holds no System", "export the SSP again")

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from fmus.files import sha256
+from fmus.modelling.model import element_names
 from fmus.packaging import archive
 from fmus.packaging.description.xml import document
-from fmus.parameters.ssv import Item, SetValue, parameter_set_element
+from fmus.parameters.ssv import parameter_set_element
 from fmus.units import BASES
 from orchestrator.crossing import NamedUnit
 from orchestrator.fmi.file import FmuDescription, Kind
 from orchestrator.fmi.interface import Interface, Port, Value
 from orchestrator.ssp import package
 from orchestrator.ssp.annotations import ROOT, SYSTEM
-from orchestrator.ssp.names import FMU, SSC, SSD
+from orchestrator.ssp.names import FMU, SSC, SSD, Version
 from orchestrator.ssp.outline import Outline, Tool
+from orchestrator.ssp.variables import Variable, indexed, set_values, type_name, variables
 from orchestrator.system import Connection, Endpoint
 
 OMS = "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd"
@@ -25,8 +29,7 @@ OSP = "http://opensimulationplatform.com/SSP/OSPAnnotations"
 ET.register_namespace("oms", OMS)
 ET.register_namespace("osp", OSP)
 VALUES = "values"  # name of the parameter sets; one for all, since ecos is told one for all components
-_KINDS = {"input": "input", "output": "output", "parameter": "parameter"}
-_PLAIN = {"Float64": "Real", "Float32": "Real", "Binary": "", "Clock": ""}
+_KINDS = ("input", "output", "parameter")
 
 
 def write(path: Path, outline: Outline, tool: Tool = Tool.ANY) -> list[str]:
@@ -51,7 +54,7 @@ class _Writing:
 
     def root(self) -> ET.Element:
         outline = self.outline
-        root = ET.Element(f"{SSD}SystemStructureDescription", {"version": "1.0", "name": outline.name})
+        root = ET.Element(f"{SSD}SystemStructureDescription", {"version": outline.version, "name": outline.name})
         root.set("generationTool", "servotwin")
         if outline.description:
             root.set("description", outline.description)
@@ -74,15 +77,18 @@ class _Writing:
         if inputs or outputs:
             connectors = ET.SubElement(system, f"{SSD}Connectors")
             for name in (*inputs, *outputs):
-                self._add_connector(connectors, _outer(name), "input" if name in inputs else "output", self._port(name))
+                outer = Variable(_outer(name), self._port(name))
+                self._add_connector(connectors, outer, "input" if name in inputs else "output")
         constants = {_outer(name): value for name, value in inputs.items() if value is not None}
-        self._add_values(system, VALUES, constants, {_outer(name): self._port(name) for name in inputs})
+        self._add_values(
+            system, "", constants, {_outer(name): replace(self._port(name), array=None) for name in inputs}
+        )
         elements = ET.SubElement(system, f"{SSD}Elements")
         for name in self.outline.files:
             elements.append(self._component(name))
-        links = [self._connection(link) for link in self.outline.system.connections]
-        links += [self._link(None, _outer(name), *_split(name)) for name in inputs]
-        links += [self._link(*_split(name), None, _outer(name)) for name in outputs]
+        links = [self._connection(link) for link in self._joined()]
+        links += [self._link(Endpoint("", _outer(name)), Endpoint.parse(name)) for name in inputs]
+        links += [self._link(Endpoint.parse(name), Endpoint("", _outer(name))) for name in outputs]
         if links:
             ET.SubElement(system, f"{SSD}Connections").extend(links)
         self._tell_driven()
@@ -104,13 +110,13 @@ class _Writing:
         if way == "ModelExchange":
             element.set("implementation", way)
         connectors = ET.Element(f"{SSD}Connectors")
-        for port in interface.ports.values():
-            if self._is_connector(name, port):
-                self._add_connector(connectors, port.name, _KINDS[port.causality], port)
+        for variable in variables(interface.ports.values(), self.outline.version):
+            if self._is_connector(name, variable):
+                self._add_connector(connectors, variable, variable.port.causality)
         if len(connectors):
             element.append(connectors)
         values = self._values(name, interface)
-        self._add_values(element, VALUES, values, interface.ports)
+        self._add_values(element, name, values, interface.ports)
         self._add_annotations(element, name)
         return element
 
@@ -122,12 +128,18 @@ class _Writing:
             parent = ET.SubElement(element, f"{SSD}Annotations") if parent is None else parent
             parent.extend(ET.fromstring(one) for one in kept)
 
-    def _is_connector(self, component: str, port: Port) -> bool:
-        """Whether a variable is one: of an array an element that is connected, an enumeration where it is known."""
-        if port.causality not in _KINDS or port.alone or (port.items and not self.tool.knows_items):
+    def _is_connector(self, component: str, variable: Variable) -> bool:
+        """Whether a variable is one: of an array in 1.0 an element that is connected, an enumeration where it is
+        known."""
+        port, sizes = variable.port, variable.port.causality == "structuralParameter"
+        if port.causality not in _KINDS and not (sizes and self.outline.version is Version.TWO):
             return False
+        if port.alone or (port.items and not self.tool.knows_items):
+            return False
+        if port.array is None or variable.shape:
+            return True
         end = Endpoint(component, port.name)
-        return port.array is None or any(end in (link.source, link.target) for link in self.outline.system.connections)
+        return any(end in (link.source, link.target) for link in self.outline.system.connections)
 
     def _values(self, component: str, interface: Interface) -> dict[str, Value]:
         """Those of a component; what drives an input there, too, where the tool does not take it from outside."""
@@ -145,15 +157,17 @@ class _Writing:
                 self.notes.append(f"{component}.{name}: {self.tool} does not take its value from an SSP")
         return taken
 
-    def _add_connector(self, parent: ET.Element, name: str, kind: str, port: Port) -> None:
-        connector = ET.SubElement(parent, f"{SSD}Connector", {"name": name, "kind": kind})
-        written = _type_of(port)
+    def _add_connector(self, parent: ET.Element, variable: Variable, kind: str) -> None:
+        connector, port = ET.SubElement(parent, f"{SSD}Connector", {"name": variable.name, "kind": kind}), variable.port
+        written = type_name(port, self.outline.version)
         typed = ET.SubElement(connector, f"{SSC}{written}")
         if written == "Enumeration":
             typed.set("name", self._enumeration(port))
-        if written == "Real" and port.unit:
+        if port.real and port.unit:
             typed.set("unit", port.unit)
             self.units.setdefault(port.unit, port.measure)
+        for size in variable.shape:
+            ET.SubElement(connector, f"{SSC}Dimension", {"size": str(size)})
 
     def _enumeration(self, port: Port) -> str:
         """Name of the enumeration with the items of a variable."""
@@ -166,19 +180,56 @@ class _Writing:
         return name
 
     def _add_values(
-        self, parent: ET.Element, name: str, values: Mapping[str, Value], ports: Mapping[str, Port]
+        self, parent: ET.Element, component: str, values: Mapping[str, Value], ports: Mapping[str, Port]
     ) -> None:
+        """A parameter set with the values of a component, or of the system where it is named ""."""
         if not values:
             return
         bindings = ET.SubElement(parent, f"{SSD}ParameterBindings")
         inline = ET.SubElement(ET.SubElement(bindings, f"{SSD}ParameterBinding"), f"{SSD}ParameterValues")
-        written = {key: _set_value(ports[key], key, value) for key, value in values.items()}
-        units = {key: str(ports[key].unit) for key in values if ports[key].real and ports[key].unit}
-        inline.append(parameter_set_element(name, written, units))
+        written, torn = set_values(values, ports, self.outline.version)
+        for array in torn:
+            self.notes.append(
+                f"{component}.{array}: some elements have a value, nothing tells the others; these stand one by one"
+            )
+        real = {key: port for key, port in _by_name(ports).items() if key in written and port.real and port.unit}
+        units = {key: str(port.unit) for key, port in real.items()}
+        inline.append(parameter_set_element(VALUES, written, units, self.outline.version))
+
+    def _joined(self) -> list[Connection]:
+        """The connections; in 2.0 one for all elements of an array that go to those of another in their order."""
+        links = list(self.outline.system.connections)
+        if self.outline.version is Version.ONE:
+            return links
+        found: dict[Connection, None] = {}
+        for link in links:
+            whole = self._whole(link)
+            one = whole if whole is not None and self._complete(whole, links) else link
+            found[one] = None
+        return list(found)
+
+    def _whole(self, link: Connection) -> Connection | None:
+        """That of the arrays whose same elements a connection joins; None where it does not."""
+        ends = [(end, self.outline.system.port(end)) for end in (link.source, link.target)]
+        arrays = [port.array for _, port in ends]
+        if arrays[0] is None or arrays[1] is None or arrays[0].shape != arrays[1].shape:
+            return None
+        if ends[0][1].element != ends[1][1].element:
+            return None
+        source, target = (
+            replace(end, variable=array.name) for (end, _), array in zip(ends, arrays, strict=True) if array
+        )
+        return replace(link, source=source, target=target)
+
+    def _complete(self, whole: Connection, links: Sequence[Connection]) -> bool:
+        """Whether all elements are joined, and alike."""
+        end = whole.source
+        shape = self.outline.system.shape(end) or ()
+        return sum(self._whole(link) == whole for link in links) == math.prod(shape)
 
     def _connection(self, link: Connection) -> ET.Element:
-        element = self._link(link.source.component, link.source.variable, link.target.component, link.target.variable)
-        units = {self.outline.system.port(end).unit or "" for end in (link.source, link.target)}
+        element = self._link(link.source, link.target)
+        units = {self._measured(end).unit or "" for end in (link.source, link.target)}
         if len(units) > 1 or (link.factor, link.offset) != (1.0, 0.0):
             element.set("suppressUnitConversion", "true")
         if (link.factor, link.offset) != (1.0, 0.0):
@@ -188,9 +239,26 @@ class _Writing:
                 self.notes.append(f"{link.source} -> {link.target}: {self.tool} does not multiply by {link.factor:g}")
         return element
 
-    def _link(self, one: str | None, start: str, other: str | None, end: str) -> ET.Element:
-        ends = {"startElement": one, "startConnector": start, "endElement": other, "endConnector": end}
-        return ET.Element(f"{SSD}Connection", {key: name for key, name in ends.items() if name is not None})
+    def _link(self, source: Endpoint, target: Endpoint) -> ET.Element:
+        """A connection; the component "" is the system itself."""
+        element = ET.Element(f"{SSD}Connection")
+        indices: dict[str, str] = {}
+        for side, end in (("start", source), ("end", target)):
+            connector, places = end.variable, ""
+            if end.component:
+                element.set(f"{side}Element", end.component)
+                connector, places = indexed(end.variable, self._measured(end), self.outline.version)
+            element.set(f"{side}Connector", connector)
+            indices |= {f"{side}Indices": places} if places else {}
+        element.attrib.update(indices)
+        return element
+
+    def _measured(self, end: Endpoint) -> Port:
+        """The variable at an end of a connection, of an array as a whole its first element."""
+        shape = self.outline.system.shape(end)
+        name = end.variable if shape is None else element_names(end.variable, shape)[0]
+        port = self.outline.system.port(replace(end, variable=name))
+        return port if shape is None else replace(port, array=None)
 
     def _port(self, name: str) -> Port:
         return self.outline.system.port(Endpoint.parse(name))
@@ -238,16 +306,6 @@ def _split(name: str) -> tuple[str, str]:
     return component, variable
 
 
-def _type_of(port: Port) -> str:
-    if port.items:
-        return "Enumeration"
-    if port.real:
-        return "Real"
-    return port.type if port.type in ("Boolean", "String") else "Integer"
-
-
-def _set_value(port: Port, name: str, value: Value) -> SetValue:
-    typed = port.typed(name, value)
-    if port.items:
-        return Item(next(item for item, number in port.items.items() if number == typed))
-    return typed
+def _by_name(ports: Mapping[str, Port]) -> dict[str, Port]:
+    """The variables by their names; arrays by theirs, too."""
+    return {port.array.name: port for port in ports.values() if port.array is not None} | dict(ports)

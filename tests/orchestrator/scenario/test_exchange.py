@@ -11,11 +11,16 @@ from xml.etree import ElementTree
 import pytest
 
 from fmus.errors import InputError, WiringError
+from orchestrator.fmi.file import FmuDescription
 from orchestrator.scenario.exchange import export, unpack
 from orchestrator.scenario.run import ScenarioResult, run_scenario
 from orchestrator.ssp.checking import check
+from orchestrator.ssp.document import imported
+from orchestrator.ssp.names import Version
+from orchestrator.ssp.outline import Tool
 from tests.support.simulation import ssps
-from tests.support.simulation.ssps import archive, component, system
+from tests.support.simulation.ssps import NAMESPACES, archive, component, system
+from tests.support.tools.third_party import reference
 
 STAIR = "time,torque\n0,0\n0.1,0.01\n0.3,-0.01\n0.5,0\n"
 COMPONENTS: dict[str, Any] = {
@@ -160,3 +165,108 @@ def test_annotations_of_other_tools_go_along_both_ways(tmp_path: Path) -> None:
         }
         assert owners == {"all": root.get("name"), "top": root.get("name"), "a": "a", "w": "m__w"}
         assert text.count("Deep") == 4
+
+
+def fmi3(folder: Path, fmu: Path, connections: list[str], **components: dict[str, Any]) -> Path:
+    """A scenario of instances of an FMU, with these values."""
+    document = {
+        "title": "FMI 3.0",
+        "components": {name: {"fmu": str(fmu), "parameters": values} for name, values in components.items()},
+        "connections": connections,
+        "run": {"stop": 4, "step": 1},
+    }
+    (folder / "fmi3.yaml").write_text(json.dumps(document))
+    return folder / "fmi3.yaml"
+
+
+def described(ssp: Path) -> ElementTree.Element:
+    return ElementTree.fromstring(zipfile.ZipFile(ssp).read("SystemStructure.ssd"))
+
+
+@pytest.mark.parametrize(
+    "more", [{}, PLAYED, CONSTANT, {"record": ["hand.angle"]}], ids=["plain", "file", "set", "one"]
+)
+def test_an_ssp_of_version_2_runs_as_the_scenario_does(tmp_path: Path, more: dict[str, Any]) -> None:
+    file = scenario(tmp_path / "own", **more)
+    export(file, tmp_path / "turn.ssp", version=Version.TWO)
+    found = check(tmp_path / "turn.ssp")
+    assert (found.version, found.problems) == ("2.0", ())
+    same(run_scenario(tmp_path / "turn.ssp"), run_scenario(file))
+    same(run_scenario(unpack(tmp_path / "turn.ssp", tmp_path / "again")), run_scenario(file))
+
+
+def test_version_2_has_the_types_and_arrays_of_fmi_3(tmp_path: Path) -> None:
+    whole = fmi3(
+        tmp_path,
+        reference(3, "StateSpace"),
+        ["a.y -> b.u"],
+        a={"A": [[-1, 0, 1], [2, -3, 0], [0, 0, -1]], "u[2]": 0.5},
+        b={"A": [[-1, 0, 0], [0, -1, 0], [0, 0, -1]]},
+    )
+    export(whole, tmp_path / "s.ssp", version=Version.TWO)
+    assert check(tmp_path / "s.ssp").problems == ()
+    same(run_scenario(tmp_path / "s.ssp"), run_scenario(whole))
+    root = described(tmp_path / "s.ssp")
+    (link,) = root.iter(f"{{{NAMESPACES['ssd']}}}Connection")
+    ends = {"startElement": "a", "startConnector": "y", "endElement": "b", "endConnector": "u"}
+    assert link.attrib == ends
+    kinds = {one.get("name"): one for one in root.iter(f"{{{NAMESPACES['ssd']}}}Connector")}
+    sizes = [size.get("size") for size in kinds["A"].iter(f"{{{NAMESPACES['ssc']}}}Dimension")]
+    assert sizes == ["3", "3"] and kinds["A"].find(f"{{{NAMESPACES['ssc']}}}Float64") is not None
+    assert kinds["m"].get("kind") == "structuralParameter"
+    assert imported(tmp_path / "s.ssp").document["components"]["a"]["parameters"] == {
+        "A": [[-1.0, 0.0, 1.0], [2.0, -3.0, 0.0], [0.0, 0.0, -1.0]],
+        "u": [1.0, 0.5, 3.0],
+    }
+
+
+def test_version_2_connects_elements_of_arrays_by_their_indices(tmp_path: Path) -> None:
+    crossed = ["a.y[1] -> b.u[3]", "2 * a.y[2] -> b.u[2]", "a.y[3] -> b.u[1]"]
+    file = fmi3(tmp_path, reference(3, "StateSpace"), crossed, a={}, b={})
+    export(file, tmp_path / "s.ssp", version=Version.TWO)
+    assert check(tmp_path / "s.ssp").problems == ()
+    links = [*described(tmp_path / "s.ssp").iter(f"{{{NAMESPACES['ssd']}}}Connection")]
+    assert [(link.get("startIndices"), link.get("endIndices")) for link in links] == [
+        ("1", "3"),
+        ("2", "2"),
+        ("3", "1"),
+    ]
+    same(run_scenario(tmp_path / "s.ssp"), run_scenario(file))
+
+
+def test_version_2_keeps_every_scalar_type(tmp_path: Path) -> None:
+    values = {"Int8_input": -8, "UInt64_input": 2**60, "Float32_continuous_input": 0.5, "Boolean_input": True}
+    values |= {"String_input": "Set me!", "Enumeration_input": 2}
+    chained = ["a.Int32_output -> b.Int32_input", "a.Float64_continuous_output -> b.Float64_continuous_input"]
+    file = fmi3(tmp_path, reference(3, "Feedthrough"), chained, a=values, b={})
+    export(file, tmp_path / "f.ssp", version=Version.TWO)
+    assert check(tmp_path / "f.ssp").problems == ()
+    root = described(tmp_path / "f.ssp")
+    written = {
+        one.get("name"): str(one[0].tag).rpartition("}")[2]
+        for one in root.iter(f"{{{NAMESPACES['ssd']}}}Connector")
+        if len(one)
+    }
+    ports = FmuDescription(reference(3, "Feedthrough")).interface.ports
+    assert {"Int8", "UInt64", "Float32", "Boolean", "Float64", "String", "Enumeration"} <= set(written.values())
+    assert all(kind in (ports[name].type, "Enumeration") for name, kind in written.items() if name in ports)
+    same(run_scenario(tmp_path / "f.ssp"), run_scenario(file))
+    assert FmuDescription(reference(3, "Feedthrough")).interface.ports["UInt64_input"].type == "UInt64"
+    found = imported(tmp_path / "f.ssp").document["components"]["a"]["parameters"]
+    assert found["UInt64_input"] == 2**60 and found["String_input"] == "Set me!"
+
+
+def test_a_tool_that_is_known_with_version_1_gets_no_other(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"--ssp-version 2\.0.*ecos.*1\.0 only.*leave out --for"):
+        export(scenario(tmp_path / "own"), tmp_path / "t.ssp", Tool.ECOS, Version.TWO)
+    assert not (tmp_path / "t.ssp").exists()
+
+
+@pytest.mark.parametrize("version", list(Version))
+def test_what_is_not_as_its_version_has_it_is_told(tmp_path: Path, version: Version) -> None:
+    export(scenario(tmp_path / "own"), tmp_path / "turn.ssp", version=version)
+    with zipfile.ZipFile(tmp_path / "turn.ssp") as read, zipfile.ZipFile(tmp_path / "bad.ssp", "w") as made:
+        for name in read.namelist():
+            made.writestr(name, read.read(name).replace(b'kind="output"', b'kind="outlet"', 1))
+    (problem,) = check(tmp_path / "bad.ssp").problems[:1]
+    assert "outlet" in problem.problem

@@ -1,0 +1,105 @@
+"""How variables and their values stand in a document: in SSP 1.0 one by one, in 2.0 by FMI 3.0's types and arrays as
+wholes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from fmus.modelling.model import element
+from fmus.parameters.ssv import ArrayValue, Item, SetValue
+from orchestrator.fmi.interface import Port, Value
+from orchestrator.ssp.names import Version
+
+Shape = tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Variable:
+    """What one connector stands for.
+
+    Attributes:
+        port: the variable, of an array its first element.
+        shape: of an array; () of a scalar.
+    """
+
+    name: str
+    port: Port
+    shape: Shape = ()
+
+
+def variables(ports: Iterable[Port], version: Version) -> list[Variable]:
+    """What has a connector of its own: in 2.0 an array as a whole, in 1.0 each of its elements."""
+    found: dict[str, Variable] = {}
+    for port in ports:
+        whole = port.array if version is Version.TWO else None
+        name = port.name if whole is None else whole.name
+        found.setdefault(name, Variable(name, port, () if whole is None else whole.shape))
+    return list(found.values())
+
+
+def type_name(port: Port, version: Version) -> str:
+    """Name of the element for a variable's type."""
+    if port.items:
+        return "Enumeration"
+    if version is Version.TWO:
+        return port.type
+    if port.real:
+        return "Real"
+    return port.type if port.type in ("Boolean", "String") else "Integer"
+
+
+def indexed(variable: str, port: Port, version: Version) -> tuple[str, str]:
+    """Name of the connector of a variable, and the indices in it that a connection is restricted to; "" without."""
+    place = element(variable) if version is Version.TWO and port.array is not None else None
+    return (variable, "") if place is None else (place[0], " ".join(map(str, place[1])))
+
+
+def set_value(port: Port, name: str, value: Value, version: Version) -> SetValue | ArrayValue:
+    """A value of a scalar as a parameter set has it."""
+    typed = port.typed(name, value)
+    if port.items:
+        return Item(next(item for item, number in port.items.items() if number == typed))
+    own = type_name(port, version)
+    return typed if own in ("Real", "Integer", "Boolean", "String") else ArrayValue(own, (typed,))
+
+
+def set_values(
+    given: Mapping[str, Value], ports: Mapping[str, Port], version: Version
+) -> tuple[dict[str, SetValue | ArrayValue], list[str]]:
+    """Name -> what a parameter set has of these values, and the arrays that are given in part and whose other elements
+    nothing tells: those stand element by element, as in 1.0."""
+    found: dict[str, SetValue | ArrayValue] = {}
+    torn: dict[str, None] = {}
+    for name, value in given.items():
+        port = ports[name]
+        whole = port.array if version is Version.TWO else None
+        if whole is None or whole.name in found:
+            if whole is None:
+                found[name] = set_value(port, name, value, version)
+            continue
+        values = _elements(whole.name, whole.shape, given, ports)
+        if values is None:
+            torn[whole.name] = None
+            found[name] = set_value(port, name, value, version)
+        else:
+            found[whole.name] = ArrayValue(type_name(port, version), values, whole.shape)
+    return found, list(torn)
+
+
+def _elements(
+    array: str, shape: Shape, given: Mapping[str, Value], ports: Mapping[str, Port]
+) -> tuple[SetValue, ...] | None:
+    """All elements of an array, row by row: given, or as the FMU starts; None where neither tells one."""
+    own = [port for port in ports.values() if port.array is not None and port.array.name == array]
+    if len(own) != math.prod(shape):
+        return None
+    values: list[SetValue] = []
+    for port in own:
+        start = given.get(port.name, None if port.start is None else port.parsed(port.start))
+        if start is None:
+            return None
+        value = set_value(port, port.name, start, Version.ONE)
+        values.append(value if not isinstance(value, ArrayValue) else value.values[0])
+    return tuple(values)
