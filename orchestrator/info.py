@@ -14,6 +14,7 @@ import numpy as np
 from fmus.errors import InputError
 from fmus.packaging import archive, defaults
 from fmus.packaging.native import foreign_sources
+from fmus.parameters.related import related, state
 from orchestrator.can.log_suffixes import is_log
 from orchestrator.marks import listed
 from orchestrator.progress import Progress, silent
@@ -73,6 +74,11 @@ def about_fmu(path: Path) -> InfoDocument:
         **_about_others(interface),
         "units": _about_units(interface),
     }
+    if along := related(str(path), files):
+        document["related files"] = [
+            {"name": one.source, "role": one.role, "file": state(one, files), "description": one.description}
+            for one in along
+        ]
     if PROVENANCE in files:
         provenance = _document(path, files[PROVENANCE])
         document["calibrated by"] = f"{provenance.get('title', '')} ({provenance.get('method', '')})"

@@ -22,20 +22,14 @@ from fmus.files import atomic_write
 from fmus.modelling.model import Number, element, element_number
 from fmus.packaging import archive, defaults
 from fmus.packaging.description.xml import GENERATION_TOOL, xml_number
-from fmus.parameters import ssv
+from fmus.parameters import related, ssv
 from fmus.parameters.ssv import SetValue
 
-REFERENCES = "extra/org.fmi-standard.fmi-ls-ref"
+REFERENCES = related.FOLDER
 PROVENANCE = "extra/org.servotwin/provenance.json"
 REALS = ("Real", "Float64", "Float32")
 SETTABLE = ("parameter", "structuralParameter", "input")
-_MANIFEST = f"""<?xml version="1.0" encoding="UTF-8"?>
-<fmiReferences xmlns:fmi-ls="http://fmi-standard.org/fmi-ls-manifest"
-  fmi-ls:fmi-ls-name="org.fmi-standard.fmi-ls-ref" fmi-ls:fmi-ls-version="1.0.0-alpha.1"
-  fmi-ls:fmi-ls-description="Layered Standard providing information on related files included in an FMU.">
-  <Related type="{ssv.MIME}" source="calibrated.ssv" role="parameter" description="Calibrated parameters"/>
-</fmiReferences>
-"""
+_CALIBRATED = related.Related("calibrated.ssv", ssv.MIME, "parameter", "Calibrated parameters")
 
 
 def write_back(
@@ -81,8 +75,8 @@ def write_back(
     files["modelDescription.xml"] = etree.tostring(root, encoding="UTF-8", xml_declaration=True, pretty_print=True)
     old = _defaults(source, files[defaults.RESOURCE])
     files[defaults.RESOURCE] = defaults.dump(old | {name: start.value for name, start in starts.items()}).encode()
-    files[f"{REFERENCES}/fmi-ls-manifest.xml"] = _MANIFEST.encode()
-    files[f"{REFERENCES}/calibrated.ssv"] = parameters
+    files[related.MANIFEST] = related.manifest([_CALIBRATED], {_CALIBRATED.source: parameters})
+    files[f"{REFERENCES}/{_CALIBRATED.source}"] = parameters
     files[PROVENANCE] = _json(origin)
     archive.write(target, files)
     return [target]
