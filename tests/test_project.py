@@ -58,6 +58,7 @@ def test_a_circle_is_found_with_all_that_lies_on_it_and_nothing_else() -> None:
     assert circles(graph) == {"a": ["b"], "b": ["c"], "c": ["a"]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("package", PACKAGES)
 def test_a_package_needs_only_those_below_it(package: str) -> None:
     """Neither at the top of a file nor in a function, nor in a program that it starts."""
@@ -92,6 +93,7 @@ def test_a_model_imports_only_the_language_and_the_standard_library(name: str) -
     }
 
 
+@pytest.mark.slow
 def test_only_the_command_line_imports_its_library() -> None:
     assert [file for file in SOURCES if file.parent.name != "cli" and "typer" in tops(imports_of(file))] == []
 

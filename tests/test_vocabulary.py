@@ -53,6 +53,7 @@ def test_an_unknown_name_is_an_attribute_error() -> None:
         identification.tuna  # type: ignore[attr-defined]  # noqa: B018
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", ["identification.subspace.subspace", "identification.calibrate", "identification"])
 def test_a_name_is_the_function_also_where_a_module_of_that_name_was_loaded_first(first: str) -> None:
     code = f"import {first}; from identification import calibrate as c, subspace as s; print(callable(c), callable(s))"

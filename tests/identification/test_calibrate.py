@@ -64,6 +64,7 @@ def parameters(**blocks: Any) -> Change:
 FREE = {"start": 1.0, "min": 0.1, "max": 2.0}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changes", "problem"),
     [

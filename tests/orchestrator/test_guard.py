@@ -87,6 +87,7 @@ def test_a_kill_is_no_crash_and_one_of_ours_says_why(tmp_path: Path, work: str, 
     assert ended(started(tmp_path, killed), tmp_path) == (3, f"servotwin: {line}\n")
 
 
+@pytest.mark.slow
 def test_who_saves_a_result_is_waited_for(tmp_path: Path) -> None:
     work = (
         "guard._LEAVING = 0.1; last_words.own().say(last_words.SAVING, 'it');"
@@ -125,6 +126,7 @@ def test_a_crash_after_a_wish_to_end_is_told(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_what_ignores_a_wish_to_end_is_killed(tmp_path: Path) -> None:
     work = "libc.signal(2, ctypes.c_void_p(1))\n    print('ready', flush=True)\n    libc.sleep(600)"
     running = started(tmp_path, work)

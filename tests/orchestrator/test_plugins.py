@@ -92,6 +92,7 @@ def test_our_commands_are_not_replaced(tmp_path: Path) -> None:
     assert "What an FMU, an SSP, a trace or a result holds." in servotwin(rigs, "info", "--help").stdout
 
 
+@pytest.mark.slow
 def test_a_format_of_another_package_is_read_and_written(tmp_path: Path) -> None:
     rigs = install(tmp_path / "site", "[servotwin.formats]\nten = rig_format\n", rig_format=TENFOLD)
     (tmp_path / "a.csv").write_text("time [s],value\n0,1\n1,4\n")
@@ -102,6 +103,7 @@ def test_a_format_of_another_package_is_read_and_written(tmp_path: Path) -> None
     assert [(signal["name"], signal["max"]) for signal in document["signals"]] == [("value", 40.0)]
 
 
+@pytest.mark.slow
 def test_a_method_of_another_package_calibrates_and_is_in_the_schema(tmp_path: Path) -> None:
     rigs = install(tmp_path / "site", "[servotwin.methods]\nmean = rig_method:METHOD\n", rig_method=MEAN)
     (tmp_path / "study.yaml").write_text("title: Some values\nmethod: mean\nvalues: [1, 3]\n")

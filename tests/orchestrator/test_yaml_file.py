@@ -219,6 +219,7 @@ TREES = st.recursive(
 KEYS = st.sampled_from(["title", "components", "connections", "run", "record", "cases", "expect", "stimuli", "stopp"])
 
 
+@pytest.mark.slow
 @FUZZ
 @given(st.dictionaries(KEYS, TREES, max_size=5))
 def test_any_tree_of_values_fits_or_is_refused_with_a_line(tmp_path: Path, tree: dict[str, object]) -> None:

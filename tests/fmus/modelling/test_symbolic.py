@@ -72,6 +72,7 @@ def in_order(model: Model, *values: dict[str, Any]) -> list[Any]:
     return [given[name] for kind, given in zip("xup", values, strict=True) for name in symbols[kind]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", library.names())
 @settings(deadline=None)
 @given(data=st.data())

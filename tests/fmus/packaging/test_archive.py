@@ -32,6 +32,7 @@ def refusal(path: Path) -> str:
     return message
 
 
+@pytest.mark.slow
 @given(st.dictionaries(st.from_regex(r"[a-z]{1,8}(/[a-z]{1,8}){0,2}\.txt", fullmatch=True), st.binary(max_size=200)))
 def test_what_is_written_is_read(tmp_path_factory: pytest.TempPathFactory, files: dict[str, bytes]) -> None:
     path = tmp_path_factory.mktemp("zip") / "a.fmu"

@@ -222,6 +222,7 @@ def test_start_values_that_are_read_are_told_to_make_predictions_rough(tmp_path:
     assert "start values are read and not estimated (lag.beyond)" in warning
 
 
+@pytest.mark.slow
 @pytest.mark.shipped
 def test_the_shipped_design_keeps_its_word_on_the_rig(tmp_path: Path) -> None:
     """Half-widths come out within 20 % of those predicted, and the limits are kept."""

@@ -64,6 +64,7 @@ def coverage(draws, make):
     return {name: float(np.mean(share)) for name, share in inside.items()}, methods
 
 
+@pytest.mark.slow
 def test_intervals_cover_the_truth_in_95_percent_of_draws_with_estimated_initial_states():
     rng = np.random.default_rng(10)
     shares, methods = coverage(200, lambda: noisy_decays(0.05 * rng.normal(size=(3, len(INSTANTS)))))
@@ -71,6 +72,7 @@ def test_intervals_cover_the_truth_in_95_percent_of_draws_with_estimated_initial
     assert methods.count("white") > 190
 
 
+@pytest.mark.slow
 def test_window_intervals_cover_the_truth_when_the_noise_is_correlated():
     rng = np.random.default_rng(11)
 
@@ -84,6 +86,7 @@ def test_window_intervals_cover_the_truth_when_the_noise_is_correlated():
     assert np.all(np.diag(result.uncertainty.matrices["window"]) > 4 * np.diag(result.uncertainty.matrices["white"]))
 
 
+@pytest.mark.slow
 def test_intervals_cover_the_truth_under_a_robust_loss_with_outliers():
     rng = np.random.default_rng(12)
 
@@ -95,6 +98,7 @@ def test_intervals_cover_the_truth_under_a_robust_loss_with_outliers():
     assert all(0.87 <= shares[name] < 1 for name in TRUE), shares
 
 
+@pytest.mark.slow
 def test_correlated_noise_in_few_windows_is_modelled_and_warned_of():
     rng = np.random.default_rng(13)
 

@@ -15,6 +15,8 @@ from orchestrator.assembly.assembly import ComponentSpec
 from tests.support.identification import driven_axis
 from tests.support.identification.driven_axis import GAIN, POSITION_GAIN, SPEED_GAIN, STEP, Axis, driven
 
+pytestmark = pytest.mark.slow  # a calibration
+
 AXIS = Axis(coulomb=(21.0, 21.0), offset=-3.0)
 EMPS = Path(__file__).parents[3] / "scenarios" / "emps" / "inverse_dynamics.yaml"
 TRUTH = {
@@ -143,7 +145,6 @@ def test_what_does_not_fit_together_is_refused(
         calibrate(study(tmp_path, **changes), recordings)
 
 
-@pytest.mark.slow
 def test_on_the_real_axis_the_published_values_come_out_where_all_samples_count(
     emps_data: Path, tmp_path: Path
 ) -> None:

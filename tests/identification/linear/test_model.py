@@ -27,6 +27,7 @@ def looped(model: LinearModel, u: np.ndarray, x: np.ndarray) -> tuple[np.ndarray
     return np.array(states), np.array(outputs)
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 100), samples=st.integers(1, 700), inputs=st.integers(1, 3))
 def test_simulation_is_the_loop_over_samples(seed: int, samples: int, inputs: int) -> None:
     model, rng = random_system(seed, inputs=inputs), np.random.default_rng(seed)

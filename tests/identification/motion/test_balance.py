@@ -103,6 +103,7 @@ def covered(intervals: list[EstimatedValue], truth: float) -> float:
     return float(np.mean([one.ci95[0] <= truth <= one.ci95[1] for one in intervals]))
 
 
+@pytest.mark.slow
 def test_intervals_from_the_sensors_noise_cover_the_truth_in_95_percent_of_draws() -> None:
     from_below, from_above = (
         Swing(noise=NOISE, start=start).recorded(200, seed=n) for n, start in enumerate((0.6, 1.4))

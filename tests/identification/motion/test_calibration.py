@@ -19,6 +19,8 @@ from orchestrator.progress import silent
 from orchestrator.scenario.results import write_run
 from orchestrator.scenario.run import run_scenario
 
+pytestmark = pytest.mark.slow  # a calibration
+
 SCENARIOS = Path(__file__).parents[3] / "scenarios" / "butterfly" / "motion"
 STUDY = SCENARIOS / "recalibration.yaml"
 Block = dict[str, Any]

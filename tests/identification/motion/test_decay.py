@@ -109,6 +109,7 @@ def inside(intervals: list[EstimatedValue], true: float) -> float:
     return float(np.mean([each.ci95[0] <= true <= each.ci95[1] for each in intervals]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("angle", "speed"), [(1e-3, 1e-2), (5e-3, 3e-2), (5e-3, 0.0), (1e-3, None)])
 def test_intervals_cover_the_truth_in_95_percent_of_draws(angle: float, speed: float | None) -> None:
     found = []

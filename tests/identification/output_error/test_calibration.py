@@ -311,6 +311,7 @@ def lag_study(folder: Path, **changes: Any) -> Path:
     return write_study(folder / "study.yaml", **(system | changes))
 
 
+@pytest.mark.slow
 def test_runs_that_fail_are_counted_and_told_and_do_not_end_the_estimation(tmp_path: Path) -> None:
     document = calibrated(lag_study(tmp_path, options={"starts": 6, "seed": 3}), tmp_path, tmp_path / "out")
     search = document["search"]
@@ -368,6 +369,7 @@ def foreign(path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_foreign_fmu_is_calibrated_by_sets_beside_it_and_validated_with_them(data: Path, tmp_path: Path) -> None:
     source = foreign(tmp_path / "Hand.fmu")
     before = source.read_bytes()
@@ -400,6 +402,7 @@ def test_a_foreign_fmu_is_calibrated_by_sets_beside_it_and_validated_with_them(d
         validate_result(tmp_path / "out", data, tmp_path / "judged", lambda fraction, remark: None)
 
 
+@pytest.mark.slow
 def test_choices_given_by_name_are_written_back_too(tmp_path: Path, data: Path) -> None:
     """A source inside the system: its shape is a name in the study and must be a default of its FMU afterwards."""
     driven = {"drive": {"model": "excitation", "parameters": {"shape": "square", "amplitude": 0.01, "frequency": 2.0}}}

@@ -196,6 +196,7 @@ def lagging(driven: FloatArray, late: float) -> FloatArray:
     return np.array(y)[: 50 * len(driven) : 50] + np.random.default_rng(1).normal(0, 1e-3, len(driven))
 
 
+@pytest.mark.slow
 def test_of_a_command_and_a_reading_that_are_both_late_only_the_sum_is_seen(tmp_path: Path) -> None:
     (tmp_path / "lag.py").write_text(LAG)
     time = np.arange(201) * 0.005

@@ -20,6 +20,8 @@ from identification.cli import app
 from identification.output_error import calibration
 from orchestrator.trace import FloatArray
 
+pytestmark = pytest.mark.slow  # a calibration
+
 STUDIES = Path(__file__).parents[3] / "scenarios" / "flexible_link"
 COUNT, STEP = 501, 0.002
 TRUTH = {
@@ -140,7 +142,6 @@ def test_validating_the_result_gives_each_output_the_same_fit(
         assert judged["fit"]["unseen"]["outputs"][name] == pytest.approx(fit, abs=1e-9)
 
 
-@pytest.mark.slow
 def test_grey_box_predicts_unseen_recordings_of_the_real_link(flexible_link_data: Path, tmp_path: Path) -> None:
     found = unseen("calibration.yaml", flexible_link_data, tmp_path / "out")
     assert found["outputs"]["link.accelerometer"] > 0.76
@@ -148,7 +149,6 @@ def test_grey_box_predicts_unseen_recordings_of_the_real_link(flexible_link_data
     assert min(found["traces"].values()) > 0.65
 
 
-@pytest.mark.slow
 def test_linear_model_predicts_unseen_recordings_of_the_real_link(flexible_link_data: Path, tmp_path: Path) -> None:
     found = unseen("subspace.yaml", flexible_link_data, tmp_path / "out")
     assert found["outputs"]["a"] > 0.7

@@ -153,6 +153,7 @@ def test_a_bootstrap_of_two_windows_is_refused(tmp_path: Path, data: Path) -> No
         calibrated(tmp_path, data, uncertainty={"by": "bootstrap", "seed": 1})
 
 
+@pytest.mark.slow
 def test_a_bootstrap_says_what_it_drew(tmp_path: Path, data: Path) -> None:
     changes: Document = {"windows": {"length": 0.4, "every": 0.1}, "uncertainty": {"by": "bootstrap", "seed": 3}}
     changes["initial"] = {

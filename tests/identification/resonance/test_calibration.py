@@ -23,6 +23,8 @@ from orchestrator.results import RECORD
 from orchestrator.trace import Trace
 from tests.support.identification.pendulum_resonance import resonance_frequency
 
+pytestmark = pytest.mark.slow  # a calibration
+
 STUDIES = Path(__file__).parents[3] / "scenarios" / "butterfly"
 TRUTH = {
     "hand.inertia": 0.00325,
@@ -202,7 +204,6 @@ def test_table_4_comes_out_of_the_real_recordings_through_the_command_line(
     assert document["parameters"]["hand.viscous_friction"]["value"] == pytest.approx(0.02, rel=0.1)
 
 
-@pytest.mark.slow
 def test_the_synthetic_campaign_gives_eq_100_as_published_and_eq_79_when_corrected(tmp_path: Path) -> None:
     document = calibrate(str(STUDIES / "synthetic.yaml"), "--out", str(tmp_path / "out"))
     assert values(document, "as published") == pytest.approx([3.7739, 3.7704, 4.2643, 4.7614, 5.2448], abs=5e-3)

@@ -55,6 +55,7 @@ def calibrated(file: Path, more: str = "") -> dict[str, object]:
     return calibrate_study(file, file.parent, file.parent / "out", silent)
 
 
+@pytest.mark.slow
 def test_the_fmu_that_is_written_runs_as_the_plant_does(study: Path) -> None:
     document = calibrated(study)
     assert document["fit"]["validation"]["median"] > 0.9999  # type: ignore[index]
@@ -74,12 +75,14 @@ def test_the_fmu_that_is_written_runs_as_the_plant_does(study: Path) -> None:
     assert min(errors) < 1e-3 * np.abs(expected).max()
 
 
+@pytest.mark.slow
 def test_the_model_that_is_written_has_to_reach_the_target_on_the_traces_kept_aside(study: Path) -> None:
     verdicts = [calibrated(study, f"at_least: {target}\n")["verdict"] for target in (0.99, 1.1)]
     assert [verdict["held"] for verdict in verdicts] == [True, False]  # type: ignore[index]
     assert "MISSED: median FIT, unseen, 1.0000, at least 1.1 asked for" in verdicts[1]["said"]  # type: ignore[index]
 
 
+@pytest.mark.slow
 def test_irregular_stamps_are_refused_and_put_on_a_grid_where_one_is_given(study: Path) -> None:
     raw = formats.read(study.parent / "first.csv").trace
     jittered = raw.time + STEP * np.random.default_rng(0).uniform(-0.3, 0.3, len(raw))
@@ -106,6 +109,7 @@ def test_a_report_is_drawn_where_models_of_high_order_are_unstable(study: Path) 
     assert calibrated(study, "preparation: {compensation: 0.01}\n")["models"]
 
 
+@pytest.mark.slow
 def test_a_reduced_model_has_the_order_that_was_asked_for(study: Path) -> None:
     document = calibrated(study, "reduce: {order: 3, by: mrm, update: input}\n")
     assert document["models"]["reduced"]["order"] <= 3  # type: ignore[index]
@@ -161,6 +165,7 @@ def test_a_result_tells_its_models_and_which_was_written(study: Path) -> None:
     assert told["written"] == document["written"]
 
 
+@pytest.mark.slow
 def test_what_is_excluded_is_a_gap_whose_sides_still_give_the_plant(study: Path) -> None:
     """Two hundred samples of the first record are someone else's; the states after them are not those of a rest."""
     first = formats.read(study.parent / "first.csv").trace
@@ -193,6 +198,7 @@ def noisy(study: Path) -> None:
         formats.write(Trace(raw.time, signals, dict.fromkeys(signals, "V"), name), study.parent / f"{name}.csv")
 
 
+@pytest.mark.slow
 def test_draws_of_a_refined_model_have_the_spread_of_its_modes(study: Path) -> None:
     """Over draws frequency and damping have the standard deviations of the first order, which are found otherwise."""
     noisy(study)
@@ -208,6 +214,7 @@ def test_draws_of_a_refined_model_have_the_spread_of_its_modes(study: Path) -> N
         assert damping.std() == pytest.approx(mode["damping_std"], rel=0.15)
 
 
+@pytest.mark.slow
 def test_a_controller_is_tuned_for_draws_of_an_identified_model(study: Path) -> None:
     noisy(study)
     study.write_text(STUDY.replace("{best: [3, 7]}", "5") + "refine: true\ntake: refined\n")

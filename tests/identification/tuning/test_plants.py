@@ -61,6 +61,7 @@ def test_a_linear_plant_runs_as_its_fmus_do() -> None:
     assert found[: len(sampled), 2] == pytest.approx(sampled, abs=2e-2 * scale[2])
 
 
+@pytest.mark.slow
 def test_what_no_input_reaches_is_left_out() -> None:
     """Of 16 states of the arm bristles, the motor's side of a rigid gear and the stops' clock are not reached."""
     model = arm().linear("plant", RATE).model
@@ -70,6 +71,7 @@ def test_what_no_input_reaches_is_left_out() -> None:
     assert frequencies[2:6:2] == pytest.approx(known[:2], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_draws_have_the_spread_that_was_given_and_stay_within_bounds() -> None:
     drawn = arm(**{"drive.torque_constant": 0.05}).drawn("plant", RATE, 400, np.random.default_rng(1))
     gains = np.array([model.frequency_response(np.array([1.0]))[0, 0, 0] for model in drawn])
@@ -107,6 +109,7 @@ def test_a_command_of_another_unit_is_refused(tmp_path: Path) -> None:
         tune(write(tmp_path, system_study(tmp_path)))
 
 
+@pytest.mark.slow
 def test_hard_goals_hold_for_the_share_of_draws_that_was_asked_for(tmp_path: Path) -> None:
     """A heavier load turns the phase more: the margin of the nominal one has to be larger, and just so much."""
     alone = tune(write(tmp_path, driven(tmp_path))).summary
@@ -143,6 +146,7 @@ def test_draws_without_a_spread_are_refused(tmp_path: Path) -> None:
         tune(write(tmp_path, driven(tmp_path) | {"draws": {}}))
 
 
+@pytest.mark.slow
 def test_a_delay_of_part_of_a_sample_is_exact_for_a_system(tmp_path: Path) -> None:
     half, one = (
         tune(write(tmp_path, driven(tmp_path) | {"delay": delay})).summary["parameters"]["controller.kp"]["value"]

@@ -35,6 +35,7 @@ def tuned(folder: Path, **block: Any) -> TuningSummary:
     return tune_study(write(folder, study(judged_on=judged)), folder / "out", silent)  # type: ignore[return-value]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gains_only", [False, True])
 def test_a_design_holds_a_scenario_that_the_component_there_does_not(gains_only: bool, tmp_path: Path) -> None:
     rig(tmp_path, at_least=1.0)
@@ -47,12 +48,14 @@ def test_a_design_holds_a_scenario_that_the_component_there_does_not(gains_only:
     assert found["verdict"]["held"] and "all 1 cases on the rig are held" in found["verdict"]["said"]
 
 
+@pytest.mark.slow
 def test_values_of_the_rig_stand_over_the_files(tmp_path: Path) -> None:
     rig(tmp_path, at_least=1.0)
     found = tuned(tmp_path, set={"source.amplitude": 0.1})
     assert not found["rigs"][0]["held"]
 
 
+@pytest.mark.slow
 def test_the_command_leaves_with_1_where_the_rig_does_not_bear_a_design_out(tmp_path: Path) -> None:
     rig(tmp_path, at_least=1e3)
     judged = [{"scenario": "rig.yaml", "component": "servo"}]
@@ -74,6 +77,7 @@ def test_a_scenario_that_is_not_there_is_refused(tmp_path: Path) -> None:
         tuned(tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gains_only", [False, True])
 def test_references_of_the_scenarios_own_controller_do_not_judge_another(gains_only: bool, tmp_path: Path) -> None:
     rig(tmp_path, at_least=0.01)

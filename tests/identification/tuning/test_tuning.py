@@ -86,6 +86,7 @@ def test_what_cannot_be_had_is_missed_least_and_told(tmp_path: Path) -> None:
     assert "phase margin at least 80 deg" in found["verdict"]["said"]
 
 
+@pytest.mark.slow
 def test_the_command_leaves_with_1_where_goals_are_missed(tmp_path: Path) -> None:
     goals = [{"measure": "phase margin", "at_least": 80}, {"measure": "decay rate", "at_least": 4}]
     for document, code in ((study(), 0), (study(goals=goals), 1)):
@@ -96,6 +97,7 @@ def test_the_command_leaves_with_1_where_goals_are_missed(tmp_path: Path) -> Non
         assert json.loads(done.stdout)["feasible"] == (code == 0)
 
 
+@pytest.mark.slow
 def test_a_soft_goal_gives_way_to_a_hard_one(tmp_path: Path) -> None:
     soft = {"measure": "settling time", "at_most": "0.5 s", "soft": True}
     found = tuned(tmp_path, goals=[{"measure": "phase margin", "at_least": 60}, soft], minimise=None)
@@ -103,6 +105,7 @@ def test_a_soft_goal_gives_way_to_a_hard_one(tmp_path: Path) -> None:
     assert [goal["held"] for goal in found["goals"]] == [True, False]
 
 
+@pytest.mark.slow
 def test_a_delay_takes_its_phase(tmp_path: Path) -> None:
     """A later command asks for a lower gain at the same margin."""
     gains = [tuned(tmp_path, delay=delay)["parameters"]["controller.kp"]["value"] for delay in (0, 0.004, 0.03)]
@@ -250,6 +253,7 @@ def test_one_setting_has_less_phase_margin_the_heavier_the_payload_and_the_same_
     assert found["verdict"]["held"]
 
 
+@pytest.mark.slow
 def test_every_measure_can_be_a_goal_in_its_own_unit(tmp_path: Path) -> None:
     """The overshoot binds: the light plant goes as far beyond as it may."""
     asked: list[dict[str, Any]] = [

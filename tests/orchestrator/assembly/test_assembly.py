@@ -120,6 +120,7 @@ def test_a_stimulus_keeps_its_ends_when_it_is_told_to() -> None:
     assert stimulus.held(0.25, 1.25) == Stimulus(early).held(0, 2) == ""
 
 
+@pytest.mark.slow
 def test_what_is_assembled_has_plain_files_only_and_opens_in_another_process(tmp_path: Path) -> None:
     table = Table("playback", (0.0, 1.0), (2.0, 4.0))
     system = SystemSpec({"source": ComponentSpec(library.find("excitation"), tables=(table,))})

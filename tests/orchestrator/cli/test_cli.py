@@ -216,6 +216,7 @@ def test_a_set_that_does_not_fit_is_refused_in_one_line(
     assert problem in line and not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_running_twice_gives_the_same_bytes_in_every_trace(tmp_path: Path) -> None:
     cases = [{"name": "low"}, {"name": "high", "set": {"hand.angle_start": 0.55}}]
     drive = {"drive": {"model": "excitation", "parameters": {"shape": "random", "seed": 4, "amplitude": 0.01}}}
@@ -418,6 +419,7 @@ MODEL = Model("chatty", "Chatty", (output("y", "1", "Output"), parameter("rate",
 '''
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="calls the C library by its POSIX name")
 def test_what_fmus_print_does_not_mix_with_the_document(tmp_path: Path) -> None:
     (tmp_path / "chatty.py").write_text(CHATTY)
@@ -452,6 +454,7 @@ def interrupted(tmp_path: Path, group: bool, *arguments: object) -> tuple[int, s
     return running.returncode, stdout, stderr
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
 @pytest.mark.parametrize("group", [False, True], ids=["alone", "as a terminal does"])
 def test_an_interrupted_calibration_leaves_nothing(tmp_path: Path, group: bool) -> None:

@@ -128,6 +128,7 @@ def servotwin(*arguments: object) -> Result:
     return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", SCHEMAS)
 def test_the_committed_schemas_are_what_the_command_prints(kind: str) -> None:
     """Where they are not: servotwin schema KIND --out scenarios/schema/KIND.json."""

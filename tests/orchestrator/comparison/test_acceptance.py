@@ -115,6 +115,7 @@ def test_what_differs_is_what_the_expectation_says(swing: Path) -> None:
     assert changes(accept(swing))["high"] == ("differs", True)
 
 
+@pytest.mark.slow
 def test_signals_that_are_held_are_kept_as_steps(swing: Path) -> None:
     swing.write_text(SAMPLED)
     accept(swing)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from ruamel.yaml import YAML
@@ -14,6 +15,7 @@ NAMES = st.text(st.characters(exclude_categories=["Cs"])) | st.sampled_from(
 VALUES = NAMES | st.integers() | st.booleans() | st.none()
 
 
+@pytest.mark.slow
 @given(st.dictionaries(NAMES, VALUES | st.dictionaries(NAMES, VALUES)))
 @example({"n" * 2000: {"Null": "x" * 2000}, "µs": "°C", "time [s]": "U / V", "0x1": "1_0", "\U0001f600\x85": "\ufeff"})
 def test_a_block_is_read_as_it_was_meant(values: dict[str, object]) -> None:

@@ -123,6 +123,7 @@ LOOPS = st.builds(
 )
 
 
+@pytest.mark.slow
 @given(LOOPS, st.booleans())
 @settings(max_examples=200)
 def test_sampled_feedback_of_a_linear_plant_is_the_exact_zero_order_hold_recursion(loop: Loop, reverse: bool) -> None:
@@ -133,6 +134,7 @@ def test_sampled_feedback_of_a_linear_plant_is_the_exact_zero_order_hold_recursi
     assert np.abs(columns(trace, loop.u)[:-1] - inputs).max() <= 1e-9 * scale
 
 
+@pytest.mark.slow
 @given(LOOPS)
 def test_the_order_of_declaration_does_not_change_one_bit(loop: Loop) -> None:
     one, other = loop.simulate(), loop.simulate(reverse=True)
@@ -140,6 +142,7 @@ def test_the_order_of_declaration_does_not_change_one_bit(loop: Loop) -> None:
         assert np.array_equal(one[name], other[name])
 
 
+@pytest.mark.slow
 @given(st.permutations(range(6)), SEEDS)
 def test_no_order_of_declaration_changes_a_network_by_one_bit(order: list[int], seed: int) -> None:
     def run(arrangement: list[int]) -> Trace:
@@ -170,6 +173,7 @@ def test_no_order_of_declaration_changes_a_network_by_one_bit(order: list[int], 
     assert all(np.array_equal(one[name], other[name]) for name in one.names)
 
 
+@pytest.mark.slow
 @given(LOOPS.filter(lambda loop: loop.every == 1 and not loop.dynamic))
 def test_jacobi_is_the_recursion_with_one_step_of_delay_in_every_component(loop: Loop) -> None:
     v = loop.matrices()

@@ -300,6 +300,7 @@ def small(pendulum: Path) -> bytes:
     return buffer.getvalue()
 
 
+@pytest.mark.slow
 @FUZZ
 @given(data=st.data())
 def test_whatever_bytes_are_changed_a_file_opens_or_is_refused(
@@ -336,6 +337,7 @@ HOSTILE = st.sampled_from(
 )
 
 
+@pytest.mark.slow
 @FUZZ
 @given(data=st.data())
 def test_whatever_attribute_is_changed_a_file_opens_or_is_refused(
@@ -363,6 +365,7 @@ def test_a_binary_that_is_none_is_an_fmu_error_and_the_working_directory_stays(p
     assert Path.cwd() == here
 
 
+@pytest.mark.slow
 def test_so_many_variables_that_memory_is_too_small_are_refused_before_they_take_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -128,6 +128,7 @@ def test_fmpys_solver_agrees(version: int, model: str, name: str, within: float,
     assert np.abs(found - judge[name][: len(found)])[between].max() <= within
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", METHODS, ids=lambda each: each.method)
 def test_openmodelicas_mass_spring_system_moves_exactly(solver: SolverSettings) -> None:
     A = np.block([[np.zeros((2, 2)), np.eye(2)], [np.array([[-2.0, 1.0], [1.0, -2.0]]), np.zeros((2, 2))]])
@@ -152,6 +153,7 @@ def test_inputs_of_each_type_reach_the_fmu_within_the_step(version: int, shelf: 
         assert np.array_equal(found[name.replace("input", "output")][1:], samples[:-1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("version", [2, 3])
 @pytest.mark.parametrize("solver", METHODS, ids=lambda each: each.method)
 def test_held_inputs_give_the_matrix_exponential(version: int, solver: SolverSettings, shelf: Shelf) -> None:

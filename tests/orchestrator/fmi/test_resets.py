@@ -52,6 +52,7 @@ def resident() -> int:
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is read from /proc")
 @pytest.mark.parametrize("kind", SETS)
 def test_memory_does_not_grow_over_two_thousand_resets(kind: str, tmp_path: Path) -> None:

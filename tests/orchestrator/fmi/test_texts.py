@@ -162,6 +162,7 @@ def test_the_manifest_says_why_texts_are_stepped_in_python(tmp_path: Path) -> No
 WORDS = st.text(st.characters(blacklist_categories=["Cs", "Cc", "Zl", "Zp"]), max_size=8)
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(st.lists(st.none() | WORDS, min_size=2, max_size=30))
 def test_any_text_comes_back_from_parquet_and_the_same_texts_are_equal(
@@ -192,6 +193,7 @@ def test_texts_are_held_cut_joined_and_named_anew() -> None:
         usable(trace, ["y"])
 
 
+@pytest.mark.slow
 def test_a_streamed_run_keeps_texts_in_pieces(tmp_path: Path) -> None:
     path = scenario(tmp_path, says='m->time < 5 ? "a" : "b"')
     path.write_text(path.read_text().replace("stop: 1, step: 0.1", "stop: 10, step: 0.0001"))

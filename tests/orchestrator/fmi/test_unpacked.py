@@ -99,6 +99,7 @@ def test_a_file_that_was_replaced_is_unpacked_anew(tmp_path: Path) -> None:
             assert (before.interface.model_name, after.interface.model_name) == ("Dahlquist", "Stair")
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.booleans(), max_size=12))
 def test_the_folder_is_there_as_long_as_somebody_has_it(scratch: Path, opening: list[bool]) -> None:

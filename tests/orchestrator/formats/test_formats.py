@@ -66,6 +66,7 @@ class RoundTrip:
 
     suffix: str
 
+    @pytest.mark.slow
     @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.differing_executors])
     @given(trace=traces())
     def test_stamps_values_names_and_units_come_back_bit_for_bit(self, trace: Trace) -> None:

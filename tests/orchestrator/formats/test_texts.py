@@ -259,6 +259,7 @@ def test_an_export_with_a_column_of_labels_is_seen(tmp_path: Path) -> None:
     assert recording.trace.time.tolist() == [0.0005, 0.0015, 0.0025]
 
 
+@pytest.mark.slow
 @given(
     st.lists(st.tuples(st.floats(0, 1e6), st.floats(-1e6, 1e6)), min_size=3, max_size=20, unique_by=lambda row: row[0])
 )

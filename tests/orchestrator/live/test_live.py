@@ -129,6 +129,7 @@ def test_a_file_that_does_not_fit_at_first_is_an_error(tmp_path: Path, content: 
         pass
 
 
+@pytest.mark.slow
 def test_a_paced_run_is_the_run_itself_with_its_changes_and_deadlines() -> None:
     told: list[str] = []
 
@@ -151,6 +152,7 @@ def test_a_paced_run_is_the_run_itself_with_its_changes_and_deadlines() -> None:
     assert len(told) == 2
 
 
+@pytest.mark.slow
 def test_stimuli_drive_a_paced_run_as_any_other() -> None:
     drive = np.sin(np.arange(41.0))
     stimulated = Plant("plant", [[-1.0]], [[1.0]], [[1.0]])  # type: ignore[arg-type]
@@ -159,6 +161,7 @@ def test_stimuli_drive_a_paced_run_as_any_other() -> None:
     assert Paced(Steering()).execute(both[0], run).trace == both[1].execute(run).trace
 
 
+@pytest.mark.slow
 def test_a_failure_leaves_what_there_was_until_then() -> None:
     clock = Stubborn("clock", 2.0)
     clock.fail_at = 7
@@ -167,6 +170,7 @@ def test_a_failure_leaves_what_there_was_until_then() -> None:
     assert isinstance(failure.value, FmuError) and failure.value.result.account.steps == 7
 
 
+@pytest.mark.slow
 def test_an_fmu_that_asks_to_stop_ends_the_run_well() -> None:
     class Ending(Stubborn):
         def step(self, time: float, duration: float) -> None:

@@ -104,6 +104,7 @@ def test_what_does_not_go_on_alike_is_no_limit_cycle(what: str, values: object) 
     assert limit_cycle(t, values(t)) is None  # type: ignore[operator]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("periods", [4.0, 5.3])
 def test_a_square_wave_has_its_fourier_series(periods: float) -> None:
     """Odd amplitudes 4 / (n pi); all of them together distort by sqrt(pi^2 / 8 - 1)."""

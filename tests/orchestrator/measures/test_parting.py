@@ -27,6 +27,7 @@ def test_the_first_and_the_largest_difference_are_told_with_their_times() -> Non
     assert found.unit == "rad" and found.samples == (40, 101)
 
 
+@pytest.mark.slow
 @given(st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=30), st.floats(0, 10), st.floats(0, 10))
 def test_they_part_exactly_where_one_difference_is_larger_than_the_tolerance(
     values: list[float], off: float, tolerance: float

@@ -10,6 +10,7 @@ from scipy.stats import binomtest
 from orchestrator.measures import share_interval
 
 
+@pytest.mark.slow
 @given(st.integers(1, 5000), st.data())
 def test_an_interval_is_that_of_the_exact_binomial_test(count: int, data: st.DataObject) -> None:
     held = data.draw(st.integers(0, count))

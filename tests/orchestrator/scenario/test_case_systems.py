@@ -52,6 +52,7 @@ def run(folder: Path, name: str = "own", **more: Any) -> ScenarioResult:
 AXES = {"controller": {"pushed": PUSHED, "controlled": CONTROLLED}, "start": STARTS}
 
 
+@pytest.mark.slow
 def test_a_matrix_over_controllers_gives_what_a_file_for_each_gives(tmp_path: Path) -> None:
     result = run(tmp_path, matrix={"axes": AXES})
     assert [case.name for case in result.cases] == [
@@ -67,6 +68,7 @@ def test_a_matrix_over_controllers_gives_what_a_file_for_each_gives(tmp_path: Pa
         assert np.array_equal(single.cases[0].trace["hand.angle"], result.cases[number].trace["hand.angle"])
 
 
+@pytest.mark.slow
 def test_the_folder_of_results_has_every_case_and_every_fmu(tmp_path: Path) -> None:
     write_run(run(tmp_path, matrix={"axes": AXES}), {}, tmp_path / "out")
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())

@@ -60,6 +60,7 @@ def same(one: ScenarioResult, other: ScenarioResult) -> None:
         assert [check.text for check in case.checks] == [check.text for check in again.checks]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "more",
     [
@@ -101,6 +102,7 @@ def test_what_went_out_and_in_goes_out_as_it_did_before(tmp_path: Path) -> None:
                 }
 
 
+@pytest.mark.slow
 def test_an_ssp_can_be_included_and_its_values_changed(tmp_path: Path) -> None:
     file = scenario(tmp_path / "own")
     export(file, tmp_path / "own" / "turn.ssp")
@@ -128,6 +130,7 @@ def test_what_another_tool_changes_in_the_description_counts(tmp_path: Path) -> 
     same(run_scenario(tmp_path / "new.ssp"), run_scenario(changed))
 
 
+@pytest.mark.slow
 def test_nothing_is_written_where_the_scenario_does_not_fit(tmp_path: Path) -> None:
     file = scenario(tmp_path / "own", connections=["hand.sped -> motor.speed"])
     with pytest.raises(WiringError, match="did you mean 'speed'"):
@@ -135,6 +138,7 @@ def test_nothing_is_written_where_the_scenario_does_not_fit(tmp_path: Path) -> N
     assert not (tmp_path / "turn.ssp").exists()
 
 
+@pytest.mark.slow
 def test_a_file_that_is_there_is_not_written_over(tmp_path: Path) -> None:
     export(scenario(tmp_path / "own"), tmp_path / "turn.ssp")
     unpack(tmp_path / "turn.ssp", tmp_path / "again")
@@ -183,6 +187,7 @@ def described(ssp: Path) -> ElementTree.Element:
     return ElementTree.fromstring(zipfile.ZipFile(ssp).read("SystemStructure.ssd"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "more", [{}, PLAYED, CONSTANT, {"record": ["hand.angle"]}], ids=["plain", "file", "set", "one"]
 )
@@ -262,6 +267,7 @@ def test_a_tool_that_is_known_with_version_1_gets_no_other(tmp_path: Path) -> No
     assert not (tmp_path / "t.ssp").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("version", list(Version))
 def test_what_is_not_as_its_version_has_it_is_told(tmp_path: Path, version: Version) -> None:
     export(scenario(tmp_path / "own"), tmp_path / "turn.ssp", version=version)

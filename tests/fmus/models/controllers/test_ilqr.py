@@ -100,6 +100,7 @@ def test_a_step_disturbance_leaves_no_steady_error_but_with_an_integral_alone() 
     assert loop(designed(), -0.3, 25, ki=1.5)[-1] == pytest.approx(1.0, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_clamping_overshoots_less_than_winding_up() -> None:
     values = {"ki": 1.5, "voltage_limit": 0.4}
     wound, clamped = (loop(designed(), -0.3, 40, anti_windup=by, **values) for by in (1, CLAMPING))

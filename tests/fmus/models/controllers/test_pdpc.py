@@ -80,12 +80,14 @@ def hits(trace: Trace, play: float, after: float) -> int:
     return int(np.sum(touching[1:] & ~touching[:-1]))
 
 
+@pytest.mark.slow
 def test_conditional_compensation_rests_where_unconditional_hunts() -> None:
     """On the nonlinear arm without play, 0 g at 3 V: residual strain at least 3 times lower."""
     conditional, unconditional = recorded("pdpc.yaml", ["3 V with 0 g", "3 V with 0 g, unconditional"])
     assert residual(conditional, 5) < residual(unconditional, 5) / 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("move", ["3 V, 0 g", "5 V, 400 g"])
 def test_resting_through_hits_leaves_a_third_of_hits_and_strain_or_less(move: str) -> None:
     """On the nonlinear arm with 2 mrad of play, from 8 s on; the error is no larger, and there is less overshoot."""

@@ -93,6 +93,7 @@ def test_a_stuck_hub_springs_back_on_its_bristles() -> None:
     assert flexible_link.friction_torque(state, p) == pytest.approx(2e-3)
 
 
+@pytest.mark.slow
 def test_the_instance_follows_an_adaptive_implicit_solver() -> None:
     values = {"torque_gain": 0.2, "speed_start": 1.0, "softening": 0.3, "drag": 1.0, "cogging_torque": 0.003}
     instance = Instance(MODEL, {**values, "command": 0.3})
@@ -214,6 +215,7 @@ def test_a_steady_command_ends_at_the_speed_that_friction_allows(command: float)
     assert speed == pytest.approx((torque - math.copysign(0.009, command)) / 0.13, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_command_below_dry_friction_only_bends_the_bristles() -> None:
     """It springs back by what its torque bends them; what is left is how far they slipped on the way."""
     values = RIG | {"torque_bias": 0.0, "cogging_torque": 0.0}

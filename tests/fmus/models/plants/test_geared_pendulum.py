@@ -35,6 +35,7 @@ def stored(x: Instance, p: dict[str, float]) -> float:
     )
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(st.floats(-2, 2), st.floats(-5, 5), st.floats(0, 0.05))
 def test_without_torque_its_energy_never_grows(angle: float, speed: float, backlash: float) -> None:

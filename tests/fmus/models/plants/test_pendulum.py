@@ -83,6 +83,7 @@ def test_driven_motion_is_that_of_an_independent_integrator(case: str) -> None:
     assert found == pytest.approx(reference(CASES[case], time, held), abs=1e-4)
 
 
+@pytest.mark.slow
 def test_coulomb_friction_stops_each_direction_after_its_own_distance() -> None:
     """Without gravity a body with speed w comes to rest after J w^2 / (2 friction), smooth passage aside."""
     distances = {}

@@ -75,6 +75,7 @@ def test_it_computes_its_recursion(order: int, seed: int, direct: bool) -> None:
     assert np.array(found) == pytest.approx(system.simulated(u, start), rel=1e-9, abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("target", "fmi"), PACKAGINGS)
 def test_the_fmu_of_an_identified_model_computes_its_recursion_with_nothing_set(
     tmp_path: Path, target: str, fmi: int
@@ -120,6 +121,7 @@ run: {stop: 0.5, step: 0.01}
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("target", "fmi"), PACKAGINGS)
 def test_a_controller_closes_its_loop_without_a_delay(tmp_path: Path, target: str, fmi: int) -> None:
     system = random_linear(4, 8)
@@ -139,6 +141,7 @@ def test_a_controller_closes_its_loop_without_a_delay(tmp_path: Path, target: st
 # Elements of the matrices, by their names
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("target", "fmi"), PACKAGINGS)
 def test_an_element_can_be_set_and_written_back_by_its_name(tmp_path: Path, target: str, fmi: int) -> None:
     system = random_linear(3, 5)
@@ -158,6 +161,7 @@ def test_an_element_can_be_set_and_written_back_by_its_name(tmp_path: Path, targ
     assert rows[0][:3] == [0.125, system.a[2, 1], -2.0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("target", "fmi"), PACKAGINGS)
 def test_after_a_reset_the_elements_are_those_of_the_file_again(tmp_path: Path, target: str, fmi: int) -> None:
     system = random_linear(2, 5)
@@ -172,6 +176,7 @@ def test_after_a_reset_the_elements_are_those_of_the_file_again(tmp_path: Path, 
         slave.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("target", "fmi"), PACKAGINGS)
 @pytest.mark.parametrize("name", ["A", "A[3,1]", "A[0,1]", "A[1]", "A[1,2,1]", "E[1,1]"])
 def test_an_element_that_is_not_there_is_refused(tmp_path: Path, target: str, fmi: int, name: str) -> None:
@@ -218,6 +223,7 @@ def test_in_fmi_3_a_wrong_number_of_values_is_refused(tmp_path: Path) -> None:
         assert "5 values where there are 6" in fmu.log[1][2]
 
 
+@pytest.mark.slow
 def test_generated_code_multiplies_row_by_row(tmp_path: Path) -> None:
     if not compiler.available():
         pytest.skip("no C compiler here")

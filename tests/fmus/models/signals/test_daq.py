@@ -99,6 +99,7 @@ def _sine(omega: float, t: float) -> float:
     return math.sin(omega * (t + 0.001))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("order", "damping"), [(1, 0.7), (2, 1 / math.sqrt(2)), (2, 0.1), (2, 3.0), (2, 30.0)])
 def test_filter_has_the_frequency_response_of_its_poles(order: int, damping: float) -> None:
     """Steady response to a sine at half, once and twice the cut-off, against 1/(1 + s/w) or its second-order kin."""

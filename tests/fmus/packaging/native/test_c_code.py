@@ -78,6 +78,7 @@ TREES = st.recursive(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not compiler.available(), reason="no C compiler here")
 @settings(max_examples=15, deadline=None)
 @given(formulas=st.lists(TREES, min_size=1, max_size=20))

@@ -89,6 +89,7 @@ def files(changed: Mapping[str, bytes]) -> dict[str, bytes]:
     return {**archive.read(third_party.reference(3, "StateSpace")), **changed}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "problem"),
     [

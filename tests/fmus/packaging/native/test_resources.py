@@ -47,6 +47,7 @@ BROKEN = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fmi", VERSIONS)
 @pytest.mark.parametrize("kind", BROKEN)
 def test_broken_defaults_stop_the_instantiation_with_the_reason(
@@ -69,6 +70,7 @@ def refusal(path: Path) -> str:
     return message
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fmi", VERSIONS)
 @pytest.mark.parametrize(
     ("content", "reason"),
@@ -87,6 +89,7 @@ def test_broken_tables_stop_the_instantiation_with_the_reason(
     assert reason in refusal(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fmi", VERSIONS)
 def test_a_table_that_is_not_there_plays_zeros_and_a_long_one_is_read_whole(
     native_fmu: Built, tmp_path: Path, fmi: int
@@ -103,6 +106,7 @@ def test_a_table_that_is_not_there_plays_zeros_and_a_long_one_is_read_whole(
         assert fmu.get("signal") == [table(4.9995)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fmi", VERSIONS)
 def test_resources_are_found_below_a_path_with_blanks_percent_signs_and_umlauts(
     native_fmu: Built, tmp_path: Path, fmi: int

@@ -35,6 +35,7 @@ def description(path: Path) -> ET.Element:
         return ET.fromstring(archive.read("modelDescription.xml"))
 
 
+@pytest.mark.slow
 def test_an_fmu_that_ran_and_is_gone_does_not_lend_its_pythonfmu(fmu: Built, tmp_path: Path) -> None:
     code = (
         "import sys\nfrom pathlib import Path\nfrom fractions import Fraction\n"

@@ -44,6 +44,7 @@ def fitted(problem: Problem, options: Options = OPTIONS) -> Estimate:
     return estimate(problem, Line, options)
 
 
+@pytest.mark.slow
 def test_the_spread_is_that_of_the_windows_means() -> None:
     """Of a line, the estimate is a mean of the windows' own: resampling means has a closed form."""
     problem = scattered(30, np.random.default_rng(1))
@@ -64,6 +65,7 @@ def test_a_parameter_that_does_nothing_gets_no_interval() -> None:
     assert found.ci95["m.nothing"] == (-np.inf, np.inf) and np.isfinite(found.ci95["m.slope"][0])
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_and_another_one_another() -> None:
     problem = scattered(12, np.random.default_rng(3))
     one, again = fitted(problem), fitted(problem)

@@ -33,6 +33,7 @@ def alike(found: float, wanted: float) -> bool:
     return (math.isinf(found) and math.isinf(wanted)) or abs(found - wanted) <= 1e-6 * max(1.0, abs(wanted))
 
 
+@pytest.mark.slow
 @given(seed=SEEDS, gain=GAINS)
 @settings(deadline=None, max_examples=40)
 def test_margins_are_those_of_python_control(seed: int, gain: float) -> None:

@@ -26,6 +26,7 @@ def system(seed: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, F
     return a, rng.standard_normal((n, m)), rng.standard_normal((m, n)), q, r
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=60)
 @given(SEEDS)
 def test_feedback_and_observer_are_those_of_scipys_riccati_and_python_controls(seed: int) -> None:
@@ -40,6 +41,7 @@ def test_feedback_and_observer_are_those_of_scipys_riccati_and_python_controls(s
     assert found == pytest.approx(control.dlqe(a, np.eye(len(a)), c, q, r)[0], rel=1e-9, abs=1e-9)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=30)
 @given(SEEDS)
 def test_a_long_horizon_comes_to_the_same_feedback(seed: int) -> None:

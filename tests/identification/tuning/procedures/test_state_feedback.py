@@ -72,6 +72,7 @@ def gains(a: FloatArray, b: FloatArray, q: FloatArray, r: FloatArray) -> FloatAr
     return np.linalg.solve(r + b.T @ p @ b, b.T @ p @ a)
 
 
+@pytest.mark.slow
 def test_the_gains_are_scipys_and_stand_in_the_fmu_with_the_model(tmp_path: Path) -> None:
     found = tuned(tmp_path)
     a, b, c = plant()
@@ -83,6 +84,7 @@ def test_the_gains_are_scipys_and_stand_in_the_fmu_with_the_model(tmp_path: Path
     assert float(start["kp"]) == found["parameters"]["controller.kp"]["value"]
 
 
+@pytest.mark.slow
 def test_kp_of_a_run_of_the_fmus_is_that_of_the_closed_form(tmp_path: Path) -> None:
     """An integrating plant stands still without a command, so that kp is what the feedback takes of the position."""
     found = tuned(tmp_path)
@@ -94,6 +96,7 @@ def test_kp_of_a_run_of_the_fmus_is_that_of_the_closed_form(tmp_path: Path) -> N
     assert found["design"]["kp measured in a run"] != found["design"]["kp in closed form"]
 
 
+@pytest.mark.slow
 def test_all_four_sensors_are_weighed_as_scipys_filter_does(tmp_path: Path) -> None:
     links = [f"plant.{name} -> controller.{name}" for name in SENSORS]
     noise = {"position": 0.01, "base_strain": 0.1, "middle_strain": 0.1, "speed": 1}
@@ -128,6 +131,7 @@ def test_ki_is_where_the_answer_to_a_disturbance_is_best(tmp_path: Path) -> None
         assert other["objective"] > found["objective"]  # type: ignore[operator]
 
 
+@pytest.mark.slow
 def test_a_delay_is_part_of_the_model_that_is_fed_back(tmp_path: Path) -> None:
     found = tuned(tmp_path, delay=1.5 * STEP)
     assert array(found, "A").shape == (4, 4)
@@ -165,6 +169,7 @@ def unseen() -> dict[str, Any]:
     return {**given, "A": a.tolist(), "B": [*given["B"], [1.0]], "C": [[1.0, 0.0, 0.0]]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changes", "problem"),
     [

@@ -79,6 +79,7 @@ def test_what_is_gone_within_a_sample_has_no_continuous_pole() -> None:
     assert np.isnan(found[1:]).all()
 
 
+@pytest.mark.slow
 def test_a_report_draws_every_plant_and_all_draws(tmp_path: Path) -> None:
     spread = driven(tmp_path, spread={"load.inertia": 0.01}) | {"draws": {"count": 20, "share": 0.9}}
     result = tuned(tmp_path, spread)
@@ -95,6 +96,7 @@ def test_a_report_draws_every_plant_and_all_draws(tmp_path: Path) -> None:
     assert np.asarray(curve.y)[-1] == pytest.approx(1 / result.found.best.values["kp"], rel=0.05)
 
 
+@pytest.mark.slow
 def test_contours_go_over_the_parameter_in_which_systems_differ(tmp_path: Path) -> None:
     """At the ends they are where the plants' poles are, and in the middle where those of a plant between them are."""
     document = driven(tmp_path)

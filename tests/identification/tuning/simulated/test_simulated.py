@@ -84,6 +84,7 @@ def gain(found: TuningSummary) -> float:
     return found["parameters"]["controller.kp"]["value"]
 
 
+@pytest.mark.slow
 def test_the_gain_of_a_smooth_loop_is_that_of_the_linear_loop(tmp_path: Path) -> None:
     """The study of `tuning_study`, whose plant is this one under a held command, on the way of matrices."""
     found = tuned(tmp_path, goals=[{"measure": "overshoot", "at_most": "5 %"}])
@@ -102,6 +103,7 @@ def test_the_gain_of_a_smooth_loop_is_that_of_the_linear_loop(tmp_path: Path) ->
     assert itae["figures"]["light"] == pytest.approx(known["goals"][1]["figures"]["light"], rel=5e-3)
 
 
+@pytest.mark.slow
 def test_dry_friction_asks_for_more_gain(tmp_path: Path) -> None:
     """A load that sticks at 0.2 / 2 V of command rests 0.1 V / kp short of the reference, which it creeps up to."""
     goals = [{"measure": "steady error", "at_most": 0.1}]
@@ -113,6 +115,7 @@ def test_dry_friction_asks_for_more_gain(tmp_path: Path) -> None:
     assert found["goals"][0]["figures"]["dry"] == pytest.approx(0.1, rel=0.01)
 
 
+@pytest.mark.slow
 def test_values_are_in_the_fmu_and_the_runs_in_the_report(tmp_path: Path) -> None:
     found = tuned(tmp_path)
     [kp] = [port for port in about(tmp_path / "out" / "fmus" / "controller.fmu")["parameters"] if port["name"] == "kp"]
@@ -121,6 +124,7 @@ def test_values_are_in_the_fmu_and_the_runs_in_the_report(tmp_path: Path) -> Non
     assert "itae of load.position over the reference" in page and "load.position" in page
 
 
+@pytest.mark.slow
 def test_what_the_loops_cannot_hold_leaves_with_1(tmp_path: Path) -> None:
     (tmp_path / "load.py").write_text(LOAD)
     (tmp_path / "rig.yaml").write_text(json.dumps(RIG))
@@ -132,6 +136,7 @@ def test_what_the_loops_cannot_hold_leaves_with_1(tmp_path: Path) -> None:
     assert "INFEASIBLE" in left.stdout and "rise time of load.position" in left.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changes", "problem"),
     [
@@ -169,6 +174,7 @@ def test_what_does_not_fit_together_is_refused(changes: dict[str, Any], problem:
         tuned(tmp_path, **changes)
 
 
+@pytest.mark.slow
 def test_a_run_that_fails_counts_as_unstable_and_is_told(tmp_path: Path) -> None:
     """Gains with which the sampled loop grows until its numbers end."""
     rig = RIG | {"run": {"stop": 60, "step": STEP}}

@@ -61,6 +61,7 @@ def test_what_is_not_recorded_counts_for_it_is_an_output_all_the_same(tmp_path: 
     assert found["motor.resistance"] == Outcome.UNSEEN  # of the current
 
 
+@pytest.mark.slow
 def test_what_changes_no_more_than_the_step_does_is_told_from_what_acts(tmp_path: Path) -> None:
     """A drive that is held over each step is off by half of a step, here 5 % of a period; friction by far less."""
     components = {
@@ -92,6 +93,7 @@ def test_each_case_has_its_own_value_changed_and_one_that_sees_it_is_enough(tmp_
     assert found["checks"][0]["found"].startswith("0.8 -> 0.808: high: hand.angle stays below 0.8001, found")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("together", [1, 3])
 def test_changes_that_are_run_in_one_go_come_out_as_alone(
     together: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

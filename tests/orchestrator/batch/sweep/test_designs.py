@@ -34,6 +34,7 @@ KINDS: dict[str, Callable[[Space, int], Design]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 @settings(max_examples=20)
 @given(data=st.data())

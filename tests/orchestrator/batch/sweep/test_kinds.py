@@ -126,6 +126,7 @@ def test_fmus_take_the_place_of_a_component(tmp_path: Path) -> None:
         assert run_scenario(tmp_path / "falling.yaml", values).cases[0].checks[0].figure == figure
 
 
+@pytest.mark.slow
 def test_noise_has_seeds_of_its_own_at_each_point(tmp_path: Path) -> None:
     scenario = {
         "title": "noise",

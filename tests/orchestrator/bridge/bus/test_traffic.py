@@ -179,6 +179,7 @@ def test_safe_values_that_a_full_bus_keeps_stay_in_the_adapter_alone_and_that_is
     assert torques(bus)[bus.forgotten[0] :] == pytest.approx([0.125], abs=5e-4)
 
 
+@pytest.mark.slow
 def test_an_adapter_whose_bus_was_full_at_the_end_forgets_nothing_even_where_all_seems_to_be_out(
     rig: Database, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -217,6 +218,7 @@ FAULTS = ("", "silent", "checksum", "stuck", "short", "not finite", "hangs")
 SPELLS = st.lists(st.tuples(st.sampled_from(FAULTS), st.integers(5, 400)), min_size=1, max_size=8)
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(spells=SPELLS, latched=st.booleans())
 def test_whatever_goes_wrong_no_blind_command_goes_out(

@@ -49,6 +49,7 @@ def test_what_is_sent_comes_back_to_half_a_step_of_its_resolution(rig: Database,
     assert coupling.sent_statistics.clean
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(made=databases(), data=st.data())
 def test_any_value_goes_into_any_message_as_the_nearest_that_it_holds(made: Any, data: st.DataObject) -> None:

@@ -66,6 +66,7 @@ def same(ours: float, theirs: float) -> bool:
     return ours == theirs or (math.isnan(ours) and math.isnan(theirs))
 
 
+@pytest.mark.slow
 @QUICK
 @given(databases(), st.integers(0, 1000))
 def test_decoding_gives_the_values_of_cantools_bit_for_bit(random: Any, seed: int) -> None:
@@ -86,6 +87,7 @@ def test_decoding_gives_the_values_of_cantools_bit_for_bit(random: Any, seed: in
         assert decoder.statistics.multiplexers[message.name] == refused
 
 
+@pytest.mark.slow
 @QUICK
 @given(databases(), st.integers(0, 1000))
 def test_one_frame_at_a_time_gives_the_same_as_many(random: Any, seed: int) -> None:
@@ -102,6 +104,7 @@ def test_one_frame_at_a_time_gives_the_same_as_many(random: Any, seed: int) -> N
             assert getattr(many.statistics, name) == getattr(single.statistics, name)
 
 
+@pytest.mark.slow
 @QUICK
 @given(databases(floats=False), st.integers(0, 1000))
 def test_encoding_gives_the_bytes_of_cantools_and_decodes_to_what_was_sent(random: Any, seed: int) -> None:

@@ -314,6 +314,7 @@ LENIENT = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", LENIENT)
 def test_what_is_sound_in_a_database_is_used_and_what_is_not_is_told(tmp_path: Path, case: str) -> None:
     text, signals, note = LENIENT[case]

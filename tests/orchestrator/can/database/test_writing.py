@@ -69,6 +69,7 @@ def test_reading_a_generated_database_gives_what_was_declared(declared: list[Dec
     assert sum(len(message.signals) for message in base.messages) == len(declared)
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(declarations())
 @example([Declared("subnormal", minimum=-5e-324, maximum=0.0)])

@@ -258,6 +258,7 @@ def test_without_its_header_a_log_keeps_its_frames(tmp_path: Path) -> None:
     assert log.damage[0].offset == 0 and "no header" in log.damage[0].problem
 
 
+@pytest.mark.slow
 def test_a_container_that_would_fill_the_memory_is_cut(tmp_path: Path) -> None:
     packer = zlib.compressobj(9)
     packed = b"".join([*(packer.compress(bytes(1 << 20)) for _ in range(256)), packer.flush()])
@@ -290,6 +291,7 @@ def test_batches_are_bounded_and_a_log_can_be_read_again(tmp_path: Path) -> None
     assert [len(batch) for batch in log] == sizes
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     changes=st.lists(st.tuples(st.integers(0, 10**6), st.integers(0, 255)), max_size=8),

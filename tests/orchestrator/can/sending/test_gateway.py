@@ -118,6 +118,7 @@ def passing(**options: Any) -> Iterator[tuple[can.BusABC, can.BusABC, list[Passe
             thread.join()
 
 
+@pytest.mark.slow
 def test_frames_pass_whole_in_order_and_are_counted_by_message(tmp_path: Path) -> None:
     (tmp_path / "rig.dbc").write_text(DBC)
     with passing(database=tmp_path / "rig.dbc") as (near, far, done):
@@ -135,6 +136,7 @@ def test_frames_pass_whole_in_order_and_are_counted_by_message(tmp_path: Path) -
     assert json.dumps(done[0].document(), allow_nan=False)
 
 
+@pytest.mark.slow
 def test_error_frames_and_frames_of_can_fd_for_a_classic_bus_are_told(caplog: pytest.LogCaptureFixture) -> None:
     buses = BusSettings("virtual", "gateway a", fd=True), BUSES[1]
     with passing(buses=buses) as (near, far, done):

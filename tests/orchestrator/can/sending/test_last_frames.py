@@ -69,6 +69,7 @@ def test_on_a_bus_with_room_all_gets_out_in_order() -> None:
     assert (adapter.done, adapter.stays, last.sent, last.dropped) == (["100"], False, ["100#0000"], 0)
 
 
+@pytest.mark.slow
 def test_on_a_full_bus_what_waits_is_forgotten_and_the_last_frame_is_left_with_the_adapter() -> None:
     adapter = Staying()
     last = last_frames(adapter, full=True)
@@ -77,6 +78,7 @@ def test_on_a_full_bus_what_waits_is_forgotten_and_the_last_frame_is_left_with_t
     assert (adapter.done, adapter.stays, last.dropped) == (["forgets", "100"], True, 5)
 
 
+@pytest.mark.slow
 def test_nothing_is_promised_of_an_adapter_that_neither_forgets_nor_stays() -> None:
     adapter = Adapter()
     last = last_frames(adapter, full=True)

@@ -92,6 +92,7 @@ def test_an_adapter_that_refuses_all_is_known_since_when() -> None:
         bus.shutdown()
 
 
+@pytest.mark.slow
 def test_old_commands_do_not_wait_for_an_adapter_that_has_stopped_to_read() -> None:
     with ScriptedAdapter() as adapter:
         bus = on(adapter)

@@ -186,6 +186,7 @@ def test_a_program_that_begins_gets_nothing_that_was_for_the_one_before(hub: Hub
             assert [number(message) for message in heard(other, 1)] == [2]
 
 
+@pytest.mark.slow
 def test_a_full_bus_is_carried_without_a_loss_or_a_change_of_order(hub: Hub) -> None:
     count, before = 4000, hub.statistics()
     with joined(hub.paths[0]) as one, joined(hub.paths[1]) as other:

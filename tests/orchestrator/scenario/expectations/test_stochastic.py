@@ -114,6 +114,7 @@ def run(folder: Path, expect: str, seed: str = ", seed: 7", **overrides: float) 
     return result.cases[0].checks[0]
 
 
+@pytest.mark.slow
 def test_a_scenario_is_run_again_with_other_seeds(tmp_path: Path) -> None:
     formats.write(run_trace(tmp_path, 99), tmp_path / "reference.parquet")
     band = "{signal: channel.measured, reference: {file: reference.parquet}, band: {seeds: 30}}"
@@ -125,6 +126,7 @@ def test_a_scenario_is_run_again_with_other_seeds(tmp_path: Path) -> None:
     assert check.figure is not None and 0 < check.figure < 1
 
 
+@pytest.mark.slow
 def test_the_report_draws_the_band_of_other_seeds_which_the_reference_keeps_to(tmp_path: Path) -> None:
     formats.write(run_trace(tmp_path, 99), tmp_path / "reference.parquet")
     asked = "{signal: channel.measured, reference: {file: reference.parquet}, band: {seeds: 30}}"
@@ -149,6 +151,7 @@ def run_trace(folder: Path, seed: int) -> Trace:
     return run_scenario(folder / "once.yaml").cases[0].trace
 
 
+@pytest.mark.slow
 def test_a_scenario_without_noise_or_with_an_unknown_component_cannot_be_drawn_again(tmp_path: Path) -> None:
     often = "{{signal: channel.measured, below: 2, seeds: 5, share: 1{vary}}}"
     with pytest.raises(ScenarioError, match="no component is given a `seed`"):

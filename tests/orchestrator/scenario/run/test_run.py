@@ -33,6 +33,7 @@ FILES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", FILES)
 def test_the_scenarios_of_the_project_hold(path: Path) -> None:
     result = run_scenario(path)
@@ -241,6 +242,7 @@ def test_values_out_of_bounds_can_be_expected_to_be_refused(tmp_path: Path) -> N
     assert run(tmp_path, FALLING + expect, hand__added_mass=-1.0).passed
 
 
+@pytest.mark.slow
 def test_two_rates_and_jacobi_can_be_asked_for(tmp_path: Path) -> None:
     text = """
 title: A sine on a motor
