@@ -16,6 +16,7 @@ from identification.estimation.stopped import STOPPED
 from identification.messages import Messages
 from identification.method import Calibrated
 from identification.output_error import validate as output_error_validation
+from identification.output_error.choice.change import of_candidate
 from identification.output_error.schema import OutputErrorBlock
 from identification.output_error.validate import Validation
 from identification.results import (
@@ -52,7 +53,7 @@ from orchestrator.results import (
 )
 from orchestrator.yaml_file import joined, naming, text_of
 
-PROVENANCE = ("title", "method", "parameters", "models", "data", "versions")
+PROVENANCE = ("title", "method", "candidate", "parameters", "models", "data", "versions")
 """What of a summary travels inside the FMUs, where it says something."""
 
 
@@ -89,7 +90,7 @@ class CalibratedStudy:
             _write_fmus(made, fresh, {key: value for key, value in known.items() if value})
             if made.parameters:
                 self._write_parameters(made, fresh)
-            _keep(self.study, fresh)
+            _keep(self.study, fresh, str(self.summary.get("candidate", "")))
             if self.study.method.files is not None:
                 self.study.method.files(self.result, fresh, Path(folder))
             page = self.study.method.report(self.result)
@@ -295,12 +296,13 @@ def _interval(parameter: ParameterSummary) -> str:
     return f"95 % from {' to '.join(ends)} {parameter['unit']}".rstrip()
 
 
-def _keep(study: Study, folder: Path) -> None:
-    """Copy the study, joined with what it includes, into a result folder, and the databases of its CAN logs."""
-    if isinstance(study.block, SystemBlock) and study.block.include:
+def _keep(study: Study, folder: Path, candidate: str) -> None:
+    """Copy the study, joined with what it includes, into a result folder, and the databases of its CAN logs; of a study
+    with candidates the one that was chosen."""
+    if candidate or (isinstance(study.block, SystemBlock) and study.block.include):
         document, _ = joined(study.file, type(study.block))
-        del document[INCLUDE]
-        (folder / STUDY).write_bytes(text_of(document))
+        document.pop(INCLUDE, None)
+        (folder / STUDY).write_bytes(text_of(of_candidate(document, candidate) if candidate else document))
     else:
         shutil.copyfile(study.file, folder / STUDY)
     for database in study.block.databases(study.base):

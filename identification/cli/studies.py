@@ -47,7 +47,8 @@ def calibrate(
         with terminal.bar(study.stem) as move:
             document = calibrate_study(study, data, folder, move, isolate.isolation())
     except EstimationInterrupted as stop:
-        line = f"interrupted; what had been estimated is in {folder}, without intervals and not validated"
+        judged = "" if "choice" in stop.result.summary else ", without intervals and not validated"
+        line = f"interrupted; what had been estimated is in {folder}{judged}"
         return Answer(stop.result.summary, held=False, interrupted=line)
     except KeyboardInterrupt:
         line = "interrupted before anything was estimated; nothing is written"
@@ -58,6 +59,7 @@ def calibrate(
     fmus = f"FMUs in {folder / 'fmus'}, " if (folder / "fmus").is_dir() else ""
     shown: list[Listing | str] = [
         _table(document),
+        *_candidates(document),
         *_given(document),
         *_fits(document["fit"]),
         *_remarks(document),
@@ -217,6 +219,19 @@ def _parameters(document: Summary) -> Listing:
 
     headers, rows = parameter_rows(document["parameters"])
     return Listing(headers, [list(map(_cell, headers, row)) for row in rows], document["title"], figures=True)
+
+
+def _candidates(document: Summary) -> list[Listing]:
+    """How candidates came out, of a study that has some."""
+    from identification.output_error.choice.summary import candidate_rows
+
+    choice = cast("OutputErrorSummary", document).get("choice")
+    if choice is None:
+        return []
+    headers, rows = candidate_rows(choice)
+    cells = [["-" if cell is None else str(cell) for cell in row] for row in rows]
+    title = f"candidates, by {', '.join(choice['signals'])}: criteria over the least, errors over {choice['chosen']}'s"
+    return [Listing(headers, cells, title, figures=True)]
 
 
 def _cell(header: str, value: object) -> str:

@@ -15,6 +15,7 @@ from identification.estimation.arrow_least_squares import Loss
 from identification.estimation.parameters import InitialState, Parameter, ParameterSet
 from identification.estimation.stopped import STOPPED, reason, stopped
 from identification.fits import FitSummary, fit_summary
+from identification.output_error.choice.choice import Choice
 from identification.output_error.search.estimator import Estimate, SearchState, estimate, predict
 from identification.output_error.search.options import Watch
 from identification.output_error.search.problem import Problem, spread_weights
@@ -103,6 +104,7 @@ class Calibration:
         wired: how values pass through the connections.
         starts: sentences about windows that begin elsewhere than their free runs.
         stopped: why there is less than was asked for; nothing where the calibration came to its end.
+        choice: how it came to be chosen among candidates, where there were some.
     """
 
     study: OutputErrorStudy
@@ -116,18 +118,88 @@ class Calibration:
     wired: tuple[Crossing, ...]
     starts: tuple[str, ...] = ()
     stopped: str = ""
+    choice: Choice | None = None
 
     @property
     def warnings(self) -> list[str]:
         """What a reader of the figures must know."""
         doubts = [str(crossing) for crossing in self.crossings if crossing.doubtful]
-        return [*doubts, *self.starts, *self.estimate.warnings, *recording_warnings(self.recorded)]
+        said = self.choice.doubts if self.choice else ()
+        return [*said, *doubts, *self.starts, *self.estimate.warnings, *recording_warnings(self.recorded)]
 
     @property
     def crossings(self) -> tuple[Crossing, ...]:
         """Signals that were converted, or taken as they are although their units differ; connections alike."""
         sides = (self.train, self.validation) if self.validation else (self.train,)
         return noted([*self.wired, *(crossing for side in sides for crossing in side.crossings)])
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A study whose parts fit together, before anything is simulated.
+
+    Attributes:
+        train, unseen: windows to be fitted, and those of the traces kept aside.
+        units: of the parameters, outputs and start values by name.
+        wired: how values pass through the connections.
+        unread: start values that nobody gives.
+    """
+
+    study: OutputErrorStudy
+    recorded: tuple[StudyTrace, ...]
+    system: BuiltSystem
+    train: tuple[FreeRunWindow, ...]
+    unseen: tuple[FreeRunWindow, ...]
+    units: Mapping[str, str]
+    wired: tuple[Crossing, ...]
+    unread: tuple[UnreadStart, ...]
+
+    @classmethod
+    def of(cls, study: OutputErrorStudy, recorded: Sequence[StudyTrace]) -> Prepared:
+        """The study with its traces.
+
+        Raises:
+            InputError: the study, the system or the traces do not fit together.
+        """
+        fitted, kept = split(list(recorded), study.traces.hold_out)
+        system = BuiltSystem(study.system, sorted(study.run.inputs))
+        units, ports, wired, unread = _checked(study, system.assembled)
+        train = cut_windows(study.run, fitted, study.windows, ports)
+        unseen = cut_windows(study.run, kept, study.validation, ports)
+        return cls(study, tuple(recorded), system, tuple(train), tuple(unseen), units, wired, tuple(unread))
+
+    def calibration(self, found: Estimate, why: str = "") -> Calibration:
+        """What there is once something is estimated; `why` there is no more."""
+        study = self.study
+        judged = Judged(study.outputs, self.train, found.simulated, found.fit)
+        fitted, _ = split(list(self.recorded), study.traces.hold_out)
+        starts = tuple(start_warnings(study, self.unread, [trace.trace for trace in fitted], self.train))
+        return Calibration(
+            study, self.system, self.recorded, found, judged, None, {}, self.units, self.wired, starts, why
+        )
+
+    def calibrated(self, progress: Progress = silent) -> Calibration:
+        """The parameters fitted, and judged on the traces kept aside.
+
+        Raises:
+            FmuError: the FMUs fail with every start.
+            EstimationInterrupted, EstimationFailed: stopped when there was an estimate, which it carries.
+        """
+        study, assembled, unseen = self.study, self.system.assembled, self.unseen
+        try:
+            found = _fit(study, assembled, self.train, self.units, _watch(study, progress))
+        except STOPPED as stop:
+            stop.result = self.calibration(stop.result, stop.result.message)
+            raise
+        try:
+            validation = judge(study, assembled, unseen, found.values) if unseen else None
+            compared = {
+                name: judge(study, assembled, unseen or self.train, {**found.values, **other})
+                for name, other in study.compare.items()
+            }
+        except (KeyboardInterrupt, FmuError) as error:
+            raise stopped(error, self.calibration(found, f"not validated: {reason(error)}")) from error
+        return replace(self.calibration(found), validation=validation, compared=compared)
 
 
 def calibrate(
@@ -148,31 +220,7 @@ def calibrate(
     recorded = load_campaign(
         study.traces, data, lambda fraction, doing: progress(LOADED * fraction, doing), study.options.isolation
     )
-    fitted, kept = split(recorded, study.traces.hold_out)
-    system = BuiltSystem(study.system, sorted(study.run.inputs))
-    units, ports, wired, unread = _checked(study, system.assembled)
-    train = cut_windows(study.run, fitted, study.windows, ports)
-    unseen = cut_windows(study.run, kept, study.validation, ports)
-
-    def calibration(found: Estimate, why: str = "") -> Calibration:
-        judged = Judged(study.outputs, tuple(train), found.simulated, found.fit)
-        starts = tuple(start_warnings(study, unread, [trace.trace for trace in fitted], train))
-        return Calibration(study, system, tuple(recorded), found, judged, None, {}, units, wired, starts, why)
-
-    try:
-        found = _fit(study, system.assembled, train, units, _watch(study, progress))
-    except STOPPED as stop:
-        stop.result = calibration(stop.result, stop.result.message)
-        raise
-    try:
-        validation = judge(study, system.assembled, unseen, found.values) if unseen else None
-        compared = {
-            name: judge(study, system.assembled, unseen or train, {**found.values, **other})
-            for name, other in study.compare.items()
-        }
-    except (KeyboardInterrupt, FmuError) as error:
-        raise stopped(error, calibration(found, f"not validated: {reason(error)}")) from error
-    return replace(calibration(found), validation=validation, compared=compared)
+    return Prepared.of(study, recorded).calibrated(progress)
 
 
 def isolated(study: OutputErrorStudy, isolation: Isolation | None) -> OutputErrorStudy:

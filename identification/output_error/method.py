@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from fmus.errors import InputError
 from identification.method import Method
 from identification.output_error.calibration import Calibration, calibrate
+from identification.output_error.candidates import choose
 from identification.output_error.report import report
 from identification.output_error.results import calibrated, summary
 from identification.output_error.schema import OutputErrorBlock
+from identification.output_error.study import OutputErrorStudy
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.progress import Progress
 
@@ -16,7 +19,19 @@ from orchestrator.progress import Progress
 def _run(
     block: OutputErrorBlock, base: Path, data: Path | None, progress: Progress, isolation: Isolation | None
 ) -> Calibration:
-    return calibrate(block.study(block.system(base), block.source(base)), data, progress, isolation)
+    if not block.candidates:
+        return calibrate(_study(block, base), data, progress, isolation)
+    studies = dict[str, OutputErrorStudy]()
+    for name in block.candidates:
+        try:
+            studies[name] = _study(block.candidate(name), base)
+        except InputError as error:
+            raise error.within(f"candidates.{name}") from error
+    return choose(studies, data, progress, isolation)
+
+
+def _study(block: OutputErrorBlock, base: Path) -> OutputErrorStudy:
+    return block.study(block.system(base), block.source(base))
 
 
 METHOD: Method[OutputErrorBlock, Calibration] = Method(OutputErrorBlock, _run, summary, report, calibrated)

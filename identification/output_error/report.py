@@ -10,6 +10,7 @@ from fmus.errors import IdentificationError
 from identification.estimation.validation import whiteness
 from identification.fits import told
 from identification.output_error.calibration import Calibration, Judged
+from identification.output_error.choice.report import draw_candidates
 from identification.output_error.results import summary
 from identification.output_error.uncertainty_report import uncertainty
 from identification.output_error.windows import FreeRunWindow
@@ -27,6 +28,8 @@ def report(calibration: Calibration) -> Report:
     """The whole report."""
     result = Report(calibration.study.title, calibration.study.description)
     _overview(result.section("Result"), calibration)
+    if calibration.choice is not None:
+        draw_candidates(result.section("Candidates"), calibration.choice)
     shown = calibration.validation or calibration.train
     overlays(result.section("Free runs"), calibration.units, shown, calibration.compared)
     if calibration.study.run.inputs:

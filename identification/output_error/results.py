@@ -9,6 +9,8 @@ from typing_extensions import TypedDict
 
 from identification.method import Calibrated
 from identification.output_error.calibration import Calibration
+from identification.output_error.choice.summary import ChoiceSummary
+from identification.output_error.choice.summary import summary as choice_summary
 from identification.output_error.search.estimate import Estimate
 from identification.output_error.verdict import calibration_verdict
 from identification.results import ParameterSummary, Summary, data_summary, finite
@@ -110,16 +112,22 @@ class SearchSummary(TypedDict):
 
 
 class OutputErrorSummary(Summary):
-    """The summary of an output-error calibration."""
+    """The summary of an output-error calibration.
+
+    Attributes:
+        candidate: the one that was chosen, where a study has some; `choice` tells of all.
+    """
 
     uncertainty: UncertaintySummary
     search: SearchSummary
+    candidate: NotRequired[str]
+    choice: NotRequired[ChoiceSummary]
 
 
 def summary(calibration: Calibration) -> OutputErrorSummary:
     """The calibration as `summary.json` holds it; what is not determined is null."""
     study, found = calibration.study, calibration.estimate
-    return {
+    made: OutputErrorSummary = {
         "title": study.title,
         "method": "output-error",
         "parameters": {name: _parameter(calibration, name) for name in found.values},
@@ -145,6 +153,10 @@ def summary(calibration: Calibration) -> OutputErrorSummary:
         "warnings": calibration.warnings,
         "verdict": calibration_verdict(calibration),
     }
+    if calibration.choice is not None:
+        made["candidate"] = calibration.choice.chosen
+        made["choice"] = choice_summary(calibration.choice)
+    return made
 
 
 def _uncertainty(found: Estimate) -> UncertaintySummary:

@@ -2,273 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
+from pydantic_core import InitErrorDetails
 
 from fmus.errors import IdentificationError
-from identification.estimation.arrow_least_squares import Loss, LossKind
-from identification.estimation.parameters import Parameter, ParameterSet, Scale, Tie
-from identification.estimation.prior import LogNormal, Normal, Prior, Uniform
-from identification.output_error.delays import Delay, Estimated, Known
-from identification.output_error.search.options import BootstrapKind, IntervalBy, IntervalOptions, Options
-from identification.output_error.study import (
-    FreeRunSpec,
-    OutputErrorStudy,
-    OutputWeight,
-    StartSpec,
-    TraceSignal,
-    WindowSpec,
+from identification.estimation.arrow_least_squares import Loss
+from identification.estimation.parameters import Parameter, ParameterSet, Tie
+from identification.output_error.blocks import (
+    CandidateBlock,
+    DelayEntry,
+    InitialBlock,
+    LossBlock,
+    OptionsBlock,
+    ParameterBlock,
+    SignalBlock,
+    UncertaintyBlock,
+    ValidationBlock,
+    WindowsBlock,
 )
+from identification.output_error.choice.change import CANDIDATES, of_candidate
+from identification.output_error.delays import Delay, Estimated, Known
+from identification.output_error.search.options import IntervalBy, Options
+from identification.output_error.study import FreeRunSpec, OutputErrorStudy, OutputWeight, TraceSignal
 from identification.quantities import SECONDS, numbers
 from identification.recordings.campaign import TraceSource
 from identification.recordings.schema import RecordedStudyBlock, UsedSignals
 from orchestrator.assembly.assembly import SystemSpec
 from orchestrator.assembly.schema import SystemBlock
-from orchestrator.crossing import Given, quantity
+from orchestrator.crossing import Given
 from orchestrator.fmi.interface import Value
-from orchestrator.yaml_file import Block, Quantity, Seconds, exact
+from orchestrator.yaml_file import Quantity, Seconds
 
 
-def _number_or_name(value: Any) -> Any:
-    number = isinstance(value, str) and value[:1] in "+-.0123456789"
-    return float(exact(value)) if number else value
-
-
-DelayEntry = Annotated[float | str, BeforeValidator(_number_or_name)]  # [s], or the name of a parameter
-
-
-class SignalBlock(Block):
-    """A signal of the traces, and how much later than the system it is (an output) or reaches it (an input).
-
-    Attributes:
-        signal: its name in the recordings.
-        factor, offset: variable = factor * signal + offset, over what their units say.
-        delay: [s] or the name of a parameter of the study; a command with a delay counts by its mean over each
-            communication step, one without by its value at the beginning.
-    """
-
-    signal: str
-    factor: float | None = None
-    offset: float | None = None
-    delay: DelayEntry | None = None
-
-
-class InitialBlock(Block):
-    """A start value read off a signal around the beginning of each window.
-
-    Attributes:
-        factor, offset: variable = factor * reading + offset, over what their units say.
-    """
-
-    explained_by = (StartSpec,)
-
-    signal: str
-    factor: float | None = None
-    offset: float | None = None
-    derivative: int = Field(StartSpec.derivative, ge=0, le=2)
-    half_width: float = Field(StartSpec.half_width, gt=0)
-    degree: int = Field(StartSpec.degree, ge=0, le=6)
-    estimated: bool = StartSpec.estimated
-
-    def spec(self) -> StartSpec:
-        given = Given(self.factor, self.offset)
-        return StartSpec(self.signal, given, self.derivative, self.half_width, self.degree, self.estimated)
-
-    @model_validator(mode="after")
-    def _differentiable(self) -> InitialBlock:
-        if self.derivative > self.degree:
-            raise ValueError(f"a polynomial of degree {self.degree} has no derivative {self.derivative} but 0")
-        return self
-
-
-class WindowsBlock(Block):
-    """Where free runs lie in a recording."""
-
-    explained_by = (WindowSpec,)
-
-    length: Seconds
-    every: Seconds | None = WindowSpec.every
-    skip: Seconds = WindowSpec.skip
-    most: int | None = Field(WindowSpec.most, ge=1)
-
-    @model_validator(mode="after")
-    def _positive(self) -> WindowsBlock:
-        if self.length <= 0 or (self.every is not None and self.every <= 0) or self.skip < 0:
-            raise ValueError("`length` and `every` must be positive, `skip` not negative")
-        return self
-
-    def spec(self) -> WindowSpec:
-        return WindowSpec(self.length, self.every, self.skip, self.most)
-
-
-class ValidationBlock(WindowsBlock):
-    """Windows of the traces kept out of the fit, and what they have to reach.
-
-    Attributes:
-        at_least: the median FIT.
-        worst_at_least: FIT of every window and output that moves.
-    """
-
-    at_least: float | None = None
-    worst_at_least: float | None = None
-
-
-class PriorBlock(Block):
-    """What is known of a parameter before the recordings: normal, log-normal or uniform, by the keys that are given.
-
-    Attributes:
-        mean, std: of a normal one, in the variable's unit, or with their own: `0.5 N.m`.
-        median, factor: of a log-normal one: 68 % lie within that factor of the median either way.
-        min, max: of a uniform one: anything between, nothing beyond.
-        source: where it is from, for the report: a data sheet and its page.
-    """
-
-    mean: float | Quantity | None = None
-    std: float | Quantity | None = None
-    median: float | Quantity | None = None
-    factor: float | None = None
-    min: float | Quantity | None = None
-    max: float | Quantity | None = None
-    source: str = ""
-
-    @model_validator(mode="after")
-    def _one_kind(self) -> PriorBlock:
-        given = {key for key in ("mean", "std", "median", "factor", "min", "max") if getattr(self, key) is not None}
-        if given not in ({"mean", "std"}, {"median", "factor"}, {"min", "max"}):
-            raise ValueError("give `mean` and `std`, `median` and `factor`, or `min` and `max`")
-        return self
-
-    def in_numbers(self, number: Callable[[float | str], float]) -> PriorBlock:
-        """The same with what is written like `90 deg` as numbers."""
-        given = {key: getattr(self, key) for key in ("mean", "median", "min", "max")}
-        numbers: dict[str, float] = {key: number(value) for key, value in given.items() if value is not None}
-        if self.std is not None:
-            numbers["std"] = number(self.std) - (number(_nought(self.std)) if isinstance(self.std, str) else 0.0)
-        return self.model_copy(update=numbers)
-
-    @property
-    def written(self) -> list[str]:
-        """What is given like `90 deg`."""
-        given = [value for value in (self.mean, self.std, self.median, self.min, self.max) if isinstance(value, str)]
-        return [*given, _nought(self.std)] if isinstance(self.std, str) else given
-
-    def prior(self) -> Prior:
-        """As a plain value, once all are numbers."""
-        if self.mean is not None:
-            return Normal(_number(self.mean), _number(self.std), self.source)
-        if self.median is not None:
-            return LogNormal(_number(self.median), _number(self.factor), self.source)
-        return Uniform(_number(self.min), _number(self.max), self.source)
-
-
-def _nought(text: str) -> str:
-    """Nothing in the unit of a quantity, which a difference is counted from: 0 degC for 5 degC."""
-    found = quantity(text)
-    return text if found is None else f"0 {found[1]}"
-
-
-def _number(value: float | str | None) -> float:
-    assert isinstance(value, (int, float))
-    return float(value)
-
-
-class ParameterBlock(Block):
-    """A parameter to estimate (start, bounds, scale), or one tied to another by a factor.
-
-    Attributes:
-        start, min, max: in the variable's unit, or with their own: `90 deg`.
-        tied: name of the parameter that this one is a multiple of.
-        factor: how many times the parameter that it is tied to.
-        prior: what is known of it before the recordings.
-    """
-
-    explained_by = (Parameter, Tie)
-
-    start: float | Quantity | None = None
-    min: float | Quantity | None = None
-    max: float | Quantity | None = None
-    scale: Scale = Parameter.scale
-    fixed: bool = Parameter.fixed
-    tied: str | None = None
-    factor: float = Tie.factor
-    prior: PriorBlock | None = None
-
-    @model_validator(mode="after")
-    def _free_or_tied(self) -> ParameterBlock:
-        if self.tied is not None and (self.start, self.min, self.max) != (None, None, None):
-            raise ValueError("a tied parameter has no start and no bounds")
-        if self.prior is not None and (self.tied is not None or self.fixed):
-            raise ValueError("a prior is of a free parameter; remove it, or `fixed` and `tied`")
-        return self
-
-    def in_numbers(self, number: Callable[[float | str], float], start: Value | None) -> ParameterBlock:
-        """The same that starts there, with what is written like `90 deg` as numbers."""
-        ends = {"start": start, "min": self.min, "max": self.max}
-        numbers: dict[str, Any] = {key: None if end is None else number(end) for key, end in ends.items()}
-        return self.model_copy(update=numbers | {"prior": self.prior and self.prior.in_numbers(number)})
-
-    @property
-    def spans(self) -> bool:
-        """Whether it is told where it may lie."""
-        known = self.start is not None and (self.fixed or (self.min is not None and self.max is not None))
-        return known or self.tied is not None
-
-
-class LossBlock(Block):
-    """How much a sample counts that lies far off.
-
-    Attributes:
-        scale: from where on it lies far off, in standard deviations of the weighted output.
-    """
-
-    explained_by = (Loss,)
-
-    kind: LossKind = Loss.kind
-    scale: float = Field(Loss.scale, gt=0)
-
-
-class OptionsBlock(Block):
-    """How the estimation searches."""
-
-    explained_by = (Options,)
-
-    starts: int = Field(Options.starts, ge=1)
-    seed: int = Options.seed
-    max_evaluations: int = Field(Options.max_evaluations, ge=1)
-    cost_tolerance: float = Field(Options.cost_tolerance, gt=0)
-    step_tolerance: float = Field(Options.step_tolerance, gt=0)
-    difference_step: float = Field(Options.difference_step, gt=0)
-
-
-class UncertaintyBlock(Block):
-    """How the 95 % intervals of the parameters come about; plainly `local` or `profile` where that is all.
-
-    Attributes:
-        seed: of the drawing of windows, which `by: bootstrap` needs.
-    """
-
-    explained_by = (IntervalOptions,)
-
-    by: IntervalBy
-    resamples: int = Field(IntervalOptions.resamples, ge=100)
-    seed: int | None = Field(None, ge=0)
-    kind: BootstrapKind = IntervalOptions.kind
-
-    @model_validator(mode="after")
-    def _of_one_way(self) -> UncertaintyBlock:
-        given = sorted(self.model_fields_set - {"by"})
-        if self.by == "bootstrap" and self.seed is None:
-            raise ValueError("a bootstrap draws windows and needs a `seed`: {by: bootstrap, seed: 1}")
-        if self.by != "bootstrap" and given:
-            raise ValueError(f"`{given[0]}` is of `by: bootstrap`; remove it")
-        return self
-
-    def options(self) -> IntervalOptions:
-        return IntervalOptions(self.by, self.resamples, self.seed or 0, self.kind)
+def _said(block: OutputErrorBlock) -> dict[str, Any]:
+    """All that a study says."""
+    return block.model_dump()
 
 
 def _by(value: Any) -> Any:
@@ -288,6 +61,8 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
         uncertainty: how the 95 % intervals come about: `local`, `profile`, or `{by: bootstrap, seed: 1}`.
         compare: name -> parameters that are judged beside the estimate on the same windows.
         truth: values behind synthetic traces, shown beside the estimates.
+        candidates: name -> what a variant of the system changes; all are fitted, and the one that recordings speak for
+            is written.
     """
 
     method: Literal["output-error"]
@@ -309,6 +84,7 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
     ] = UncertaintyBlock(by="local")
     compare: dict[str, dict[str, float | Quantity]] = {}
     truth: dict[str, float | Quantity] = {}
+    candidates: dict[str, CandidateBlock] = {}
 
     @model_validator(mode="after")
     def _consistent(self) -> OutputErrorBlock:
@@ -355,6 +131,49 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
                 if (low is not None and value < low) or (high is not None and value > high):
                     raise ValueError(f"compare.{name}: {delay} is not within its bounds")
         return self
+
+    @model_validator(mode="after")
+    def _a_choice(self) -> OutputErrorBlock:
+        """Each candidate is a study, and no two are the same one."""
+        made: dict[str, OutputErrorBlock] = {}
+        for name in self.candidates:
+            made[name] = self.candidate(name)
+            for other in list(made)[:-1]:
+                if _said(made[other]) == _said(made[name]):
+                    raise self._refused(name, f"is the same as {other}; remove one, or say where they differ")
+        if len(made) == 1:
+            raise self._refused(
+                next(iter(made)), "is no choice alone; give another candidate (`{}` is the study as it is)"
+            )
+        measured = {name: {block.signal for block in one.outputs.values()} for name, one in made.items()}
+        if made and not set.intersection(*measured.values()):
+            told = "; ".join(f"{name}: {', '.join(sorted(signals))}" for name, signals in measured.items())
+            raise self._refused(
+                next(iter(made)), f"shares no output with all others ({told}); compare one signal in all"
+            )
+        return self
+
+    def candidate(self, name: str) -> OutputErrorBlock:
+        """The study that a candidate is.
+
+        Raises:
+            ValidationError: what it changes is not there, or it is no study then.
+        """
+        try:
+            return type(self).model_validate(of_candidate(self.model_dump(by_alias=True, exclude_unset=True), name))
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            place = "".join(f"{key}: " for key in [".".join(map(str, first["loc"]))] if key)
+            raise self._refused(name, f"{place}{first['msg'].removeprefix('Value error, ')}") from None
+        except ValueError as error:
+            raise self._refused(name, str(error)) from None
+
+    def _refused(self, name: str, problem: str) -> ValidationError:
+        """The complaint about a candidate, at its place in the file."""
+        details = InitErrorDetails(
+            type="value_error", loc=(CANDIDATES, name), input=name, ctx={"error": ValueError(problem)}
+        )
+        return ValidationError.from_exception_data(type(self).__name__, [details])
 
     @property
     def signals(self) -> UsedSignals:

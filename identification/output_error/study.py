@@ -84,6 +84,7 @@ class FreeRunSpec:
         finite: whether an output that is not finite fails a run, also where it is not compared.
         tolerance: relative tolerance that co-simulation FMUs are told, None for none.
         tell_stop: whether FMUs are told when a window ends.
+        beside: runs of the same recordings that it is compared with: windows and instants are those that suit all.
     """
 
     step: Fraction
@@ -93,6 +94,7 @@ class FreeRunSpec:
     finite: bool = True
     tolerance: float | None = None
     tell_stop: bool = False
+    beside: tuple[FreeRunSpec, ...] = ()
 
     def timing(self, stop: Fraction) -> Timing:
         """How free runs step until a time [s]."""
@@ -137,6 +139,16 @@ class FreeRunSpec:
         """The same with all commands by their means over each step: frames never come at its beginning."""
         inputs = {name: replace(spec, delay=spec.delay or Known(0.0)) for name, spec in self.inputs.items()}
         return replace(self, inputs=inputs)
+
+    @property
+    def concerned(self) -> list[str]:
+        """The signals that it takes, and those beside it, sorted."""
+        return sorted({signal for run in (self, *self.beside) for signal in run.signals})
+
+    @property
+    def late(self) -> list[Delay | None]:
+        """The delays of its outputs and of those beside it."""
+        return [spec.delay for run in (self, *self.beside) for spec in run.outputs.values()]
 
 
 @dataclass(frozen=True)

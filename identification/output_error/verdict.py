@@ -19,7 +19,8 @@ def calibration_verdict(calibration: Calibration) -> VerdictSummary:
         judged, side = calibration.train, "fitted (no trace was held out)"
     found = calibration.estimate
     if calibration.stopped:
-        said = f"STOPPED, {calibration.stopped}; the values are those of iteration {found.iterations}, not validated"
+        unjudged = f"; the values are those of iteration {found.iterations}, not validated"
+        said = f"STOPPED, {calibration.stopped}{'' if calibration.choice else unjudged}"
         target = calibration.study.at_least
         return {"at_least": target, "reached": None, "held": False, "converged": found.converged, "said": said}
     unsettled = "" if found.converged else f"{found.message}; try {', '.join(_remedies(calibration))}"

@@ -114,7 +114,7 @@ def cut_windows(
     cut, marked = list[FreeRunWindow](), list[StudyTrace]()
     for recorded in traces:
         named = replace(recorded.trace, name=recorded.place).select(run.signals)
-        marks = [mark for mark in recorded.marks if mark.concerns(run.signals)]
+        marks = [mark for mark in recorded.marks if mark.concerns(run.concerned)]
         left = named.rows(sound(named, marks)) if marks else named
         if marks and len(left) < 2:
             marked.append(recorded)
@@ -151,7 +151,8 @@ def _barred(run: FreeRunSpec, marks: Sequence[Mark], length: Fraction) -> FloatA
     stretches = [
         (mark.start + first - float(length) + ROUNDING, mark.stop + last - ROUNDING)
         for mark in marks
-        for signal, first, last in _reach(run)
+        for one in (run, *run.beside)
+        for signal, first, last in _reach(one)
         if mark.concerns([signal])
     ]
     return union(np.array(stretches, np.float64).reshape(-1, 2))
@@ -172,7 +173,7 @@ def _reach(run: FreeRunSpec) -> Iterator[tuple[str, float, float]]:
 def _rows(run: FreeRunSpec, length: Fraction) -> tuple[int, slice]:
     """How many instants a free run has, and which of them are compared."""
     count = multiples(length, run.step, "windows.length") + 1
-    return count, compared_rows((output.delay for output in run.outputs.values()), run.step, count)
+    return count, compared_rows(run.late, run.step, count)
 
 
 def _check_rows(run: FreeRunSpec, windows: WindowSpec) -> None:
@@ -193,7 +194,7 @@ def _starts(run: FreeRunSpec, trace: Trace, windows: WindowSpec, barred: FloatAr
     Raises:
         TraceError: the trace is too short for one, whatever is barred.
     """
-    delays = [known(output.delay) for output in run.outputs.values()]
+    delays = [known(delay) for delay in run.late]
     begin, end = trace.time[0] - min(delays) - ROUNDING, trace.time[-1] - max(delays) + ROUNDING
     first = _on_raster(begin, run.step) + windows.skip
     every, last = windows.every or windows.length, end - float(windows.length)
