@@ -18,11 +18,13 @@ from fmus.parameters.related import related, state
 from orchestrator.can.log_suffixes import is_log
 from orchestrator.marks import listed
 from orchestrator.progress import Progress, silent
+from orchestrator.rational import written
 from orchestrator.results import MARKS, RECORD
 from orchestrator.ssp import is_ssp
 
 if TYPE_CHECKING:
     from orchestrator import formats
+    from orchestrator.fmi.clocks.declared import Clock
     from orchestrator.fmi.interface import Interface, Port
     from orchestrator.trace import Trace
 
@@ -142,11 +144,19 @@ def _about_others(interface: Interface) -> InfoDocument:
     alone = [port for port in interface.ports.values() if port.alone]
     lists = {
         "structural parameters": _ports(interface, "structuralParameter"),
-        "clocks (never ticked)": [_alone(port) for port in alone if port.type == "Clock"],
+        f"clocks{'' if interface.event_mode else ' (never ticked)'}": [
+            {**_alone(port), **_ticking(interface.clocks[port.name])} for port in alone if port.type == "Clock"
+        ],
         "binary variables (left alone)": [_alone(port) for port in alone if port.type == "Binary"],
         "left out": [{"name": name, "why": why} for name, why in interface.left_out.items()],
     }
     return {key: entries for key, entries in lists.items() if entries}
+
+
+def _ticking(clock: Clock) -> InfoDocument:
+    interval = "" if clock.interval is None else f"{written(clock.interval)} s"
+    shift = f"{written(clock.shift)} s" if clock.shift else ""
+    return {"ticks": str(clock.kind), "interval": interval, "shift": shift}
 
 
 def _alone(port: Port) -> InfoDocument:

@@ -83,12 +83,33 @@ class Connection:
 
 
 @dataclass(frozen=True)
+class ClockLink:
+    """That the clock at the target ticks when the one at the source does."""
+
+    source: Endpoint
+    target: Endpoint
+
+    def __str__(self) -> str:
+        return f"{self.source} -> {self.target}"
+
+
+@dataclass(frozen=True)
 class System:
-    """Parts and the connections between them; build it with `wire`, which checks it."""
+    """Parts and the connections between them; build it with `wire`, which checks it.
+
+    Attributes:
+        clocks: the connections between clocks, which carry no values.
+    """
 
     parts: Mapping[str, Part]
     connections: tuple[Connection, ...] = ()
     stimulated: frozenset[Endpoint] = field(default_factory=frozenset)
+    clocks: tuple[ClockLink, ...] = ()
+
+    @property
+    def links(self) -> tuple[Connection | ClockLink, ...]:
+        """All by which a component acts on another: with values, or with ticks."""
+        return (*self.connections, *self.clocks)
 
     @property
     def crossings(self) -> list[Crossing]:
@@ -135,12 +156,14 @@ def wire(parts: Mapping[str, Part], connections: Iterable[tuple[str, str]], stim
     """
     bare = System(dict(parts))
     ends = [(*scaled(source), Endpoint.parse(target)) for source, target in connections]
-    links = [_link(bare, *pair, given) for source, given, target in ends for pair in _pairs(bare, source, target)]
+    pairs = [(*pair, given) for source, given, target in ends for pair in _pairs(bare, source, target)]
+    clocks = [_clock_link(bare, *pair) for pair in pairs if _between_clocks(bare, pair)]
+    links = [_link(bare, *pair) for pair in pairs if not _between_clocks(bare, pair)]
     driven = [Endpoint.parse(name) for name in stimulated]
     for endpoint in driven:
         drivable(bare, endpoint, "can be stimulated")
-    _one_source_each(links, driven)
-    system = System(dict(parts), tuple(links), frozenset(driven))
+    _one_source_each([*links, *clocks], driven)
+    system = System(dict(parts), tuple(links), frozenset(driven), tuple(clocks))
     _every_input_set(system)
     return system
 
@@ -262,13 +285,37 @@ def _pairs(system: System, source: Endpoint, target: Endpoint) -> Iterable[tuple
     return [(replace(source, variable=y), replace(target, variable=u)) for y, u in zip(*names, strict=True)]
 
 
+def _between_clocks(system: System, pair: tuple[Endpoint, Endpoint, Given]) -> bool:
+    """Whether both ends are clocks; what there is not is told later."""
+    parts = [system.parts.get(end.component) for end in pair[:2]]
+    return all(part and end.variable in part.interface.clocks for part, end in zip(parts, pair[:2], strict=True))
+
+
+def _clock_link(system: System, source: Endpoint, target: Endpoint, given: Given) -> ClockLink:
+    place = f"{source} -> {target}"
+    require(system, source, "output", "can be a source", place)
+    require(system, target, "input", "can be a target", place)
+    if given:
+        raise WiringError(place, "gives a clock a factor or an offset", "remove it: a tick has no value")
+    for end in (source, target):
+        if not system.parts[end.component].interface.event_mode:
+            problem = f"'{end}' is a clock of an FMU without event mode, which nobody can tick or ask"
+            raise WiringError(place, problem, "export it with hasEventMode, or for model exchange")
+    clock = system.parts[target.component].interface.clocks[target.variable]
+    if clock.timed:
+        raise WiringError(place, f"the {clock} ticks by itself", "remove the connection, or make the clock triggered")
+    if source.component == target.component:
+        raise WiringError(place, "has a component tick itself", "let it do that inside")
+    return ClockLink(source, target)
+
+
 def _link(system: System, source: Endpoint, target: Endpoint, given: Given) -> Connection:
     place = f"{source} -> {target}"
     output = require(system, source, "output", "can be a source", place)
     input_ = require(system, target, "input", "can be a target", place)
     for port in (output, input_):
         if not port.numeric:
-            fix = "remove it: nothing ticks it" if port.type == "Clock" else "set it as a start value"
+            fix = "connect a clock to a clock" if port.type == "Clock" else "set it as a start value"
             fix = "remove it: it keeps what the FMU gives it" if port.type == "Binary" else fix
             raise WiringError(place, f"{with_article(port.type)} cannot be connected", fix)
     if output.type in _REAL and input_.type not in _REAL:
@@ -345,7 +392,7 @@ def must_be(system: System, name: str, causality: str, key: str) -> None:
         raise WiringError(f"{key}.{name}", f"is {with_article(port.causality)}", f"name {with_article(causality)}")
 
 
-def _one_source_each(links: Iterable[Connection], driven: Iterable[Endpoint]) -> None:
+def _one_source_each(links: Iterable[Connection | ClockLink], driven: Iterable[Endpoint]) -> None:
     source_of: dict[Endpoint, str] = {}
     for target, source in [(link.target, str(link.source)) for link in links] + [(e, "a stimulus") for e in driven]:
         if target in source_of:
@@ -365,9 +412,14 @@ def _every_input_set(system: System) -> None:
 def remarks(system: System, component: str, given: Container[str]) -> list[str]:
     """What is left to itself in a component that has these values."""
     interface = system.parts[component].interface
-    clocks, binaries = (
-        [port.name for port in interface.of("input") if port.type == kind] for kind in ("Clock", "Binary")
-    )
+    ticked = {link.target for link in system.clocks}
+    clocks = [
+        clock.name
+        for clock in interface.clocks.values()
+        if clock.causality == "input" and Endpoint(component, clock.name) not in ticked
+        if not (clock.timed and interface.event_mode)
+    ]
+    binaries = [port.name for port in interface.of("input") if port.type == "Binary"]
     driven = {link.target for link in system.connections} | system.stimulated
     free = [
         port.name

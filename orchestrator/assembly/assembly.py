@@ -21,6 +21,7 @@ from orchestrator.assembly.whole_arrays import check_shapes
 from orchestrator.crossing import logged, quantity
 from orchestrator.engine import Engine, Profile, Result, Simulation, Timing
 from orchestrator.engine.profile import Watched
+from orchestrator.fmi.clocked_slave import ClockedSlave
 from orchestrator.fmi.component import Component
 from orchestrator.fmi.exchange_slave import ExchangeSlave
 from orchestrator.fmi.file import FmuFile, Kind
@@ -73,7 +74,9 @@ class ComponentSpec:
 
     def maker(self, file: FmuFile) -> Make:
         """What makes an instance of its FMU, here or in another process."""
-        return Slave if file.kind is Kind.CO_SIMULATION else partial(ExchangeSlave, settings=self.solver)
+        if file.kind is not Kind.CO_SIMULATION:
+            return partial(ExchangeSlave, settings=self.solver)
+        return ClockedSlave if file.interface.ticks else Slave
 
 
 @dataclass(frozen=True)

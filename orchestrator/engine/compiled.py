@@ -82,6 +82,9 @@ def _obstacle(loop: Loop) -> str:
     """Why the compiled loop cannot step this, nothing when it can."""
     if not available():
         return NOT_BUILT
+    ticking = [node.component.name for node in loop.nodes if node.component.interface.ticks]
+    if ticking:
+        return f"{ticking[0]} has clocks"
     foreign = [node.component.name for node in loop.nodes if type(node.component) is not Slave]
     if foreign:
         return f"{foreign[0]} is no co-simulation FMU in this process"

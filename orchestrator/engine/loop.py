@@ -1,14 +1,15 @@
 """The stepping loop in plain Python: the specification of how a system advances.
 
 At tick k, for each component that is due, in the plan's order: its inputs are set from the values that hold, it steps,
-and its outputs are read. Instant outputs hold from now on; the others from the tick at which its step ends. Row k of
+and its outputs are read. Ticks of its clocks go to the components that they are connected to, which step later.
+Instant outputs hold from now on; the others from the tick at which its step ends. Row k of
 the record has outputs as they are reported at t_k (left limits) and inputs as they act from t_k on (right limits).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Protocol
@@ -18,7 +19,8 @@ import numpy as np
 from fmus.errors import FmuError
 from orchestrator.engine.plan import CycleSettings
 from orchestrator.engine.recording import Recorder
-from orchestrator.fmi.component import Component
+from orchestrator.fmi.clocks.ticks import Arrival, Tick
+from orchestrator.fmi.component import Component, Ticking
 from orchestrator.fmi.instance import stepping
 from orchestrator.rational import Clock
 from orchestrator.trace import FloatArray
@@ -52,6 +54,7 @@ class Node:
         duration: communication step [s].
         outputs: names of its outputs.
         held: the inputs of its latest step.
+        ticks: components whose clocks its own tick.
     """
 
     component: Component
@@ -64,6 +67,7 @@ class Node:
     outputs: Sequence[str]
     statistics: Statistics = field(default_factory=Statistics)
     held: Sequence[float] = ()
+    ticks: Sequence[Ticks] = ()
 
     @property
     def feeds_itself(self) -> bool:
@@ -76,6 +80,26 @@ class Node:
         if self.scale is None:
             return [values[slot] for slot in self.sources]
         return [factor * values[slot] + offset for slot, (factor, offset) in zip(self.sources, self.scale, strict=True)]
+
+
+@dataclass(frozen=True)
+class Ticks:
+    """Ticks from a component to another.
+
+    Attributes:
+        clocks: output clock -> input clocks of the other.
+        inputs: place of an input of the other -> place of the output that it takes its value from, factor and offset.
+    """
+
+    target: Node
+    clocks: Mapping[str, frozenset[str]]
+    inputs: Mapping[int, tuple[int, float, float]]
+
+    def arrival(self, tick: Tick) -> Arrival | None:
+        """What a tick is to the other; None where it is not for it."""
+        names = frozenset(name for clock in tick.clocks for name in self.clocks.get(clock, ()))
+        brought = {place: factor * tick.outputs[own] + offset for place, (own, factor, offset) in self.inputs.items()}
+        return Arrival(tick.time, names, brought) if names else None
 
 
 class Stepper(Protocol):
@@ -224,11 +248,21 @@ class Loop:
 
     def _advance(self, node: Node, tick: int) -> None:
         outputs = self._step(node, tick)
+        if node.ticks:
+            self._tick(node)
         for place, instant in enumerate(node.instant):
             if instant:
                 self.values[node.first + place] = outputs[place]
         self.require_finite(node, outputs, stepping(self.time(tick), node.duration))
         self.defer(node, outputs, tick + node.every)
+
+    def _tick(self, node: Node) -> None:
+        """Pass its ticks on to the components that step after it."""
+        component = node.component
+        for ticks in node.ticks:
+            target = ticks.target.component
+            if isinstance(component, Ticking) and isinstance(target, Ticking):
+                target.expect([one for tick in component.passed() if (one := ticks.arrival(tick))])
 
     def _step(self, node: Node, tick: int) -> Sequence[float]:
         begun = perf_counter()

@@ -7,7 +7,7 @@ Jacobi: every output is passed on as it was at the beginning of the step.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from fractions import Fraction
@@ -77,6 +77,7 @@ def make_plan(system: System, step: Fraction, order: Order, cycles: CycleSetting
     instant = {name: frozenset() if jacobi else part.instant_outputs() for name, part in system.parts.items()}
     before = _predecessors(system, instant)
     groups = _groups(before)
+    _check_clocks(system, jacobi, groups, steps)
     for group in groups:
         if len(group) > 1 or group[0] in before[group[0]]:
             _allow_cycle(system, group, before, cycles)
@@ -118,7 +119,33 @@ def _predecessors(system: System, instant: Mapping[str, frozenset[str]]) -> dict
     for link in system.connections:
         if link.source.variable in instant[link.source.component]:
             before[link.target.component].append(link.source.component)
+    for tick in system.clocks:
+        before[tick.target.component].append(tick.source.component)
     return before
+
+
+def _check_clocks(
+    system: System, jacobi: bool, groups: Sequence[tuple[str, ...]], steps: Mapping[str, Fraction]
+) -> None:
+    """See that every tick comes in time to who it is for.
+
+    Raises:
+        WiringError: all step at once, the ticks run in a circle, or who is ticked steps ahead of who ticks.
+    """
+    for link in system.clocks:
+        one, other = link.source.component, link.target.component
+        if jacobi:
+            raise WiringError(
+                str(link), "would tick a step late, as `order: jacobi` steps all at once", "remove `order`"
+            )
+        if any(one in group and other in group for group in groups):
+            problem = f"is on a circle: {other} acts on {one} within the step in which {one} ticks it"
+            raise WiringError(str(link), problem, "set `feed_through: none` for a component with dynamics")
+        if (steps[one] / steps[other]).denominator != 1:
+            problem = (
+                f"{other} steps by {written(steps[other])} s, ahead of {one}, which steps by {written(steps[one])} s"
+            )
+            raise WiringError(str(link), problem, f"give {other} a `step` of which that is a multiple")
 
 
 def _allow_cycle(

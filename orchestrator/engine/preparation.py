@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from orchestrator.engine.compiled import Steppers
-from orchestrator.engine.loop import Loop, Node
+from orchestrator.engine.loop import Loop, Node, Ticks
 from orchestrator.engine.plan import Plan
 from orchestrator.engine.recording import Columns
 from orchestrator.engine.run import Timing
@@ -146,6 +146,8 @@ class Preparation:
         slots = {name: slot for slot, name in enumerate([*read, *self.stimuli])}
         links = {str(link.target): link for link in [*self._system.connections, *tangents]}
         nodes = {name: self._node(name, inputs[name], outputs[name], links, slots) for name in self._components}
+        for name, node in nodes.items():
+            node.ticks = self._ticks(name, nodes, inputs, outputs)
         held = [Endpoint.parse(name) for name in chosen if name in self._driven_inputs]
         return Loop(
             groups=[[nodes[name] for name in group] for group in self._plan.groups],
@@ -158,6 +160,36 @@ class Preparation:
             record_inputs=[(nodes[e.component], self._inputs[e.component].index(e.variable)) for e in held],
             finite=self._timing.finite,
         )
+
+    def _ticks(
+        self,
+        name: str,
+        nodes: Mapping[str, Node],
+        inputs: Mapping[str, Sequence[str]],
+        outputs: Mapping[str, Sequence[str]],
+    ) -> list[Ticks]:
+        """Whom a component's clocks tick, and which of its outputs go there with a tick."""
+        routes: dict[str, dict[str, set[str]]] = {}
+        for link in self._system.clocks:
+            if link.source.component == name:
+                of = routes.setdefault(link.target.component, {})
+                of.setdefault(link.source.variable, set()).add(link.target.variable)
+        return [
+            Ticks(
+                nodes[target],
+                {clock: frozenset(names) for clock, names in clocks.items()},
+                {
+                    inputs[target].index(link.target.variable): (
+                        outputs[name].index(link.source.variable),
+                        link.factor,
+                        link.offset,
+                    )
+                    for link in self._system.connections
+                    if (link.source.component, link.target.component) == (name, target)
+                },
+            )
+            for target, clocks in routes.items()
+        ]
 
     def _node(
         self,

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 from time import perf_counter_ns
 from typing import Any, NamedTuple
 
-from orchestrator.fmi.component import Component
+from orchestrator.fmi.clocks.ticks import Arrival, Tick
+from orchestrator.fmi.component import Component, Ticking
 from orchestrator.fmi.interface import Value
 
 MOST = 200_000  # events of steps that are kept, some 20 MB as a file
@@ -111,6 +112,13 @@ class Watched:
     @property
     def texts(self) -> Mapping[str, tuple[str, ...]]:
         return self._component.texts
+
+    def expect(self, arrivals: Sequence[Arrival]) -> None:
+        if isinstance(self._component, Ticking):
+            self._component.expect(arrivals)
+
+    def passed(self) -> Sequence[Tick]:
+        return self._component.passed() if isinstance(self._component, Ticking) else ()
 
     def get(self, name: str) -> Value:
         return self._component.get(name)

@@ -110,7 +110,7 @@ def carried(system: System, plan: Plan, by: Sequence[str]) -> Carried:
     for number, value in enumerate(map(Endpoint.parse, by)):
         moved.setdefault(value.component, {})[value.variable] = number
     while True:
-        more = {link.target.component for link in system.connections if link.source.component in moved} - moved.keys()
+        more = {link.target.component for link in system.links if link.source.component in moved} - moved.keys()
         if not more:
             return Carried(tuple(by), moved)
         moved |= {component: {} for component in more}

@@ -6,8 +6,9 @@ What steps a system passes numbers on, and nothing else; for texts stand numbers
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
+from orchestrator.fmi.clocks.ticks import Arrival, Tick
 from orchestrator.fmi.interface import Interface, Value
 
 
@@ -74,6 +75,17 @@ class Component(Protocol):
 
     def close(self) -> None:
         """Free everything."""
+
+
+@runtime_checkable
+class Ticking(Component, Protocol):
+    """What the engine needs of a component with clocks, beyond the rest."""
+
+    def expect(self, arrivals: Sequence[Arrival]) -> None:
+        """Have its clocks tick as others did, each at its time within the next steps."""
+
+    def passed(self) -> Sequence[Tick]:
+        """Ticks of its output clocks within the latest step."""
 
 
 class Texts:

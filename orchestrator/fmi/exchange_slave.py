@@ -10,19 +10,22 @@ import dataclasses
 import math
 import sys
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
 import numpy as np
 
-from fmus.errors import FmuEnded, FmuFileError
+from fmus.errors import FmuEnded
+from orchestrator.fmi.clocks.ticks import NOTHING, Arrival, Tick
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.functions.base import DISCARD, FAILED
 from orchestrator.fmi.functions.co_simulation import Stop
 from orchestrator.fmi.functions.model_exchange import Exchange2, Exchange3, ModelExchange
 from orchestrator.fmi.instance import FmuInstance, stepping
 from orchestrator.fmi.interface import Value
+from orchestrator.fmi.ticking.inputs import Part, parts
+from orchestrator.fmi.ticking.ticker import Ticker
 from orchestrator.solvers.base import Solver, SolverSettings, Stateless
 from orchestrator.solvers.choice import solver_type
 from orchestrator.trace import FloatArray
@@ -60,7 +63,6 @@ class ExchangeSlave(FmuInstance[ModelExchange]):
     An event indicator that crosses zero twice within one internal step of the solver is not seen, as in most solvers.
 
     Raises (on instantiation):
-        FmuFileError: the FMU has clocks to be ticked from outside.
         WiringError: this platform has no such solver.
     """
 
@@ -69,11 +71,8 @@ class ExchangeSlave(FmuInstance[ModelExchange]):
     def __init__(
         self, fmu: FmuFile, name: str, settings: SolverSettings | None = None, *, debug_log: bool = False
     ) -> None:
-        clock = next((port.name for port in fmu.interface.of("input") if port.type == "Clock"), None)
-        if clock is not None:
-            raise FmuFileError(
-                fmu.path, f"has the clock '{clock}', which nothing ticks in model exchange", "use its co-simulation"
-            )
+        self._ticker = Ticker(fmu.interface.clocks.values())
+        self._parts: list[Part] = []
         self._settings = settings or SolverSettings()
         self._type = solver_type(self._settings.method, name)
         self._solver: Solver = Stateless(self._rates, 0, self._settings)
@@ -89,9 +88,11 @@ class ExchangeSlave(FmuInstance[ModelExchange]):
     def begin(self, start: float, stop: float | None, tolerance: float | None = None) -> None:
         self._now, self._over = _Moment(start), False
         super().begin(start, stop, self._settings.relative_tolerance)
+        self._ticker.begin(start, self._fmi, self._check)
 
     def bind(self, inputs: Sequence[str], outputs: Sequence[str]) -> None:
         super().bind(inputs, outputs)
+        self._parts = parts(self.interface, inputs, self._group)
         self._now.inputs = None
 
     def write(self, values: Sequence[float]) -> None:
@@ -99,9 +100,14 @@ class ExchangeSlave(FmuInstance[ModelExchange]):
         values = list(values)
         if self._running and values == self._now.inputs:
             return
-        if self._running:
+        before = self._now.inputs
+        if before is None or not self._running or not self.interface.clocked:
+            if self._running:
+                self._enter_event_mode()
+            super().write(values)
+        elif any(part.changed(before, values) for part in self._parts if not part.clocks):
             self._enter_event_mode()
-        super().write(values)
+            self._put(values, frozenset(), {})
         self._now.inputs = values
 
     def tune(self, name: str, value: Value) -> Value:
@@ -121,13 +127,14 @@ class ExchangeSlave(FmuInstance[ModelExchange]):
                 self._fail(f"there is no memory for {error}", "give its `solver` an explicit `method`")
         self._now.in_event_mode = self._running = True
         try:
-            self._settle()
+            self._settle(beginning=True)
         except FmuEnded:  # so does its first step, when all others are there, too
             self._over = True
 
     def step(self, time: float, duration: float) -> None:
         if self._over:
             raise FmuEnded(self.name, str(Stop(time, True)))
+        self._ticker.passed = []
         end = time + duration
         together = max(_TOGETHER * duration, _ROUNDING * abs(end))
         events: deque[float] = deque(maxlen=_MOST_EVENTS)
@@ -135,13 +142,13 @@ class ExchangeSlave(FmuInstance[ModelExchange]):
         self._doing = stepping(time, duration)
         while self._now.time < end:
             now = self._now
-            if now.in_event_mode or now.due or now.next_event <= now.time + together:
+            if now.in_event_mode or now.due or self.next_event <= now.time + together:
                 events.append(now.time)
                 if len(events) == _MOST_EVENTS and now.time - events[0] <= together:
                     self._fail(f"{_MOST_EVENTS} events at t = {now.time:.9g} s", "ask its supplier for hysteresis")
                 self._pass_event(together)
             elif steps < self._settings.most_steps:
-                self._integrate(now.next_event if now.next_event < end - together else end, end - together)
+                self._integrate(self.next_event if self.next_event < end - together else end, end - together)
                 steps += 1
             else:
                 self._fail(
@@ -152,7 +159,13 @@ class ExchangeSlave(FmuInstance[ModelExchange]):
     @property
     def next_event(self) -> float:
         """Time of the next event that is known in advance [s], infinity without one."""
-        return self._now.next_event
+        return min(self._now.next_event, self._ticker.next)
+
+    def expect(self, arrivals: Sequence[Arrival]) -> None:
+        self._ticker.expect(arrivals)
+
+    def passed(self) -> Sequence[Tick]:
+        return self._ticker.passed
 
     def states(self) -> FloatArray:
         """(n,) where its states are."""
@@ -186,11 +199,12 @@ class ExchangeSlave(FmuInstance[ModelExchange]):
         memory = super().save()
         self._snapshots += 1
         self._stale = True  # so that the step from here is the same each time
-        return memory, dataclasses.replace(self._now)
+        return memory, dataclasses.replace(self._now), self._ticker.saved()
 
     def restore(self, state: Any) -> None:
-        memory, moment = state
+        memory, moment, ticker = state
         super().restore(memory)
+        self._ticker.restore(ticker)
         self._now = dataclasses.replace(moment)
         self._stale = True
 
@@ -214,21 +228,30 @@ class ExchangeSlave(FmuInstance[ModelExchange]):
     def _pass_event(self, together: float) -> None:
         """Let the FMU change what changes in jumps."""
         now = self._now
-        if not now.in_event_mode and now.time < now.next_event <= now.time + together:
-            now.time = now.next_event
+        if not now.in_event_mode and now.time < self.next_event <= now.time + together:
+            now.time = self.next_event
             self._require(self._fmi.set_time(now.time), "set its time")
         self._enter_event_mode()
-        self._settle()
+        self._settle(*self._ticker.due(now.time + together))
 
-    def _settle(self) -> None:
-        """Iterate an event to its end, and go on in continuous time."""
-        now = self._now
+    def _settle(
+        self, ticking: frozenset[int] = frozenset(), brought: Mapping[int, float] = NOTHING, beginning: bool = False
+    ) -> None:
+        """Iterate an event to its end, with these clocks ticking, and go on in continuous time."""
+        now, clocked = self._now, bool(self.interface.clocks)
         for _ in range(_MOST_TURNS):
+            if ticking:
+                self._put(now.inputs or (), self._ticker.activate(ticking), brought)
+            if clocked:
+                self._ticker.tell(now.time, self.read)
             status, news = self._fmi.update()
             self._require(status, "update its discrete states")
+            if clocked and (problem := self._ticker.learn(now.time, ticking, beginning)):
+                self._fail(problem, "correct its description or the FMU")
             if news.ending:
                 raise FmuEnded(self.name, str(Stop(now.time, True)))
-            if not news.again:
+            ticking = frozenset() if beginning else self._ticker.at_once(now.time)
+            if not (news.again or ticking):
                 break
         else:
             self._fail(
@@ -239,6 +262,13 @@ class ExchangeSlave(FmuInstance[ModelExchange]):
         now.in_event_mode = now.due = False
         now.next_event, now.positive = news.next_event, self._positive()
         self._stale = True
+
+    def _put(self, values: Sequence[float], ticking: frozenset[str], brought: Mapping[int, float]) -> None:
+        """Set, in event mode, the bound inputs that belong to no clock or to one of these."""
+        given = [brought.get(place, value) for place, value in enumerate(values)]
+        for part in self._parts:
+            if not part.clocks or part.clocks & ticking:
+                self._require(part.write(given), "set inputs")
 
     def _integrate(self, limit: float, last: float) -> None:
         """Take one internal step; an event from time `last` on is left to the next communication step."""

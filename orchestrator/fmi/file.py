@@ -26,6 +26,7 @@ from fmus.packaging.native import foreign_sources
 from fmus.units import Unit
 from orchestrator.fmi import arrays, definitions, unpacked
 from orchestrator.fmi.arrays import LeftOutError, Sizes
+from orchestrator.fmi.clocks.declared import adopt_types, amend, clocks
 from orchestrator.fmi.interface import Interface, Port, Value
 from orchestrator.processes.memory import require
 
@@ -176,10 +177,7 @@ def read_description(path: Path) -> ModelDescription:
 
 def _readable(root: etree._Element, text: bytes) -> bytes:
     """The description without the types of clocks, which FMPy does not know."""
-    clocks = root.findall("ModelVariables/Clock[@declaredType]")
-    for clock in clocks:
-        del clock.attrib["declaredType"]
-    return archive.xml_text(root) if clocks else text
+    return archive.xml_text(root) if adopt_types(root) else text
 
 
 def _alone(text: bytes) -> io.BytesIO:
@@ -192,7 +190,7 @@ def _alone(text: bytes) -> io.BytesIO:
 
 def _amend(description: ModelDescription, root: etree._Element) -> None:
     """Add what FMPy does not read: directional derivatives of FMI 3, bounds of unsigned integers, start values of
-    texts, which units are inverse."""
+    texts, which units are inverse, how clocks tick."""
     for tag, offer in (("ModelExchange", description.modelExchange), ("CoSimulation", description.coSimulation)):
         entry = root.find(tag)
         if offer is not None and entry is not None and entry.get("providesDirectionalDerivatives") in ("true", "1"):
@@ -200,6 +198,7 @@ def _amend(description: ModelDescription, root: etree._Element) -> None:
     inverse = {shown.get("name") for shown in root.iterfind(".//DisplayUnit") if shown.get("inverse") in ("true", "1")}
     for unit in description.unitDefinitions:
         unit.displayUnits = [shown for shown in unit.displayUnits if shown.name not in inverse]
+    amend(description, root)
     unsigned = [variable for variable in description.modelVariables if variable.type.startswith("UInt")]
     texts = [variable for variable in description.modelVariables if variable.type == "String" and variable.dimensions]
     if not unsigned and not texts:
@@ -262,6 +261,15 @@ def _interface(
         fixed_step=float(fixed) if fixed else None,
         left_out=left_out,
         sizes=sizes.given,
+        clocks=clocks(path, description),
+        clocked={
+            port: frozenset(clock.name for clock in variable.clocks)
+            for variable in variables
+            if variable.clocks
+            for port in elements[variable.name]
+        },
+        event_mode=description.fmiVersion.startswith("3")
+        and (offer is description.modelExchange or str(getattr(offer, "hasEventMode", False)).lower() in ("true", "1")),
     )
 
 

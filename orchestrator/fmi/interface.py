@@ -12,6 +12,7 @@ from fmus.errors import FmuFileError
 from fmus.modelling.model import element
 from fmus.units import Unit
 from orchestrator.crossing import NamedUnit, crossing, quantity
+from orchestrator.fmi.clocks.declared import Clock
 
 Value = float | int | bool | str
 
@@ -218,6 +219,9 @@ class Interface:
         ports: name -> scalar variable or element of an array.
         left_out: arrays that have no ports, each with the reason.
         sizes: structural parameters that were given values, with which the arrays have these shapes.
+        clocks: name -> clock.
+        clocked: variable -> the clocks at whose ticks it is set or changes.
+        event_mode: whether it takes events, and so ticks, from outside.
         feed_through: output -> the inputs that act on it at once; None where the FMU does not say.
     """
 
@@ -229,6 +233,14 @@ class Interface:
     fixed_step: float | None = None
     left_out: Mapping[str, str] = field(default_factory=dict)
     sizes: Mapping[str, Value] = field(default_factory=dict)
+    clocks: Mapping[str, Clock] = field(default_factory=dict)
+    clocked: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    event_mode: bool = False
+
+    @property
+    def ticks(self) -> bool:
+        """Whether it has clocks that tick, or can be ticked."""
+        return self.event_mode and bool(self.clocks)
 
     def shape(self, array: str) -> tuple[int, ...] | None:
         """Shape of an array, or of scalars that are named as its elements; None where there are none."""

@@ -27,6 +27,7 @@ from typing import Any
 from fmus import errors
 from fmus.errors import FmuError, InputError, ServotwinError
 from orchestrator.fmi import isolation_worker as messages
+from orchestrator.fmi.clocks.ticks import Arrival, Tick
 from orchestrator.fmi.component import Texts
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.interface import Value
@@ -119,6 +120,18 @@ class IsolatedSlave:
     @property
     def texts(self) -> Mapping[str, tuple[str, ...]]:
         return self._texts.known
+
+    def expect(self, arrivals: Sequence[Arrival]) -> None:
+        self._call("take ticks", "expect", list(arrivals))
+
+    def passed(self) -> Sequence[Tick]:
+        known = self._known
+        said = self._call("give its ticks", "ticked")
+        self._known = known
+        try:
+            return [Tick(float(time), frozenset(map(str, clocks)), [*map(float, own)]) for time, clocks, own in said]
+        except (TypeError, ValueError):
+            raise self._failure("what came from its process cannot be read") from None
 
     def run(self) -> None:
         self._call("initialise", "run")

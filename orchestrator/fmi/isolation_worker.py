@@ -34,7 +34,16 @@ WRITE, STEP = 1, 2  # flags of an exchange: there are inputs; take a step
 ORDER = struct.Struct("<Bdd")  # flags, time and duration of the step [s]; then the inputs
 _HEAD = struct.Struct("<Ic")  # size of the body, kind
 _LARGEST = 1 << 30  # message [bytes]
-_OWN = ("prepare", "make", "bind", "reset", "save", "restore", "drop")  # methods that are not simply the component's
+_OWN = (
+    "prepare",
+    "make",
+    "bind",
+    "ticked",
+    "reset",
+    "save",
+    "restore",
+    "drop",
+)  # methods that are not simply the component's
 
 Make = Callable[[FmuFile, str], Component]
 
@@ -191,6 +200,9 @@ class _Host:
     def bind(self, inputs: Sequence[str], outputs: Sequence[str]) -> None:
         self._component.bind(inputs, outputs)
         self._inputs, self._outputs = numbers(len(inputs)), answer(len(outputs))
+
+    def ticked(self) -> list[tuple[float, list[str], list[float]]]:
+        return [(tick.time, sorted(tick.clocks), list(tick.outputs)) for tick in self._component.passed()]
 
     def reset(self) -> bool:
         self._texts.clear()

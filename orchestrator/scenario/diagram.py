@@ -28,6 +28,7 @@ def wiring_of(result: ScenarioResult, system: System, received: Collection[str] 
     ]
     wires = [Wire((_source(name), "y"), _ends(Endpoint.parse(name))) for name in driven]
     wires += [Wire(_ends(link.source), _ends(link.target), _conversion(link)) for link in system.connections]
+    wires += [Wire(_ends(link.source), _ends(link.target), "ticks") for link in system.clocks]
     return Wiring([*sources, *(_box(result, system, name, wires) for name in system.parts)], wires)
 
 

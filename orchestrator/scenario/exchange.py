@@ -62,7 +62,7 @@ def export(file: Path, out: Path, tool: Tool = Tool.ANY, version: Version = Vers
     if any(asked.accepted for case in scenario.cases for asked in case.expected):
         notes.append(f"accepted references stay behind; `servotwin accept {out}` takes its own")
     files = {name: path.name for name, path in outline.files.items()}
-    return Exported(files, len(outline.system.connections), tuple(notes))
+    return Exported(files, len(outline.system.links), tuple(notes))
 
 
 def unpack(file: Path, out: Path) -> Path:

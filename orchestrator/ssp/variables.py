@@ -6,9 +6,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from fractions import Fraction
 
 from fmus.modelling.model import element
 from fmus.parameters.ssv import ArrayValue, Item, SetValue
+from orchestrator.fmi.clocks.declared import Clock
 from orchestrator.fmi.interface import Port, Value
 from orchestrator.ssp.names import Version
 
@@ -48,6 +50,17 @@ def type_name(port: Port, version: Version) -> str:
     if port.real:
         return "Real"
     return port.type if port.type in ("Boolean", "String") else "Integer"
+
+
+def clock_attributes(clock: Clock) -> dict[str, str]:
+    """How SSP 2.0 says when a clock ticks; where a decimal would not be exact, by counters."""
+    said = {"intervalVariability": str(clock.kind)}
+    lengths = {"interval": clock.interval, "shift": clock.shift or None}
+    known = {name: length for name, length in lengths.items() if length is not None}
+    if all(Fraction(repr(float(length))) == length for length in known.values()):
+        return said | {f"{name}Decimal": repr(float(length)) for name, length in known.items()}
+    resolution = math.lcm(*(length.denominator for length in known.values()))
+    return said | {"resolution": str(resolution), **{f"{n}Counter": str(int(x * resolution)) for n, x in known.items()}}
 
 
 def indexed(variable: str, port: Port, version: Version) -> tuple[str, str]:

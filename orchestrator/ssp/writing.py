@@ -15,13 +15,14 @@ from fmus.packaging.description.xml import document
 from fmus.parameters.ssv import parameter_set_element
 from fmus.units import BASES
 from orchestrator.crossing import NamedUnit
+from orchestrator.fmi.clocks.declared import Clock
 from orchestrator.fmi.file import FmuDescription, Kind
 from orchestrator.fmi.interface import Interface, Port, Value
 from orchestrator.ssp import package
 from orchestrator.ssp.annotations import ROOT, SYSTEM
 from orchestrator.ssp.names import FMU, SSC, SSD, Version
 from orchestrator.ssp.outline import Outline, Tool
-from orchestrator.ssp.variables import Variable, indexed, set_values, type_name, variables
+from orchestrator.ssp.variables import Variable, clock_attributes, indexed, set_values, type_name, variables
 from orchestrator.system import Connection, Endpoint
 
 OMS = "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd"
@@ -87,11 +88,17 @@ class _Writing:
         for name in self.outline.files:
             elements.append(self._component(name))
         links = [self._connection(link) for link in self._joined()]
+        links += [self._link(link.source, link.target) for link in self.outline.system.clocks]
         links += [self._link(Endpoint("", _outer(name)), Endpoint.parse(name)) for name in inputs]
         links += [self._link(Endpoint.parse(name), Endpoint("", _outer(name))) for name in outputs]
         if links:
             ET.SubElement(system, f"{SSD}Connections").extend(links)
         self._tell_driven()
+        if self.outline.version is Version.ONE:
+            self.notes += [
+                f"{link}: SSP 1.0 knows no clocks; it joins connectors without a type"
+                for link in self.outline.system.clocks
+            ]
         inner = _annotation(system, "org.openmodelica", f"{{{OMS}}}Annotations")
         information = ET.SubElement(inner, f"{{{OMS}}}SimulationInformation")
         step = {"description": "oms-ma", "stepSize": repr(self.outline.times.step)}
@@ -112,7 +119,8 @@ class _Writing:
         connectors = ET.Element(f"{SSD}Connectors")
         for variable in variables(interface.ports.values(), self.outline.version):
             if self._is_connector(name, variable):
-                self._add_connector(connectors, variable, variable.port.causality)
+                clock = interface.clocks.get(variable.name)
+                self._add_connector(connectors, variable, variable.port.causality, clock)
         if len(connectors):
             element.append(connectors)
         values = self._values(name, interface)
@@ -134,6 +142,9 @@ class _Writing:
         port, sizes = variable.port, variable.port.causality == "structuralParameter"
         if port.causality not in _KINDS and not (sizes and self.outline.version is Version.TWO):
             return False
+        if port.type == "Clock":
+            ends = {end for link in self.outline.system.clocks for end in (link.source, link.target)}
+            return self.outline.version is Version.TWO or Endpoint(component, port.name) in ends
         if port.alone or (port.items and not self.tool.knows_items):
             return False
         if port.array is None or variable.shape:
@@ -157,8 +168,12 @@ class _Writing:
                 self.notes.append(f"{component}.{name}: {self.tool} does not take its value from an SSP")
         return taken
 
-    def _add_connector(self, parent: ET.Element, variable: Variable, kind: str) -> None:
+    def _add_connector(self, parent: ET.Element, variable: Variable, kind: str, clock: Clock | None = None) -> None:
         connector, port = ET.SubElement(parent, f"{SSD}Connector", {"name": variable.name, "kind": kind}), variable.port
+        if clock is not None:
+            if self.outline.version is Version.TWO:
+                ET.SubElement(connector, f"{SSC}Clock", clock_attributes(clock))
+            return
         written = type_name(port, self.outline.version)
         typed = ET.SubElement(connector, f"{SSC}{written}")
         if written == "Enumeration":

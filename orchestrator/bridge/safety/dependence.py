@@ -45,5 +45,5 @@ def _upstream(system: System, component: str) -> set[str]:
     found, fresh = set[str](), {component}
     while fresh:
         found |= fresh
-        fresh = {link.source.component for link in system.connections if link.target.component in fresh} - found
+        fresh = {link.source.component for link in system.links if link.target.component in fresh} - found
     return found

@@ -11,9 +11,10 @@ from fmpy import fmi2
 
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.functions.base import DISCARD, FAILED, FmiFunctions, Logger
+from orchestrator.fmi.functions.event_mode import Events3
 from orchestrator.fmi.functions.library import FMU2Slave, FMU3Slave
 from orchestrator.fmi.functions.version2 import Version2
-from orchestrator.fmi.functions.version3 import Version3
+from orchestrator.fmi.functions.version3 import Version3, receiver
 
 _ALMOST = 1 - 1e-9  # of a step that is whole but for rounding
 
@@ -104,3 +105,16 @@ class Fmi3(Version3, CoSimulation):
     def stop(self, status: int, time: float) -> Stop | None:
         _, asked, early = (flag.value for flag in self.flags)
         return Stop(self.reached.value, asked) if status < FAILED and (asked or early) else None
+
+
+class EventFmi3(Events3, Fmi3):
+    """One that is told its events in event mode, and may return from a step at one."""
+
+    def instantiate(self) -> None:
+        self.fmu.instantiate(
+            loggingOn=self._debug_log,
+            logMessage=receiver(self._log),
+            eventModeUsed=True,
+            earlyReturnAllowed=True,
+        )
+        self.handle.value = self.fmu.component

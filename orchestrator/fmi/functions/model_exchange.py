@@ -9,7 +9,6 @@ import ctypes
 import math
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,27 +16,12 @@ from fmpy import fmi2
 
 from fmus.errors import FmuFileError
 from orchestrator.fmi.functions.base import FAILED, FmiFunctions
+from orchestrator.fmi.functions.event_mode import Events3, News
 from orchestrator.fmi.functions.library import FMU2Model, FMU3Model
 from orchestrator.fmi.functions.version2 import Version2
-from orchestrator.fmi.functions.version3 import Version3
 from orchestrator.trace import FloatArray
 
 _LARGEST = 1 << 24  # vector
-
-
-@dataclass(frozen=True)
-class News:
-    """What one turn of an event iteration brought.
-
-    Attributes:
-        again: there has to be another turn.
-        ending: the FMU asks to stop.
-        next_event: time of the next event that is known in advance, infinity without one [s].
-    """
-
-    again: bool
-    ending: bool
-    next_event: float
 
 
 class Vector:
@@ -159,7 +143,7 @@ class Exchange2(Version2, ModelExchange):
         return status, News(bool(info.newDiscreteStatesNeeded), bool(info.terminateSimulation), next_event)
 
 
-class Exchange3(Version3, ModelExchange):
+class Exchange3(Events3, ModelExchange):
     kind = FMU3Model
     derivatives = "ContinuousStateDerivatives"
     flag = ctypes.c_bool
@@ -169,9 +153,3 @@ class Exchange3(Version3, ModelExchange):
         self.call("GetNumberOfContinuousStates", ctypes.byref(states))
         self.call("GetNumberOfEventIndicators", ctypes.byref(indicators))
         return states.value, indicators.value
-
-    def update(self) -> tuple[int, News]:
-        flags, time = [ctypes.c_bool() for _ in range(5)], ctypes.c_double()
-        status = self.call("UpdateDiscreteStates", *map(ctypes.byref, flags), ctypes.byref(time))
-        again, ending, _, _, known = (flag.value for flag in flags)
-        return status, News(again, ending, time.value if known else math.inf)

@@ -22,7 +22,7 @@ class Version3(FmiFunctions):
     }
 
     def instantiate(self) -> None:
-        self.fmu.instantiate(loggingOn=self._debug_log, logMessage=_receiver(self._log))
+        self.fmu.instantiate(loggingOn=self._debug_log, logMessage=receiver(self._log))
         self.handle.value = self.fmu.component
 
     def storage(self, kind: str) -> str:
@@ -35,7 +35,9 @@ class Version3(FmiFunctions):
         return self.call("EnterInitializationMode", *limits(ctypes.c_bool, start, stop, tolerance))
 
 
-def _receiver(log: Logger) -> Callable[[int, int, bytes, bytes], None]:
+def receiver(log: Logger) -> Callable[[int, int, bytes, bytes], None]:
+    """What takes an FMU's messages and passes them on."""
+
     def receive(environment: int, status: int, category: bytes, message: bytes) -> None:
         log(status, (message or b"").decode(errors="replace").strip())
 

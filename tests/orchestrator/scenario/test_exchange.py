@@ -18,6 +18,7 @@ from orchestrator.ssp.checking import check
 from orchestrator.ssp.document import imported
 from orchestrator.ssp.names import Version
 from orchestrator.ssp.outline import Tool
+from tests.support.fmus import clocks
 from tests.support.simulation import ssps
 from tests.support.simulation.ssps import NAMESPACES, archive, component, system
 from tests.support.tools.third_party import reference
@@ -276,3 +277,23 @@ def test_what_is_not_as_its_version_has_it_is_told(tmp_path: Path, version: Vers
             made.writestr(name, read.read(name).replace(b'kind="output"', b'kind="outlet"', 1))
     (problem,) = check(tmp_path / "bad.ssp").problems[:1]
     assert "outlet" in problem.problem
+
+
+@pytest.mark.parametrize("version", list(Version))
+def test_clocks_go_out_and_come_back(tmp_path: Path, version: Version) -> None:
+    kinds = {"tick": 'intervalVariability="constant" resolution="3" intervalCounter="1" shiftCounter="2"'}
+    kinds |= {name: clocks.CLOCKS[name] for name in ("out", "trigger", "countdown")}
+    file = fmi3(tmp_path, clocks.build(tmp_path, kinds), ["a.out -> b.trigger", "a.last_time -> b.w"], a={}, b={})
+    done = export(file, tmp_path / "c.ssp", version=version)
+    assert done.connections == 2
+    assert check(tmp_path / "c.ssp").problems == ()
+    assert any("SSP 1.0 knows no clocks" in note for note in done.notes) == (version is Version.ONE)
+    assert "a.out -> b.trigger" in imported(tmp_path / "c.ssp").document["connections"]
+    same(run_scenario(tmp_path / "c.ssp"), run_scenario(file))
+    result = run_scenario(tmp_path / "c.ssp").cases[0].result
+    assert result is not None and result.trace["b.n_trigger"][-1] > 0
+    if version is Version.TWO:
+        found = {one.get("name"): one[0].attrib for one in described(tmp_path / "c.ssp").iter() if len(one)}
+        assert found["tick"] == {
+            "intervalVariability": "constant", "resolution": "3", "intervalCounter": "1", "shiftCounter": "2"
+        }  # fmt: skip

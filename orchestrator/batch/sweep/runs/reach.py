@@ -16,7 +16,7 @@ def reached(system: System, component: str) -> set[str]:
         one = left.pop()
         if one not in found:
             found.add(one)
-            left += [link.target.component for link in system.connections if link.source.component == one]
+            left += [link.target.component for link in system.links if link.source.component == one]
     return found
 
 

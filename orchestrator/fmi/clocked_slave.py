@@ -1,0 +1,205 @@
+"""A co-simulation FMU with clocks: a step goes from event to event, and at each its clocks tick.
+
+Within a communication step inputs are held, as between any two communication points; what a tick from another
+component brings along is set with it. What happens at the very end of a step (within a billionth of it) belongs to the
+beginning of the next one, where the FMU has its new inputs.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import sys
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from fmus.errors import FmuEnded
+from orchestrator.fmi.clocks.ticks import NOTHING, Arrival, Tick
+from orchestrator.fmi.file import FmuFile
+from orchestrator.fmi.functions.co_simulation import EventFmi3, Fmi2, Stop
+from orchestrator.fmi.instance import stepping
+from orchestrator.fmi.interface import Value
+from orchestrator.fmi.slave import Slave
+from orchestrator.fmi.ticking.inputs import Part, parts
+from orchestrator.fmi.ticking.ticker import Ticker
+
+_TOGETHER = 1e-9  # times that differ by less than this share of a step are one
+_ROUNDING = 16 * sys.float_info.epsilon
+_MOST_TURNS = 100  # of one event iteration
+_MOST_EVENTS = 1000  # at one time
+
+
+@dataclass
+class _Moment:
+    """Where an instance is between two calls.
+
+    Attributes:
+        next_event: time of the next event of its own that is known in advance [s].
+        due: whether an event is to be handled before it goes on.
+        in_event_mode: otherwise it is in step mode.
+        wanted: its bound inputs as they are to be.
+    """
+
+    next_event: float = math.inf
+    due: bool = False
+    in_event_mode: bool = False
+    wanted: Sequence[float] = ()
+
+
+class ClockedSlave(Slave):
+    """An instance of an FMU with clocks and event mode; see `Ticking` for the meaning of the methods."""
+
+    versions = (Fmi2, EventFmi3)
+    _fmi: EventFmi3
+
+    def __init__(self, fmu: FmuFile, name: str, *, debug_log: bool = False) -> None:
+        self._ticker = Ticker(fmu.interface.clocks.values())
+        self._now, self._parts = _Moment(), list[Part]()
+        self._running = False
+        super().__init__(fmu, name, debug_log=debug_log)
+
+    def begin(self, start: float, stop: float | None, tolerance: float | None = None) -> None:
+        self._now, self._start = _Moment(), start
+        super().begin(start, stop, tolerance)
+        self._ticker.begin(start, self._fmi, self._check)
+
+    def bind(self, inputs: Sequence[str], outputs: Sequence[str]) -> None:
+        super().bind(inputs, outputs)
+        self._parts = parts(self.interface, inputs, self._group)
+
+    def set(self, values: Mapping[str, Value]) -> None:
+        super().set(values)
+        for part in self._parts:
+            if part.group.partial:
+                part.group.keep([(self._port(name), value) for name, value in self._given.items()])
+
+    def run(self) -> None:
+        super().run()
+        self._running = self._now.in_event_mode = True
+        self._event(self._start, frozenset(), beginning=True)
+
+    def write(self, values: Sequence[float]) -> None:
+        """Set the bound inputs: those that are continuous now, others at the event that begins the step, those that
+        belong to a clock when it ticks."""
+        before, self._now.wanted = self._now.wanted, values
+        if not self._running:
+            super().write(values)
+            return
+        for part in self._parts:
+            if not (part.discrete or part.clocks):
+                self._put(part, values)
+            elif not part.clocks and part.changed(before, values):
+                self._now.due = True
+
+    def tune(self, name: str, value: Value) -> Value:
+        """Give it a value, in event mode; that is an event."""
+        if self._running:
+            self._enter_event_mode()
+            self._now.due = True
+        return super().tune(name, value)
+
+    def expect(self, arrivals: Sequence[Arrival]) -> None:
+        self._ticker.expect(arrivals)
+
+    def passed(self) -> Sequence[Tick]:
+        return self._ticker.passed
+
+    def step(self, time: float, duration: float) -> None:
+        if self._asked:
+            raise FmuEnded(self.name, f"asked to stop at t = {time:g} s")
+        self._ticker.passed = []
+        end, now, doing = time + duration, time, stepping(time, duration)
+        together = max(_TOGETHER * duration, _ROUNDING * abs(end))
+        events: deque[float] = deque(maxlen=_MOST_EVENTS)
+        while now < end - together and not self._asked:
+            while self._now.due or self._next_event <= now + together:
+                events.append(now)
+                if len(events) == _MOST_EVENTS and now - events[0] <= together:
+                    raise self._failure(doing, f"{_MOST_EVENTS} events at t = {now:.9g} s")
+                self._event(now, *self._ticker.due(now + together))
+            now = self._advance(now, self._next_event if self._next_event < end - together else end)
+
+    def save(self) -> Any:
+        return super().save(), dataclasses.replace(self._now), self._ticker.saved()
+
+    def restore(self, state: Any) -> None:
+        memory, moment, ticker = state
+        super().restore(memory)
+        self._now = dataclasses.replace(moment)
+        self._ticker.restore(ticker)
+
+    def drop(self, state: Any) -> None:
+        super().drop(state[0])
+
+    def reset(self) -> bool:
+        self._running = False
+        return super().reset()
+
+    @property
+    def _next_event(self) -> float:
+        """Time of the next event that is known, of its own, by a clock or from another component [s]."""
+        return min(self._ticker.next, self._now.next_event)
+
+    def _advance(self, now: float, target: float) -> float:
+        """Step to a time, or to where the FMU returns before; the time that it reached [s]."""
+        status = self._fmi.step(now, target - now)
+        event, asked, early = (flag.value for flag in self._fmi.flags)
+        if status or asked:
+            self.stepped(status, now, target - now)
+        reached = self._fmi.reached.value if early else target
+        if early and not (event or reached > now):
+            problem = f"returned at t = {reached:g} s, without an event and without getting on"
+            raise self._failure(stepping(now, target - now), problem, "ask its supplier for a repaired one")
+        self._now.due = self._now.due or event
+        return min(reached, target)
+
+    def _event(
+        self, time: float, ticking: frozenset[int], brought: Mapping[int, float] = NOTHING, beginning: bool = False
+    ) -> None:
+        """Iterate an event to its end, with these clocks ticking, and go on in step mode.
+
+        In each turn: clocks are set, then the inputs, then output clocks and outputs are read, then discrete states
+        are updated, which ends the ticks; then intervals are asked for. A countdown of 0 s ticks in the next turn.
+        """
+        now = self._now
+        now.due, now.next_event = False, math.inf
+        values = [brought.get(place, value) for place, value in enumerate(now.wanted)]
+        self._enter_event_mode()
+        for _ in range(_MOST_TURNS):
+            names = self._ticker.activate(ticking)
+            for part in self._parts:
+                if not part.clocks or part.clocks & names:
+                    self._put(part, values)
+            self._ticker.tell(time, self.read)
+            status, news = self._fmi.update()
+            if status:
+                self._check(status, f"update its discrete states at t = {time:g} s")
+            if problem := self._ticker.learn(time, ticking, beginning):
+                raise self._failure(f"tick at t = {time:g} s", problem, "correct its description or the FMU")
+            if news.ending:
+                raise FmuEnded(self.name, str(Stop(time, True)))
+            ticking = frozenset() if beginning else self._ticker.at_once(time)
+            if not news.again and not ticking:
+                break
+        else:
+            problem = f"the event does not end in {_MOST_TURNS} iterations"
+            raise self._failure(f"tick at t = {time:.9g} s", problem, "ask its supplier for a model that settles")
+        now.next_event = news.next_event
+        self._check(self._fmi.call("EnterStepMode"), "enter step mode")
+        now.in_event_mode = False
+
+    def _put(self, part: Part, values: Sequence[float]) -> None:
+        """Set some of the bound inputs."""
+        try:
+            status = part.write(values)
+        except (ValueError, OverflowError) as error:
+            raise self._failure("set inputs", str(error)) from None
+        if status:
+            self.written(status)
+
+    def _enter_event_mode(self) -> None:
+        if not self._now.in_event_mode:
+            self._check(self._fmi.call("EnterEventMode"), "enter event mode")
+            self._now.in_event_mode = True

@@ -1,0 +1,113 @@
+"""When the clocks of one instance tick that do so by time: counted from their first tick, never added up."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+
+from orchestrator.fmi.clocks.declared import PERIODIC, Clock, Interval
+from orchestrator.rational import Clock as Count
+from orchestrator.rational import clock as counted
+
+
+@dataclass
+class Timed:
+    """A clock that ticks by time.
+
+    Attributes:
+        next: time of its next tick, infinity where nobody knows it yet [s].
+        last: of its latest one, of the start before the first [s].
+    """
+
+    clock: Clock
+    next: float = math.inf
+    last: Fraction = Fraction(0)
+    _count: Count | None = None  # from the number of a tick to its time
+    _number: int = 0  # of the next tick
+    _ticked: bool = False
+
+    def begin(self, start: Fraction) -> None:
+        """Have it where a run begins [s]."""
+        self.last, self._count, self.next, self._ticked = start, None, math.inf, False
+        if self.clock.interval is not None:
+            self._every(start + self.clock.shift, self.clock.interval)
+        elif self.clock.kind is Interval.CHANGING:
+            self.next = float(start + self.clock.shift)
+
+    def tick(self) -> None:
+        """Go on to the tick after the one that is due."""
+        self.last, self._ticked = Fraction(repr(self.next)), True
+        if self._count is not None and self.clock.kind in PERIODIC:
+            self._number += 1
+            self.next = self._count(self._number)
+        else:
+            self.next = math.inf
+
+    def told(self, interval: Fraction, now: float) -> None:
+        """Take an interval that the FMU gives [s] at a time [s]."""
+        kind = self.clock.kind
+        if kind is Interval.COUNTDOWN:
+            self.next = float(Fraction(repr(now)) + interval)
+        elif kind is Interval.CHANGING:
+            self.next = float(self.last + interval)
+        else:
+            self._every(self.last + (interval if self._ticked else self.clock.shift), interval)
+
+    def _every(self, first: Fraction, interval: Fraction) -> None:
+        self._count, self._number = counted(first, interval), 0
+        self.next = float(first)
+
+
+class Schedule:
+    """The clocks of an instance that tick by time."""
+
+    def __init__(self, clocks: Iterable[Clock]) -> None:
+        self._timed = {clock.reference: Timed(clock) for clock in clocks if clock.timed}
+
+    @property
+    def next(self) -> float:
+        """Time of the next tick [s], infinity where there is none."""
+        return min((timed.next for timed in self._timed.values()), default=math.inf)
+
+    def begin(self, start: float) -> None:
+        """Have all where a run begins [s]."""
+        for timed in self._timed.values():
+            timed.begin(Fraction(repr(start)))
+
+    def due(self, until: float) -> frozenset[int]:
+        """Those that tick up to this time [s], by their references; the next of each is the one after that."""
+        found = [reference for reference, timed in self._timed.items() if timed.next <= until]
+        for reference in found:
+            self._timed[reference].tick()
+        return frozenset(found)
+
+    def asking(self, ticked: Collection[int], beginning: bool) -> list[int]:
+        """Whose intervals are to be asked for: of countdowns and tunable ones always, of those that change when they
+        have ticked, of fixed ones at the `beginning`."""
+        return [
+            reference
+            for reference, timed in self._timed.items()
+            if timed.clock.kind in (Interval.COUNTDOWN, Interval.TUNABLE)
+            or (timed.clock.kind is Interval.CHANGING and reference in ticked)
+            or (timed.clock.kind is Interval.FIXED and beginning)
+        ]
+
+    def told(self, reference: int, interval: float, now: float) -> None:
+        """Take an interval that the FMU gives for a clock [s] at a time [s]."""
+        self._timed[reference].told(Fraction(repr(interval)), now)
+
+    @property
+    def unknown(self) -> list[Clock]:
+        """Periodic ones whose interval nothing tells."""
+        return [t.clock for t in self._timed.values() if t.clock.kind in PERIODIC and t.next == math.inf]
+
+    def saved(self) -> dict[int, Timed]:
+        """A copy of where they are."""
+        return {reference: dataclasses.replace(timed) for reference, timed in self._timed.items()}
+
+    def restore(self, saved: Mapping[int, Timed]) -> None:
+        """Go back to a copy."""
+        self._timed = {reference: dataclasses.replace(timed) for reference, timed in saved.items()}
