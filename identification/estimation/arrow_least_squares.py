@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from fmus.errors import IdentificationError
 from orchestrator.trace import FloatArray
@@ -218,6 +217,8 @@ def _bounded_least_squares(matrix: FloatArray, target: FloatArray, lower: FloatA
     free = np.linalg.lstsq(matrix, target, rcond=None)[0]
     if np.all((free >= lower) & (free <= upper)):
         return np.asarray(free)
+    from scipy.optimize import lsq_linear  # noqa: PLC0415 - loads slowly
+
     return np.asarray(lsq_linear(matrix, target, bounds=(lower, upper), method="bvls").x)
 
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from scipy.signal import lfilter
 
 from fmus.errors import IdentificationError
 from identification.linear.model import LinearModel
@@ -76,6 +75,8 @@ class Mode:
 
     def response(self, u: FloatArray) -> FloatArray:
         """(K, p) what it gives to the response to u (K, m) from rest (3-6, 3-7)."""
+        from scipy.signal import lfilter  # noqa: PLC0415 - loads slowly
+
         eta = lfilter([0.0, 1.0], [1.0, -self.eigenvalue], np.asarray(u, dtype=float) @ self.b)
         return np.real(np.outer(eta, self.c)) * self.size
 

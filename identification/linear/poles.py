@@ -8,7 +8,6 @@ from typing import Literal
 
 import numpy as np
 from scipy.linalg import eig
-from scipy.signal import place_poles
 
 from fmus.errors import IdentificationError
 from identification.linear.model import UNIT_CIRCLE, LinearModel
@@ -105,6 +104,8 @@ def _moving(a: FloatArray, c: FloatArray, move: PoleMove) -> FloatArray:
     paired = move.before.imag != 0
     shape = np.linalg.qr(np.column_stack([v.real, v.imag] if paired else [v.real]))[0]
     aims = [move.after, move.after.conjugate()] if paired else [move.after]
+    from scipy.signal import place_poles  # noqa: PLC0415 - loads slowly
+
     return np.asarray(-shape @ place_poles((shape.T @ a @ shape).T, (c @ shape).T, aims).gain_matrix.T)
 
 

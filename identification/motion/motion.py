@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.integrate import cumulative_simpson
-from scipy.signal import savgol_coeffs
 
 from fmus.errors import IdentificationError
 from identification.signals.processing import differentiate, mean_step, resampled_evenly
@@ -95,6 +94,8 @@ def recorded_motion(
     even = resampled_evenly(trace.select([angle]))
     inner, period = slice(HALF_WIDTH, -HALF_WIDTH), mean_step(even.time)
     time, derived = even.time[inner], differentiate(even[angle], period, HALF_WIDTH, DEGREE)[inner]
+    from scipy.signal import savgol_coeffs  # noqa: PLC0415 - loads slowly
+
     weights = savgol_coeffs(2 * HALF_WIDTH + 1, DEGREE, deriv=1, delta=period, use="dot")
     return Motion(
         time,

@@ -17,7 +17,7 @@ from identification.estimation.stopped import STOPPED, reason, stopped
 from identification.fits import FitSummary, fit_summary
 from identification.output_error.choice.choice import Choice
 from identification.output_error.search.estimator import Estimate, SearchState, estimate, predict
-from identification.output_error.search.options import Watch
+from identification.output_error.search.options import Options, Watch
 from identification.output_error.search.problem import Problem, spread_weights
 from identification.output_error.simulator import SystemFactory
 from identification.output_error.start_values import UnreadStart, start_warnings, unread_starts
@@ -34,6 +34,7 @@ from orchestrator.system import Endpoint, System, check_values, must_be, recorda
 from orchestrator.trace import FloatArray, ReadOnlyArrays
 
 LOADED = 0.05  # of the whole when the traces are there, roughly
+_SHORT = 100_000  # steps of components, which are done here sooner than other processes are ready
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,7 +251,18 @@ def _fit(
     declared = study.parameters
     parameters = tuple(replace(parameter, unit=units[parameter.name]) for parameter in declared.parameters)
     problem = _problem(study, weighed(study, windows), replace(declared, parameters=parameters), study.loss)
-    return estimate(problem, _factory(study, assembled, windows), replace(study.options, processes=processors()), watch)
+    return estimate(problem, _factory(study, assembled, windows), _options(study, assembled, problem), watch)
+
+
+def _options(study: OutputErrorStudy, assembled: Assembled, problem: Problem) -> Options:
+    """The study's, with as many processes as are worth their start: one where our own models run for short.
+
+    Others may crash or hang, and would take the command with them.
+    """
+    steps = len(assembled.files) * sum(len(window.measured) for window in problem.windows)
+    passes = study.options.starts * (1 + len(problem.parameters.free) + len(problem.estimated))
+    trusted = len(assembled.built) == len(assembled.files) and study.options.intervals.by == "local"
+    return replace(study.options, processes=1 if trusted and steps * passes < _SHORT else processors())
 
 
 def _factory(study: OutputErrorStudy, assembled: Assembled, windows: Sequence[FreeRunWindow]) -> SystemFactory:
@@ -263,10 +275,8 @@ def judge(
 ) -> Judged:
     """Free runs over these windows, with these values over the study's; estimated initial states are fitted."""
     fixed = ParameterSet(tuple(Parameter(name, value, fixed=True) for name, value in values.items()))
-    options = replace(study.options, processes=processors())
-    found = predict(
-        _problem(study, evenly_weighed(windows), fixed, Loss()), _factory(study, assembled, windows), options
-    )
+    problem = _problem(study, evenly_weighed(windows), fixed, Loss())
+    found = predict(problem, _factory(study, assembled, windows), _options(study, assembled, problem))
     return Judged(study.outputs, tuple(windows), found.simulated, found.fit)
 
 

@@ -11,12 +11,15 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial import Polynomial
-from scipy.interpolate import CubicHermiteSpline
 
 from orchestrator.trace import FloatArray, ReadOnlyArrays
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicHermiteSpline
 
 _ROUNDING = 1e-9  # of a step
 _TOGETHER = 1e-9  # stamps and instants so near are one [s]
@@ -173,5 +176,7 @@ def late_outputs(simulated: FloatArray, step: float, delays: Sequence[float | No
 
 
 def _curve(time: FloatArray, values: FloatArray) -> CubicHermiteSpline:
+    from scipy.interpolate import CubicHermiteSpline  # noqa: PLC0415 - loads slowly
+
     slopes = np.gradient(values, time, edge_order=2 if len(time) > 2 else 1)
     return CubicHermiteSpline(time, values, slopes)

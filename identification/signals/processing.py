@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import signal
 
 from fmus.errors import IdentificationError, TraceError
 from orchestrator.trace import ComplexArray, FloatArray, Trace
@@ -134,6 +133,8 @@ def low_pass(values: ArrayLike, period: float, cutoff: float, order: int = 2, ca
             f"a corner at {cutoff:g} Hz cannot be had at {1 / period:g} Hz",
             "keep it below half the rate",
         )
+    from scipy import signal  # noqa: PLC0415 - loads slowly
+
     sections = signal.butter(order, cutoff, fs=1 / period, output="sos")
     if len(samples) <= 3 * (2 * len(sections) + 1):
         raise IdentificationError("low_pass", f"{len(samples)} samples are too few", "give a longer signal")
@@ -162,4 +163,6 @@ def differentiate(values: ArrayLike, period: float, half_width: int = 5, degree:
             f"{window} of {len(samples)} samples cannot carry degree {degree} and derivative {order}",
             "keep order <= degree < window <= samples",
         )
-    return np.asarray(signal.savgol_filter(samples, window, degree, deriv=order, delta=period, axis=0))
+    from scipy.signal import savgol_filter  # noqa: PLC0415 - loads slowly
+
+    return np.asarray(savgol_filter(samples, window, degree, deriv=order, delta=period, axis=0))

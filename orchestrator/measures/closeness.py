@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.signal import correlate
 
 from fmus.errors import TraceError
 from orchestrator.measures.integrals import mean, rms
@@ -86,6 +85,8 @@ def _or_constant(spread: float, figure: str) -> float:
 
 def _correlations(y: FloatArray, r: FloatArray) -> FloatArray:
     """(2 n + 1,) correlation coefficients of what overlaps, y taken n = K // 2 samples earlier, ..., n later."""
+    from scipy.signal import correlate  # noqa: PLC0415 - loads slowly
+
     count, most = len(y), len(y) // 2
     shifts = np.arange(-most, most + 1)
     products = correlate(y, r, mode="full", method="fft")[count - 1 + shifts]

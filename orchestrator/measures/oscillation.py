@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import least_squares
 
 from orchestrator.measures.samples import checked
 from orchestrator.trace import FloatArray
@@ -64,6 +63,8 @@ def dominant_oscillation(time: ArrayLike, values: ArrayLike) -> Oscillation | No
         return None
     starts = [(frequency, decay) for frequency in _peaks(t, y) for decay in DECAYS]
     start = min(starts, key=lambda pair: float(np.sum(_residuals(np.array(pair), t, y) ** 2)))
+    from scipy.optimize import least_squares  # noqa: PLC0415 - loads slowly
+
     fitted = least_squares(_residuals, start, args=(t, y), method="lm", x_scale=[1.0, 1.0])
     frequency, decay = abs(float(fitted.x[0])), float(fitted.x[1])
     if frequency < 2 * math.pi:

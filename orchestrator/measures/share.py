@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from scipy.stats import beta
+from scipy.special import betaincinv
 
 SURE = 0.95
 
@@ -12,6 +12,6 @@ def share_interval(held: int, count: int) -> tuple[float, float]:
 
     Source: Clopper and Pearson 1934, exact for the binomial distribution.
     """
-    low = float(beta.ppf((1 - SURE) / 2, held, count - held + 1)) if held else 0.0
-    high = float(beta.ppf((1 + SURE) / 2, held + 1, count - held)) if held < count else 1.0
+    low = float(betaincinv(held, count - held + 1, (1 - SURE) / 2)) if held else 0.0
+    high = float(betaincinv(held + 1, count - held, (1 + SURE) / 2)) if held < count else 1.0
     return low, high

@@ -9,7 +9,7 @@ from typing import Self
 
 import numpy as np
 from pydantic import Field, model_validator
-from scipy.stats import binom
+from scipy.special import bdtr
 
 from orchestrator.fmi.interface import Port
 from orchestrator.measures import band, membership, share_interval
@@ -147,7 +147,7 @@ class Often(Condition):
         runs = [(time, values), *((trace.time, *trace.signals.values()) for trace in draws[: self.wanted.count])]
         held = sum(self._held(stamps, samples, hold) for stamps, samples in runs)
         low, high = share_interval(held, len(runs))
-        chance = float(binom.cdf(self.needed - 1, len(runs), held / len(runs)))
+        chance = float(bdtr(self.needed - 1, len(runs), held / len(runs)))
         share = held / len(runs)
         text = (
             f"held in {held} of {len(runs)} runs, so in {100 * low:.3g} to {100 * high:.3g} % of all such (95 % sure); "

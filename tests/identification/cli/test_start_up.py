@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from fmus.packaging import targets
+from tests.support.identification import small_study
 
 HEAVY = {
     *("asammdf", "can", "cantools", "control", "fmpy", "lxml", "numpy", "pandas", "plotly", "pyarrow", "pythonfmu"),
@@ -20,14 +21,20 @@ from identification.cli import main
 try:
     main()
 finally:
-    print(sorted({name.partition(".")[0] for name in sys.modules}), file=sys.stderr)
+    print([".".join(name.split(".")[:{parts}]) for name in sys.modules], file=sys.stderr)
 """
+
+
+def modules(*arguments: str, parts: int = 1) -> set[str]:
+    """What a command has loaded at its end, by so many parts of the names."""
+    code = COMMAND.format(parts=parts)
+    done = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=True)
+    return {*eval(done.stderr.splitlines()[-1])}
 
 
 def loaded(*arguments: str) -> set[str]:
     """The heavy libraries that a command has loaded at its end."""
-    done = subprocess.run([sys.executable, "-c", COMMAND, *arguments], capture_output=True, text=True, check=True)
-    return HEAVY & {*eval(done.stderr.splitlines()[-1])}
+    return HEAVY & modules(*arguments)
 
 
 @pytest.mark.parametrize("arguments", [("--help",), ("run", "--help"), ("can", "bridge", "--help")])
@@ -43,6 +50,15 @@ def test_a_table_is_looked_at_with_what_reads_it_alone(tmp_path: Path) -> None:
 def test_an_fmu_is_looked_at_without_what_builds_or_runs_it(tmp_path: Path) -> None:
     path = targets.build("pendulum", tmp_path / "p.fmu", target="python")
     assert loaded("info", str(path)) == {"fmpy", "lxml", "numpy", "rich"}
+
+
+@pytest.mark.slow
+def test_a_short_fit_is_done_in_its_process_without_the_large_parts_of_scipy(tmp_path: Path) -> None:
+    data = small_study.record(tmp_path / "data")
+    study = small_study.write_study(tmp_path / "study.yaml")
+    found = modules("calibrate", str(study), "--data", str(data), "--out", str(tmp_path / "out"), parts=2)
+    assert "scipy.linalg" in found and (tmp_path / "out" / "report.html").is_file()
+    assert found & {"scipy.optimize", "scipy.signal", "scipy.stats", "multiprocessing.forkserver"} == set()
 
 
 def test_what_a_notebook_begins_with_loads_nothing() -> None:
