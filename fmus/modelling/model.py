@@ -25,7 +25,7 @@ from typing import Any
 
 Function = Callable[[Any, Any, Any, Any], Mapping[str, Any]]
 Number = float | int | bool
-_ELEMENT = re.compile(r"(\w+)\[([1-9][0-9]*(?:,[1-9][0-9]*)*)\]")
+_ELEMENT = re.compile(r"((?:\w+\.)*\w+)\[([1-9][0-9]*(?:,[1-9][0-9]*)*)\]")
 
 
 @dataclass(frozen=True)

@@ -156,9 +156,17 @@ def _to_be_read(value: Value) -> bool:
 
 def _built(name: str, component: ComponentSpec, folder: Path, target: str | None) -> Path:
     tables = {table.name: table for table in component.tables}
+    return targets.build(model_of(component), folder / f"{name}.fmu", target=target, tables=tables)
+
+
+def model_of(component: ComponentSpec) -> Model:
+    """The model of a component that is given as one, of the size of its arrays.
+
+    Raises:
+        ModelError: there is none of this name, or its file cannot be used.
+    """
     source = component.source
-    model = library.of_size(source if isinstance(source, Model) else library.find(str(source)), component.arrays)
-    return targets.build(model, folder / f"{name}.fmu", target=target, tables=tables)
+    return library.of_size(source if isinstance(source, Model) else library.find(str(source)), component.arrays)
 
 
 class OpenSystem:

@@ -132,12 +132,28 @@ def build(
     from_sources: Annotated[
         bool, typer.Option("--from-sources", help="The arguments are FMU files: compile the sources that they bring.")
     ] = False,
+    system: Annotated[
+        Path | None, typer.Option("--system", metavar="SCENARIO", help="Its system as one native FMU, steps and all.")
+    ] = None,
+    expose: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--expose", metavar="COMP.PARAM", help="With --system: parameters to show, * and ? allowed; all by default."
+        ),
+    ] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Folder for the FMUs.")] = None,
 ) -> Answer:
-    """Build FMUs from model files, or from the sources that FMUs bring along."""
+    """Build FMUs from model files, from the sources that FMUs bring along, or of a whole system."""
     from fmus import library
     from fmus.packaging import targets
 
+    if system is not None:
+        if models or from_sources or target == "python":
+            other = "--from-sources" if from_sources else "--target python" if target else models and models[0]
+            raise InputError("--system", f"does not go with {other}", "servotwin build --system SCENARIO")
+        return _of_system(terminal, system, expose or [], fmi, platform or ["host"], out or Path("out/fmus"))
+    if expose:
+        raise InputError("--expose", "says what the FMU of a system shows", "give --system SCENARIO, too")
     if from_sources:
         if not models or target is not None:
             raise InputError("--from-sources", "is for FMU files alone", "servotwin build --from-sources FILE.fmu")
@@ -152,6 +168,32 @@ def build(
     rows = [(model.name, str(files[model.name]), model.description) for model in chosen]
     document = {"fmus": {name: str(file) for name, file in files.items()}, "target": packaging, "fmi": fmi}
     return Answer(document, [Listing(("model", "FMU", "description"), rows)])
+
+
+def _of_system(
+    terminal: Terminal, scenario: Path, expose: list[str], fmi: int, platforms: list[str], out: Path
+) -> Answer:
+    """A scenario's system as one FMU."""
+    from orchestrator.scenario.fusing import build, fuse
+
+    with terminal.bar("building") as move:
+        fused = fuse(scenario, expose)
+        move(0.5, fused.system.name)
+        file = build(fused, out, fmi, platforms)
+    system = fused.system
+    rows = [(name, part.model.name, f"{float(part.every * system.base):.9g}") for name, part in system.parts.items()]
+    document = {
+        "fmus": {system.name: str(file)},
+        "target": "native",
+        "fmi": fmi,
+        "base_step": float(system.base),
+        "parts": [{"name": name, "model": model, "step": float(step)} for name, model, step in rows],
+        "parameters": list(system.parameters),
+        "outputs": list(system.outputs),
+        "notes": list(fused.notes),
+    }
+    summary = f"{file}: steps are multiples of {float(system.base):.9g} s"
+    return Answer(document, [summary, Listing(("part, in stepping order", "model", "step [s]"), rows), *fused.notes])
 
 
 def _compiled(terminal: Terminal, originals: list[Path], platforms: list[str], out: Path) -> Answer:

@@ -1,4 +1,5 @@
-"""What is inside of what: the FMUs of an SSP, and those in a container FMU, packed or unpacked, to any depth."""
+"""What is inside of what, to any depth: the FMUs of an SSP, those in a container FMU, packed or unpacked, and the
+models of a system that was made one FMU."""
 
 from __future__ import annotations
 
@@ -9,6 +10,7 @@ from tempfile import TemporaryDirectory
 
 from fmus.errors import FmuFileError
 from fmus.packaging import archive
+from fmus.packaging.system import manifest
 
 DEEPEST = 10
 _DESCRIPTION = "modelDescription.xml"
@@ -17,28 +19,31 @@ _PACKED = (".fmu", ".ssp")
 
 @dataclass(frozen=True)
 class Inside:
-    """An archive or unpacked FMU.
+    """An archive, an unpacked FMU, or a model or a wire in the FMU of a system.
 
     Attributes:
-        place: where it is in what it is inside of; its path for the outermost one.
-        model: name of the model; "" of an SSP.
-        version: of FMI; "" of an SSP.
+        place: where it is in what it is inside of, or its name there; its path for the outermost one.
+        model: name of the model; "" of an SSP or a wire.
+        version: of FMI; "" of what is no FMU.
+        note: what else is to be known of it.
     """
 
     place: str
     model: str
     version: str
     holds: tuple[Inside, ...] = ()
+    note: str = ""
 
     def document(self) -> dict[str, object]:
         """The same in plain values."""
         holds = [one.document() for one in self.holds]
-        return {"place": self.place, "model": self.model, "fmi": self.version, "holds": holds}
+        document: dict[str, object] = {"place": self.place, "model": self.model, "fmi": self.version, "holds": holds}
+        return document | ({"note": self.note} if self.note else {})
 
     def lines(self, level: int = 0) -> Iterator[str]:
         """A line each, what is inside further in."""
-        said = f": {self.model}, FMI {self.version}" if self.model else ""
-        yield f"{'  ' * level}{self.place}{said}"
+        said = ", ".join(filter(None, [self.model, self.version and f"FMI {self.version}", self.note]))
+        yield f"{'  ' * level}{self.place}{said and f': {said}'}"
         for one in self.holds:
             yield from one.lines(level + 1)
 
@@ -61,7 +66,19 @@ def _archive(path: Path, place: str, called: str, level: int) -> Inside:
     except FmuFileError as error:
         raise FmuFileError(called, error.problem, error.fix) from error
     model, version = _described(files[_DESCRIPTION], called) if _DESCRIPTION in files else ("", "")
-    return Inside(place, model, version, tuple(_within(files, called, level)))
+    fused = manifest.read(f"{called}: {manifest.NAME}", files[manifest.NAME]) if manifest.NAME in files else None
+    within = [*_within(files, called, level), *(() if fused is None else _fused(fused))]
+    return Inside(place, model, version, tuple(within), "" if fused is None else f"base step {fused.base_step:.9g} s")
+
+
+def _fused(system: manifest.Manifest) -> Iterator[Inside]:
+    """The parts of a system in one FMU, in the order in which they are stepped, and its wires."""
+    for part in system.parts:
+        yield Inside(part.name, part.model, "", (), f"every {part.step:.9g} s, outputs hold {part.outputs_hold}")
+    for wire in system.wires:
+        scaled = (wire.factor, wire.offset) != (1.0, 0.0)
+        note = f"{wire.factor:.9g} * value + {wire.offset:.9g}" if scaled else ""
+        yield Inside(f"{wire.source} -> {wire.target}", "", "", (), note)
 
 
 def _within(files: dict[str, bytes], called: str, level: int) -> Iterator[Inside]:

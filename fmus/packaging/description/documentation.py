@@ -11,7 +11,7 @@ from sympy.printing.mathml import MathMLPresentationPrinter
 
 from fmus.modelling.model import Model, element
 from fmus.modelling.symbolic import trace
-from fmus.packaging.description.interface import Exposed, ModelInterface
+from fmus.packaging.description.interface import Exposed, Interface, ModelInterface
 
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
@@ -33,16 +33,26 @@ def page(interface: ModelInterface) -> bytes:
         f"<h1>{escape(model.name)}</h1><p>{escape(model.description)}</p>",
         *_equations(model),
         "<h2>Variables</h2>",
-        _table(("Name", "Unit", "Kind", "Default", "Bounds", "Meaning"), _rows(interface)),
+        variables(interface),
         *_stepping(model),
         *_list("Requirements at the start; the reason when one does not hold", [r.reason for r in model.requirements]),
         *_list("References", model.references),
     ]
+    return document(model.name, parts)
+
+
+def document(title: str, parts: Iterable[str]) -> bytes:
+    """The page of these parts of HTML."""
     text = (
-        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(model.name)}</title>'
+        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
         f"<style>{_STYLE}</style></head>\n<body>\n" + "\n".join(parts) + "\n</body></html>\n"
     )
     return text.encode()
+
+
+def variables(interface: Interface) -> str:
+    """The table of an FMU's variables."""
+    return table(("Name", "Unit", "Kind", "Default", "Bounds", "Meaning"), _rows(interface))
 
 
 def _equations(model: Model) -> list[str]:
@@ -118,14 +128,14 @@ class _Printer(MathMLPresentationPrinter):
         return element
 
 
-def _rows(interface: ModelInterface) -> Iterator[list[str]]:
+def _rows(interface: Interface) -> Iterator[list[str]]:
     """One row a variable; an array has one row, with its size as default."""
     for variable in interface.variables:
         name, place = element(variable.name) or ("", ())
         if not name:
             yield _row(variable)
         elif set(place) == {1}:
-            size = " x ".join(map(str, interface.model.arrays[name]))
+            size = " x ".join(map(str, interface.arrays[name]))
             yield [name, variable.unit, variable.causality, size, "", variable.description]
 
 
@@ -157,7 +167,8 @@ def _list(title: str, lines: Sequence[str]) -> list[str]:
     return [f"<h2>{title}</h2>", "<ul>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>"]
 
 
-def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """An HTML table of texts."""
     head = "".join(f"<th>{escape(title)}</th>" for title in heads)
     body = "\n".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
     return f"<table><tr>{head}</tr>\n{body}</table>"

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 from fmus.modelling.model import Model, Number, State, start_values
 
@@ -34,15 +35,62 @@ class Exposed:
     derivative_of: str | None = None
 
 
+class Interface(Protocol):
+    """The variables of an FMU in the order of its description, and its structure: unknown -> what it depends on.
+
+    Attributes:
+        arrays: name -> shape of each array, whose elements are variables.
+        structured: whether names are made of the names of parts and elements.
+        time_reference: value reference of the time, which only FMI 3.0 has as a variable.
+    """
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def description(self) -> str: ...
+    @property
+    def arrays(self) -> Mapping[str, tuple[int, ...]]: ...
+    @property
+    def structured(self) -> bool: ...
+    @property
+    def variables(self) -> tuple[Exposed, ...]: ...
+    @property
+    def outputs(self) -> Mapping[str, tuple[str, ...]]: ...
+    @property
+    def rates(self) -> Mapping[str, tuple[str, ...]]: ...
+    @property
+    def initial_unknowns(self) -> Mapping[str, tuple[str, ...]]: ...
+    @property
+    def time_reference(self) -> int: ...
+    @property
+    def by_name(self) -> Mapping[str, Exposed]: ...
+
+
 @dataclass(frozen=True)
 class ModelInterface:
-    """The variables of an FMU in the order of its description, and its structure: unknown -> what it depends on."""
+    """The interface of an FMU that is a single model."""
 
     model: Model
     variables: tuple[Exposed, ...]
     outputs: Mapping[str, tuple[str, ...]]
     rates: Mapping[str, tuple[str, ...]]
     initial_unknowns: Mapping[str, tuple[str, ...]]
+
+    @property
+    def name(self) -> str:
+        return self.model.name
+
+    @property
+    def description(self) -> str:
+        return self.model.description
+
+    @property
+    def arrays(self) -> Mapping[str, tuple[int, ...]]:
+        return self.model.arrays
+
+    @property
+    def structured(self) -> bool:
+        return bool(self.model.arrays)
 
     @property
     def first_rate(self) -> int:

@@ -8,7 +8,7 @@ from xml.etree import ElementTree as ET
 
 from fmus import units
 from fmus.modelling.model import Number, element, element_names
-from fmus.packaging.description.interface import Exposed, ModelInterface
+from fmus.packaging.description.interface import Exposed, Interface
 
 GENERATION_TOOL = "servotwin"
 REAL_DISPLAY_UNITS = {"rad": ("deg", 57.29577951308232), "rad/s": ("deg/s", 57.29577951308232)}
@@ -33,16 +33,23 @@ class Offer:
 
 @dataclass(frozen=True)
 class Extras:
-    """What the description says beside variables: log categories with their meaning, and the default step [s]."""
+    """What the description says beside variables.
+
+    Attributes:
+        log_categories: with their meaning.
+        start, stop, step: of the default experiment [s].
+    """
 
     log_categories: Mapping[str, str]
     step: float | None = None
+    start: float = 0.0
+    stop: float = STOP_TIME
 
 
 PLAIN = Extras(LOG_CATEGORIES)
 
 
-def fmi2(interface: ModelInterface, guid: str, offers: Sequence[Offer], extras: Extras = PLAIN) -> bytes:
+def fmi2(interface: Interface, guid: str, offers: Sequence[Offer], extras: Extras = PLAIN) -> bytes:
     """The XML document of an FMI 2.0 FMU."""
     root = _root(interface, "2.0", "guid", guid, offers)
     if any(offer.kind == "ModelExchange" for offer in offers):
@@ -67,7 +74,7 @@ def fmi2(interface: ModelInterface, guid: str, offers: Sequence[Offer], extras: 
     return document(root)
 
 
-def fmi3(interface: ModelInterface, token: str, offers: Sequence[Offer], extras: Extras = PLAIN) -> bytes:
+def fmi3(interface: Interface, token: str, offers: Sequence[Offer], extras: Extras = PLAIN) -> bytes:
     """The XML document of an FMI 3.0 FMU; the time takes the value reference after the last one of the model's array.
 
     Args:
@@ -110,7 +117,7 @@ def fmi3(interface: ModelInterface, token: str, offers: Sequence[Offer], extras:
 FMI3_TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean", "Enumeration": "Enumeration"}
 
 
-def time_name(interface: ModelInterface) -> str:
+def time_name(interface: Interface) -> str:
     """Name of the independent variable: "time", unless the model has that name already."""
     return "time" if "time" not in interface.by_name else "independent_time"
 
@@ -130,17 +137,16 @@ def base_unit(name: str) -> dict[str, str] | None:
     return powers | {name: repr(value) for name, (value, default) in scale.items() if value != default}
 
 
-def _root(interface: ModelInterface, version: str, id_name: str, identity: str, offers: Sequence[Offer]) -> ET.Element:
-    model = interface.model
+def _root(interface: Interface, version: str, id_name: str, identity: str, offers: Sequence[Offer]) -> ET.Element:
     root = ET.Element(
         "fmiModelDescription",
         {
             "fmiVersion": version,
-            "modelName": model.name,
+            "modelName": interface.name,
             id_name: identity,
-            "description": model.description,
+            "description": interface.description,
             "generationTool": GENERATION_TOOL,
-            "variableNamingConvention": "structured" if model.arrays else "flat",
+            "variableNamingConvention": "structured" if interface.structured else "flat",
         },
     )
     for offer in offers:
@@ -158,10 +164,11 @@ def _common(root: ET.Element, extras: Extras) -> None:
     for name, text in extras.log_categories.items():
         ET.SubElement(log, "Category", name=name, description=text)
     step = {} if extras.step is None else {"stepSize": repr(extras.step)}
-    ET.SubElement(root, "DefaultExperiment", {"startTime": "0.0", "stopTime": repr(STOP_TIME)} | step)
+    times = {"startTime": repr(extras.start), "stopTime": repr(extras.stop)}
+    ET.SubElement(root, "DefaultExperiment", times | step)
 
 
-def _units(interface: ModelInterface) -> set[str]:
+def _units(interface: Interface) -> set[str]:
     return {variable.unit for variable in interface.variables if variable.type == "Real"} - {"1"}
 
 
@@ -180,7 +187,7 @@ def _unit_definitions(root: ET.Element, names: set[str]) -> None:
             ET.SubElement(entry, "DisplayUnit", name=display, factor=repr(scale))
 
 
-def _type_definitions(root: ET.Element, interface: ModelInterface, fmi: int) -> None:
+def _type_definitions(root: ET.Element, interface: Interface, fmi: int) -> None:
     """An enumeration for each variable with choices."""
     choosing = [variable for variable in interface.variables if variable.choices]
     if not choosing:
@@ -196,8 +203,8 @@ def _type_definitions(root: ET.Element, interface: ModelInterface, fmi: int) -> 
             ET.SubElement(enumeration, "Item", name=choice, value=str(number))
 
 
-def _type_name(interface: ModelInterface, variable: Exposed) -> str:
-    return f"{interface.model.name}.{variable.name}"
+def _type_name(interface: Interface, variable: Exposed) -> str:
+    return f"{interface.name}.{variable.name}"
 
 
 def _named(variable: Exposed) -> dict[str, str]:
@@ -211,7 +218,7 @@ def _named(variable: Exposed) -> dict[str, str]:
     return attributes | ({} if variable.initial is None else {"initial": variable.initial})
 
 
-def _type_attributes(interface: ModelInterface, variable: Exposed, places: Mapping[str, str]) -> dict[str, str]:
+def _type_attributes(interface: Interface, variable: Exposed, places: Mapping[str, str]) -> dict[str, str]:
     attributes = {"declaredType": _type_name(interface, variable)} if variable.choices else {}
     if variable.type == "Real":
         attributes |= {"unit": variable.unit} if variable.unit != "1" else {}
@@ -227,21 +234,21 @@ def _type_attributes(interface: ModelInterface, variable: Exposed, places: Mappi
     return attributes
 
 
-def _position(interface: ModelInterface) -> dict[str, str]:
+def _position(interface: Interface) -> dict[str, str]:
     """Variables by their place in the description, from 1, as FMI 2.0 refers to them."""
     return {variable.name: str(place) for place, variable in enumerate(interface.variables, start=1)}
 
 
-def _reference(interface: ModelInterface) -> dict[str, str]:
+def _reference(interface: Interface) -> dict[str, str]:
     """Variables by value reference, as FMI 3.0 refers to them; elements by that of their array."""
     references = {variable.name: str(variable.reference) for variable in interface.variables}
-    for name, shape in interface.model.arrays.items():
+    for name, shape in interface.arrays.items():
         first, *others = element_names(name, shape)
         references |= dict.fromkeys(others, references[first])
     return references
 
 
-def _grouped(interface: ModelInterface) -> Iterator[tuple[Exposed, str | None]]:
+def _grouped(interface: Interface) -> Iterator[tuple[Exposed, str | None]]:
     """The scalar variables, and of each array its first element with the array's name."""
     for variable in interface.variables:
         found = element(variable.name)
@@ -249,9 +256,9 @@ def _grouped(interface: ModelInterface) -> Iterator[tuple[Exposed, str | None]]:
             yield variable, found and found[0]
 
 
-def _array(parent: ET.Element, interface: ModelInterface, name: str, of_first: Mapping[str, str]) -> None:
+def _array(parent: ET.Element, interface: Interface, name: str, of_first: Mapping[str, str]) -> None:
     """The variable of an array; `of_first` are the attributes that its first element would have."""
-    shape = interface.model.arrays[name]
+    shape = interface.arrays[name]
     starts = (interface.by_name[element_name].start or 0.0 for element_name in element_names(name, shape))
     attributes = {**of_first, "name": name, "start": " ".join(map(xml_number, starts))}
     entry = ET.SubElement(parent, "Float64", attributes)

@@ -25,7 +25,7 @@ LOG_CATEGORIES = {"logStatusError": "What went wrong", "logEvents": "What was re
 
 
 @dataclass(frozen=True)
-class _Capabilities:
+class Capabilities:
     """Flags by their names in one version of FMI."""
 
     common: dict[str, bool]
@@ -33,14 +33,14 @@ class _Capabilities:
     exchange: dict[str, bool]
 
 
-_CAPABILITIES = {
-    2: _Capabilities(
+CAPABILITIES = {
+    2: Capabilities(
         dict.fromkeys(("canGetAndSetFMUstate", "canSerializeFMUstate", "canNotUseMemoryManagementFunctions"), True)
         | {"needsExecutionTool": False},
         ("providesDirectionalDerivative",),
         {"completedIntegratorStepNotNeeded": False},
     ),
-    3: _Capabilities(
+    3: Capabilities(
         {"needsExecutionTool": False, "canGetAndSetFMUState": True, "canSerializeFMUState": True},
         ("providesDirectionalDerivatives", "providesAdjointDerivatives"),
         {"needsCompletedIntegratorStep": True},
@@ -74,18 +74,18 @@ def build(
     resources = {f"resources/{name}.csv": values.csv(table) for name, table in (tables or {}).items()}
     resources[defaults.RESOURCE] = defaults.dump(starts).encode()
     files = resources | {f"sources/{name}": text.encode() for name, text in code.sources.items()}
-    files |= _binaries(model, code, fmi, compiler.find(platforms))
+    files |= binaries(model.name, code, fmi, compiler.find(platforms))
     files["modelDescription.xml"] = _description(shown, f"{code.token}-{archive.digest(resources)[:16]}", fmi, code)
     files["documentation/index.html"] = documentation.page(shown)
     files[licenses.NAME] = licenses.native()
     if fmi == 3:
-        files["sources/buildDescription.xml"] = _build_description(model, code)
+        files["sources/buildDescription.xml"] = build_description(model.name, code)
     archive.write(path, files)
     return path
 
 
 @dataclass(frozen=True)
-class _Code:
+class Code:
     """C sources by file name, and the token that stands for them."""
 
     sources: Mapping[str, str]
@@ -97,7 +97,7 @@ class _Code:
 
 
 @cache
-def _code(model: Model, fmi: int) -> _Code:
+def _code(model: Model, fmi: int) -> Code:
     """Generated sources, runtime and FMI headers; what they are does not depend on parameters."""
     fixed = sources.fixed(fmi)
     require_agreement(model)
@@ -105,25 +105,25 @@ def _code(model: Model, fmi: int) -> _Code:
     generated = c_model.generate(shown, "")
     digest = archive.digest({name: text.encode() for name, text in (fixed | generated).items()})
     token = f"{model.name}-{digest[:32]}"
-    return _Code(fixed | generated | {"layout.h": c_model.layout(shown, token)}, token)
+    return Code(fixed | generated | {"layout.h": c_model.layout(shown, token)}, token)
 
 
-def _binaries(model: Model, code: _Code, fmi: int, platforms: Sequence[Platform]) -> dict[str, bytes]:
+def binaries(name: str, code: Code, fmi: int, platforms: Sequence[Platform]) -> dict[str, bytes]:
     """Libraries by archive name; FMI 2.0 has one folder for the two processors of macOS, so they share a file."""
     found: dict[str, dict[str, bytes]] = {}
     for target in platforms:
         folder = target.folder2 if fmi == 2 else target.name
-        path = f"binaries/{folder}/{model.name}{target.suffix}"
-        found.setdefault(path, {})[target.name] = compiler.compile_library(code.sources, model.name, target)
+        path = f"binaries/{folder}/{name}{target.suffix}"
+        found.setdefault(path, {})[target.name] = compiler.compile_library(code.sources, name, target)
     return {
         path: next(iter(parts.values())) if len(parts) == 1 else compiler.universal(parts)
         for path, parts in found.items()
     }
 
 
-def _description(shown: ModelInterface, token: str, fmi: int, code: _Code) -> bytes:
+def _description(shown: ModelInterface, token: str, fmi: int, code: Code) -> bytes:
     model = shown.model
-    flags = _CAPABILITIES[fmi]
+    flags = CAPABILITIES[fmi]
     exchangeable = interface.exchangeable(model)
     common = {**flags.common, **dict.fromkeys(flags.derivatives, exchangeable)}
     listed = code.units if fmi == 2 else []
@@ -135,10 +135,11 @@ def _description(shown: ModelInterface, token: str, fmi: int, code: _Code) -> by
     return (xml.fmi2 if fmi == 2 else xml.fmi3)(shown, token, offers, extras)
 
 
-def _build_description(model: Model, code: _Code) -> bytes:
+def build_description(name: str, code: Code) -> bytes:
+    """buildDescription.xml of FMI 3.0: how the sources of an FMU of this name are compiled."""
     root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
-    configuration = ET.SubElement(root, "BuildConfiguration", modelIdentifier=model.name)
+    configuration = ET.SubElement(root, "BuildConfiguration", modelIdentifier=name)
     files = ET.SubElement(configuration, "SourceFileSet", language="C99")
-    for name in code.units:
-        ET.SubElement(files, "SourceFile", name=name)
+    for file in code.units:
+        ET.SubElement(files, "SourceFile", name=file)
     return xml.document(root)

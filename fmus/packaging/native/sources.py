@@ -26,6 +26,6 @@ def fixed(fmi: int) -> dict[str, str]:
 
 @cache
 def _fixed(fmi: int) -> dict[str, str]:
-    runtime = {name: (_RUNTIME / name).read_text() for name in (*_COMMON, "model.h", *_ADAPTERS[fmi])}
+    runtime = {name: (_RUNTIME / name).read_text() for name in (*_COMMON, "model.h", "rules.c", *_ADAPTERS[fmi])}
     headers = package_folder("fmpy") / "c-code"
     return runtime | {name: (headers / name).read_text() for name in _HEADERS[fmi]}

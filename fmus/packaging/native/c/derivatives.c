@@ -215,6 +215,7 @@ Status instance_get_tangents(Instance *it, const unsigned references[], size_t c
     const Tangents *of = &it->tangents;
     double partials[N_OUTPUT_PARTIALS + 1];
     int evaluated = 0;
+    partials[N_OUTPUT_PARTIALS] = 0.0; /* compilers warn where it is the only one */
     for (size_t i = 0; i < count; i++) {
         const Role role = references[i] < N_VARIABLES ? model_variables[references[i]].role : TIME;
         if (!of->directions || role > OUTPUT)
@@ -234,6 +235,7 @@ void tangents_update(Instance *it, double t)
 {
     const Tangents *of = &it->tangents;
     double partials[N_UPDATE_PARTIALS + 1];
+    partials[N_UPDATE_PARTIALS] = 0.0;
     model_update_partials(t, it->now.values, it->tables, partials);
     propagate(of, model_update_places, N_UPDATE_PARTIALS, partials);
     for (int i = 0; i < N_STATES; i++)
@@ -257,6 +259,7 @@ void tangents_integrate(Instance *it, const double *constants, double t, double 
     const double *slopes = row(of->results, of, FIRST_RATE);
     double *v = it->now.values, *sum = of->work + size;
     double from[N_CONTINUOUS + 1], k[4][N_CONTINUOUS + 1], partials[N_RATE_PARTIALS + 1];
+    partials[N_RATE_PARTIALS] = 0.0;
     for (int i = 0; i < N_CONTINUOUS; i++) {
         from[i] = v[model_continuous[i]];
         memcpy(row(of->work, of, i), row(of->known, of, model_continuous[i]), of->width * sizeof *sum);

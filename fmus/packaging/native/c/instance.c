@@ -1,8 +1,6 @@
 #include "instance.h"
 
-#include <stdarg.h>
-#include <stdint.h>
-#include <stdio.h>
+#include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -13,83 +11,14 @@
 #define MOST_INNER_STEPS 1e15
 
 enum { OUTPUTS_VALID = 1, RATES_VALID = 2 };
-enum { LONGEST_MESSAGE = 600 };
-
-static void report(Instance *it, Status status, const char *category, const char *format, va_list arguments)
-{
-    char text[LONGEST_MESSAGE], message[LONGEST_MESSAGE + sizeof MODEL_NAME + 2];
-    vsnprintf(text, sizeof text, format, arguments);
-    snprintf(message, sizeof message, "%s: %s", MODEL_NAME, text);
-    it->report(it, status, category, message);
-}
-
-Status instance_error(Instance *it, const char *format, ...)
-{
-    va_list arguments;
-    va_start(arguments, format);
-    report(it, STATUS_ERROR, "logStatusError", format, arguments);
-    va_end(arguments);
-    return STATUS_ERROR;
-}
-
-/* An error after which the instance cannot go on. */
-static Status failure(Instance *it, const char *format, ...)
-{
-    va_list arguments;
-    va_start(arguments, format);
-    report(it, STATUS_ERROR, "logStatusError", format, arguments);
-    va_end(arguments);
-    it->now.mode = FAILED;
-    return STATUS_ERROR;
-}
-
-void instance_event(Instance *it, const char *format, ...)
-{
-    va_list arguments;
-    if (!it->logging)
-        return;
-    va_start(arguments, format);
-    report(it, STATUS_OK, "logEvents", format, arguments);
-    va_end(arguments);
-}
-
-Status instance_log(Instance *it, int on, size_t count, const char *const categories[])
-{
-    int events = count == 0;
-    for (size_t i = 0; i < count; i++) {
-        const char *name = categories && categories[i] ? categories[i] : "";
-        if (strcmp(name, "logEvents") == 0)
-            events = 1;
-        else if (strcmp(name, "logStatusError") != 0)
-            return instance_error(it, "has no log category '%.60s'", name);
-    }
-    it->logging = on && events;
-    return STATUS_OK;
-}
-
-int instance_allows(Instance *it, int modes, const char *function)
-{
-    static const char *const names[] = {"instantiated", "initialization", "event", "continuous-time",
-                                        "step",         "terminated",     "failed"};
-    int number = 0;
-    if (it->now.mode & modes)
-        return 1;
-    while (it->now.mode >> (number + 1))
-        number++;
-    instance_error(it, "%s may not be called in %s mode", function, names[number]);
-    return 0;
-}
 
 /* Life cycle */
 
 Status instance_open(Instance *it, const char *token, const char *resources)
 {
     Problem problem;
-    /* What follows in the token says which defaults were built in; a write-back replaces those. */
-    if (!token || strncmp(token, MODEL_TOKEN, strlen(MODEL_TOKEN)) != 0)
-        return instance_error(it, "the GUID or instantiation token '%.100s' is that of another FMU", token ? token : "");
-    if (!resources)
-        return instance_error(it, "the importer names no folder of resources");
+    if (!instance_belongs(it, token, resources))
+        return STATUS_ERROR;
     for (int i = 0; i < N_VARIABLES; i++)
         it->defaults[i] = model_variables[i].start;
     if (read_defaults(resources, it->defaults, &problem) || read_tables(resources, it->tables, &problem))
@@ -134,14 +63,6 @@ Status instance_begin(Instance *it, double time)
 
 /* Values */
 
-static const Variable *find(Instance *it, unsigned reference, int types)
-{
-    if (reference < N_VARIABLES && (model_variables[reference].type & types))
-        return &model_variables[reference];
-    instance_error(it, "value reference %u is no variable of this type", reference);
-    return NULL;
-}
-
 static void evaluate_outputs(Instance *it)
 {
     Snapshot *s = &it->now;
@@ -164,7 +85,7 @@ static void evaluate_rates(Instance *it)
 
 Status instance_get(Instance *it, unsigned reference, int types, double *value)
 {
-    const Variable *variable = find(it, reference, types);
+    const Variable *variable = instance_find(it, reference, types);
     if (!variable)
         return STATUS_ERROR;
     if (variable->role == OUTPUT)
@@ -183,22 +104,12 @@ static void follow(Instance *it, int parameter)
             it->now.values[model_states[i].value] = it->now.values[parameter];
 }
 
-/* Why a variable cannot be set now, NULL when it can. */
-static const char *obstacle(const Instance *it, const Variable *variable)
-{
-    if (variable->role == INPUT || variable->role == TUNABLE || (variable->role == STATE && it->model_exchange))
-        return NULL;
-    if (variable->role != PARAMETER)
-        return "is computed and cannot be set";
-    return it->now.mode & (INSTANTIATED | INITIALIZATION) ? NULL : "is fixed once the initialisation is over";
-}
-
 Status instance_set(Instance *it, unsigned reference, int types, double value)
 {
-    const Variable *variable = find(it, reference, types);
+    const Variable *variable = instance_find(it, reference, types);
     if (!variable)
         return STATUS_ERROR;
-    const char *problem = obstacle(it, variable);
+    const char *problem = instance_obstacle(it, variable);
     if (problem)
         return instance_error(it, "'%s' %s", variable->name, problem);
     it->now.values[reference] = value;
@@ -213,7 +124,7 @@ Status instance_set(Instance *it, unsigned reference, int types, double value)
 static Status check_requirements(Instance *it, double time)
 {
     const char *refusal = model_refusal(time, it->now.values, it->tables);
-    return refusal ? failure(it, "%s", refusal) : STATUS_OK;
+    return refusal ? instance_fail(it, "%s", refusal) : STATUS_OK;
 }
 
 static Status prepare(Instance *it, double time)
@@ -223,7 +134,7 @@ static Status prepare(Instance *it, double time)
         return STATUS_ERROR;
     s->longest = N_CONTINUOUS ? model_solver_step(s->values, it->tables) : INFINITY;
     if (!(s->longest > 0))
-        return failure(it, "the solver's step would be %g s", s->longest);
+        return instance_fail(it, "the solver's step would be %g s", s->longest);
     if (N_CONTINUOUS)
         instance_event(it, "inner steps are at most %g s long", s->longest);
     s->stepped = 1;
@@ -258,7 +169,7 @@ static Status integrate(Instance *it, double time, double duration)
     const double count = maximum(1.0, ceil(duration / it->now.longest - 1e-9));
     const double inner = duration / count;
     if (!(count <= MOST_INNER_STEPS))
-        return failure(it, "a step of %g s needs %g inner steps", duration, count);
+        return instance_fail(it, "a step of %g s needs %g inner steps", duration, count);
     double constants[N_CONSTANTS + 1];
     model_constants(it->now.values, constants);
     for (double i = 0; i < count; i++) {
@@ -276,7 +187,7 @@ Status instance_check_states(Instance *it)
         const int reference = model_states[i].value;
         const double value = it->now.values[reference];
         if (!isfinite(value))
-            return failure(it, "state '%s' is %s at t = %g s", model_variables[reference].name,
+            return instance_fail(it, "state '%s' is %s at t = %g s", model_variables[reference].name,
                            isnan(value) ? "nan" : value > 0 ? "inf" : "-inf", it->now.time);
     }
     return STATUS_OK;
@@ -296,7 +207,7 @@ Status instance_step(Instance *it, double time, double duration)
         const double period = s->values[SAMPLE_TIME];
         double due;
         if (!(period > 0))
-            return failure(it, "'%s' is %g s", model_variables[SAMPLE_TIME].name, period);
+            return instance_fail(it, "'%s' is %g s", model_variables[SAMPLE_TIME].name, period);
         while ((due = s->start + s->samples * period) < end - EARLY * period) {
             if (due > now) {
                 if (integrate(it, now, due - now))
@@ -391,14 +302,9 @@ typedef struct {
     Snapshot snapshot;
 } Serialized;
 
-/* FNV-1a of the bytes behind the checksum. */
 static uint64_t checksum_of(const Serialized *whole)
 {
-    const unsigned char *bytes = (const unsigned char *)whole;
-    uint64_t hash = UINT64_C(14695981039346656037);
-    for (size_t i = sizeof whole->checksum; i < sizeof *whole; i++)
-        hash = (hash ^ bytes[i]) * UINT64_C(1099511628211);
-    return hash;
+    return instance_checksum(whole->token, sizeof *whole - offsetof(Serialized, token));
 }
 
 static Status keep(Instance *it, const Snapshot *snapshot, void **state)

@@ -7,6 +7,9 @@
 #ifndef INSTANCE_H
 #define INSTANCE_H
 
+#include <stddef.h>
+#include <stdint.h>
+
 #include "model.h"
 
 /* As in both versions of FMI. */
@@ -53,12 +56,16 @@ struct Instance {
     Report *report;
     int logging;        /* whether to report events; errors always are */
     int model_exchange; /* whether the importer integrates; then it may set states */
+    void *parts;        /* of a fused system, see part.h */
 };
 
 /* Read defaults and tables and put the instance at its start; close it whatever comes back. */
 Status instance_open(Instance *it, const char *token, const char *resources);
 void instance_close(Instance *it);
 void instance_reset(Instance *it);
+
+/* Whether the token and the resources are those of this FMU; if not, an error is reported. */
+int instance_belongs(Instance *it, const char *token, const char *resources);
 
 /* Whether the mode is among `modes`; if not, an error is reported. */
 int instance_allows(Instance *it, int modes, const char *function);
@@ -67,11 +74,20 @@ int instance_allows(Instance *it, int modes, const char *function);
 Status instance_error(Instance *it, const char *format, ...);
 void instance_event(Instance *it, const char *format, ...);
 
+/* Report an error after which the instance cannot go on. */
+Status instance_fail(Instance *it, const char *format, ...);
+
 /* Switch the report of events; `categories` restrict it, none means all. Unknown ones are an error. */
 Status instance_log(Instance *it, int on, size_t count, const char *const categories[]);
 
 /* Put the states at their start values. */
 Status instance_begin(Instance *it, double time);
+
+/* The variable of this reference where its type is one of the `types` (a mask); NULL, and an error, where not. */
+const Variable *instance_find(Instance *it, unsigned reference, int types);
+
+/* Why a variable cannot be set now, NULL when it can. */
+const char *instance_obstacle(const Instance *it, const Variable *variable);
 
 /* A variable of one of the `types` (a mask). */
 Status instance_get(Instance *it, unsigned reference, int types, double *value);
@@ -93,6 +109,7 @@ Status instance_check_states(Instance *it);
 Status instance_save(Instance *it, void **state);
 Status instance_restore(Instance *it, const void *state);
 size_t instance_serialized_size(void);
+uint64_t instance_checksum(const void *bytes, size_t size); /* FNV-1a */
 Status instance_serialize(Instance *it, const void *state, void *bytes, size_t size);
 Status instance_deserialize(Instance *it, const void *bytes, size_t size, void **state);
 

@@ -1,0 +1,1 @@
+"""A wired system of models as one native FMU."""

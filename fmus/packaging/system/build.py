@@ -1,0 +1,75 @@
+"""A system's FMU: the generated C of its models and of their wiring in one library, for co-simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from fmus.modelling.agreement import require_agreement
+from fmus.packaging import archive, defaults, licenses, values
+from fmus.packaging.description import xml
+from fmus.packaging.description.xml import Extras, Offer
+from fmus.packaging.native import compiler
+from fmus.packaging.native.build import CAPABILITIES, LOG_CATEGORIES, Code, binaries, build_description
+from fmus.packaging.system import c_system, manifest, page
+from fmus.packaging.system.fused import FusedSystem
+from fmus.packaging.system.interface import SystemInterface, shown
+
+
+def build(system: FusedSystem, path: Path, fmi: int = 2, platforms: Sequence[str] = ("host",)) -> Path:
+    """Write the FMU of a system; the path comes back.
+
+    Args:
+        fmi: 2 or 3.
+        platforms: names of `compiler.PLATFORMS`, "host" or "all".
+
+    Raises:
+        ModelError: a part's values do not fit its model, a model that cannot be turned into C, no compiler, or one
+            that failed.
+    """
+    interface = shown(system)
+    code = _code(interface, fmi)
+    resources = {
+        f"resources/{name}/{table}.csv": values.csv(samples)
+        for name, part in system.parts.items()
+        for table, samples in part.tables.items()
+    }
+    resources[defaults.RESOURCE] = defaults.dump(_starts(interface)).encode()
+    files = resources | {f"sources/{name}": text.encode() for name, text in code.sources.items()}
+    files |= binaries(system.name, code, fmi, compiler.find(platforms))
+    files["modelDescription.xml"] = _description(interface, f"{code.token}-{archive.digest(resources)[:16]}", fmi, code)
+    files["documentation/index.html"] = page.page(interface)
+    files[licenses.NAME] = licenses.native()
+    files[manifest.NAME] = manifest.written(system)
+    if fmi == 3:
+        files["sources/buildDescription.xml"] = build_description(system.name, code)
+    archive.write(path, files)
+    return path
+
+
+def _code(interface: SystemInterface, fmi: int) -> Code:
+    for model in {one.model: None for one in interface.models.values()}:
+        require_agreement(model)
+    sources = c_system.generate(interface, fmi)
+    digest = archive.digest({name: text.encode() for name, text in sources.items()})
+    token = f"{interface.name}-{digest[:32]}"
+    return Code(sources | {"layout.h": c_system.layout(interface, token)}, token)
+
+
+def _starts(interface: SystemInterface) -> dict[str, float]:
+    """What the FMU has as defaults: all inputs that nothing drives and all parameters, seen or not."""
+    return {
+        variable.name: variable.start
+        for own in interface.inside.values()
+        for variable in own
+        if variable.causality in ("input", "parameter") and variable.name not in interface.sources
+        if variable.start is not None
+    }
+
+
+def _description(interface: SystemInterface, token: str, fmi: int, code: Code) -> bytes:
+    system, flags = interface.system, CAPABILITIES[fmi]
+    able = {**flags.common, **dict.fromkeys(flags.derivatives, False), "canHandleVariableCommunicationStepSize": True}
+    offers = [Offer("CoSimulation", interface.name, able, code.units if fmi == 2 else [])]
+    extras = Extras(LOG_CATEGORIES, float(system.step), float(system.start), float(system.stop))
+    return (xml.fmi2 if fmi == 2 else xml.fmi3)(interface, token, offers, extras)

@@ -1,0 +1,26 @@
+/* A model as a part of a fused system: an instance of its own, behind functions that know its sizes.
+ *
+ * Each model of a system is one translation unit: its equations and the runtime of instance.h, under names of its own.
+ */
+#ifndef PART_H
+#define PART_H
+
+#include "instance.h"
+
+/* What a part has to say; `owner` is the system's instance, `number` the part's place in it. */
+typedef void PartReport(void *owner, int number, Status status, const char *category, const char *message);
+
+typedef struct {
+    size_t size; /* of what changes while running [bytes] */
+    void *(*open)(void *owner, int number, PartReport *report, const char *tables);
+    void (*close)(void *part);
+    void (*reset)(void *part);
+    Status (*begin)(void *part, double time);
+    Status (*set)(void *part, unsigned reference, double value);
+    Status (*step)(void *part, double time, double duration); /* the outputs are evaluated at its end */
+    void (*evaluate)(void *part);                             /* the outputs at its present time */
+    double *(*values)(void *part);                            /* by the model's value references */
+    void *(*snapshot)(void *part);                            /* of `size` bytes */
+} PartModel;
+
+#endif

@@ -1,0 +1,31 @@
+/* A fused system: parts in the order in which they are stepped, and how values pass between them.
+ *
+ * All values of the system lie in one array `v`, by value reference: for each part its inputs, parameters and outputs,
+ * one after the other as the part's model has them. What an output holds there is what others see of it; the
+ * specification is orchestrator/engine/loop.py.
+ */
+#ifndef SYSTEM_H
+#define SYSTEM_H
+
+#include "part.h"
+
+typedef struct {
+    const char *name;
+    const PartModel *model;
+    int first, count; /* its value references */
+    int every;        /* its communication step [base steps] */
+    double duration;  /* the same [s] */
+    int instant;      /* whether its outputs hold at once, and not from the end of its step on */
+    void (*take)(const double *v, double *values);   /* its inputs from the system */
+    double (*give)(const double *values, double *v); /* its outputs to the system; their sum comes back */
+} Part;
+
+/* The time of base step k is (first + k step) / denominator [s]; all are whole numbers. */
+typedef struct {
+    double first, step, denominator;
+} Clock;
+
+extern const Part system_parts[N_PARTS];
+extern const Clock system_clock;
+
+#endif

@@ -1,0 +1,63 @@
+"""A system that becomes one FMU, in plain values: its models, how they are wired, and how they are stepped."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+
+from fmus.modelling.model import Model, Number, Table
+
+
+@dataclass(frozen=True)
+class Part:
+    """A model in a system.
+
+    Attributes:
+        values: of inputs and parameters, in place of the model's own.
+        every: its communication step [base steps].
+        instant: whether its outputs hold at once, and not from the end of its step on.
+    """
+
+    model: Model
+    values: Mapping[str, Number]
+    tables: Mapping[str, Table]
+    every: int
+    instant: bool
+
+
+@dataclass(frozen=True)
+class Wire:
+    """target = factor * source + offset; both ends are part.variable."""
+
+    source: str
+    target: str
+    factor: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class FusedSystem:
+    """Models wired to a system, and what its FMU shows of them.
+
+    Attributes:
+        name: an identifier of C; the FMU's model name.
+        parts: in the order in which they are stepped, without circles of direct feed-through.
+        base: the step of which all others are multiples [s].
+        start, stop, step: of the default experiment [s].
+        outputs: part.variable of the outputs and states that are shown.
+        parameters: part.parameter of those that are shown; the others keep their values.
+        finite: whether an output that is not finite ends a run.
+    """
+
+    name: str
+    description: str
+    parts: Mapping[str, Part]
+    wires: tuple[Wire, ...]
+    base: Fraction
+    start: Fraction
+    stop: Fraction
+    step: Fraction
+    outputs: tuple[str, ...]
+    parameters: tuple[str, ...]
+    finite: bool = True

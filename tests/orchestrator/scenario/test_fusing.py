@@ -1,0 +1,192 @@
+"""A wired system as one FMU: the same trajectory to the last bit, in other tools too, and nothing fused by half."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fmpy.fmi1 import FMICallException
+from typer.testing import CliRunner
+
+from fmus.errors import FmuFileError
+from fmus.packaging import archive
+from fmus.packaging.native import compiler
+from fmus.packaging.system import manifest
+from fmus.parameters.write_back import write_back
+from identification.cli import app
+from orchestrator.ssp.tree import tree
+from tests.support.fmus.either import Either, opened
+from tests.support.simulation.fused import Wired, fused, many_rates, stepped, wired
+
+pytestmark = [
+    pytest.mark.slow,  # compilers
+    pytest.mark.skipif(not compiler.available(), reason="no C compiler here"),
+]
+SCENARIOS = Path(__file__).parents[3] / "scenarios"
+SHIPPED = {"butterfly/energy_control": 2.0, "flexible_arm/closed_loop": 1.0, "flexible_arm/control/payload": 1.0}
+
+
+def assert_equal(path: Path, expected: Wired) -> None:
+    found = stepped(path, expected)
+    for number, (name, values) in enumerate(expected.outputs.items()):
+        assert np.array_equal(found[:, number], values), name
+        assert np.isfinite(values).all()
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+@pytest.mark.parametrize("name", SHIPPED)
+def test_a_shipped_system_moves_in_its_fmu_as_it_does_wired(tmp_path: Path, name: str, fmi: int) -> None:
+    file = SCENARIOS / f"{name}.yaml"
+    expected = wired(file, SHIPPED[name])
+    assert any(np.ptp(values) > 0.1 for values in expected.outputs.values())
+    assert_equal(fused(file, tmp_path, fmi), expected)
+
+
+@pytest.mark.parametrize("order", ["gauss-seidel", "jacobi"])
+def test_rates_delays_units_and_arrays_are_those_of_the_wired_system(tmp_path: Path, order: str) -> None:
+    file = many_rates(tmp_path, ("{stop: 1.2, step: 0.002}", f"{{stop: 1.2, step: 0.002, order: {order}}}"))
+    expected = wired(file, 1.2)
+    assert expected.outputs["meter.warm"][-1] == pytest.approx(26.85 - 0.5)
+    assert_equal(fused(file, tmp_path), expected)
+
+
+def test_a_step_of_many_base_steps_ends_where_single_ones_do_and_others_are_refused(tmp_path: Path) -> None:
+    file = many_rates(tmp_path)
+    expected = wired(file, 1.2)
+    path, log = fused(file, tmp_path), list[tuple[int, str, str]]()
+    found = stepped(path, expected, every=4)
+    assert np.array_equal(found, np.column_stack([*expected.outputs.values()])[::4])
+    with opened(path, log=log) as fmu:
+        fmu.start()
+        for time, duration, problem in (
+            (0.0, 0.0015, "a step of 0.0015 s is no multiple of the system's base step of 0.001 s"),
+            (0.5, 0.001, "cannot step from 0.5 s: it is at 0 s"),
+        ):
+            with pytest.raises(FMICallException):
+                fmu.step(time, duration)
+            assert problem in log[-1][2]
+        for k in range(8):  # what was refused has moved nothing
+            fmu.step(k * 0.001, 0.001)
+        assert fmu.get(*expected.outputs) == found[1].tolist()
+
+
+def test_states_resets_and_other_instances_leave_each_other_alone(tmp_path: Path) -> None:
+    path = fused(many_rates(tmp_path), tmp_path)
+    with opened(path) as fmu, opened(path) as other:
+        names = [name for name, variable in fmu.variables.items() if variable.causality == "output"]
+
+        def run(of: Either, first: int, last: int) -> list[float]:
+            for k in range(first, last):
+                of.step(k * 0.001, 0.001)
+            return of.get(*names)
+
+        fmu.start(**{"hand.angle_start": 0.7})
+        run(fmu, 0, 50)
+        state = fmu.save()
+        later = run(fmu, 50, 200)
+        kept = fmu.serialize(state)
+        other.start()
+        assert run(other, 0, 200) != later
+        fmu.restore(state)
+        assert run(fmu, 50, 200) == later
+        moved = other.deserialize(kept)
+        other.restore(moved)
+        assert run(other, 50, 200) == later
+        with pytest.raises(FMICallException):
+            other.deserialize(kept[:-9] + bytes([kept[-9] ^ 1]) + kept[-8:])
+        fmu.drop(state)
+        other.drop(moved)
+        fmu.fmu.reset()
+        fmu.start(**{"hand.angle_start": 0.7})
+        assert run(fmu, 0, 200) == later
+
+
+def test_only_what_is_exposed_is_shown_and_the_rest_keeps_the_scenarios_values(tmp_path: Path) -> None:
+    file = many_rates(tmp_path)
+    path = fused(file, tmp_path, expose=["hand.*_start", "filter.A", "controller.k?"])
+    with opened(path) as fmu:
+        shown = [name for name, variable in fmu.variables.items() if variable.causality == "parameter"]
+    assert shown == [
+        "controller.kp",
+        "controller.kd",
+        *(f"filter.A[{row},{column}]" for row in (1, 2) for column in (1, 2)),
+        "hand.angle_start",
+        "hand.speed_start",
+    ]
+    assert_equal(path, wired(file, 0.3))
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_values_are_written_back_into_parts_and_only_where_they_are_shown(tmp_path: Path, fmi: int) -> None:
+    path = fused(many_rates(tmp_path), tmp_path, fmi, ["filter.A", "hand.angle_start"])
+    values = {"filter.A[1,2]": 0.25, "hand.angle_start": -0.6}
+    write_back(path, values, tmp_path / "new.fmu")
+    with opened(path) as old, opened(tmp_path / "new.fmu") as new:
+        old.start(**values)
+        new.start()
+        assert new.get(*values) == [*values.values()]
+        for fmu in (old, new):
+            fmu.step(0.0, 0.5)
+        assert old.get("hand.angle", "filter.y") == new.get("hand.angle", "filter.y")
+    with pytest.raises(FmuFileError, match=r"hand\.inertia: no such variable"):
+        write_back(path, {"hand.inertia": 0.1}, tmp_path / "other.fmu")
+
+
+def test_arrays_of_a_part_are_arrays_in_fmi_3(tmp_path: Path) -> None:
+    path = fused(many_rates(tmp_path), tmp_path, fmi=3)
+    with opened(path) as fmu:
+        fmu.start(**{"filter.A[1,2]": 0.25})
+        assert fmu.get("filter.A[1,1]", "filter.A[1,2]", "filter.A[2,1]") == [0.9, 0.25, -0.1]
+
+
+REFUSED = [
+    (("model: servo_drive", "model: servo_drives"), "is not in the library"),
+    (("hand.angle -> filter.u", "hand.angl -> filter.u"), "did you mean 'angle'?"),
+    (("run: {", "can: {database: a.dbc, frames: {}}\nrun: {"), "can"),
+    (("{model: servo_drive, step: 0.002}", "{fmu: drive.fmu}"), "only models can be fused"),
+    (("step: 0.012,", "step: 0.012, solver: {method: cvode},"), "solvers cannot be fused"),
+    (("angle_start: 12 deg", "angle_start: 12 s"), "angle_start"),
+]
+
+
+@pytest.mark.parametrize(("change", "problem"), REFUSED)
+def test_what_cannot_be_fused_is_refused_and_nothing_written(
+    tmp_path: Path, change: tuple[str, str], problem: str
+) -> None:
+    file = many_rates(tmp_path, change)
+    done = CliRunner().invoke(app, ["build", "--system", str(file), "--out", str(tmp_path / "out")])
+    assert done.exit_code == 2 and problem in done.stderr and done.stderr.count("\n") == 1, done.output
+    assert not (tmp_path / "out").exists()
+
+
+def test_options_that_do_not_go_together_are_refused(tmp_path: Path) -> None:
+    file = str(many_rates(tmp_path))
+    for arguments, problem in (
+        (["pendulum", "--system", file], "--system: does not go with pendulum"),
+        (["--system", file, "--target", "python"], "--system: does not go with --target python"),
+        (["--system", file, "--from-sources"], "--system: does not go with --from-sources"),
+        (["--system", file, "--fmi", "1"], "--fmi: FMI 1 is not offered"),
+        (["--expose", "hand.inertia"], "--expose: says what the FMU of a system shows"),
+        (["--system", file, "--expose", "hand.inertai"], "did you mean 'hand.inertia'?"),
+    ):
+        done = CliRunner().invoke(app, ["build", *arguments, "--out", str(tmp_path / "out")])
+        assert done.exit_code == 2 and problem in done.stderr, done.output
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_tree_of_a_fused_fmu_shows_its_models_their_steps_and_the_wires(tmp_path: Path) -> None:
+    path = fused(many_rates(tmp_path), tmp_path)
+    lines = list(tree(path).lines())
+    assert lines[0] == f"{path}: many_rates, FMI 2.0, base step 0.001 s"
+    assert "  hand: pendulum, every 0.003 s, outputs hold from the end of its step" in lines
+    assert "  drive: servo_drive, every 0.002 s, outputs hold at once" in lines
+    assert "  hand.angle -> controller.position: 1.25 * value + 0.05" in lines
+    assert "  controller.voltage -> drive.voltage" in lines
+
+
+@pytest.mark.parametrize("content", [b"{", b"[]", b'{"name": 1}', b'{"name":"a","title":"b","base_step":1e999}'])
+def test_a_damaged_manifest_is_refused_by_name(tmp_path: Path, content: bytes) -> None:
+    archive.write(tmp_path / "a.fmu", {manifest.NAME: content})
+    with pytest.raises(FmuFileError, match=r"a\.fmu: extra/org\.servotwin/system\.json: is damaged"):
+        tree(tmp_path / "a.fmu")
