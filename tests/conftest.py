@@ -42,8 +42,9 @@ def pytest_configure(config: pytest.Config) -> None:
     """Let signals end in the processes of pytest-xdist too: they begin with some ignored, and so would theirs.
 
     All processes of one session share a cache of built FMUs. It begins empty, unless SERVOTWIN_CACHE names one to be
-    used again: what is built anew is tested then.
+    used again: what is built anew is tested then. The many commands that are run find the project compiled.
     """
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.default_int_handler)
         for number in (signal.SIGHUP, signal.SIGQUIT):  # ignored where a shell has started the tests in the background
