@@ -1,14 +1,18 @@
 """One running instance of a model in plain Python: the specification of how a model is initialised and stepped.
 
-Inputs are held over a step. Sampled states change at start + k sample_time, at the beginning of the step that reaches
-that instant, with the inputs of that instant; continuous states are integrated by the classical Runge-Kutta method
-(order 4) with equal inner steps no longer than the model's `solver_step`. The file travels inside every Python FMU.
+Inputs are held over a step; those that act late (`late.py`) show in outputs as they acted over it, and once an input is
+set, as they will over another step as long. Sampled states change at start + k sample_time, at the beginning of the
+step that reaches that instant, with the inputs of that instant; continuous states are integrated by the classical
+Runge-Kutta method (order 4) with equal inner steps no longer than the model's `solver_step`. The file travels
+inside every Python FMU.
 """
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
-from .model import Model, Table, assign, namespace, start_values
+from .late import LONGEST, History, Row, acting
+from .model import Delay, Model, Table, assign, namespace, start_values
 
 EARLY = 1e-6  # of a sample period: how far rounding may put a step's end before or after a sampling instant
 
@@ -34,6 +38,8 @@ class Instance:
         for name in model.tables:
             setattr(self.p, name, (tables or {}).get(name) or Table(name))
         self.x = namespace({})
+        self._late = [(delay, History()) for delay in model.delays]
+        self._acting = SimpleNamespace(**self.u.__dict__) if model.delays else self.u
         self._continuous = [state.name for state in model.continuous]
         self._results: dict[str, float] | None = None
         self.begin(0.0)
@@ -43,6 +49,9 @@ class Instance:
         self.time = self.start = time
         self.samples = 0
         self.stepped = False
+        self.duration, self._touched = 0.0, True
+        for _, history in self._late:
+            history.rows.clear()
         for state in self.model.states:
             start = getattr(self.p, state.start) if isinstance(state.start, str) else state.start
             setattr(self.x, state.name, float(start))
@@ -56,7 +65,7 @@ class Instance:
         """
         if name in self.u.__dict__:
             setattr(self.u, name, value)
-            self._results = None
+            self._results, self._touched = None, True
             return
         if name not in self.p.__dict__ or name in self.model.tables or name in self.model.arrays:
             raise KeyError(f"{self.model.name} has no input or parameter '{name}'")
@@ -78,7 +87,9 @@ class Instance:
                 return value
         if self._results is None:
             outputs = self.model.outputs
-            self._results = dict(outputs(self.time, self.x, self.u, self.p)) if outputs else {}
+            if self._late and self._touched:
+                self._foresee()
+            self._results = dict(outputs(self.time, self.x, self._acting, self.p)) if outputs else {}
         return self._results[name]
 
     def step(self, time: float, duration: float) -> None:
@@ -90,6 +101,8 @@ class Instance:
         if not self.stepped:
             self._prepare(time)
         self._results = None
+        if self._late:
+            self._arrive(time, duration)
         end = time + duration
         now = time
         if self.model.update and self.model.sample_time:
@@ -98,7 +111,7 @@ class Instance:
                 if due > now:
                     self._integrate(now, due - now)
                     now = due
-                self.x.__dict__.update(self.model.update(due, self.x, self.u, self.p))
+                self.x.__dict__.update(self.model.update(due, self.x, self._acting, self.p))
                 self.samples += 1
         self._integrate(now, end - now)
         self.time = end
@@ -113,6 +126,9 @@ class Instance:
             "start": self.start,
             "samples": self.samples,
             "stepped": self.stepped,
+            "late": [history.snapshot() for _, history in self._late],
+            "duration": self.duration,
+            "touched": self._touched,
             "p": {v.name: getattr(self.p, v.name) for v in self.model.of("parameter")},
         }
 
@@ -124,7 +140,33 @@ class Instance:
         self.time, self.start = state["time"], state["start"]
         self.samples, self.stepped = state["samples"], state["stepped"]
         self._results = None
+        self.duration, self._touched = state["duration"], state["touched"]
+        for (delay, history), kept in zip(self._late, state["late"], strict=True):
+            history.restore(kept)
+            setattr(self._acting, delay.input, history.acts)
         self._choose_step()
+
+    def _arrive(self, time: float, duration: float) -> None:
+        """Have act over this step what reaches the model in it."""
+        self._acting.__dict__.update(self.u.__dict__)
+        for delay, history in self._late:
+            if not history.push(time, getattr(self.u, delay.input), getattr(self.p, delay.seconds)):
+                raise StepError(f"'{delay.input}' is later than {LONGEST} steps")
+            history.acts = self._over(delay, history.rows, time, duration)
+            setattr(self._acting, delay.input, history.acts)
+        self.duration, self._touched = duration, False
+
+    def _foresee(self) -> None:
+        """Have act what would over another step as long."""
+        self._acting.__dict__.update(self.u.__dict__)
+        for delay, history in self._late:
+            rows = history.with_last(self.time, getattr(self.u, delay.input))
+            setattr(self._acting, delay.input, self._over(delay, rows, self.time, self.duration))
+
+    def _over(self, delay: Delay, rows: list[Row], time: float, duration: float) -> float:
+        """What of an input acts over a step."""
+        begins, p = time - getattr(self.p, delay.seconds), self.p
+        return acting(rows, begins, begins + duration, getattr(p, delay.before), getattr(p, delay.shape) > 1.5)
 
     def _prepare(self, time: float) -> None:
         for requirement in self.model.requirements:
@@ -145,7 +187,7 @@ class Instance:
             self._runge_kutta(time + i * inner, inner)
 
     def _runge_kutta(self, t: float, h: float) -> None:
-        f, x, u, p = self.model.derivatives, self.x, self.u, self.p
+        f, x, u, p = self.model.derivatives, self.x, self._acting, self.p
         assert f is not None
         values = x.__dict__
         base = [(name, values[name]) for name in self._continuous]

@@ -73,6 +73,26 @@ class State:
 
 
 @dataclass(frozen=True)
+class Delay:
+    """An input that acts later than it is set.
+
+    Over a step the model has the mean of what it was that much earlier, each value held until the next. Smooth, it is
+    the curve through its values, as it was that long before the step's end.
+
+    Attributes:
+        input: name of the input; the parameters are
+        seconds: how much later it acts [s],
+        before: what it was before the first step, over what it is then,
+        shape: an integer, 1 where it is held and 2 where it is smooth.
+    """
+
+    input: str
+    seconds: str
+    before: str
+    shape: str
+
+
+@dataclass(frozen=True)
 class Requirement:
     """A condition on (t, x, u, p) that must hold when the first step begins, and the reason given when it does not."""
 
@@ -123,6 +143,7 @@ class Model:
         plant: whether the outputs of a sampled model show what an input did at the next sampling instant, as those of a
             plant; they show it at once, as those of a controller, otherwise.
         call: the expression that gives this model in the file of its functions.
+        delays: the inputs that act late.
         sized: (array -> shape) -> this model with arrays of these shapes; None where they have one size only.
         arrays: name -> shape of each array among the parameters.
     """
@@ -141,6 +162,7 @@ class Model:
     references: tuple[str, ...] = ()
     plant: bool = False
     call: str = "MODEL"
+    delays: tuple[Delay, ...] = ()
     sized: Callable[[Mapping[str, tuple[int, ...]]], Model] | None = field(default=None, repr=False, compare=False)
     by_name: Mapping[str, Variable] = field(init=False, repr=False, compare=False)
     arrays: Mapping[str, tuple[int, ...]] = field(init=False, repr=False, compare=False)
@@ -182,6 +204,7 @@ def _problems(model: Model) -> Iterator[str]:
     for variable in model.variables:
         yield from _problems_of_values(variable)
     yield from _problems_of_tunables(model)
+    yield from _problems_of_delays(model)
     if model.sampled and model.sample_time not in parameters:
         yield f"sampled states need a sample period, and '{model.sample_time}' is no parameter"
     if model.continuous and model.solver_step is None:
@@ -191,9 +214,24 @@ def _problems(model: Model) -> Iterator[str]:
 def _problems_of_tunables(model: Model) -> Iterator[str]:
     """Parameters that may not change between two steps although they are to."""
     used = {model.sample_time, *(state.start for state in model.states)}
+    used |= {name for delay in model.delays for name in (delay.seconds, delay.before, delay.shape)}
     for variable in model.variables:
         if variable.tunable and (variable.causality != "parameter" or variable.name in used or model.continuous):
             yield f"'{variable.name}' cannot be tunable: states, samples or the solver's steps depend on it"
+
+
+def _problems_of_delays(model: Model) -> Iterator[str]:
+    """Delays of what is no real input, by what is no parameter of its kind."""
+    kinds = {variable.name: (variable.causality, variable.type) for variable in model.variables}
+    for delay in model.delays:
+        wanted = {delay.input: ("input", "Real"), delay.seconds: ("parameter", "Real")}
+        wanted |= {delay.before: ("parameter", "Real"), delay.shape: ("parameter", "Integer")}
+        for name, (causality, kind) in wanted.items():
+            if kinds.get(name) != (causality, kind):
+                yield f"a delay needs '{name}' to be {'an' if causality == 'input' else 'a'} {causality} of type {kind}"
+        seconds = model.by_name.get(delay.seconds)
+        if seconds is not None and (seconds.minimum is None or seconds.minimum < 0):
+            yield f"'{delay.seconds}' needs a minimum of 0: nothing acts before it is set"
 
 
 def _problems_of_values(variable: Variable) -> Iterator[str]:

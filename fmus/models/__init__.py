@@ -7,9 +7,10 @@ A model file begins with `from . import Model, State, input_, ops, output, param
 import sys
 
 from ..modelling import control, feedback, friction, model, ops
-from ..modelling.model import Model, Requirement, State, Table, array, input_, output, parameter
+from ..modelling.model import Delay, Model, Requirement, State, Table, array, input_, output, parameter
 
 __all__ = [
+    "Delay",
     "Model",
     "Requirement",
     "State",

@@ -13,9 +13,9 @@ from dataclasses import fields
 from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
 from typing import Any
 
-from fmus.modelling.model import Model, Requirement, State, Variable
+from fmus.modelling.model import Delay, Model, Requirement, State, Variable
 
-_PLAIN = (type(None), bool, int, float, complex, str, bytes, type(...), Variable, State)
+_PLAIN = (type(None), bool, int, float, complex, str, bytes, type(...), Variable, State, Delay)
 
 
 class NoFingerprintError(Exception):

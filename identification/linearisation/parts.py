@@ -83,6 +83,7 @@ def _stepped(
     name: str, spec: ComponentSpec, interface: Interface, standing: Standing, at: Point
 ) -> tuple[Slopes | None, Sampling | None]:
     """What a component without Model Exchange does."""
+    _require_prompt(name, spec, interface, at)
     component, mixed = at.components[name], _mixed(interface)
     period = at.before.get(f"{name}.sample_time")
     outputs = [port.name for port in interface.of("output") if port.real]
@@ -98,9 +99,7 @@ def _stepped(
         if mixed:
             problem, fix = "has states in continuous time and samples, too", "name its `model` in place of its FMU"
         raise IdentificationError(name, problem, fix)
-    model = library.of_size(
-        spec.source if isinstance(spec.source, Model) else library.find(str(spec.source)), spec.arrays
-    )
+    model = _model(spec)
     _require_shown(name, model, interface, at)
     given = {variable.name: at.before[f"{name}.{variable.name}"] for variable in model.of("parameter")}
     known = {state.name: standing.states[state.name] for state in model.states if state.name in standing.states}
@@ -109,6 +108,21 @@ def _stepped(
         return equations.slopes(name, model, given, at=shown), None
     assert model.sample_time is not None
     return equations.sampling(name, model, given, float(given[model.sample_time]), shown)
+
+
+def _model(spec: ComponentSpec) -> Model:
+    source = spec.source
+    return library.of_size(source if isinstance(source, Model) else library.find(str(source)), spec.arrays)
+
+
+def _require_prompt(name: str, spec: ComponentSpec, interface: Interface, at: Point) -> None:
+    """See that no input acts late, which takes more states than there are."""
+    known = library.find(interface.model_name) if interface.model_name in library.names() else None
+    model = _model(spec) if spec.fmu is None else known
+    for delay in model.delays if model else ():
+        if at.before.get(f"{name}.{delay.seconds}", 0.0):
+            problem = f"'{delay.input}' acts late, which no linear model of finite order does"
+            raise IdentificationError(f"{name}.{delay.seconds}", problem, "set it to 0 here, and add it by a margin")
 
 
 def _standing(name: str, interface: Interface, at: Point) -> Standing:

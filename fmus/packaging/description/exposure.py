@@ -108,6 +108,9 @@ def _initial(model: Model, exchange: bool) -> dict[str, tuple[str, ...]]:
         unknowns |= {rate_name(state.name): traced.derivatives[state.name] for state in model.continuous}
     reached = {name: symbolic.symbols_in(expression) for name, expression in unknowns.items()}
     at_start = {name: symbolic.symbols_in(*(starts.get(x, x) for x in found)) for name, found in reached.items()}
+    late = {known[one.input]: {known[key] for key in (one.seconds, one.before, one.shape)} for one in model.delays}
+    for found in at_start.values():
+        found.update(*(late[symbol] for symbol in found & late.keys()))
     return {name: tuple(k for k, symbol in known.items() if symbol in at_start[name]) for name in unknowns}
 
 

@@ -107,8 +107,9 @@ class ModelInterface:
 
 
 def exchangeable(model: Model) -> bool:
-    """Whether a model can be offered for model exchange: it has continuous states, no sampled ones and no arrays."""
-    return bool(model.continuous) and not model.sampled and not model.arrays
+    """Whether a model can be offered for model exchange: it has continuous states, no sampled ones, no arrays, and
+    no input that acts late, which takes steps to know."""
+    return bool(model.continuous) and not (model.sampled or model.arrays or model.delays)
 
 
 def hidden_states(model: Model) -> tuple[State, ...]:

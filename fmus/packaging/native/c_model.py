@@ -11,7 +11,7 @@ from dataclasses import replace
 import sympy
 
 from fmus.errors import ModelError
-from fmus.modelling.model import Model, State, element, element_names
+from fmus.modelling.model import Delay, Model, State, element, element_names
 from fmus.modelling.symbolic import Traced, symbols_in, trace
 from fmus.packaging.description.interface import Exposed, ModelInterface, exchangeable, rate_name
 from fmus.packaging.native import c_code
@@ -64,6 +64,7 @@ def layout(interface: ModelInterface, token: str) -> str:
         "N_CONTINUOUS": len(model.continuous),
         "N_SAMPLED": len(model.sampled),
         "N_TABLES": len(model.tables),
+        "N_DELAYS": len(model.delays),
         "N_RATE_PARTIALS": len(linearised(model).rates),
         "N_OUTPUT_PARTIALS": len(linearised(model).outputs),
         "N_UPDATE_PARTIALS": len(linearised(model).update),
@@ -151,6 +152,7 @@ class _Source:
             _array("const int model_continuous[N_CONTINUOUS + 1]", [*(f"vr_{s.name}" for s in model.continuous), "-1"]),
             _array("const double model_nominals[N_CONTINUOUS + 1]", [*nominals, "1.0"]),
             _array("const char *const model_tables[N_TABLES + 1]", [*map(c_code.string, model.tables), "NULL"]),
+            _array("const Delay model_delays[N_DELAYS + 1]", [*map(self._delay, model.delays), "{-1, -1, -1, -1}"]),
             self._places("rate", [(rate_name(name), known) for name, known in self.linearised.rates]),
             self._places("output", self.linearised.outputs),
             self._places("update", self.linearised.update),
@@ -185,6 +187,10 @@ class _Source:
         if isinstance(state.start, str):
             return f"{{vr_{state.name}, {self._reference(state.start)}, 0.0, {int(state.sampled)}}}"
         return f"{{vr_{state.name}, -1, {c_code.literal(state.start)}, {int(state.sampled)}}}"
+
+    def _delay(self, delay: Delay) -> str:
+        names = (delay.input, delay.seconds, delay.before, delay.shape)
+        return f"{{{', '.join(map(self._reference, names))}}}"
 
     def _places(self, label: str, partials: Iterable[tuple[str, str]]) -> str:
         """The array that says where each partial derivative belongs."""

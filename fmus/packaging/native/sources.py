@@ -10,7 +10,9 @@ from fmus.files import package_folder
 VERSIONS = (2, 3)
 _RUNTIME = Path(__file__).parent / "c"
 _COMMON = tuple(
-    f"{name}{suffix}" for name in ("derivatives", "files", "instance", "ops", "resources") for suffix in (".c", ".h")
+    f"{name}{suffix}"
+    for name in ("derivatives", "files", "instance", "late", "ops", "resources")
+    for suffix in (".c", ".h")
 )
 _ADAPTERS: dict[int, tuple[str, ...]] = {2: ("fmi2.c",), 3: ("fmi3.c", "fmi3_absent.c")}
 _HEADERS = {

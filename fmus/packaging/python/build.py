@@ -25,6 +25,7 @@ _TRAVELS = (
     "modelling/feedback.py",
     "modelling/friction.py",
     "modelling/instance.py",
+    "modelling/late.py",
     "modelling/model.py",
     "modelling/ops.py",
     "packaging/defaults.py",

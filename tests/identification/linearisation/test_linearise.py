@@ -269,6 +269,11 @@ def test_what_cannot_be_linearised_is_refused_with_the_reason(tmp_path: Path) ->
         linearise(file, at=9)
     with pytest.raises(WiringError, match=r"--at: 0.005 s is not a multiple of 0.01 s"):
         linearise(file, at=0.005)
+    late = {"components": {"hand": hand(), "wire": {"model": "delay", "parameters": {"delay": 0.004}}}}
+    late |= {"connections": ["wire.late -> hand.torque"], "run": {"stop": 1, "step": 0.01}}
+    with pytest.raises(IdentificationError, match=r"wire.delay: 'signal' acts late"):
+        linearise(scenario(tmp_path, **late))
+    linearise(scenario(tmp_path, **late), values={"wire.delay": 0.0})
     python = targets.build(library.find("pendulum"), tmp_path / "hand.fmu", target="python")
     with pytest.raises(IdentificationError, match=r"hand: has no Model Exchange .* ask its supplier"):
         linearise(python)

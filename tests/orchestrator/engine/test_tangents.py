@@ -198,3 +198,32 @@ def test_an_fmu_without_tangents_is_named_where_values_reach_it(shelf: Mapping[s
         simulation = Simulation(system, components, Timing(COUNT * STEP, STEP))
         with simulation, pytest.raises(TangentsMissing, match="body: its FMU carries no tangents"):
             simulation.sensitivities(run, ["motor.resistance"])
+
+
+@pytest.mark.parametrize("fmi", VERSIONS)
+@pytest.mark.parametrize("shape", [1, 2])
+def test_tangents_come_as_late_as_what_they_are_of(tmp_path: Path, fmi: int, shape: int) -> None:
+    names = {"body": "pendulum", "wire": "delay"}
+    with ExitStack() as stack:
+        built = {name: targets.build(model, tmp_path / f"{name}.fmu", fmi=fmi) for name, model in names.items()}
+        files = {name: stack.enter_context(FmuFile(file)) for name, file in built.items()}
+        parts = {name: Part(file.interface) for name, file in files.items()}
+        system = wire(parts, [("body.angle", "wire.signal")], ["body.torque"])
+        components = {name: Slave(file, name) for name, file in files.items()}
+        timing = Timing(COUNT * STEP, STEP)
+        simulation = stack.enter_context(Simulation(system, components, timing))
+        by = {"body.inertia": 0.004, "body.angle_start": 0.3}
+        torque = {"body.torque": np.linspace(0.0, 0.02, COUNT + 1)}
+        fixed = {"wire.delay": 0.0137, "wire.shape": shape}
+
+        def rows(values: Mapping[str, float]) -> FloatArray:
+            return simulation.rows(Run({**values, **fixed}, torque, ["wire.late"])).copy()
+
+        found = simulation.sensitivities(Run({**by, **fixed}, torque, ["wire.late"]), list(by))
+        assert np.array_equal(found.rows, rows(by))
+        for column, (name, value) in enumerate(by.items()):
+            width = 1e-5 * value
+            slope = (rows(by | {name: value + width}) - rows(by | {name: value - width})) / (2 * width)
+            assert found.slopes[:, 0, column] == pytest.approx(slope[:, 0], rel=1e-5, abs=1e-7)
+        with pytest.raises(TangentsMissing, match="decides what of an input acts"):
+            simulation.sensitivities(Run({**by, **fixed}, torque, ["wire.late"]), ["wire.delay"])

@@ -51,6 +51,22 @@ def test_rates_delays_units_and_arrays_are_those_of_the_wired_system(tmp_path: P
     assert_equal(fused(file, tmp_path), expected)
 
 
+@pytest.mark.parametrize("shape", ["held", "smooth"])
+@pytest.mark.parametrize("order", ["gauss-seidel", "jacobi"])
+def test_what_comes_later_does_so_in_the_fmu_too(tmp_path: Path, shape: str, order: str) -> None:
+    late = f"  late: {{model: delay, step: 0.002, parameters: {{delay: 0.0131, shape: {shape}}}}}\nconnections:"
+    file = many_rates(
+        tmp_path,
+        ("connections:", late),
+        (
+            "- controller.voltage -> drive.voltage",
+            "- controller.voltage -> late.signal\n  - late.late -> drive.voltage",
+        ),
+        ("{stop: 1.2, step: 0.002}", f"{{stop: 1.2, step: 0.002, order: {order}}}"),
+    )
+    assert_equal(fused(file, tmp_path), wired(file, 1.2))
+
+
 def test_a_step_of_many_base_steps_ends_where_single_ones_do_and_others_are_refused(tmp_path: Path) -> None:
     file = many_rates(tmp_path)
     expected = wired(file, 1.2)

@@ -46,6 +46,7 @@ RICH: dict[str, dict[str, float]] = {
     "dc_motor": {"inductance": 0.01, "current_limit": 0.8, "back_emf": 0.2},
     "energy_controller": {"amplitude": 1.2, "sample_time": 0.03},
     "excitation": {"shape": 2, "amplitude": 2.0, "begin": 0.1},
+    "delay": {"delay": 0.07, "before": 0.5},
     "daq": {"noise": 0.1, "bits": 8, "range": 2.0, "filter_order": 2, "cutoff": 5.0, "sample_time": 0.02},
     "flexible_arm": {
         "bending_stiffness": 0.05,

@@ -3,6 +3,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "late.h"
+
 /* At an instant */
 
 static Status check_places(Instance *it, const unsigned unknowns[], size_t rows, const unsigned knowns[], size_t columns)
@@ -129,12 +131,13 @@ Status instance_carry(Instance *it, size_t directions)
         return STATUS_OK;
     if (it->model_exchange)
         return instance_error(it, "carries tangents in co-simulation only");
-    if (!(of->known = (double *)calloc(width, rows * sizeof *of->known)))
+    if (!(of->known = (double *)calloc(width * rows + late_room(width), sizeof *of->known)))
         return instance_error(it, "no memory for the tangents along %lu directions", (unsigned long)directions);
     of->directions = directions;
     of->width = width;
     of->results = row(of->known, of, N_VARIABLES);
     of->work = row(of->results, of, N_VARIABLES);
+    of->late = of->known + width * rows;
     for (int i = 0; i < N_STATES; i++)
         of->end[model_states[i].value] = width;
     return STATUS_OK;
@@ -160,6 +163,9 @@ static const char *obstacle(const Instance *it, unsigned reference)
         return "no directions are carried";
     if (reference >= N_VARIABLES || model_variables[reference].type != REAL || model_variables[reference].role > STATE)
         return "it is no real input, parameter or state";
+    for (int i = 0; i < N_DELAYS; i++)
+        if ((int)reference == model_delays[i].seconds || (int)reference == model_delays[i].before)
+            return "it decides what of an input acts, and when";
     return N_SAMPLED && (int)reference == SAMPLE_TIME ? "it decides when samples are taken" : NULL;
 }
 
@@ -221,8 +227,11 @@ Status instance_get_tangents(Instance *it, const unsigned references[], size_t c
         if (!of->directions || role > OUTPUT)
             return instance_error(it, "value reference %u has no tangents", references[i]);
         if (role == OUTPUT && !evaluated) {
+            late_foresee(it);
+            late_enter(it);
             model_output_partials(it->now.time, it->now.values, it->tables, partials);
             propagate(of, model_output_places, N_OUTPUT_PARTIALS, partials);
+            late_leave(it);
             evaluated = 1;
         }
         const double *from = row(role == OUTPUT ? of->results : of->known, of, (int)references[i]);

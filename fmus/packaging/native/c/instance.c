@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "derivatives.h"
+#include "late.h"
 #include "resources.h"
 
 #define EARLY 1e-6 /* of a sample period: how far rounding may put a step's end before or after a sampling instant */
@@ -52,6 +53,7 @@ Status instance_begin(Instance *it, double time)
     s->samples = 0;
     s->stepped = 0;
     s->valid = 0;
+    late_begin(it);
     for (int i = 0; i < N_STATES; i++) {
         const State *state = &model_states[i];
         s->values[state->value] = state->parameter < 0 ? state->start : s->values[state->parameter];
@@ -68,7 +70,10 @@ static void evaluate_outputs(Instance *it)
     Snapshot *s = &it->now;
     if (s->valid & OUTPUTS_VALID)
         return;
+    late_foresee(it);
+    late_enter(it);
     model_outputs(s->time, s->values, it->tables);
+    late_leave(it);
     s->valid |= OUTPUTS_VALID;
 }
 
@@ -114,6 +119,7 @@ Status instance_set(Instance *it, unsigned reference, int types, double value)
         return instance_error(it, "'%s' %s", variable->name, problem);
     it->now.values[reference] = value;
     it->now.valid = 0;
+    it->now.touched |= variable->role == INPUT;
     if (variable->role == PARAMETER)
         follow(it, (int)reference);
     return STATUS_OK;
@@ -193,16 +199,11 @@ Status instance_check_states(Instance *it)
     return STATUS_OK;
 }
 
-Status instance_step(Instance *it, double time, double duration)
+/* Sample and integrate from an instant to another. */
+static Status go_on(Instance *it, double time, double end)
 {
     Snapshot *s = &it->now;
-    const double end = time + duration;
     double now = time;
-    if (!(duration >= 0) || !isfinite(end))
-        return instance_error(it, "cannot step from %g s by %g s", time, duration);
-    if (!s->stepped && prepare(it, time))
-        return STATUS_ERROR;
-    s->valid = 0;
     if (N_SAMPLED) {
         const double period = s->values[SAMPLE_TIME];
         double due;
@@ -220,7 +221,25 @@ Status instance_step(Instance *it, double time, double duration)
             s->samples++;
         }
     }
-    if (integrate(it, now, end - now))
+    return integrate(it, now, end - now);
+}
+
+Status instance_step(Instance *it, double time, double duration)
+{
+    Snapshot *s = &it->now;
+    const double end = time + duration;
+    if (!(duration >= 0) || !isfinite(end))
+        return instance_error(it, "cannot step from %g s by %g s", time, duration);
+    if (!s->stepped && prepare(it, time))
+        return STATUS_ERROR;
+    s->valid = 0;
+    const char *crowded = late_arrive(it, time, duration);
+    if (crowded)
+        return instance_fail(it, "'%s' is later than %d steps", crowded, LONGEST_HISTORY);
+    late_enter(it);
+    const Status status = go_on(it, time, end);
+    late_leave(it);
+    if (status)
         return STATUS_ERROR;
     s->time = end;
     return instance_check_states(it);

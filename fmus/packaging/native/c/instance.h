@@ -1,6 +1,7 @@
 /* One running instance of a model, whatever version of FMI it is seen through.
  *
- * Inputs are held over a step. Sampled states change at start + k sample_time, at the beginning of the step that
+ * Inputs are held over a step; those that act late (late.h) show in outputs as they acted over it, and once an input is
+ * set, as they will over another step as long. Sampled states change at start + k sample_time, at the beginning of the step that
  * reaches that instant, with the inputs of that instant; continuous states are integrated by the classical Runge-Kutta
  * method with equal inner steps no longer than the model's solver step. The specification is fmus/instance.py.
  */
@@ -26,6 +27,15 @@ enum {
     FAILED = 64
 };
 
+enum { LONGEST_HISTORY = N_DELAYS ? 1024 : 1 }; /* steps within a delay */
+
+/* What an input was, oldest first; see late.h. */
+typedef struct {
+    int count;
+    double time[LONGEST_HISTORY + 2], value[LONGEST_HISTORY + 2]; /* one more while it is seen whether it is too long */
+    double acts;                                                  /* over the latest step */
+} History;
+
 /* Everything that changes while running; plain data, so that a copy of it is a state to go back to. */
 typedef struct {
     double values[N_VARIABLES]; /* by value reference; outputs and rates where `valid` says so */
@@ -33,6 +43,9 @@ typedef struct {
     double samples; /* taken so far */
     double longest; /* inner step of the solver */
     int mode, valid, stepped;
+    History late[N_DELAYS + 1];
+    double duration; /* of the latest step */
+    int touched;     /* whether an input was set since */
 } Snapshot;
 
 /* Derivatives along directions, rows of `width` numbers by value reference; see derivatives.h. */
@@ -41,6 +54,7 @@ typedef struct {
     double *known;   /* of inputs, parameters and states */
     double *results; /* of rates, outputs and new sampled states, where they were evaluated */
     double *work;
+    double *late; /* of the histories of inputs; see late.c */
     size_t first[N_VARIABLES], end[N_VARIABLES]; /* of each row of `known`, what may be other than 0 */
 } Tangents;
 

@@ -26,12 +26,18 @@ typedef struct {
     int sampled;
 } State;
 
+/* An input that acts later than it is set; value references. */
+typedef struct {
+    int input, seconds, before, shape;
+} Delay;
+
 /* Arrays have one element more than they need: C has no empty arrays. */
 extern const Variable model_variables[N_VARIABLES];
 extern const State model_states[N_STATES + 1];
 extern const int model_continuous[N_CONTINUOUS + 1];   /* value references of the continuous states */
 extern const double model_nominals[N_CONTINUOUS + 1];
 extern const char *const model_tables[N_TABLES + 1];
+extern const Delay model_delays[N_DELAYS + 1];
 
 /* What the rates need of parameters alone; it is the same until one of them is set. */
 void model_constants(const double *v, double *c);
