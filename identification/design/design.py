@@ -15,6 +15,7 @@ from identification.design.criteria import figure, half_widths
 from identification.design.search import Candidate, Found, search
 from identification.design.study import DesignStudy
 from identification.estimation.arrow_least_squares import LEAST_SQUARES
+from identification.estimation.threads import single_threaded
 from identification.recordings.campaign import FileField
 from orchestrator.fmi.interface import Value
 from orchestrator.progress import Progress, silent
@@ -71,6 +72,7 @@ class Design:
         return figure(whole, self.study.criterion, [free.index(name) for name in self.study.parameters])
 
 
+@single_threaded
 def design(study: DesignStudy, progress: Progress = silent) -> Design:
     """The experiments that a study asks for.
 

@@ -14,6 +14,7 @@ from fmus.errors import FmuError, IdentificationError
 from identification.estimation.arrow_least_squares import Iterate, Loss, Minimum, Point, evaluated
 from identification.estimation.parameters import InitialState, Parameter, ParameterSet, Tie
 from identification.estimation.stopped import reason, stopped
+from identification.estimation.threads import single_threaded
 from identification.estimation.uncertainty import Identifiability, no_covariance
 from identification.estimation.workers import Factory, Simulator, open_pool
 from identification.output_error.search.bootstrap import require_windows
@@ -63,6 +64,7 @@ _WEIGHINGS, _SETTLED = 6, 0.1  # how often the noise is estimated anew, and from
 SILENT = "nothing to find: the outputs do not depend on"
 
 
+@single_threaded
 def estimate(
     problem: Problem, factory: Factory, options: Options | None = None, watch: Watch | None = None
 ) -> Estimate:
@@ -150,6 +152,7 @@ def _left(work: Work, found: Minimum) -> int:
     return max(1, work.options.max_evaluations - found.iterations)
 
 
+@single_threaded
 def predict(problem: Problem, factory: Factory, options: Options | None = None) -> Prediction:
     """Free runs with the parameters at their start values; estimated initial states are fitted, nothing else.
 
