@@ -20,6 +20,7 @@ from identification.output_error.choice.change import of_candidate
 from identification.output_error.schema import OutputErrorBlock
 from identification.output_error.validate import Validation
 from identification.results import (
+    GROUPS,
     STUDY,
     SUMMARY,
     ClaimsSummary,
@@ -90,6 +91,7 @@ class CalibratedStudy:
             _write_fmus(made, fresh, {key: value for key, value in known.items() if value})
             if made.parameters:
                 self._write_parameters(made, fresh)
+            _write_groups(made, fresh)
             _keep(self.study, fresh, str(self.summary.get("candidate", "")))
             if self.study.method.files is not None:
                 self.study.method.files(self.result, fresh, Path(folder))
@@ -288,6 +290,15 @@ def _write_fmus(calibrated: Calibrated, folder: Path, provenance: Mapping[str, A
         target = folder / "fmus" / f"{name}.fmu"
         if target not in write_back(fmu.source, fmu.values, target, provenance, fmu.step):
             shutil.copyfile(fmu.source, target)
+
+
+def _write_groups(calibrated: Calibrated, folder: Path) -> None:
+    """A parameter set for each group of recordings, with what it has of its own."""
+    for group, values in calibrated.groups.items():
+        (folder / GROUPS).mkdir(exist_ok=True)
+        (folder / GROUPS / f"{group.replace('/', '_')}.ssv").write_bytes(
+            ssv.parameter_set(group, values, calibrated.units)
+        )
 
 
 def _interval(parameter: ParameterSummary) -> str:

@@ -43,11 +43,13 @@ class Calibrated:
         parameters: component.variable -> value for `parameters.ssv`, all that differ from what FMUs start with; without
             any there is no such file.
         units: of the parameters that have one.
+        groups: name of a group of recordings -> values that it has in the place of those of `parameters`.
     """
 
     fmus: Mapping[str, CalibratedFmu]
     parameters: Mapping[str, Value] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
+    groups: Mapping[str, Mapping[str, Value]] = field(default_factory=dict)
 
 
 StudyType = TypeVar("StudyType", bound=StudyBlock)

@@ -29,6 +29,7 @@ from orchestrator.trace import FloatArray
 
 STUDY = "study.yaml"
 SUMMARY = "summary.json"
+GROUPS = "groups"  # folder of parameter sets, one a group of recordings
 POOR = 0.5  # median FIT below which what was seen in recordings may have spoilt it
 MOST = 1000  # marks of a recording that are told
 SHOWN = 100  # of all recordings, that a report shows
@@ -57,6 +58,7 @@ class ParameterSummary(TypedDict):
         prior: what was known of it before, where something was.
         start: where its estimation began; null for one that is tied to another.
         truth: what is behind synthetic traces, where a study tells.
+        of: the parameter that it is the value of in a group of recordings; its own name is `of@group`.
     """
 
     value: float
@@ -65,6 +67,7 @@ class ParameterSummary(TypedDict):
     unit: str
     start: Value | None
     truth: NotRequired[float]
+    of: NotRequired[str]
     prior: NotRequired[PriorSummary]
 
 

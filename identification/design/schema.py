@@ -169,6 +169,10 @@ class ExperimentDesignBlock(StudyBlock):
             IdentificationError: the result is none of this calibration.
         """
         calibration = self._calibration(base)
+        if calibration.by:
+            named = next(iter(calibration.by))
+            fix = "give the calibration's study one value for all there"
+            raise ScenarioError(self.calibration, f"tells {named} apart by recordings, which a design has none of", fix)
         free = [parameter.name for parameter in calibration.parameters.free]
         for place, names in (("parameters", self.parameters), ("values", self.values)):
             there = free if place == "parameters" else calibration.parameters.names

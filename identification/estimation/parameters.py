@@ -95,8 +95,22 @@ class Tie:
 
 
 @dataclass(frozen=True)
+class Around:
+    """Parameters that are drawn about a common mean, which is not known, with this standard deviation [their unit]."""
+
+    members: tuple[str, ...]
+    std: float
+
+    def __post_init__(self) -> None:
+        if not 0 < self.std < math.inf:
+            raise IdentificationError(
+                f"{self.members[0]}: around", f"std {self.std:g} is not positive", "give one above 0"
+            )
+
+
+@dataclass(frozen=True)
 class ParameterSet:
-    """All parameters of an estimation and the ties between them.
+    """All parameters of an estimation, the ties between them, and what is known of how they are spread.
 
     Raises:
         IdentificationError: a name twice, a tie to something undeclared, a factor that is not finite.
@@ -104,6 +118,7 @@ class ParameterSet:
 
     parameters: tuple[Parameter, ...]
     ties: tuple[Tie, ...] = ()
+    around: tuple[Around, ...] = ()
 
     def __post_init__(self) -> None:
         refuse_duplicates(self.names)
@@ -153,6 +168,11 @@ class ParameterSet:
     def informed(self) -> tuple[Parameter, ...]:
         """The parameters, fixed ones too, of which something is known before."""
         return tuple(p for p in self.parameters if p.prior is not None)
+
+    @property
+    def is_known_of(self) -> bool:
+        """Whether something is known before of any, alone or of how they are spread."""
+        return bool(self.informed or self.around)
 
     def held(self, name: str, value: float) -> ParameterSet:
         """The same set with one parameter fixed at this value [its unit]."""

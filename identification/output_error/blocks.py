@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, StringConstraints, model_validator
 
 from identification.estimation.arrow_least_squares import Loss, LossKind
+from identification.estimation.groups import Grouping
 from identification.estimation.parameters import Parameter, Scale, Tie
 from identification.estimation.prior import LogNormal, Normal, Prior, Uniform
 from identification.output_error.search.options import BootstrapKind, IntervalBy, IntervalOptions, Options
@@ -24,6 +25,7 @@ def _number_or_name(value: Any) -> Any:
     return float(exact(value)) if number else value
 
 
+GroupName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9]([A-Za-z0-9 ._+-]*[A-Za-z0-9])?$")]  # of a file, too
 DelayEntry = Annotated[float | str, BeforeValidator(_number_or_name)]  # [s], or the name of a parameter
 
 
@@ -133,7 +135,7 @@ class PriorBlock(Block):
         given = {key: getattr(self, key) for key in ("mean", "median", "min", "max")}
         numbers: dict[str, float] = {key: number(value) for key, value in given.items() if value is not None}
         if self.std is not None:
-            numbers["std"] = number(self.std) - (number(_nought(self.std)) if isinstance(self.std, str) else 0.0)
+            numbers["std"] = _difference(self.std, number)
         return self.model_copy(update=numbers)
 
     @property
@@ -157,9 +159,24 @@ def _nought(text: str) -> str:
     return text if found is None else f"0 {found[1]}"
 
 
+def _difference(value: float | str, number: Callable[[float | str], float]) -> float:
+    """A difference as a number."""
+    return number(value) - (number(_nought(value)) if isinstance(value, str) else 0.0)
+
+
 def _number(value: float | str | None) -> float:
     assert isinstance(value, (int, float))
     return float(value)
+
+
+class AroundBlock(Block):
+    """How far values of groups are expected from their common mean, which is estimated with them.
+
+    Attributes:
+        std: standard deviation, in the variable's unit or with its own.
+    """
+
+    std: float | Quantity
 
 
 class ParameterBlock(Block):
@@ -170,6 +187,8 @@ class ParameterBlock(Block):
         tied: name of the parameter that this one is a multiple of.
         factor: how many times the parameter that it is tied to.
         prior: what is known of it before the recordings.
+        by: `trace` for a value of its own in each recording, or name of a group -> recordings that have one.
+        around: what is known of how these values are spread.
     """
 
     explained_by = (Parameter, Tie)
@@ -182,6 +201,16 @@ class ParameterBlock(Block):
     tied: str | None = None
     factor: float = Tie.factor
     prior: PriorBlock | None = None
+    by: Literal["trace"] | Annotated[dict[GroupName, list[str]], Field(min_length=1)] | None = None
+    around: AroundBlock | None = None
+
+    @model_validator(mode="after")
+    def _of_groups(self) -> ParameterBlock:
+        if self.by is not None and (self.tied is not None or self.fixed):
+            raise ValueError("`by` is of a free parameter; what is tied to one goes with it")
+        if self.around is not None and self.by is None:
+            raise ValueError("`around` is of values that `by` tells apart")
+        return self
 
     @model_validator(mode="after")
     def _free_or_tied(self) -> ParameterBlock:
@@ -195,7 +224,27 @@ class ParameterBlock(Block):
         """The same that starts there, with what is written like `90 deg` as numbers."""
         ends = {"start": start, "min": self.min, "max": self.max}
         numbers: dict[str, Any] = {key: None if end is None else number(end) for key, end in ends.items()}
-        return self.model_copy(update=numbers | {"prior": self.prior and self.prior.in_numbers(number)})
+        around = self.around and self.around.model_copy(update={"std": _difference(self.around.std, number)})
+        return self.model_copy(
+            update=numbers | {"prior": self.prior and self.prior.in_numbers(number), "around": around}
+        )
+
+    @property
+    def written(self) -> list[str]:
+        """What is given like `90 deg` beside start and bounds."""
+        spread = self.around.std if self.around else 0.0
+        return [
+            *(self.prior.written if self.prior else ()),
+            *([spread, _nought(spread)] if isinstance(spread, str) else ()),
+        ]
+
+    def grouping(self) -> Grouping | None:
+        """How it is told apart, once all are numbers; None where it has one value."""
+        if self.by is None:
+            return None
+        around = _number(self.around.std) if self.around else None
+        groups = None if self.by == "trace" else {name: tuple(traces) for name, traces in self.by.items()}
+        return Grouping(groups, around)
 
     @property
     def spans(self) -> bool:

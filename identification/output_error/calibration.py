@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -24,6 +24,7 @@ from identification.output_error.start_values import UnreadStart, start_warnings
 from identification.output_error.study import OutputErrorStudy
 from identification.output_error.windows import FreeRunWindow, cut_windows
 from identification.recordings.campaign import StudyTrace, load_campaign, recording_warnings, split
+from identification.results import GROUPS
 from orchestrator.assembly.assembly import Assembled, OpenSystem
 from orchestrator.crossing import Crossing, noted
 from orchestrator.fmi.interface import Port
@@ -125,7 +126,7 @@ class Calibration:
     def warnings(self) -> list[str]:
         """What a reader of the figures must know."""
         doubts = [str(crossing) for crossing in self.crossings if crossing.doubtful]
-        said = self.choice.doubts if self.choice else ()
+        said = (*(self.choice.doubts if self.choice else ()), *_of_groups(self))
         return [*said, *doubts, *self.starts, *self.estimate.warnings, *recording_warnings(self.recorded)]
 
     @property
@@ -133,6 +134,21 @@ class Calibration:
         """Signals that were converted, or taken as they are although their units differ; connections alike."""
         sides = (self.train, self.validation) if self.validation else (self.train,)
         return noted([*self.wired, *(crossing for side in sides for crossing in side.crossings)])
+
+
+def _of_groups(calibration: Calibration) -> Iterator[str]:
+    """What is written of parameters that have several values, and which recordings have none of these."""
+    study = calibration.study
+    for one in study.grouped:
+        first, *others = one.members
+        if others:
+            yield (
+                f"{one.variable} has a value for each of {', '.join(one.members)}: FMUs and parameters.ssv have that "
+                f"of {first}, and {GROUPS}/ has a parameter set for each to be laid over them"
+            )
+        judged = {window.trace for window in calibration.validation.windows} if calibration.validation else set()
+        if alone := sorted(trace for trace in judged if one.own(trace) is None):
+            yield f"{one.variable}: recordings in no group have the mean of all in the judgement: {', '.join(alone)}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,6 +179,7 @@ class Prepared:
             InputError: the study, the system or the traces do not fit together.
         """
         fitted, kept = split(list(recorded), study.traces.hold_out)
+        study = study.of_groups([trace.trace.name for trace in fitted], [trace.trace.name for trace in kept])
         system = BuiltSystem(study.system, sorted(study.run.inputs))
         units, ports, wired, unread = _checked(study, system.assembled)
         train = cut_windows(study.run, fitted, study.windows, ports)
@@ -195,7 +212,7 @@ class Prepared:
         try:
             validation = judge(study, assembled, unseen, found.values) if unseen else None
             compared = {
-                name: judge(study, assembled, unseen or self.train, {**found.values, **other})
+                name: judge(study, assembled, unseen or self.train, {**found.values, **study.spread(other)})
                 for name, other in study.compare.items()
             }
         except (KeyboardInterrupt, FmuError) as error:
@@ -287,7 +304,7 @@ def _problem(
         InitialState(name, tuple(window.initial[name] for window in windows), estimated=spec.estimated)
         for name, spec in study.run.initial.items()
     )
-    return Problem(parameters, tuple(windows), study.outputs, states, loss)
+    return Problem(parameters, tuple(windows), study.outputs, states, loss, study.grouped)
 
 
 def evenly_weighed(windows: Sequence[FreeRunWindow]) -> list[FreeRunWindow]:
@@ -347,11 +364,12 @@ def _checked(
         for parameter in parameters.parameters:
             if parameter.name not in delays:
                 for value in filter(math.isfinite, (parameter.start, parameter.lower, parameter.upper)):
-                    check_values(system, {parameter.name: value})
+                    check_values(system, {study.variable(parameter.name): value})
         for values in study.compare.values():
-            check_values(system, {name: value for name, value in values.items() if name not in delays})
+            check_values(system, {study.variable(name): value for name, value in values.items() if name not in delays})
         named = [*parameters.names, *study.outputs, *study.run.initial]
-        units = {name: system.port(Endpoint.parse(name)).unit or "1" for name in named if name not in delays}
+        ports = {name: system.port(Endpoint.parse(study.variable(name))) for name in named if name not in delays}
+        units = {name: port.unit or "1" for name, port in ports.items()}
         units |= dict.fromkeys(delays, "s")
         return units, ports_of(study, system), tuple(system.crossings), unread_starts(study, system)
 
@@ -365,4 +383,4 @@ def _named_parameters(study: OutputErrorStudy) -> dict[str, list[str]]:
         "truth": study.truth,
         **{f"compare.{name}": values for name, values in study.compare.items()},
     }
-    return {key: [name for name in names if name not in study.delays] for key, names in named.items()}
+    return {key: [study.variable(name) for name in names if name not in study.delays] for key, names in named.items()}

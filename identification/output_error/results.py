@@ -15,6 +15,7 @@ from identification.output_error.search.estimate import Estimate
 from identification.output_error.verdict import calibration_verdict
 from identification.results import ParameterSummary, Summary, data_summary, finite
 from orchestrator.crossing import documents_of
+from orchestrator.fmi.interface import Value
 from orchestrator.results import versions
 
 GIVEN = (
@@ -208,10 +209,18 @@ def _uncertainty(found: Estimate) -> UncertaintySummary:
 
 def calibrated(calibration: Calibration, folder: Path) -> Calibrated:
     """The system's FMUs with the study's values, the estimates and the study's step; and all values but delays."""
-    values = {name: value for name, value in calibration.estimate.values.items() if "." in name}
-    units = {name: unit for name, unit in calibration.units.items() if name in values and unit != "1"}
+    study, found = calibration.study, calibration.estimate.values
+    members = {member for one in study.grouped for member in one.members.values()}
+    values = {name: value for name, value in found.items() if "." in name and name not in members}
+    groups: dict[str, dict[str, Value]] = {}
+    for one in study.grouped:
+        for group, member in one.members.items() if "." in one.variable else ():
+            values.setdefault(one.variable, found[member])
+            groups.setdefault(group, {})[one.variable] = found[member]
+    known = {study.variable(name): unit for name, unit in calibration.units.items()}
+    units = {name: unit for name, unit in known.items() if name in values and unit != "1"}
     system = calibration.system
-    return Calibrated(system.calibrated(values, float(calibration.study.run.step)), system.changed(values), units)
+    return Calibrated(system.calibrated(values, float(study.run.step)), system.changed(values), units, groups)
 
 
 def _parameter(calibration: Calibration, name: str) -> ParameterSummary:
@@ -224,8 +233,11 @@ def _parameter(calibration: Calibration, name: str) -> ParameterSummary:
         "unit": calibration.units.get(name, "1"),
         "start": starts.get(name),
     }
-    if name in study.truth:
-        entry["truth"] = study.truth[name]
+    truth = study.truth.get(name, study.truth.get(study.variable(name)))
+    if truth is not None:
+        entry["truth"] = truth
+    if (variable := study.variable(name)) != name:
+        entry["of"] = variable
     if (known := found.known.get(name)) is not None:
         entry["prior"] = {"text": known.text, "source": known.source, "added": known.added, "off": known.off}
     return entry

@@ -12,6 +12,7 @@ from pydantic_core import InitErrorDetails
 
 from fmus.errors import IdentificationError
 from identification.estimation.arrow_least_squares import Loss
+from identification.estimation.groups import MARK
 from identification.estimation.parameters import Parameter, ParameterSet, Tie
 from identification.output_error.blocks import (
     CandidateBlock,
@@ -201,7 +202,7 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
         known = numbers(system, self.inputs, self._written())
 
         def number(name: str, value: float | str) -> float:
-            return known[name, value] if isinstance(value, str) else value
+            return known[self._variable(name), value] if isinstance(value, str) else value
 
         compare = {key: {name: number(name, value) for name, value in at.items()} for key, at in self.compare.items()}
         truth = {name: number(name, value) for name, value in self.truth.items()}
@@ -219,8 +220,14 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
         for name, block in self.parameters.items():
             ends = (self._start(name, block), block.min, block.max)
             given += [(name, value) for value in ends if value is not None]
-            given += [(name, value) for value in (block.prior.written if block.prior else ())]
-        return [(name, value) for name, value in given if isinstance(value, str)]
+            given += [(name, value) for value in block.written]
+        return [(self._variable(name), value) for name, value in given if isinstance(value, str)]
+
+    def _variable(self, name: str) -> str:
+        """What the name of a group's value is of, or the name itself."""
+        variable = name.partition(MARK)[0]
+        known = self.parameters.get(variable)
+        return variable if known is not None and known.by is not None else name
 
     def _start(self, name: str, block: ParameterBlock) -> Value | None:
         """Where a parameter starts: its own start, or the value in its component."""
@@ -250,6 +257,7 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
             weight=self.weight,
             loss=Loss(self.loss.kind, self.loss.scale),
             options=Options(**dict(self.options), intervals=self.uncertainty.options()),
+            by={name: how for name, block in self.parameters.items() if (how := block.grouping()) is not None},
         )
 
     def _signal_specs(self, blocks: Mapping[str, SignalBlock]) -> dict[str, TraceSignal]:

@@ -44,7 +44,8 @@ class UnreadStart:
 def unread_starts(study: OutputErrorStudy, system: System) -> list[UnreadStart]:
     """Those that an output of the study tells: the start of the output itself, or of what is named and measured as its
     derivative."""
-    known = {*study.run.initial, *study.parameters.names, *study.traces.values, *study.system.values()}
+    estimated = map(study.variable, study.parameters.names)
+    known = {*study.run.initial, *estimated, *study.traces.values, *study.system.values()}
     found: dict[str, UnreadStart] = {}
     told = [start for output in study.outputs for start in _told(system, output) if start.name not in known]
     for start in sorted(told, key=lambda start: (not start.own, start.derivative)):

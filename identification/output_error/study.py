@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Literal, TypeVar
 
 from fmus.units import SAME, Conversion
 from identification.estimation.arrow_least_squares import LEAST_SQUARES, Loss
+from identification.estimation.groups import Grouped, Grouping, parted
 from identification.estimation.parameters import ParameterSet
 from identification.output_error.delays import Delay, Estimated, Known
 from identification.output_error.search.estimator import Options
@@ -180,6 +181,8 @@ class OutputErrorStudy:
         weight: whether outputs are scaled by their spread in each window, over all windows, or not at all.
         compare: name -> parameters that are judged beside the estimate on the same windows.
         truth: values behind synthetic traces, shown beside the estimates.
+        by: parameter -> how it is told apart by recordings, where it has not one value for all.
+        grouped: the same once the recordings are known; `parameters` has one for each group then.
     """
 
     title: str
@@ -197,6 +200,8 @@ class OutputErrorStudy:
     options: Options = field(default_factory=Options)
     compare: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     truth: Mapping[str, float] = field(default_factory=dict)
+    by: Mapping[str, Grouping] = field(default_factory=dict)
+    grouped: tuple[Grouped, ...] = ()
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -207,4 +212,27 @@ class OutputErrorStudy:
     def delays(self) -> frozenset[str]:
         """The parameters that are delays and not of a component: named by a signal, or what such a one is tied to."""
         named = {delay.parameter for delay in self.run.estimated_delays}
-        return frozenset(named | {tie.other for tie in self.parameters.ties if tie.name in named})
+        tied = {tie.other for tie in self.parameters.ties if self.variable(tie.name) in named}
+        members = {name for name in self.parameters.names if self.variable(name) in named}
+        return frozenset(named | tied | members)
+
+    def variable(self, name: str) -> str:
+        """What a parameter is of: itself, or the one that it is the value of in a group."""
+        return next((one.variable for one in self.grouped if name in one.members.values()), name)
+
+    def spread(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Values with those of a parameter that is told apart given to each of its groups."""
+        members = {one.variable: one.members.values() for one in self.grouped}
+        return {own: value for name, value in values.items() for own in members.get(name, (name,))}
+
+    def of_groups(self, fitted: Sequence[str], kept: Sequence[str]) -> OutputErrorStudy:
+        """The study once the names of the recordings that are fitted, and of those that are not, are known.
+
+        Raises:
+            ScenarioError: groups are not those of the recordings.
+        """
+        if not self.by:
+            return self
+        wholes = {part.name: part.trace for part in self.traces.parts}
+        parameters, grouped = parted(self.parameters, self.by, fitted, {name: wholes.get(name, name) for name in kept})
+        return replace(self, parameters=parameters, grouped=grouped)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from fmus.errors import InputError
 from fmus.packaging import archive
 from fmus.parameters.write_back import description_of, is_ours
+from identification.estimation.groups import MARK, as_found
 from identification.fits import told
 from identification.output_error.calibration import Judged, isolated, judge, ports_of
 from identification.output_error.report import fits, overlays
@@ -91,7 +92,8 @@ def validate(
     """
     study, earlier = isolated(study, isolation), read_summary(folder)
     used = {trace["sha256"] for trace in earlier["data"] if trace["role"] == "fit"}
-    delays = _found_delays(study, earlier, folder)
+    study, values = _with_groups(study, earlier)
+    values |= _found_delays(study, earlier, folder)
     recorded = load_campaign(study.traces, data, isolation=study.options.isolation, foreign=True)
     groups = {
         "unseen": [trace for trace in recorded if trace.sha256 not in used],
@@ -106,16 +108,35 @@ def validate(
         if traces:
             with naming(folder / STUDY):
                 windows = cut_windows(study.run, traces, study.validation, ports)
-                judged[name] = judge(study, assembled, windows, delays)
+                judged[name] = judge(study, assembled, windows, values)
     return Validation(study, tuple(recorded), judged, tuple(trace.trace.name for trace in groups["unseen"]))
 
 
 def _found_delays(study: OutputErrorStudy, earlier: Summary, folder: Path) -> dict[str, float]:
     """The delays that the calibration found; they are no parameters of an FMU."""
-    for name in study.delays:
+    grouped = {one.variable for one in study.grouped}
+    delays = [name for name in study.delays if name not in grouped]
+    for name in delays:
         if name not in earlier["parameters"]:
             raise InputError(folder / SUMMARY, f"does not tell the delays of its study ({name})", "calibrate again")
-    return {name: earlier["parameters"][name]["value"] for name in study.delays}
+    return {name: earlier["parameters"][name]["value"] for name in delays}
+
+
+def _with_groups(study: OutputErrorStudy, earlier: Summary) -> tuple[OutputErrorStudy, dict[str, float]]:
+    """The study with parameters told apart as the calibration did, and the values that it found for each group."""
+    known = {name: entry for name, entry in earlier["parameters"].items() if "of" in entry}
+    values = {name: entry["value"] for name, entry in known.items()}
+    groups = dict[str, list[str]]()
+    for name, entry in known.items():
+        groups.setdefault(entry["of"], []).append(name.removeprefix(f"{entry['of']}{MARK}"))
+    ties = {tie.name: tie.other for tie in study.parameters.ties}
+    parts = {part.name: part.trace for part in study.traces.parts}
+    grouped = tuple(
+        as_found(name, study.by[ties.get(name, name)], names, parts)
+        for name, names in groups.items()
+        if ties.get(name, name) in study.by
+    )
+    return replace(study, grouped=grouped), values
 
 
 def calibrated_system(block: SystemBlock, folder: Path) -> SystemSpec:

@@ -134,7 +134,7 @@ def _weighed(work: Work, begin: Iterate) -> Minimum:
     """
     problem, reached, windows = work.problem, work.reached, work.all_windows
     found = search(work, windows, begin, "fit", work.options.max_evaluations)
-    for _ in range(_WEIGHINGS if problem.parameters.informed else 0):
+    for _ in range(_WEIGHINGS if problem.parameters.is_known_of else 0):
         left = np.concatenate(problem.measured_only(found.at.residuals, windows))
         power = float(np.sum(problem.loss.influence(left) ** 2))
         noise, before = math.sqrt(power / max(problem.samples - problem.unknowns, 1)), reached.noise
@@ -176,7 +176,7 @@ def predict(problem: Problem, factory: Factory, options: Options | None = None) 
 
 def _acting_in_steps(work: Work, here: Iterate) -> dict[int, float]:
     """Which parameters act in steps, seen on a few windows."""
-    windows = _spread(len(work.all_windows), work.options.start_windows)
+    windows = work.problem.with_all_groups(_spread(len(work.all_windows), work.options.start_windows))
     point = replace(here.point, states=here.point.states[list(windows)])
     few = Iterate(point, [here.residuals[w] for w in windows], math.nan)
     return widened(replace(work.over(windows), wide={}), few)
@@ -203,7 +203,7 @@ def _beside_steps(work: Work, found: Minimum) -> Minimum:
 def _begin(work: Work) -> tuple[Iterate, tuple[StartReport, ...]]:
     """Where the search on all windows begins: the best of the starts, or the declared one if better there."""
     all_windows = work.all_windows
-    windows = _spread(len(all_windows), work.options.start_windows)
+    windows = work.problem.with_all_groups(_spread(len(all_windows), work.options.start_windows))
     ends: list[Iterate | None] = []
     reports = []
     if work.options.starts > 1 or len(windows) < len(all_windows):

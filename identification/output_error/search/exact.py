@@ -41,15 +41,9 @@ class Chain:
     columns: tuple[int, ...]
 
 
-def chain(problem: Problem, point: Point) -> Chain:
-    """The derivatives of all values at a point."""
-    parameters, states = problem.parameters, problem.estimated
-    moved = [{p.name: slope} for p, slope in zip(parameters.free, parameters.slopes(point.parameters), strict=True)]
-    for tie in parameters.ties:
-        for values in moved:
-            if tie.other in values:
-                values[tie.name] = tie.factor * values[tie.other]
-    moved += [{state.name: state.size} for state in states]
+def chain(problem: Problem, point: Point, window: int) -> Chain:
+    """The derivatives of all values of a window at a point."""
+    moved = [*problem.slopes(window, point), *({state.name: state.size} for state in problem.estimated)]
     columns = [c for c, values in enumerate(moved) if all("." in name for name in values)]
     names = tuple(dict.fromkeys(name for c in columns for name in moved[c]))
     slopes = np.zeros((len(names), len(moved)))
@@ -66,20 +60,23 @@ def exact_columns(problem: Problem, pool: Pool, windows: Sequence[int], point: P
         TangentsMissing: an FMU carries none.
         FmuError: a run failed, or a derivative is not finite.
     """
-    rule = chain(problem, point)
-    if not rule.names:
+    rules = [chain(problem, point, window) for window in windows]
+    if not any(rule.names for rule in rules):
         return {}
-    tasks = [Task(w, problem.values(w, point, row), 0, rule.names) for row, w in enumerate(windows)]
-    columns: dict[int, list[FloatArray]] = {c: [] for c in rule.columns}
-    for window, outcome in zip(windows, pool.run(tasks), strict=True):
+    given = {c for c in rules[0].columns if all(c in rule.columns for rule in rules)}
+    asked = [row for row, rule in enumerate(rules) if rule.names]
+    tasks = [Task(windows[row], problem.values(windows[row], point, row), 0, rules[row].names) for row in asked]
+    columns = {c: [np.zeros(problem.windows[w].measured.size) for w in windows] for c in sorted(given)}
+    for row, outcome in zip(asked, pool.run(tasks), strict=True):
+        window = problem.windows[windows[row]]
         if isinstance(outcome, FmuError):
             raise outcome
         assert outcome is not None
-        weighted = problem.windows[window].weight[:, None] * (outcome[:, :, 1:] @ rule.slopes)
+        weighted = window.weight[:, None] * (outcome[:, :, 1:] @ rules[row].slopes)
         if not np.all(np.isfinite(weighted)):
-            raise FmuError(problem.windows[window].name, "a derivative is not finite")
-        for c in rule.columns:
-            columns[c].append(weighted[:, :, c].ravel())
+            raise FmuError(window.name, "a derivative is not finite")
+        for c, column in columns.items():
+            column[row] = weighted[:, :, c].ravel()
     return columns
 
 

@@ -91,7 +91,7 @@ class FreeRun:
 
     def _informed(self, residuals: list[FloatArray], point: Point) -> list[FloatArray]:
         """The residuals, and behind them how far the point is from what is known before."""
-        if not self.problem.parameters.informed:
+        if not self.problem.parameters.is_known_of:
             return residuals
         return [np.concatenate([residuals[0], self.before(point).residual]), *residuals[1:]]
 
@@ -100,12 +100,12 @@ class FreeRun:
         return self._informed(self.problem.measured_only(at.residuals, self.windows), at.point)
 
     def before(self, point: Point) -> WindowBlock:
-        """What is known before as rows (p,), one a parameter of which something is known."""
+        """What is known before as rows (p,), one a parameter of which something is known, alone or beside others."""
         return known_before(self.problem, point, self.noise)
 
     def with_before(self, blocks: Sequence[WindowBlock], point: Point) -> list[WindowBlock]:
         """Blocks of windows alone, what is known before stacked below the first."""
-        if not self.problem.parameters.informed:
+        if not self.problem.parameters.is_known_of:
             return list(blocks)
         return [_stacked(blocks[0], self.before(point)), *blocks[1:]]
 
@@ -123,6 +123,8 @@ class FreeRun:
         self.tally.jacobians += 1
         exact = self._exact(point, residuals)
         up, down = self._steps(point, central)
+        acting = np.array([self.problem.acting(window) for window in self.windows]).T
+        up, down = np.where(acting, up, 0.0), np.where(acting, down, 0.0)
         up[list(exact)] = down[list(exact)] = 0.0
         above, below = self._shifted(point, up, residuals), self._shifted(point, down, residuals)
         retry = np.where([[r is None for r in column] for column in above], -up, 0.0)
@@ -256,6 +258,14 @@ def known_before(problem: Problem, point: Point, noise: float) -> WindowBlock:
         if parameter.name in columns:
             c = columns[parameter.name]
             rows[row, c] = noise * parameter.prior.slope(values[parameter.name]) * slopes[c]
+    for around in parameters.around:
+        own = np.array([values[name] for name in around.members])
+        off = np.append(off, noise * (own - own.mean()) / around.std)
+        moved = np.zeros((len(own), len(columns)))
+        for row, name in enumerate(around.members):
+            if name in columns:
+                moved[row, columns[name]] = slopes[columns[name]]
+        rows = np.vstack([rows, noise * (moved - moved.mean(axis=0)) / around.std])
     return WindowBlock(off, rows, np.zeros((len(rows), point.states.shape[1])))
 
 

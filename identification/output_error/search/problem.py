@@ -10,6 +10,7 @@ import numpy as np
 
 from fmus.errors import IdentificationError
 from identification.estimation.arrow_least_squares import LEAST_SQUARES, Box, Loss, Point
+from identification.estimation.groups import Grouped, own_slopes, own_values
 from identification.estimation.parameters import InitialState, ParameterSet, refuse_duplicates
 from identification.signals.resolution import ROUNDED
 from orchestrator.trace import FloatArray, ReadOnlyArrays
@@ -57,6 +58,7 @@ class Problem:
         outputs: names of the outputs, in the order of the windows' columns.
         initial_states: one start value a window each, fixed or estimated.
         loss: of the weighted residuals; the robust ones bend at `loss.scale`.
+        grouped: parameters with a value of their own in each group of traces.
 
     Raises:
         IdentificationError: names, windows and start values do not fit together.
@@ -67,6 +69,7 @@ class Problem:
     outputs: tuple[str, ...]
     initial_states: tuple[InitialState, ...] = ()
     loss: Loss = LEAST_SQUARES
+    grouped: tuple[Grouped, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "windows", tuple(self.windows))
@@ -122,7 +125,34 @@ class Problem:
 
     def values(self, window: int, point: Point, row: int) -> dict[str, float]:
         """name -> value for one window, its initial states taken from this row of the point."""
-        return self.parameters.values(point.parameters) | self.initial_values(window, point.states[row])
+        known = own_values(self.grouped, self.windows[window].trace, self.parameters.values(point.parameters))
+        return known | self.initial_values(window, point.states[row])
+
+    def slopes(self, window: int, point: Point) -> list[dict[str, float]]:
+        """Each free parameter's slope of the values that one window is given, by name; ties follow."""
+        found = []
+        for parameter, slope in zip(self.parameters.free, self.parameters.slopes(point.parameters), strict=True):
+            moved = {parameter.name: float(slope)}
+            moved |= {
+                tie.name: tie.factor * float(slope) for tie in self.parameters.ties if tie.other == parameter.name
+            }
+            found.append(own_slopes(self.grouped, self.windows[window].trace, moved))
+        return found
+
+    def acting(self, window: int) -> list[bool]:
+        """Which free parameters, and estimated initial states, one window depends on."""
+        unit = self.start([window])
+        return [*map(bool, self.slopes(window, unit)), *(True for _ in self.estimated)]
+
+    def with_all_groups(self, windows: Sequence[int]) -> tuple[int, ...]:
+        """These windows, and the first of each group that has none among them."""
+        chosen = dict.fromkeys(windows)
+        for one in self.grouped:
+            for group in one.members:
+                own = [w for w, window in enumerate(self.windows) if one.traces.get(window.trace) == group]
+                if own and not any(w in chosen for w in own):
+                    chosen[own[0]] = None
+        return tuple(sorted(chosen))
 
     def initial_values(self, window: int, z: FloatArray) -> dict[str, float]:
         """name -> start value of one window at z (s,)."""

@@ -41,7 +41,7 @@ def spoken(work: Work, found: Minimum) -> Spoken:
     problem, run = work.problem, work.over(work.all_windows)
     residuals = problem.measured_only(found.at.residuals, work.all_windows)
     blocks = run.linearised(found.at.point, residuals, central=True)
-    before = run.before(found.at.point) if problem.parameters.informed else None
+    before = run.before(found.at.point) if problem.parameters.is_known_of else None
     uncertainty = covariance(blocks, problem.loss, len(problem.outputs), problem.rounding, before, work.reached.noise)
     seen = _seen(work, found.at, blocks)
     told = information(blocks, uncertainty.curvature, len(problem.outputs))

@@ -34,7 +34,7 @@ def problem() -> Problem:
 
 def test_values_move_with_parameters_ties_and_start_values_but_delays_are_left_out() -> None:
     point = Point(np.array([0.3, 0.1, 0.0]), np.zeros((1, 1)))
-    found = chain(problem(), point)
+    found = chain(problem(), point, 0)
     assert found.columns == (0, 1, 3)
     assert found.names == ("a.p", "b.p", "a.q", "a.x")
     size = 2.0 * np.exp(0.3)
