@@ -96,12 +96,12 @@ def test_the_fit_of_unseen_traces_is_what_the_noise_leaves(result: Path) -> None
     assert fit["validation"]["median"] == pytest.approx(left, abs=4e-4)
 
 
-def test_other_parameters_are_judged_on_the_same_unseen_windows(result: Path) -> None:
+def test_other_parameters_are_judged_on_the_same_unseen_windows(result: Path, data: Path) -> None:
     fit = summary(result)["fit"]
     compared = fit["compared"]["the start"]
     assert compared["windows"] == fit["validation"]["windows"]
     start = {name: block["start"] for name, block in study()["parameters"].items()}
-    measured = formats.read(result.parents[1] / "recordings0" / "rig_100__c.csv").trace["angle"]
+    measured = formats.read(data / "rig_100__c.csv").trace["angle"]
     error = np.linalg.norm(measured - simulated(voltage(2), 0.1, start))
     expected = 1 - error / np.linalg.norm(measured - measured.mean())
     assert compared["median"] == pytest.approx(expected, abs=1e-9)
