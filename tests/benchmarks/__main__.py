@@ -40,6 +40,7 @@ BENCH = {
     "can_logs": "BLF and text logs to frames and traces beside python-can and cantools, and memory",
     "can_wire": "frames over serial ports, relayed, received and recorded",
     "loop_speed": "a step in our loops, in C and in other tools",
+    "fused_speed": "a step of a system in one FMU, beside a C program and the wired system",
     "loop_scaling": "time and memory over components and steps",
     "can_bridge": "deadlines and lost frames of a bridge at 1 kHz over serial adapters",
     "live_changes": "steps that changes of a run in real time make late",

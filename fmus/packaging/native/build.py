@@ -108,13 +108,15 @@ def _code(model: Model, fmi: int) -> Code:
     return Code(fixed | generated | {"layout.h": c_model.layout(shown, token)}, token)
 
 
-def binaries(name: str, code: Code, fmi: int, platforms: Sequence[Platform]) -> dict[str, bytes]:
+def binaries(
+    name: str, code: Code, fmi: int, platforms: Sequence[Platform], flags: Sequence[str] = ()
+) -> dict[str, bytes]:
     """Libraries by archive name; FMI 2.0 has one folder for the two processors of macOS, so they share a file."""
     found: dict[str, dict[str, bytes]] = {}
     for target in platforms:
         folder = target.folder2 if fmi == 2 else target.name
         path = f"binaries/{folder}/{name}{target.suffix}"
-        found.setdefault(path, {})[target.name] = compiler.compile_library(code.sources, name, target)
+        found.setdefault(path, {})[target.name] = compiler.compile_library(code.sources, name, target, flags)
     return {
         path: next(iter(parts.values())) if len(parts) == 1 else compiler.universal(parts)
         for path, parts in found.items()

@@ -15,6 +15,8 @@ from fmus.packaging.system import c_system, manifest, page
 from fmus.packaging.system.fused import FusedSystem
 from fmus.packaging.system.interface import SystemInterface, shown
 
+FLAGS = ("-O3",)  # equations and runtime of a model lie in one file: it pays to have them inlined
+
 
 def build(system: FusedSystem, path: Path, fmi: int = 2, platforms: Sequence[str] = ("host",)) -> Path:
     """Write the FMU of a system; the path comes back.
@@ -36,7 +38,7 @@ def build(system: FusedSystem, path: Path, fmi: int = 2, platforms: Sequence[str
     }
     resources[defaults.RESOURCE] = defaults.dump(_starts(interface)).encode()
     files = resources | {f"sources/{name}": text.encode() for name, text in code.sources.items()}
-    files |= binaries(system.name, code, fmi, compiler.find(platforms))
+    files |= binaries(system.name, code, fmi, compiler.find(platforms), FLAGS)
     files["modelDescription.xml"] = _description(interface, f"{code.token}-{archive.digest(resources)[:16]}", fmi, code)
     files["documentation/index.html"] = page.page(interface)
     files[licenses.NAME] = licenses.native()

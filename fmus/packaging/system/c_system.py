@@ -113,7 +113,7 @@ def _wiring(interface: SystemInterface, identifiers: Mapping[Model, str]) -> str
         duration = c_code.literal(float(part.every * system.base))
         parts.append(
             f"{{{c_code.string(name)}, &{identifiers[part.model]}_part, {first}, {len(own)}, {part.every}, {duration}, "
-            f"{int(part.instant)}, take_{number}, give_{number}}}"
+            f"{int(part.instant)}, {int(_evaluated(part.model, name, live))}, take_{number}, give_{number}}}"
         )
         first += len(own)
     return "\n".join(
@@ -130,6 +130,12 @@ def _wiring(interface: SystemInterface, identifiers: Mapping[Model, str]) -> str
             "",
         ]
     )
+
+
+def _evaluated(model: Model, part: str, live: set[str]) -> bool:
+    """Whether anybody looks at outputs of a part that are no states."""
+    states = {state.name for state in model.states}
+    return any(f"{part}.{output.name}" in live and output.name not in states for output in model.of("output"))
 
 
 def _clock(interface: SystemInterface) -> tuple[float, float, float]:

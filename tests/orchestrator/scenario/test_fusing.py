@@ -6,17 +6,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fmpy import read_model_description
 from fmpy.fmi1 import FMICallException
+from fmpy.validation import validate_fmu
+from lxml import etree
 from typer.testing import CliRunner
 
 from fmus.errors import FmuFileError
 from fmus.packaging import archive
 from fmus.packaging.native import compiler
 from fmus.packaging.system import manifest
+from fmus.packaging.system.build import FLAGS
 from fmus.parameters.write_back import write_back
 from identification.cli import app
 from orchestrator.ssp.tree import tree
-from tests.support.fmus.either import Either, opened
+from tests.support.fmus.either import Either, opened, schema
 from tests.support.simulation.fused import Wired, fused, many_rates, stepped, wired
 
 pytestmark = [
@@ -206,3 +210,41 @@ def test_a_damaged_manifest_is_refused_by_name(tmp_path: Path, content: bytes) -
     archive.write(tmp_path / "a.fmu", {manifest.NAME: content})
     with pytest.raises(FmuFileError, match=r"a\.fmu: extra/org\.servotwin/system\.json: is damaged"):
         tree(tmp_path / "a.fmu")
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_the_fmu_is_valid_and_its_sources_build_it_again_without_a_warning(tmp_path: Path, fmi: int) -> None:
+    path = fused(many_rates(tmp_path), tmp_path, fmi)
+    assert validate_fmu(str(path)) == []
+    files = archive.read(path)
+    etree.XMLSchema(file=str(schema(fmi))).assertValid(etree.fromstring(files["modelDescription.xml"]))
+    described = read_model_description(str(path))
+    assert described.variableNamingConvention == "structured"
+    experiment = described.defaultExperiment
+    assert (float(experiment.startTime), float(experiment.stopTime), float(experiment.stepSize)) == (0.0, 1.2, 0.002)
+    sources = {
+        name.removeprefix("sources/"): text.decode() for name, text in files.items() if name.endswith((".c", ".h"))
+    }
+    strict = ("-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wconversion", "-Wno-sign-conversion", "-Werror")
+    assert compiler.compile_library(sources, "many_rates", compiler.host(), (*FLAGS, *strict))
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_declared_dependencies_are_the_ones_that_show_in_values(tmp_path: Path, fmi: int) -> None:
+    """Whatever moves an output at the start, or within the step in which an input changes, is declared to do so."""
+    path = fused(many_rates(tmp_path), tmp_path, fmi)
+    described = read_model_description(str(path))
+    initial = {u.variable.name: {d.name for d in u.dependencies} for u in described.initialUnknowns}
+    with opened(path) as fmu:
+        fmu.start()
+        before = dict(zip(initial, fmu.get(*initial), strict=True))
+        for name in ("hand.angle_start", "meter.warmth", "meter.zero", "filter.x_start[1]", "source.amplitude"):
+            fmu.fmu.reset()
+            fmu.start(**{name: 0.7})
+            moved = {key for key, value in zip(initial, fmu.get(*initial), strict=True) if value != before[key]}
+            known = name if fmi == 2 else name.partition("[")[0]
+            assert moved or name == "source.amplitude"
+            assert all(known in initial[key] for key in moved), name
+    instant = {u.variable.name: {d.name for d in u.dependencies} for u in described.outputs}
+    assert instant["meter.warm"] == {"meter.warmth"}
+    assert not any(inputs for name, inputs in instant.items() if not name.startswith("meter."))

@@ -69,14 +69,6 @@ static void part_evaluate(void *part)
     evaluate_outputs(it);
 }
 
-static Status part_step(void *part, double time, double duration)
-{
-    if (instance_step(part, time, duration))
-        return STATUS_ERROR;
-    evaluate_outputs(part);
-    return STATUS_OK;
-}
-
 static double *part_values(void *part)
 {
     return ((Instance *)part)->now.values;
@@ -87,7 +79,12 @@ static void *part_snapshot(void *part)
     return &((Instance *)part)->now;
 }
 
+static Status part_step(void *part, double time, double duration)
+{
+    return instance_step(part, time, duration);
+}
+
 const PartModel PART_MODEL = {
-    sizeof(Snapshot), part_open,     part_close,  part_reset,    part_begin,
-    part_set,         part_step,     part_evaluate, part_values, part_snapshot,
+    sizeof(Snapshot), part_open, part_close,    part_reset,  part_begin,
+    part_set,         part_step, part_evaluate, part_values, part_snapshot,
 };

@@ -17,10 +17,10 @@ typedef struct {
     void (*reset)(void *part);
     Status (*begin)(void *part, double time);
     Status (*set)(void *part, unsigned reference, double value);
-    Status (*step)(void *part, double time, double duration); /* the outputs are evaluated at its end */
-    void (*evaluate)(void *part);                             /* the outputs at its present time */
-    double *(*values)(void *part);                            /* by the model's value references */
-    void *(*snapshot)(void *part);                            /* of `size` bytes */
+    Status (*step)(void *part, double time, double duration);
+    void (*evaluate)(void *part);  /* the outputs that are no states, at its present time */
+    double *(*values)(void *part); /* by the model's value references */
+    void *(*snapshot)(void *part); /* of `size` bytes */
 } PartModel;
 
 #endif

@@ -221,6 +221,8 @@ static Status advance(Instance *it)
             s->mode = FAILED;
             return STATUS_ERROR;
         }
+        if (part->evaluated)
+            part->model->evaluate(parts->part[i]);
         if (part->instant && check_finite(it, part, part->give(parts->values[i], s->values)))
             return STATUS_ERROR;
     }

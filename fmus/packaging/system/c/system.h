@@ -16,6 +16,7 @@ typedef struct {
     int every;        /* its communication step [base steps] */
     double duration;  /* the same [s] */
     int instant;      /* whether its outputs hold at once, and not from the end of its step on */
+    int evaluated;    /* whether anybody looks at outputs that are no states */
     void (*take)(const double *v, double *values);   /* its inputs from the system */
     double (*give)(const double *values, double *v); /* its outputs to the system; their sum comes back */
 } Part;
