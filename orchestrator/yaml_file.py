@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import difflib
 import io
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, ClassVar, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, ClassVar, Literal, TypeVar, Union, get_args, get_origin
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, GetJsonSchemaHandler, StringConstraints, ValidationError
 from pydantic.json_schema import JsonSchemaValue
@@ -214,8 +214,8 @@ def _complaint(path: Path, document: Any, schema: type[Block], error: Validation
     stands = place_of(document, path, keys)
     place = f"{stands.file}:{stands.line}: {'.'.join(map(one_line, keys))}"
     if first["type"] == "extra_forbidden":
-        fields = _fields(schema, keys[:-1])
-        known = list(fields)
+        fields = _fields(schema, document, keys[:-1])
+        known = [name for name in fields if name != keys[-1]]
         if below := [name for name, kind in fields.items() if _has(kind, keys[-1])]:
             return ScenarioError(place, "unknown key", f"it belongs under `{below[0]}`")
         near = difflib.get_close_matches(str(keys[-1]), known, n=1)
@@ -240,22 +240,52 @@ def _keys_in_file(document: Any, location: Sequence[Any], kind: str) -> list[Any
     return [*keys, location[-1]] if kind == "missing" else keys
 
 
-def _fields(schema: type[Block], keys: list[Any]) -> dict[str, Any]:
+def _fields(schema: type[Block], document: Any, keys: Sequence[Any]) -> dict[str, Any]:
     """Keys and types of the block that a path of keys leads to; none where the path leaves plain blocks."""
-    block: Any = schema
+    kinds, node = [schema], document
     for key in keys:
-        if isinstance(key, str) and _is_block(block) and key in block.model_fields:
-            block = block.model_fields[key].annotation
-        for inner in getattr(block, "__args__", ()):
-            if _is_block(inner):
-                block = inner
-    return {name: field.annotation for name, field in block.model_fields.items()} if _is_block(block) else {}
+        kinds = [inner for block in _blocks(kinds, node) for inner in _inner(block, key)]
+        node = node[key]
+    return {name: kind for block in _blocks(kinds, node) for name, kind in _keys(block).items()}
+
+
+def _blocks(kinds: Iterable[Any], node: Any) -> list[Any]:
+    """Of what a value may be the blocks, and maps and lists of them; of blocks that say of which kind they are, its."""
+    options = [option for kind in kinds for option in _options(kind)]
+    return [kind for kind in options if not _is_block(kind) or _may_be(kind, node)] or options
+
+
+def _options(kind: Any) -> list[Any]:
+    """What a value of this type is: one of a union's."""
+    if get_origin(kind) is Annotated:
+        return _options(get_args(kind)[0])
+    if get_origin(kind) in (Union, UnionType):
+        return [option for inner in get_args(kind) for option in _options(inner)]
+    return [kind]
+
+
+def _may_be(block: type[Block], node: Any) -> bool:
+    """Whether a map has, of all keys that say of which kind it is, this block's values."""
+    kinds = {name: get_args(kind) for name, kind in _keys(block).items() if get_origin(kind) is Literal}
+    return isinstance(node, Mapping) and all(node.get(name) in kinds[name] for name in kinds if name in node)
+
+
+def _inner(kind: Any, key: Any) -> list[Any]:
+    """What is under a key of a map, a list or a block."""
+    if _is_block(kind):
+        return [_keys(kind)[key]] if key in _keys(kind) else []
+    return list(get_args(kind)[-1:]) if get_origin(kind) else []
+
+
+def _keys(block: Any) -> dict[str, Any]:
+    """Its keys and their types."""
+    fields = block.model_fields.items() if _is_block(block) else ()
+    return {field.alias or name: field.annotation for name, field in fields}
 
 
 def _has(kind: Any, key: Any) -> bool:
     """Whether a value of this type, or one that may be left out, is a block with that key."""
-    blocks = kind.__args__ if isinstance(kind, UnionType) else (kind,)
-    return any(_is_block(block) and key in block.model_fields for block in blocks)
+    return any(key in _keys(option) for option in _options(kind))
 
 
 def _is_block(kind: Any) -> bool:

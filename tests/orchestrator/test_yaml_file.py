@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Annotated, Literal
 
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 from ruamel.yaml import YAML
 
 from fmus.errors import ScenarioError
@@ -24,6 +25,20 @@ class Wheel(Block):
     spokes: int = 0
 
 
+class Petrol(Block):
+    by: Literal["petrol"]
+    cylinders: int = 4
+
+
+class Current(Block):
+    by: Literal["current"]
+    cells: int
+
+
+def _of_radius(value: object) -> object:
+    return {"radius": value} if isinstance(value, float) else value
+
+
 class Car(Block):
     title: str
     wheels: dict[str, Wheel] = {}
@@ -32,6 +47,8 @@ class Car(Block):
     notes: list[Wheel] = []
     lamp: int | str | Wheel | None = None
     values: dict[str, float | int | bool | str] = {}
+    driven: Annotated[Petrol | Current, Field(discriminator="by")] | None = None
+    rims: dict[str, Annotated[Wheel, BeforeValidator(_of_radius)]] = {}
 
 
 def write(folder: Path, text: str | bytes) -> Path:
@@ -72,6 +89,9 @@ BAD = [
     ("title: a\nwheels:\n  left:\n    radios: 1\n", ":4: wheels.left.radios: unknown key; did you mean 'radius'?"),
     ("title: a\nwheels:\n  Left:\n    radios: 1\n", ":4: wheels.Left.radios: unknown key; did you mean 'radius'?"),
     ("title: a\nspare: {radius: 1, zzz: 2}\n", ":2: spare.zzz: unknown key; known are radius, spokes"),
+    ("title: a\ndriven: {by: petrol, cells: 3}\n", ":2: driven.cells: unknown key; known are by, cylinders"),
+    ("title: a\ndriven: {by: current, cels: 3}\n", ":2: driven.cels: unknown key; did you mean 'cells'?"),
+    ("title: a\nrims: {left: {size: 3}}\n", ":2: rims.left.size: unknown key; known are radius, spokes"),
     ("title: a\nnotes:\n- {radius: 1}\n- {radius: 1, spoke: 1}\n", ":4: notes.1.spoke: unknown key; did you mean"),
     ("names: []\n", ":1: title: field required"),
     ("title: a\nspare:\n  spokes: 3\n", ":2: spare.radius: field required"),
