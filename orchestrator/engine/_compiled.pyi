@@ -27,6 +27,14 @@ class Stage(IntEnum):
     STEP = 3
     READ = 4
     VALUE = 5
+    ENTER = 6
+    TICK = 7
+    UPDATE = 8
+    LEAVE = 9
+    ENDING = 10
+    TURNS = 11
+    EVENTS = 12
+    STUCK = 13
 
 class Core:
     tick: int
@@ -35,6 +43,9 @@ class Core:
     failing: int
     status: int
     stage: int
+    at: float
+    span: float
+    ticking: int
 
     def __init__(
         self,
@@ -66,6 +77,28 @@ class Core:
         instant: list[Row],
         late: list[Row],
     ) -> None: ...
+    def add_event(
+        self,
+        number: int,
+        functions: list[int],
+        references: list[int],
+        plain: list[Row],
+        discrete: list[Row],
+        clocked: list[Row],
+        masks: list[int],
+        watched: list[int],
+        memory: list[int],
+    ) -> None: ...
+    def load(
+        self,
+        number: int,
+        clocks: list[tuple[int, int, int, int]],
+        next_event: float,
+        due: bool,
+        in_event: bool,
+        before: list[float],
+    ) -> None: ...
+    def unload(self, number: int) -> tuple[list[int], float, bool, bool]: ...
     def begin(self, stimuli: FloatArray) -> None: ...
     def pass_on(self, writing: bool) -> bool: ...
     def run(self, last: int, budget: float, rows: FloatArray, record_every: int) -> None: ...

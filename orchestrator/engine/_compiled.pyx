@@ -24,6 +24,9 @@ cdef extern from *:
     typedef int (*Asked2)(void *, int, int *);
     typedef int (*Reached2)(void *, int, double *);
     typedef int (*Step3)(void *, double, double, bool, void *, void *, void *, double *);
+    typedef int (*Mode3)(void *);
+    typedef int (*Tick3)(void *, const unsigned int *, size_t, const bool *);
+    typedef int (*Update3)(void *, bool *, bool *, bool *, bool *, bool *, double *);
 
     #ifdef __GNUC__
     #define fetch(address) __builtin_prefetch(address, 1)
@@ -54,10 +57,15 @@ cdef extern from *:
     ctypedef int (*Access3)(void *, const unsigned int *, size_t, void *, size_t) noexcept nogil
     ctypedef int (*Step2)(void *, double, double, int) noexcept nogil
     ctypedef int (*Step3)(void *, double, double, bint, void *, void *, void *, double *) noexcept nogil
+    ctypedef int (*Mode3)(void *) noexcept nogil
+    ctypedef int (*Tick3)(void *, const unsigned int *, size_t, const void *) noexcept nogil
+    ctypedef int (*Update3)(void *, void *, void *, void *, void *, void *, double *) noexcept nogil
     ctypedef int (*Asked2)(void *, int, int *) noexcept nogil
     ctypedef int (*Reached2)(void *, int, double *) noexcept nogil
     double rint(double) noexcept nogil
     double ldexp(double, int) noexcept nogil
+    double fabs(double) noexcept nogil
+    double INFINITY
     double now() noexcept nogil
     void fetch(const double *) noexcept nogil
     bint usually(bint) noexcept nogil
@@ -68,8 +76,9 @@ cpdef enum Storage:
 
 cpdef enum Stage:
     """Where in a component's step the loop stopped; RUNNING where it did not. MISFIT: an input fits not its type.
-    VALUE: an output is not finite."""
-    RUNNING, MISFIT, WRITE, STEP, READ, VALUE
+    VALUE: an output is not finite. Of an event: ENTER, TICK, UPDATE, LEAVE where a function failed, ENDING where the FMU
+    asks to stop, TURNS and EVENTS where there are too many, STUCK where a step ends early without getting on."""
+    RUNNING, MISFIT, WRITE, STEP, READ, VALUE, ENTER, TICK, UPDATE, LEAVE, ENDING, TURNS, EVENTS, STUCK
 
 ctypedef fused Whole:
     int8_t
@@ -104,6 +113,37 @@ cdef struct Calls:
     const Call *of
     int count
 
+cdef struct Periodic:  # a clock that ticks at one interval: at (first + number * step) / denominator
+    unsigned int reference
+    int64_t first
+    int64_t step
+    int64_t denominator
+    int64_t number  # of its next tick
+    double next
+
+cdef struct Event:  # what a node has that is stepped from event to event
+    Periodic *clocks
+    int clock_count
+    void *enter
+    void *tick
+    void *update
+    void *leave
+    Calls plain  # setting inputs that may be set at any time
+    Calls discrete  # those that may be set in events
+    const Call *clocked  # those that are set when clocks tick, and when which do, a bit each
+    const uint64_t *of_clocks
+    int clocked_count
+    const int *watched  # places of the discrete inputs
+    int watched_count
+    double *before  # inputs of the step before
+    double next_event
+    bint due
+    bint in_event
+    unsigned int *references  # room for those that tick
+    uint8_t *active
+    uint8_t *flags
+    double *told
+
 cdef struct Rate:
     int64_t every
     int64_t next  # tick at which its nodes step next, and at which what they deferred arrives
@@ -137,16 +177,21 @@ cdef struct Node:
     double *reached
     void *has_asked  # FMI 2.0: function that says whether it asked to stop, and the one that says where
     void *has_reached
+    Event *event  # NULL without
     void **instance_place  # where the instance is kept, which may be exchanged for a fresh one before a run
 
 cdef enum:
     DISCARD = 2  # status of a step
     TERMINATED = 3  # what FMI 2.0 is asked for: whether the FMU wants to stop, and how far it came
     LAST_TIME = 2
+    MOST_TURNS = 100  # of one event
+    MOST_EVENTS = 1000  # at one time
     AHEAD = 16  # rows between the one that is written and the one whose memory is fetched into the cache
 
 cdef uint64_t EXPONENT = 0x7FF0000000000000  # of a double: all of it is set where the value is not finite
 cdef double ALMOST = 1 - 1e-9  # of a step that is whole but for rounding
+cdef double TOGETHER = 1e-9  # times that differ by less than this share of a step are one
+cdef double ROUNDING = 16 * 2.220446049250313e-16
 cdef double SLOW = 5e-6  # steps longer than this are all timed [s]
 
 
@@ -291,6 +336,8 @@ cdef class Core:
         recorded: rows written since the beginning.
         base: number of the row that lies first in the memory for rows.
         stage, status, failing: where a step stopped, with which status, in the node of which number.
+        at, span: from when and by how much the step was that failed, or when the event [s].
+        ticking: which clocks of the node ticked then, a bit each.
     """
 
     cdef readonly int64_t tick
@@ -299,6 +346,9 @@ cdef class Core:
     cdef readonly int failing
     cdef readonly int status
     cdef readonly int stage
+    cdef readonly double at
+    cdef readonly double span
+    cdef readonly uint64_t ticking
     cdef Node *nodes
     cdef Rate *rates
     cdef int node_count
@@ -365,6 +415,59 @@ cdef class Core:
             node.watched, node.watched_count = <uint64_t *>node.reading.of[0].values, node.reading.of[0].total
         self.node_count += 1
 
+    def add_event(self, int number, list functions, list references, list plain, list discrete, list clocked,
+                  list masks, list watched, list memory):
+        """Have a node be stepped from event to event: addresses of its functions, references of its periodic clocks;
+        calls that set its inputs at any time, in events, and at ticks of the clocks that the masks tell; places of the
+        discrete inputs; memory for flags and a time."""
+        cdef Node *node = &self.nodes[number]
+        cdef Event *event = <Event *>self._room(sizeof(Event))
+        cdef int i, *places = <int *>self._room(len(watched) * sizeof(int))
+        cdef uint64_t *of_clocks = <uint64_t *>self._room(len(masks) * sizeof(uint64_t))
+        cdef uintptr_t enter, tick, update, leave
+        enter, tick, update, leave = functions
+        event.enter, event.tick = <void *>enter, <void *>tick
+        event.update, event.leave = <void *>update, <void *>leave
+        event.clock_count = len(references)
+        event.clocks = <Periodic *>self._room(len(references) * sizeof(Periodic))
+        for i in range(len(references)):
+            event.clocks[i].reference = references[i]
+        for i in range(len(masks)):
+            of_clocks[i] = masks[i]
+        for i in range(len(watched)):
+            places[i] = watched[i]
+        event.of_clocks, event.watched, event.watched_count = of_clocks, places, len(watched)
+        event.plain, event.discrete = self._calls(plain), self._calls(discrete)
+        event.clocked, event.clocked_count = self._calls(clocked).of, len(clocked)
+        event.before = <double *>self._room(node.inputs * sizeof(double))
+        event.references = <unsigned int *>self._room(len(references) * sizeof(unsigned int))
+        event.active = <uint8_t *>self._room(len(references))
+        event.flags, event.told = <uint8_t *><uintptr_t>memory[0], <double *><uintptr_t>memory[1]
+        for i in range(len(references)):
+            event.active[i] = 1
+        node.event = event
+
+    def load(self, int number, list clocks, double next_event, bint due, bint in_event, list before):
+        """Where the events of a node are: (first, step, denominator, number) of each clock, time of the next event
+        [s], whether one is due, whether it is in event mode, and its inputs; none where the latest are those of the
+        initialisation."""
+        cdef Node *node = &self.nodes[number]
+        cdef Event *event = node.event
+        cdef Periodic *clock
+        cdef int i
+        for i in range(event.clock_count):
+            clock = &event.clocks[i]
+            clock.first, clock.step, clock.denominator, clock.number = clocks[i]
+            _count(clock)
+        event.next_event, event.due, event.in_event = next_event, due, in_event
+        for i in range(node.inputs):
+            event.before[i] = before[i] if before else node.held[i]
+
+    def unload(self, int number):
+        """The same as it is now: numbers of the next ticks, next event, whether one is due and it is in event mode."""
+        cdef Event *event = self.nodes[number].event
+        return [event.clocks[i].number for i in range(event.clock_count)], event.next_event, event.due, event.in_event
+
     def begin(self, const double[:, ::1] stimuli):
         """Back to the first tick, with a row of stimuli for every `hold` ticks."""
         cdef Node *node
@@ -392,7 +495,7 @@ cdef class Core:
         for n in range(self.node_count):
             node = &self.nodes[n]
             node.instance = node.instance_place[0]
-            if not ((not writing or _write(self, node)) and _read(self, node)):
+            if not ((not writing or _write(self, node, True)) and _read(self, node)):
                 self.failing = n
                 return False
             _unpack(&node.instant)
@@ -495,7 +598,7 @@ cdef inline bint _advance(Core core, Node *node, double time) noexcept nogil:
     node.countdown -= 1
     if node.countdown == 0:
         begun = now()
-    if not (_write(core, node) and _step(core, node, time) and _read(core, node)):
+    if not (_write(core, node, node.event == NULL) and _step(core, node, time) and _read(core, node)):
         return False
     node.calls += 1
     if node.countdown == 0:
@@ -507,7 +610,8 @@ cdef inline bint _advance(Core core, Node *node, double time) noexcept nogil:
     return True
 
 
-cdef inline bint _write(Core core, Node *node) noexcept nogil:
+cdef inline bint _write(Core core, Node *node, bint everything) noexcept nogil:
+    """Set the inputs; not those that wait for an event, unless `everything` is wanted."""
     cdef int i
     if node.inputs == 0:
         return True
@@ -520,30 +624,136 @@ cdef inline bint _write(Core core, Node *node) noexcept nogil:
     for i in range(node.packed.count):
         if not _pack(&node.packed.of[i]):
             return _stop(core, MISFIT, 0)
+    if not usually(everything):
+        return _passes(core, node, WRITE, _call_all(node, &node.event.plain))
     return _passes(core, node, WRITE, _call_all(node, &node.writing))
 
 
 cdef inline bint _step(Core core, Node *node, double time) noexcept nogil:
-    cdef int status
-    cdef bint ended
+    core.at, core.span = time, node.duration
     if node.asked:
         return _stop(core, STEP, DISCARD if node.version == 2 else 0)
+    if node.event != NULL:
+        return _step_by_events(core, node, time)
+    return _do_step(core, node, time, node.duration)
+
+
+cdef inline bint _do_step(Core core, Node *node, double time, double duration) noexcept nogil:
+    """One call of its step function."""
+    cdef int status
+    cdef bint ended
     if node.version == 2:
-        status = (<Step2>node.step)(node.instance, time, node.duration, 1)
+        status = (<Step2>node.step)(node.instance, time, duration, 1)
         ended = status == DISCARD
     else:
-        status = (<Step3>node.step)(node.instance, time, node.duration, True, node.flags[0], node.flags[1],
+        status = (<Step3>node.step)(node.instance, time, duration, True, node.flags[0], node.flags[1],
                                     node.flags[2], node.reached)
-        ended = node.flags[1][0] or node.flags[2][0]
+        ended = node.flags[1][0] or (node.flags[2][0] and node.event == NULL)
     if usually(not ended):
         return _passes(core, node, STEP, status)
-    if not _whole(node, time, status):
+    if not _whole(node, time, duration, status):
         return _stop(core, STEP, status)
     node.asked = True
     return True
 
 
-cdef bint _whole(Node *node, double time, int status) noexcept nogil:
+cdef bint _step_by_events(Core core, Node *node, double time) noexcept nogil:
+    """A step from event to event, as `ClockedSlave.step` has it."""
+    cdef Event *event = node.event
+    cdef double end = time + node.duration, at = time, target, first = 0.0
+    cdef double together = max(TOGETHER * node.duration, ROUNDING * fabs(end))
+    cdef int i, events = 0
+    for i in range(event.watched_count):
+        if node.held[event.watched[i]] != event.before[event.watched[i]]:
+            event.due = True
+    for i in range(node.inputs):
+        event.before[i] = node.held[i]
+    while at < end - together and not node.asked:
+        while event.due or _next(event) <= at + together:
+            if events == 0 or at - first > together:
+                first, events = at, 0
+            events += 1
+            core.at = at
+            if events == MOST_EVENTS:
+                return _stop(core, EVENTS, 0)
+            if not _event(core, node, at + together):
+                return False
+        target = _next(event)
+        if not target < end - together:
+            target = end
+        core.at, core.span = at, target - at
+        if not _do_step(core, node, at, core.span):
+            return False
+        if node.flags[2][0] and not node.asked:
+            if not (node.flags[0][0] or node.reached[0] > at):
+                return _stop(core, STUCK, 0)
+            target = min(node.reached[0], target)
+        event.due = event.due or node.flags[0][0]
+        at = target
+    return True
+
+
+cdef inline double _next(const Event *event) noexcept nogil:
+    """Time of its next event that is known."""
+    cdef double time = event.next_event
+    cdef int i
+    for i in range(event.clock_count):
+        time = min(time, event.clocks[i].next)
+    return time
+
+
+cdef inline void _count(Periodic *clock) noexcept nogil:
+    clock.next = <double>(clock.first + clock.number * clock.step) / <double>clock.denominator
+
+
+cdef bint _event(Core core, Node *node, double until) noexcept nogil:
+    """An event, as `ClockedSlave._event` has it, with the clocks that tick up to a time."""
+    cdef Event *event = node.event
+    cdef uint64_t ticking = 0
+    cdef size_t count = 0
+    cdef int i, turn
+    for i in range(event.clock_count):
+        if event.clocks[i].next <= until:
+            ticking |= <uint64_t>1 << i
+            event.references[count] = event.clocks[i].reference
+            count += 1
+            event.clocks[i].number += 1
+            _count(&event.clocks[i])
+    core.ticking = ticking
+    event.due = False
+    if not event.in_event:
+        if not _passes(core, node, ENTER, (<Mode3>event.enter)(node.instance)):
+            return False
+        event.in_event = True
+    for turn in range(MOST_TURNS):
+        if count and not _passes(core, node, TICK, (<Tick3>event.tick)(node.instance, event.references, count, event.active)):
+            return False
+        if not _passes(core, node, WRITE, _call_all(node, &event.plain)):
+            return False
+        if not _passes(core, node, WRITE, _call_all(node, &event.discrete)):
+            return False
+        for i in range(event.clocked_count):
+            if event.of_clocks[i] & ticking and not _passes(core, node, WRITE, _call(node, &event.clocked[i])):
+                return False
+        if not _passes(core, node, UPDATE, (<Update3>event.update)(
+                node.instance, event.flags, event.flags + 1, event.flags + 2, event.flags + 3, event.flags + 4,
+                event.told)):
+            return False
+        if event.flags[1]:
+            return _stop(core, ENDING, 0)
+        if not event.flags[0]:
+            break
+        ticking, count = 0, 0
+    else:
+        return _stop(core, TURNS, 0)
+    event.next_event = event.told[0] if event.flags[4] else INFINITY
+    if not _passes(core, node, LEAVE, (<Mode3>event.leave)(node.instance)):
+        return False
+    event.in_event = False
+    return True
+
+
+cdef bint _whole(Node *node, double time, double duration, int status) noexcept nogil:
     """Whether a step that the FMU ended because it asks to stop came to its end."""
     cdef int asked = 0
     if node.version == 2:
@@ -554,7 +764,7 @@ cdef bint _whole(Node *node, double time, int status) noexcept nogil:
         (<Reached2>node.has_reached)(node.instance, LAST_TIME, node.reached)
     else:
         asked = status < DISCARD and node.flags[1][0]
-    return asked and node.reached[0] >= time + node.duration * ALMOST
+    return asked and node.reached[0] >= time + duration * ALMOST
 
 
 cdef inline bint _read(Core core, Node *node) noexcept nogil:

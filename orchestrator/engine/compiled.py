@@ -18,6 +18,7 @@ import numpy as np
 from fmus.errors import WiringError
 from orchestrator.engine.loop import Loop, Node, Stepper
 from orchestrator.engine.recording import Recorder
+from orchestrator.fmi.clocked_slave import ClockedSlave
 from orchestrator.fmi.functions.co_simulation import Fmi3
 from orchestrator.fmi.functions.values import VariableGroup
 from orchestrator.fmi.instance import stepping
@@ -34,6 +35,7 @@ except (ImportError, AttributeError):  # no compiler at installation
 LOG = logging.getLogger("servotwin.engine")
 NOT_BUILT = "it was not built at installation, for want of a C compiler"
 BUDGET = 0.05  # between two turns of Python [s]
+_CLOCKS = 64  # of one component
 Row = tuple[int, ...]  # a value or a call in the terms of the extension
 
 
@@ -82,18 +84,32 @@ def _obstacle(loop: Loop) -> str:
     """Why the compiled loop cannot step this, nothing when it can."""
     if not available():
         return NOT_BUILT
-    ticking = [node.component.name for node in loop.nodes if node.component.interface.ticks]
-    if ticking:
-        return f"{ticking[0]} has clocks"
-    foreign = [node.component.name for node in loop.nodes if type(node.component) is not Slave]
+    foreign = [node.component.name for node in loop.nodes if type(node.component) not in (Slave, ClockedSlave)]
     if foreign:
         return f"{foreign[0]} is no co-simulation FMU in this process"
-    told = [node.component.name for node in loop.nodes if type(node.component) is Slave and node.component.tells]
-    if told:
-        return f"{told[0]} gives texts"
+    for node in loop.nodes:
+        if reason := _obstacle_at(node):
+            return reason
     if any(len(group) > 1 or group[0].feeds_itself for group in loop.groups):
         return "there is a cycle of direct feed-through to be iterated"
     return ""
+
+
+def _obstacle_at(node: Node) -> str:
+    """Why the compiled loop cannot step this FMU, nothing when it can."""
+    component = node.component
+    if isinstance(component, Slave) and component.tells:
+        return f"{component.name} gives texts"
+    if node.ticks:
+        return f"{component.name} ticks the clocks of others"
+    if not isinstance(component, ClockedSlave):
+        return ""
+    if not hasattr(_compiled.Core, "add_event"):
+        return "it was built from older sources"
+    if not component.steady:
+        return f"{component.name} has clocks whose intervals change"
+    many = len(component.schedule.references) > _CLOCKS
+    return f"{component.name} has more than {_CLOCKS} clocks" if many else ""
 
 
 @functools.cache
@@ -133,6 +149,9 @@ class CompiledLoop:
         number = {every: rate for rate, every in enumerate(rates)}
         for fmu in self._nodes:
             self._core.add_node(number[fmu.node.every], *fmu.described())
+        self._clocked = [n for n, fmu in enumerate(self._nodes) if isinstance(fmu.slave, ClockedSlave)]
+        for n in self._clocked:
+            self._core.add_event(n, *self._nodes[n].events())
 
     def begin(self) -> None:
         """Take the loop over at its first tick."""
@@ -154,7 +173,11 @@ class CompiledLoop:
 
     def advance(self, last: int, recorder: Recorder) -> None:
         self._core.base = recorder.base
+        for n in self._clocked:
+            self._nodes[n].load(self._core, n)
         self._core.run(last, BUDGET, recorder.rows, recorder.every)
+        for n in self._clocked:
+            self._nodes[n].unload(self._core, n)
         if self._core.stage != _compiled.Stage.RUNNING:
             self._fail()
 
@@ -179,13 +202,38 @@ class CompiledLoop:
         elif self._core.stage == _compiled.Stage.WRITE:
             fmu.slave.written(status)
         elif self._core.stage == _compiled.Stage.STEP:
-            fmu.slave.stepped(status, self._loop.time(self.tick), fmu.node.duration)
+            clocked = isinstance(fmu.slave, ClockedSlave)
+            at = (self._core.at, self._core.span) if clocked else (self._loop.time(self.tick), fmu.node.duration)
+            fmu.slave.stepped(status, *at)
         elif self._core.stage == _compiled.Stage.VALUE:
             doing = stepping(self._loop.time(self.tick), fmu.node.duration)
             self._loop.require_finite(fmu.node, fmu.slave.read(), doing)
+        elif isinstance(fmu.slave, ClockedSlave) and self._core.stage != _compiled.Stage.READ:
+            self._fail_event(fmu.slave, status)
         else:
             fmu.slave.got(status)
         raise AssertionError(f"{fmu.slave.name}: the compiled loop stopped at status {status}, the slave did not")
+
+    def _fail_event(self, slave: ClockedSlave, status: int) -> None:
+        """Raise what went wrong in an event."""
+        core, stage = self._core, _compiled.Stage
+        if core.stage == stage.ENTER:
+            slave.entered(status)
+        elif core.stage == stage.TICK:
+            references = slave.schedule.references
+            slave.ticked(status, [one for bit, one in enumerate(references) if core.ticking >> bit & 1])
+        elif core.stage == stage.UPDATE:
+            slave.updated(status, core.at)
+        elif core.stage == stage.LEAVE:
+            slave.left(status)
+        elif core.stage == stage.ENDING:
+            slave.ends(core.at)
+        elif core.stage == stage.TURNS:
+            slave.unsettled(core.at)
+        elif core.stage == stage.EVENTS:
+            slave.crowded(core.at)
+        else:
+            slave.stuck(core.at, core.span)
 
 
 class _FmuNode:
@@ -205,6 +253,12 @@ class _FmuNode:
         self._sources = [slots[slot] for slot in node.sources]
         inputs, outputs = self.slave.bound
         self._packed, self._writing = _moved(inputs, self.inputs, "set", True)
+        self._parts: list[list[Row]] = []  # calls that set the inputs of each part
+        for part in self.slave.parts if isinstance(self.slave, ClockedSlave) else ():
+            places = [self.inputs[place] for place in part.places]
+            packed, calls = _moved(part.group, places, "set", _side_by_side(part.places))
+            self._packed += packed
+            self._parts.append(calls)
         own = slots[node.first : node.first + len(node.instant)]
         unpacked, self._reading = _moved(outputs, own, "get", all(node.instant))
         at_once = {address for address, instant in zip(own, node.instant, strict=True) if instant}
@@ -235,6 +289,49 @@ class _FmuNode:
             self._instant,
             self.deferred,
         )
+
+    def events(self) -> tuple[Any, ...]:
+        """Arguments of `Core.add_event` after the number."""
+        slave, fmi = self.slave, self.slave.functions
+        assert isinstance(slave, ClockedSlave)
+        names = ("EnterEventMode", "SetClock", "UpdateDiscreteStates", "EnterStepMode")
+        plain: list[Row] = []
+        discrete: list[Row] = []
+        clocked: list[Row] = []
+        masks: list[int] = []
+        watched: list[int] = []
+        bits = {reference: 1 << bit for bit, reference in enumerate(slave.schedule.references)}
+        clocks = self.slave.interface.clocks
+        for part, calls in zip(slave.parts, self._parts, strict=True):
+            if part.clocks:
+                clocked += calls
+                masks += [sum(bits.get(clocks[name].reference, 0) for name in part.clocks)] * len(calls)
+            elif part.discrete:
+                discrete += calls
+                watched += [*part.places]
+            else:
+                plain += calls
+        self._flags, self._time = (ctypes.c_bool * 5)(), ctypes.c_double()
+        memory = [ctypes.addressof(self._flags), ctypes.addressof(self._time)]
+        functions = [_entry(fmi.function(name)) for name in names]
+        return functions, [*bits], plain, discrete, clocked, masks, watched, memory
+
+    def load(self, core: Any, number: int) -> None:
+        """Have the core begin where the slave is."""
+        assert isinstance(self.slave, ClockedSlave)
+        next_event, due, in_event = self.slave.where()
+        core.load(number, self.slave.schedule.positions, next_event, due, in_event, [*self.slave.wanted])
+
+    def unload(self, core: Any, number: int) -> None:
+        """Have the slave be where the core is."""
+        assert isinstance(self.slave, ClockedSlave)
+        numbers, next_event, due, in_event = core.unload(number)
+        self.slave.schedule.put(numbers)
+        self.slave.moved(next_event, due, in_event, self.held.tolist())
+
+
+def _side_by_side(places: Sequence[int]) -> bool:
+    return [*places] == list(range(places[0], places[0] + len(places)))
 
 
 def _moved(group: VariableGroup, floats: Sequence[int], verb: str, direct: bool) -> tuple[list[Row], list[Row]]:

@@ -11,11 +11,12 @@ import dataclasses
 import math
 import sys
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NoReturn
 
 from fmus.errors import FmuEnded
+from orchestrator.fmi.clocks.schedule import Schedule
 from orchestrator.fmi.clocks.ticks import NOTHING, Arrival, Tick
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.functions.co_simulation import EventFmi3, Fmi2, Stop
@@ -110,14 +111,14 @@ class ClockedSlave(Slave):
         if self._asked:
             raise FmuEnded(self.name, f"asked to stop at t = {time:g} s")
         self._ticker.passed = []
-        end, now, doing = time + duration, time, stepping(time, duration)
+        end, now = time + duration, time
         together = max(_TOGETHER * duration, _ROUNDING * abs(end))
         events: deque[float] = deque(maxlen=_MOST_EVENTS)
         while now < end - together and not self._asked:
             while self._now.due or self._next_event <= now + together:
                 events.append(now)
                 if len(events) == _MOST_EVENTS and now - events[0] <= together:
-                    raise self._failure(doing, f"{_MOST_EVENTS} events at t = {now:.9g} s")
+                    self.crowded(now)
                 self._event(now, *self._ticker.due(now + together))
             now = self._advance(now, self._next_event if self._next_event < end - together else end)
 
@@ -138,6 +139,69 @@ class ClockedSlave(Slave):
         return super().reset()
 
     @property
+    def parts(self) -> Sequence[Part]:
+        """Its bound inputs by when they are set."""
+        return self._parts
+
+    @property
+    def steady(self) -> bool:
+        """Whether its clocks tick at intervals that nothing changes."""
+        return self._ticker.schedule.steady
+
+    @property
+    def schedule(self) -> Schedule:
+        """Of its clocks that tick by time."""
+        return self._ticker.schedule
+
+    def where(self) -> tuple[float, bool, bool]:
+        """Time of the next event of its own [s], whether one is due, and whether it is in event mode."""
+        return self._now.next_event, self._now.due, self._now.in_event_mode
+
+    @property
+    def wanted(self) -> Sequence[float]:
+        """Its bound inputs as they are to be."""
+        return self._now.wanted
+
+    def moved(self, next_event: float, due: bool, in_event_mode: bool, wanted: Sequence[float]) -> None:
+        """Take note of where it is after it was stepped from outside, with these inputs."""
+        self._now = _Moment(next_event, due, in_event_mode, wanted)
+
+    def entered(self, status: int) -> None:
+        """Take note of how entering event mode went."""
+        self._check(status, "enter event mode")
+
+    def left(self, status: int) -> None:
+        """Take note of how leaving it went."""
+        self._check(status, "enter step mode")
+
+    def ticked(self, status: int, ticking: Collection[int]) -> None:
+        """Take note of how these clocks, by their references, could be ticked."""
+        self._ticker.ticked(status, ticking)
+
+    def updated(self, status: int, time: float) -> None:
+        """Take note of how the update of discrete states at a time [s] went."""
+        self._check(status, f"update its discrete states at t = {time:g} s")
+
+    def ends(self, time: float) -> NoReturn:
+        """Say that it asks to stop at a time [s]."""
+        raise FmuEnded(self.name, str(Stop(time, True)))
+
+    def unsettled(self, time: float) -> NoReturn:
+        """Say that an event at a time [s] does not end."""
+        problem = f"the event does not end in {_MOST_TURNS} iterations"
+        raise self._failure(f"tick at t = {time:.9g} s", problem, "ask its supplier for a model that settles")
+
+    def crowded(self, time: float) -> NoReturn:
+        """Say that there are too many events at a time [s]."""
+        problem = f"{_MOST_EVENTS} events at one time"
+        raise self._failure(f"tick at t = {time:.9g} s", problem, "ask its supplier for a model that settles")
+
+    def stuck(self, time: float, duration: float) -> NoReturn:
+        """Say that a step from a time by a duration [s] ended early for nothing."""
+        problem = f"returned at t = {self._fmi.reached.value:g} s, without an event and without getting on"
+        raise self._failure(stepping(time, duration), problem, "ask its supplier for a repaired one")
+
+    @property
     def _next_event(self) -> float:
         """Time of the next event that is known, of its own, by a clock or from another component [s]."""
         return min(self._ticker.next, self._now.next_event)
@@ -150,8 +214,7 @@ class ClockedSlave(Slave):
             self.stepped(status, now, target - now)
         reached = self._fmi.reached.value if early else target
         if early and not (event or reached > now):
-            problem = f"returned at t = {reached:g} s, without an event and without getting on"
-            raise self._failure(stepping(now, target - now), problem, "ask its supplier for a repaired one")
+            self.stuck(now, target - now)
         self._now.due = self._now.due or event
         return min(reached, target)
 
@@ -169,25 +232,24 @@ class ClockedSlave(Slave):
         self._enter_event_mode()
         for _ in range(_MOST_TURNS):
             names = self._ticker.activate(ticking)
-            for part in self._parts:
+            for part in () if beginning else self._parts:  # then the initialisation has set them
                 if not part.clocks or part.clocks & names:
                     self._put(part, values)
             self._ticker.tell(time, self.read)
             status, news = self._fmi.update()
             if status:
-                self._check(status, f"update its discrete states at t = {time:g} s")
+                self.updated(status, time)
             if problem := self._ticker.learn(time, ticking, beginning):
                 raise self._failure(f"tick at t = {time:g} s", problem, "correct its description or the FMU")
             if news.ending:
-                raise FmuEnded(self.name, str(Stop(time, True)))
+                self.ends(time)
             ticking = frozenset() if beginning else self._ticker.at_once(time)
             if not news.again and not ticking:
                 break
         else:
-            problem = f"the event does not end in {_MOST_TURNS} iterations"
-            raise self._failure(f"tick at t = {time:.9g} s", problem, "ask its supplier for a model that settles")
+            self.unsettled(time)
         now.next_event = news.next_event
-        self._check(self._fmi.call("EnterStepMode"), "enter step mode")
+        self.left(self._fmi.call("EnterStepMode"))
         now.in_event_mode = False
 
     def _put(self, part: Part, values: Sequence[float]) -> None:
@@ -201,5 +263,5 @@ class ClockedSlave(Slave):
 
     def _enter_event_mode(self) -> None:
         if not self._now.in_event_mode:
-            self._check(self._fmi.call("EnterEventMode"), "enter event mode")
+            self.entered(self._fmi.call("EnterEventMode"))
             self._now.in_event_mode = True

@@ -42,6 +42,7 @@ BENCH = {
     "loop_speed": "a step in our loops, in C and in other tools",
     "fused_speed": "a step of a system in one FMU, beside a C program and the wired system",
     "loop_scaling": "time and memory over components and steps",
+    "clocks": "ticks of FMI 3.0's clocks a second and core",
     "can_bridge": "deadlines and lost frames of a bridge at 1 kHz over serial adapters",
     "live_changes": "steps that changes of a run in real time make late",
     "ssp_import": "an SSP with 200 FMUs and 5,000 connections",

@@ -12,6 +12,9 @@ from orchestrator.fmi.clocks.declared import PERIODIC, Clock, Interval
 from orchestrator.rational import Clock as Count
 from orchestrator.rational import clock as counted
 
+Position = tuple[int, int, int, int]  # the next tick is at (first + number * step) / denominator [s]
+_STEADY = (Interval.CONSTANT, Interval.FIXED)
+
 
 @dataclass
 class Timed:
@@ -56,6 +59,19 @@ class Timed:
         else:
             self._every(self.last + (interval if self._ticked else self.clock.shift), interval)
 
+    @property
+    def position(self) -> Position:
+        """Where it is, of one that ticks at one interval."""
+        count = self._count
+        assert count is not None
+        return count.first, count.step, count.denominator, self._number
+
+    def put(self, number: int) -> None:
+        """Go to the tick of this number, of one that ticks at one interval."""
+        if self._count is not None and number != self._number:
+            self._number, self.next, self._ticked = number, self._count(number), True
+            self.last = Fraction(repr(self._count(number - 1)))
+
     def _every(self, first: Fraction, interval: Fraction) -> None:
         self._count, self._number = counted(first, interval), 0
         self.next = float(first)
@@ -65,7 +81,8 @@ class Schedule:
     """The clocks of an instance that tick by time."""
 
     def __init__(self, clocks: Iterable[Clock]) -> None:
-        self._timed = {clock.reference: Timed(clock) for clock in clocks if clock.timed}
+        timed = sorted((clock for clock in clocks if clock.timed), key=lambda clock: clock.reference)
+        self._timed = {clock.reference: Timed(clock) for clock in timed}
 
     @property
     def next(self) -> float:
@@ -103,6 +120,26 @@ class Schedule:
     def unknown(self) -> list[Clock]:
         """Periodic ones whose interval nothing tells."""
         return [t.clock for t in self._timed.values() if t.clock.kind in PERIODIC and t.next == math.inf]
+
+    @property
+    def steady(self) -> bool:
+        """Whether all tick at intervals that nothing changes."""
+        return all(timed.clock.kind in _STEADY for timed in self._timed.values())
+
+    @property
+    def positions(self) -> list[Position]:
+        """Where they are, where all are steady."""
+        return [timed.position for timed in self._timed.values()]
+
+    def put(self, numbers: Iterable[int]) -> None:
+        """Go to the ticks of these numbers, where all are steady."""
+        for timed, number in zip(self._timed.values(), numbers, strict=True):
+            timed.put(number)
+
+    @property
+    def references(self) -> list[int]:
+        """Of all clocks, in the order of their positions."""
+        return [*self._timed]
 
     def saved(self) -> dict[int, Timed]:
         """A copy of where they are."""

@@ -29,10 +29,14 @@ class ClockCalls:
     def activate(self, references: Collection[int]) -> None:
         """Have these tick, in event mode."""
         count = len(references)
-        listed, on = (ctypes.c_uint * count)(*references), (ctypes.c_bool * count)(*([True] * count))
+        listed, on = (ctypes.c_uint * count)(*sorted(references)), (ctypes.c_bool * count)(*([True] * count))
         status = self._fmi.call("SetClock", listed, ctypes.c_size_t(count), on)
         if status:
-            self._require(status, f"tick {', '.join(self._names[reference] for reference in references)}")
+            self.ticked(status, references)
+
+    def ticked(self, status: int, references: Collection[int]) -> None:
+        """Take note of how it went to have these tick."""
+        self._require(status, f"tick {', '.join(self._names[reference] for reference in sorted(references))}")
 
     def active(self) -> frozenset[str]:
         """Names of the output clocks that tick now, in event mode."""

@@ -27,6 +27,7 @@ class Ticker:
     """The clocks of an instance; times in seconds.
 
     Attributes:
+        schedule: of those that tick by time.
         passed: ticks of its output clocks that others have not been told.
     """
 
@@ -34,7 +35,7 @@ class Ticker:
         self._clocks = [*clocks]
         self._by_name = {clock.name: clock for clock in clocks}
         self._by_reference = {clock.reference: clock for clock in clocks}
-        self._schedule = Schedule(clocks)
+        self.schedule = self._schedule = Schedule(clocks)
         self._arrivals: list[Arrival] = []
         self.passed: list[Tick] = []
 
@@ -71,6 +72,10 @@ class Ticker:
         if ticking:
             self._calls.activate(ticking)
         return frozenset(self._by_reference[reference].name for reference in ticking)
+
+    def ticked(self, status: int, ticking: Collection[int]) -> None:
+        """Take note of how clocks could be ticked."""
+        self._calls.ticked(status, ticking)
 
     def tell(self, time: float, read: Callable[[], Sequence[float]]) -> None:
         """Take note of the output clocks that tick at a time, with what `read` gives then."""

@@ -1,7 +1,7 @@
 /* An FMU (FMI 3.0, co-simulation and model exchange) with every kind of clock, that minds the order of its calls.
 
    Each input clock is counted; `sampled` is what `u` was when `tick` last ticked, `heard` what `w` was when `trigger`
-   did. `out` ticks with every `divisor`th tick of `tick`, `relay` with every one of `trigger`. `countdown` is set to
+   did, `kept` what `v` was when `tick` did. After 0.5 s there is the `trouble` that is asked for. `out` ticks with every `divisor`th tick of `tick`, `relay` with every one of `trigger`. `countdown` is set to
    `delay` by each tick of `trigger`. `changing` goes on after 1, 2, 4, ... times `growth`. At `alarm_at` a step ends
    early, and `alarm` ticks. At `event_at` there is an event that was told in advance. */
 #include <math.h>
@@ -9,9 +9,10 @@
 #include "fmi3Functions.h"
 
 enum { TICK = 1, TUNE, CHANGING, COUNTDOWN, TRIGGER, OUT, RELAY, ALARM, FIXED, CLOCKS };
-enum { U = 20, W, DIVISOR, DELAY, GROWTH, ALARM_AT, EVENT_AT, PERIOD, REALS_END };
-enum { SAMPLED = 40, HEARD, SEEN, LAST_TIME, GAUGE, OUTPUTS_END };
+enum { U = 20, W, DIVISOR, DELAY, GROWTH, ALARM_AT, EVENT_AT, PERIOD, TROUBLE, V, REALS_END };
+enum { SAMPLED = 40, HEARD, SEEN, LAST_TIME, GAUGE, KEPT, OUTPUTS_END };
 enum { COUNTS = 60 }; /* Int32: how often the clock of COUNTS + reference ticked; COUNTS: events */
+enum { NONE, UPDATE_FAILS, ENDS, ENDLESS, TICK_FAILS, STEP_FAILS, WARNS, STUCK, CROWDED, STOPS, ENTER_FAILS, LEAVE_FAILS };
 enum { INSTANTIATED = 1, INITIALISATION = 2, EVENT = 4, STEP = 8 };
 
 typedef struct {
@@ -48,6 +49,8 @@ static fmi3Status refuse(Instance *it, const char *what)
         if (!(condition))                         \
             return refuse(it, "not " #condition); \
     } while (0)
+
+static bool trouble(const Instance *it, int kind) { return it->now.real[TROUBLE] == kind && it->now.time > 0.5; }
 
 FMI3_Export const char *fmi3GetVersion(void) { return "3.0"; }
 
@@ -104,6 +107,7 @@ FMI3_Export fmi3Status fmi3EnterEventMode(fmi3Instance c)
 {
     Instance *it = c;
     REQUIRE(it->events && it->now.mode == STEP);
+    REQUIRE(!trouble(it, ENTER_FAILS));
     it->now.mode = EVENT;
     it->now.settled = 0;
     it->now.count[0]++;
@@ -116,6 +120,7 @@ FMI3_Export fmi3Status fmi3EnterEventMode(fmi3Instance c)
 static fmi3Status leave(Instance *it)
 {
     REQUIRE(it->now.mode == EVENT && it->now.settled);
+    REQUIRE(!trouble(it, LEAVE_FAILS));
     it->now.mode = STEP;
     return fmi3OK;
 }
@@ -126,6 +131,7 @@ FMI3_Export fmi3Status fmi3SetClock(fmi3Instance c, const fmi3ValueReference r[]
 {
     Instance *it = c;
     REQUIRE(it->now.mode == EVENT);
+    REQUIRE(!trouble(it, TICK_FAILS));
     for (size_t i = 0; i < n; i++) {
         REQUIRE(r[i] >= TICK && (r[i] <= TRIGGER || r[i] == FIXED) && on[i]);
         REQUIRE(!it->now.active[r[i]]);
@@ -149,7 +155,7 @@ FMI3_Export fmi3Status fmi3GetClock(fmi3Instance c, const fmi3ValueReference r[]
 static void sample(State *s)
 {
     if (s->active[TICK])
-        s->real[SAMPLED] = s->real[U];
+        s->real[SAMPLED] = s->real[U], s->real[KEPT] = s->real[V];
     if (s->active[TRIGGER])
         s->real[HEARD] = s->real[W];
 }
@@ -159,6 +165,7 @@ FMI3_Export fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *aga
     Instance *it = c;
     State *s = &it->now;
     REQUIRE(s->mode == EVENT);
+    REQUIRE(!trouble(it, UPDATE_FAILS));
     sample(s);
     if (s->active[TRIGGER])
         s->countdown = s->real[DELAY], s->told_countdown = false;
@@ -170,11 +177,15 @@ FMI3_Export fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *aga
         s->real[SEEN] = s->time;
         s->real[EVENT_AT] = 1e300;
     }
-    *again = *ending = *nominals = *values = false;
+    *nominals = *values = false;
+    *again = trouble(it, ENDLESS);
+    *ending = trouble(it, ENDS);
     *known = s->real[EVENT_AT] < 1e300;
     *next = s->real[EVENT_AT];
+    if (trouble(it, CROWDED))
+        *known = true, *next = s->time;
     s->settled = 1;
-    return fmi3OK;
+    return trouble(it, WARNS) ? fmi3Warning : fmi3OK;
 }
 FMI3_Export fmi3Status fmi3GetIntervalDecimal(fmi3Instance c, const fmi3ValueReference r[], size_t n,
     fmi3Float64 intervals[], fmi3IntervalQualifier qualifiers[])
@@ -200,6 +211,12 @@ FMI3_Export fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 
     Instance *it = c;
     State *s = &it->now;
     REQUIRE(s->mode == STEP && size > 0 && fabs(s->time - time) < 1e-9);
+    REQUIRE(!trouble(it, STEP_FAILS));
+    *last = time;
+    if (trouble(it, STUCK)) {
+        *early = true;
+        return fmi3OK;
+    }
     *event = *ending = *early = false;
     s->time = time + size;
     if (it->early && time < s->real[ALARM_AT] && s->real[ALARM_AT] < s->time) {
@@ -208,6 +225,7 @@ FMI3_Export fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 
     }
     s->real[GAUGE] = s->time;
     *last = s->time;
+    *ending = trouble(it, STOPS);
     return fmi3OK;
 }
 
@@ -226,6 +244,7 @@ FMI3_Export fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference r
         REQUIRE(r[i] >= U && r[i] < REALS_END);
         REQUIRE(it->now.mode != STEP); /* all are discrete */
         REQUIRE(r[i] != W || it->now.mode == INITIALISATION || it->now.mode == INSTANTIATED || it->now.active[TRIGGER]);
+        REQUIRE(r[i] != V || it->now.mode == INITIALISATION || it->now.mode == INSTANTIATED || it->now.active[TICK]);
         it->now.told_period = it->now.told_period && r[i] != PERIOD;
         it->now.real[r[i]] = v[i];
     }

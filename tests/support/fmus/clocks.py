@@ -14,6 +14,20 @@ import pytest
 from fmus.packaging import archive
 
 OUTPUTS = ("out", "relay", "alarm")
+TROUBLES = (
+    "none",
+    "update fails",
+    "ends",
+    "endless",
+    "tick fails",
+    "step fails",
+    "warns",
+    "stuck",
+    "crowded",
+    "stops",
+    "enter fails",
+    "leave fails",
+)
 CLOCKS = {
     "tick": 'intervalVariability="constant" intervalDecimal="0.1"',
     "changing": 'intervalVariability="changing"',
@@ -36,7 +50,15 @@ REFERENCES = {
     "alarm": 8,
     "fixed": 9,
 }
-PARAMETERS = {"divisor": 3, "delay": 0.25, "growth": 0.1, "alarm_at": 1e300, "event_at": 1e300, "period": 0.2}
+PARAMETERS = {
+    "divisor": 3,
+    "delay": 0.25,
+    "growth": 0.1,
+    "alarm_at": 1e300,
+    "event_at": 1e300,
+    "period": 0.2,
+    "trouble": 0,
+}
 _XML = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="3.0" modelName="clocks" instantiationToken="clocks">
   {interfaces}
@@ -102,16 +124,18 @@ def description(clocks: Mapping[str, str], interfaces: str = CO_SIMULATION) -> s
         for name, said in clocks.items()
     ]
     heard = f' clocks="{REFERENCES["trigger"]}"' if "trigger" in clocks else ""
+    kept = f' clocks="{REFERENCES["tick"]}"' if "tick" in clocks else ""
     lines += [
         '<Float64 name="u" valueReference="20" causality="input" variability="discrete" start="0"/>',
         f'<Float64 name="w" valueReference="21" causality="input" variability="discrete" start="0"{heard}/>',
+        f'<Float64 name="v" valueReference="29" causality="input" variability="discrete" start="0"{kept}/>',
         *(
             f'<Float64 name="{name}" valueReference="{22 + place}" causality="parameter" variability="tunable" '
             f'start="{start:g}"/>'
             for place, (name, start) in enumerate(PARAMETERS.items())
         ),
     ]
-    outputs = {"sampled": 40, "heard": 41, "seen": 42, "last_time": 43, "gauge": 44}
+    outputs = {"sampled": 40, "heard": 41, "seen": 42, "last_time": 43, "gauge": 44, "kept": 45}
     lines += [
         f'<Float64 name="{name}" valueReference="{reference}" causality="output" variability="discrete"/>'
         for name, reference in outputs.items()
