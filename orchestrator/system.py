@@ -13,6 +13,7 @@ from typing import Literal
 
 from fmus.errors import WiringError
 from fmus.modelling.model import element_names
+from fmus.parameters.bounds import span
 from orchestrator.crossing import NOTHING_GIVEN, Crossing, Given, crossing
 from orchestrator.fmi.interface import Interface, Port, Value
 
@@ -251,8 +252,7 @@ def check_bounds(name: str, port: Port, value: float) -> None:
         raise WiringError(name, f"is {value}", "give a finite number")
     low, high = port.minimum, port.maximum
     if (low is not None and value < low) or (high is not None and value > high):
-        span = f"[{'' if low is None else format(low, 'g')}, {'' if high is None else format(high, 'g')}]"
-        raise WiringError(name, f"is {value:g}, outside its bounds {span}", "choose a value inside")
+        raise WiringError(name, f"is {value:g}, outside its bounds {span(low, high)}", "choose a value inside")
 
 
 def scaled(text: str) -> tuple[Endpoint, Given]:

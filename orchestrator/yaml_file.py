@@ -212,7 +212,7 @@ def _complaint(path: Path, document: Any, schema: type[Block], error: Validation
     number = next((n for n, problem in enumerate(found) if problem["type"] == "extra_forbidden"), deepest)
     first, keys = found[number], places[number]
     stands = place_of(document, path, keys)
-    place = f"{stands.file}:{stands.line}: {'.'.join(map(one_line, keys))}"
+    place = ": ".join([f"{stands.file}:{stands.line}", ".".join(map(one_line, keys))][: 1 + bool(keys)])
     if first["type"] == "extra_forbidden":
         fields = _fields(schema, document, keys[:-1])
         known = [name for name in fields if name != keys[-1]]

@@ -23,6 +23,7 @@ from fmus.modelling.model import Number, element, element_number
 from fmus.packaging import archive, defaults
 from fmus.packaging.description.xml import GENERATION_TOOL, xml_number
 from fmus.parameters import related, ssv
+from fmus.parameters.bounds import span
 from fmus.parameters.ssv import SetValue
 
 REFERENCES = related.FOLDER
@@ -238,9 +239,8 @@ def _number(place: str, kind: str, value: SetValue, items: Mapping[str, int]) ->
 
 def _within(place: str, value: Number, low: str | None, high: str | None) -> None:
     if (low is not None and value < float(low)) or (high is not None and value > float(high)):
-        raise FmuFileError(
-            place, f"{value} lies outside its bounds [{low or ''}, {high or ''}]", "bound the parameter in the study"
-        )
+        problem = f"{value} lies outside its bounds {span(low, high)}"
+        raise FmuFileError(place, problem, "bound the parameter in the study")
 
 
 def _defaults(source: Path, text: bytes) -> dict[str, Number]:

@@ -82,7 +82,7 @@ FREE = {"start": 1.0, "min": 0.1, "max": 2.0}
         (parameters(hand__inertia={"start": 1, "min": 2, "max": 0.1}), "hand.inertia: bounds 2 and 0.1 leave no room"),
         (
             parameters(hand__inertia={"start": 1, "min": -0.5}),
-            "hand.inertia: is -0.5, outside its bounds [0, ]; choose a value inside",
+            "hand.inertia: is -0.5, outside its bounds [0, inf); choose a value inside",
         ),
         (parameters(hand__inertia={"min": 0.1}), "parameters.hand.inertia: has no start value; give `start`"),
         (parameters(motor__back_emf={"start": 0, "min": 0}), "motor.back_emf: starts at 0 with an open bound"),

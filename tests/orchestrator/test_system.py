@@ -177,7 +177,7 @@ def test_parameters_start_values_and_free_inputs_can_be_set(values: dict[str, Va
     [
         ("a.k", 2.5, "a.k: is 2.5, outside its bounds [0, 2]; choose a value inside"),
         ("a.k", -1, "a.k: is -1, outside its bounds [0, 2]; choose a value inside"),
-        ("a.n", 0, "a.n: is 0, outside its bounds [1, ]; choose a value inside"),
+        ("a.n", 0, "a.n: is 0, outside its bounds [1, inf); choose a value inside"),
         ("a.k", math.nan, "a.k: is nan; give a finite number"),
         ("a.z", math.inf, "a.z: is inf; give a finite number"),
         ("a.y", 1.0, "a.y: is an output and cannot be set; set a parameter or a start value"),

@@ -148,7 +148,7 @@ def test_an_fmu_can_be_written_back_onto_itself_and_equal_inputs_give_equal_byte
     ("values", "line"),
     [
         ({"inertai": 1.0}, "inertai: no such variable; did you mean 'inertia'?"),
-        ({"inertia": -1.0}, "inertia: -1.0 lies outside its bounds [0.0, ]; bound the parameter in the study"),
+        ({"inertia": -1.0}, "inertia: -1.0 lies outside its bounds [0.0, inf); bound the parameter in the study"),
         ({"angle": 1.0}, "angle: is a variable of causality output; calibrate a parameter"),
         ({"inertia": math.nan}, "inertia: cannot be nan; give a finite number"),
         ({"gravity_torque": math.inf}, "gravity_torque: cannot be inf; give a finite number"),

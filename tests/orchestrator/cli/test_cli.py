@@ -200,7 +200,7 @@ def test_set_goes_over_the_file(scenario: Path, tmp_path: Path) -> None:
     [
         ("hand.angel_start=1", "no variable 'angel_start' in 'hand'; did you mean 'angle_start'?"),
         ("hnad.angle_start=1", "no component 'hnad'; did you mean 'hand'?"),
-        ("hand.inertia=-1", "hand.inertia: is -1, outside its bounds [0, ]"),
+        ("hand.inertia=-1", "hand.inertia: is -1, outside its bounds [0, inf)"),
         ("hand.inertia=nan", "hand.inertia: is nan; give a finite number"),
         ("hand.angle_start", "--set hand.angle_start: has no value; write component.variable=value"),
         ("hand.angle=1", "hand.angle: is an output and cannot be set"),

@@ -46,6 +46,8 @@ class FactorBlock(Block):
             raise ValueError("give `levels`, `between`, `normal` and `std`, or `files`")
         if (self.normal is None) != (self.std is None):
             raise ValueError("`normal` and `std` go together")
+        if twice := {str(level) for level in self.levels or () if (self.levels or []).count(level) > 1}:
+            raise ValueError(f"has the level {min(twice)} twice")
         if self.scale == "log" and (self.between is None or self.normal is not None):
             raise ValueError("`scale: log` goes with `between` alone")
         if self.count is not None and self.between is None:
@@ -224,7 +226,7 @@ class SweepBlock(Block):
             if by == "list":
                 raise ValueError("a list says itself what varies; leave `vary` out")
             if by == "grid" and factor.between is not None and factor.count is None:
-                raise ValueError(f"{name} needs `count` in a grid")
+                raise ValueError(f"`vary.{name}` needs `count` in a grid")
             if by == "grid" and factor.normal is not None:
                 raise ValueError(f"{name} is drawn, which a grid does not do; give `levels` or another `design`")
         if not self.vary and self.calibration is None and by not in ("list", "grid"):

@@ -267,7 +267,7 @@ REFUSED = [
     ("model: pendulum", "fmu: missing.fmu", "missing.fmu: no such file"),
     ("hand: {", "my hand: {", ":3: components: component 'my hand': use letters, digits and underscores"),
     ("viscous_friction: 0.0", "viscous: 0.0", "hand.viscous: no variable 'viscous' in 'hand'; did you mean"),
-    ("viscous_friction: 0.0", "viscous_friction: -1", "hand.viscous_friction: is -1, outside its bounds [0, ]"),
+    ("viscous_friction: 0.0", "viscous_friction: -1", "hand.viscous_friction: is -1, outside its bounds [0, inf)"),
     ("viscous_friction: 0.0", "viscous_friction: much", "hand.viscous_friction: cannot be 'much'; give a Real"),
     ("viscous_friction: 0.0", "viscous_friction: true", "hand.viscous_friction: cannot be true; give a Real"),
     ("step: 0.01", "step: 0.03", "stop: 1 s is not a multiple of 0.03 s; use 0.99 s"),
