@@ -8,6 +8,8 @@ import weakref
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from fmus import library
+from fmus.modelling.model import start_values
 from identification.method import CalibratedFmu
 from orchestrator.assembly.assembly import SystemSpec, assemble
 from orchestrator.fmi.file import FmuDescription
@@ -34,20 +36,37 @@ class BuiltSystem:
             for name, file in self.assembled.files.items()
         }
 
+    def port(self, name: str) -> Port:
+        """What an FMU says of component.variable."""
+        component, _, variable = name.partition(".")
+        return FmuDescription(self.assembled.files[component]).interface.ports[variable]
+
     def changed(self, values: Mapping[str, float]) -> dict[str, Value]:
         """component.variable -> value, of the study's values and these, those that the FMUs do not start with; these
-        always."""
-        ports = {name: FmuDescription(file).interface.ports for name, file in self.assembled.files.items()}
+        always. Where an FMU is of a model of the library, what it starts with counts, too, where the model does not."""
+        files = {name: FmuDescription(file) for name, file in self.assembled.files.items()}
+        ports = {name: file.interface.ports for name, file in files.items()}
         own = {name: value for name, value in self.assembled.system.values().items() if name not in values}
         kept = {name: value for name, value in own.items() if not _starts_so(ports, name, value)}
-        return {**kept, **values}
+        given = {f"{name}.{port}": value for name, file in files.items() for port, value in _not_default(file).items()}
+        return {**{name: value for name, value in given.items() if name not in own}, **kept, **values}
+
+
+def _not_default(file: FmuDescription) -> dict[str, Value]:
+    """Parameters of one of our FMUs that its model of the library does not start with."""
+    interface = file.interface
+    if not file.is_ours or interface.model_name not in library.names():
+        return {}
+    defaults = start_values(library.find(interface.model_name))
+    starts = {port.name: port.parsed(port.start) for port in interface.of("parameter") if port.start is not None}
+    return {name: start for name, start in starts.items() if name in defaults and start != defaults[name]}
 
 
 def _starts_so(ports: Mapping[str, Mapping[str, Port]], name: str, value: Value) -> bool:
     """Whether an FMU starts with this value."""
     component, _, variable = name.partition(".")
     port = ports[component].get(variable)
-    return port is not None and port.start == value
+    return port is not None and port.start is not None and port.parsed(port.start) == value
 
 
 def component_values(component: str, values: Mapping[str, Value]) -> dict[str, Value]:

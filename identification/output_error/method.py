@@ -8,6 +8,7 @@ from fmus.errors import InputError
 from identification.method import Method
 from identification.output_error.calibration import Calibration, calibrate
 from identification.output_error.candidates import choose
+from identification.output_error.exported.free_run import write_free_run
 from identification.output_error.report import report
 from identification.output_error.results import calibrated, summary
 from identification.output_error.schema import OutputErrorBlock
@@ -34,4 +35,6 @@ def _study(block: OutputErrorBlock, base: Path) -> OutputErrorStudy:
     return block.study(block.system(base), block.source(base))
 
 
-METHOD: Method[OutputErrorBlock, Calibration] = Method(OutputErrorBlock, _run, summary, report, calibrated)
+METHOD: Method[OutputErrorBlock, Calibration] = Method(
+    OutputErrorBlock, _run, summary, report, calibrated, files=write_free_run
+)

@@ -11,6 +11,7 @@ from identification.method import Calibrated
 from identification.output_error.calibration import Calibration
 from identification.output_error.choice.summary import ChoiceSummary
 from identification.output_error.choice.summary import summary as choice_summary
+from identification.output_error.exported.latencies import latency_fmus, latency_notes
 from identification.output_error.search.estimate import Estimate
 from identification.output_error.verdict import calibration_verdict
 from identification.results import ParameterSummary, Summary, data_summary, finite
@@ -151,7 +152,7 @@ def summary(calibration: Calibration) -> OutputErrorSummary:
         "data": data_summary(calibration.recorded, study.traces.hold_out),
         "units": documents_of(calibration.crossings),
         "versions": versions(),
-        "warnings": calibration.warnings,
+        "warnings": [*calibration.warnings, *latency_notes(calibration)],
         "verdict": calibration_verdict(calibration),
     }
     if calibration.choice is not None:
@@ -208,7 +209,8 @@ def _uncertainty(found: Estimate) -> UncertaintySummary:
 
 
 def calibrated(calibration: Calibration, folder: Path) -> Calibrated:
-    """The system's FMUs with the study's values, the estimates and the study's step; and all values but delays."""
+    """The system's FMUs with the study's values, the estimates and the study's step, and those that bring latencies;
+    and all values but delays."""
     study, found = calibration.study, calibration.estimate.values
     members = {member for one in study.grouped for member in one.members.values()}
     values = {name: value for name, value in found.items() if "." in name and name not in members}
@@ -220,7 +222,8 @@ def calibrated(calibration: Calibration, folder: Path) -> Calibrated:
     known = {study.variable(name): unit for name, unit in calibration.units.items()}
     units = {name: unit for name, unit in known.items() if name in values and unit != "1"}
     system = calibration.system
-    return Calibrated(system.calibrated(values, float(study.run.step)), system.changed(values), units, groups)
+    fmus = {**system.calibrated(values, float(study.run.step)), **latency_fmus(calibration, folder)}
+    return Calibrated(fmus, system.changed(values), units, groups)
 
 
 def _parameter(calibration: Calibration, name: str) -> ParameterSummary:

@@ -110,7 +110,9 @@ def test_other_parameters_are_judged_on_the_same_unseen_windows(result: Path, da
 def test_the_folder_holds_what_was_promised(result: Path) -> None:
     files = {str(path.relative_to(result)) for path in result.rglob("*") if path.is_file()} - {RECORD}
     parameters = {"parameters.ssv", "parameters.srmd"}
-    assert files == {"fmus/motor.fmu", "fmus/hand.fmu", *parameters, "summary.json", "report.html", "study.yaml"}
+    free_run = {"free_run.yaml", "free_run.ssp", "free_run_commands.csv", "free_run_outputs.csv"}
+    told = {"summary.json", "report.html", "study.yaml"}
+    assert files == {"fmus/motor.fmu", "fmus/hand.fmu", *parameters, *free_run, *told}
     assert (result / "study.yaml").read_bytes() == (result.parent / "small.yaml").read_bytes()
     values = {name: entry["value"] for name, entry in summary(result)["parameters"].items()}
     assert read_values(result / "parameters.ssv") == values | {"hand.added_length": LENGTH}
