@@ -62,7 +62,6 @@ def layout(interface: SystemInterface, token: str) -> str:
             "",
             f"#define MODEL_NAME {c_code.string(interface.name)}",
             f"#define MODEL_TOKEN {c_code.string(token)}",
-            "#define NO_TANGENTS",
             "",
             "enum {",
             *(f"    {name} = {value}," for name, value in sizes.items()),
@@ -110,11 +109,13 @@ def _wiring(interface: SystemInterface, identifiers: Mapping[Model, str]) -> str
     for number, (name, own) in enumerate(interface.inside.items()):
         part = system.parts[name]
         functions += [_take(interface, own, number, first), _give(own, number, first, live)]
+        functions += [_feeds(interface, own, number, first), _outputs(own, number, live)]
         duration = c_code.literal(float(part.every * system.base))
-        parts.append(
-            f"{{{c_code.string(name)}, &{identifiers[part.model]}_part, {first}, {len(own)}, {part.every}, {duration}, "
-            f"{int(part.instant)}, {int(_evaluated(part.model, name, live))}, take_{number}, give_{number}}}"
-        )
+        sizes = f"{first}, {len(own)}, {part.every}, {duration}, {int(part.instant)}"
+        functions_of = ", ".join(f"{what}_{number}" for what in ("take", "give", "feeds", "outputs"))
+        looked_at = int(_evaluated(part.model, name, live))
+        model = f"&{identifiers[part.model]}_part"
+        parts.append(f"{{{c_code.string(name)}, {model}, {sizes}, {looked_at}, {functions_of}}}")
         first += len(own)
     return "\n".join(
         [
@@ -194,6 +195,24 @@ def _give(own: Iterable[Exposed], number: int, first: int, live: set[str]) -> st
     total = " + ".join(f"v[{reference}]" for reference in outputs) or "0.0"
     head = f"static double give_{number}(const double *values, double *v)"
     return _function(head, ("v", "values"), [*lines, f"return {total};"])
+
+
+def _feeds(interface: SystemInterface, own: Iterable[Exposed], number: int, first: int) -> str:
+    """What moves a part's real inputs, for tangents."""
+    references = {variable.name: variable.reference for of in interface.inside.values() for variable in of}
+    entries = []
+    for variable in own:
+        if variable.causality == "input" and variable.type == "Real":
+            wire = interface.sources.get(variable.name)
+            source, factor = (references[wire.source], wire.factor) if wire else (variable.reference, 1.0)
+            entries.append(f"{{{variable.reference - first}, {source}, {c_code.literal(factor)}}}")
+    return _array(f"static const Feed feeds_{number}[]", [*entries, "{-1, 0, 0.0}"])
+
+
+def _outputs(own: Iterable[Exposed], number: int, live: set[str]) -> str:
+    """The real outputs of a part that anybody looks at, for tangents."""
+    found = [str(variable.reference) for variable in own if variable.name in live and variable.type == "Real"]
+    return f"static const int outputs_{number}[] = {{{', '.join([*found, '-1'])}}};\n"
 
 
 def _function(head: str, arguments: Iterable[str], lines: list[str]) -> str:

@@ -19,8 +19,13 @@ from fmus.packaging.system import manifest
 from fmus.packaging.system.build import FLAGS
 from fmus.parameters.write_back import write_back
 from identification.cli import app
+from orchestrator.assembly.assembly import OpenSystem, assemble, open_system
+from orchestrator.engine import Run
+from orchestrator.scenario.fusing import fuse
+from orchestrator.scenario.schema import load_scenario
 from orchestrator.ssp.tree import tree
 from tests.support.fmus.either import Either, opened, schema
+from tests.support.fmus.sanitized import harnessed
 from tests.support.simulation.fused import Wired, fused, many_rates, stepped, wired
 
 pytestmark = [
@@ -248,3 +253,28 @@ def test_declared_dependencies_are_the_ones_that_show_in_values(tmp_path: Path, 
     instant = {u.variable.name: {d.name for d in u.dependencies} for u in described.outputs}
     assert instant["meter.warm"] == {"meter.warmth"}
     assert not any(inputs for name, inputs in instant.items() if not name.startswith("meter."))
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_no_call_leaves_memory_behind_or_its_bounds(tmp_path: Path, fmi: int) -> None:
+    assert harnessed(fused(many_rates(tmp_path), tmp_path, fmi), tmp_path / "unpacked", fmi) == (0, "")
+
+
+@pytest.mark.parametrize("order", ["gauss-seidel", "jacobi"])
+def test_tangents_pass_through_the_fmu_as_through_the_wires(tmp_path: Path, order: str) -> None:
+    """Along parameters and start values of fast and slow parts, the sensitivities are those of the wired system."""
+    file = many_rates(tmp_path, ("{stop: 1.2, step: 0.002}", f"{{stop: 1.2, step: 0.002, order: {order}}}"))
+    scenario, system = load_scenario(file), fuse(file).system
+    by = ["hand.inertia", "hand.angle_start", "controller.kp", "drive.torque_constant", "filter.A[1,2]", "meter.zero"]
+    names = [name for name in system.outputs if name != "meter.seen"]  # which counts
+    with (
+        OpenSystem(assemble(scenario.system, tmp_path, scenario.driven)) as wires,
+        open_system({"f": fused(file, tmp_path)}) as whole,
+        wires.simulation(scenario.timing) as wired_one,
+        whole.simulation(scenario.timing) as fused_one,
+    ):
+        driven = {"meter.warmth": np.full(len(wired_one.instants()), 26.85)}
+        expected = wired_one.sensitivities(Run(wires.assembled.system.values(), driven, names), by)
+        found = fused_one.sensitivities(Run({}, {}, [f"f.{name}" for name in names]), [f"f.{name}" for name in by])
+    assert np.abs(expected.slopes).max(axis=(0, 1)).min() > 0
+    assert found.slopes == pytest.approx(expected.slopes, rel=1e-12, abs=1e-12)

@@ -338,8 +338,6 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
 
 /* Tangents, for which FMI 2.0 has no functions; see derivatives.h */
 
-#ifndef NO_TANGENTS
-
 FMI2_Export fmi2Status servotwin2CarryTangents(fmi2Component c, size_t directions);
 FMI2_Export fmi2Status servotwin2SetTangents(fmi2Component c, const fmi2ValueReference vr[], size_t nvr,
                                              const fmi2Real value[]);
@@ -363,8 +361,6 @@ fmi2Status servotwin2GetTangents(fmi2Component c, const fmi2ValueReference vr[],
     REQUIRE(c, CAN_Tangents);
     return (fmi2Status)instance_get_tangents(of(c), vr, nvr, value);
 }
-
-#endif
 
 /* Model exchange */
 

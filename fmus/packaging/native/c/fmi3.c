@@ -327,8 +327,6 @@ fmi3Status fmi3GetAdjointDerivative(fmi3Instance instance, const fmi3ValueRefere
 
 /* Tangents, for which FMI 3.0 has no functions; see derivatives.h */
 
-#ifndef NO_TANGENTS
-
 FMI3_Export fmi3Status servotwin3CarryTangents(fmi3Instance instance, size_t directions);
 FMI3_Export fmi3Status servotwin3SetTangents(fmi3Instance instance, const fmi3ValueReference valueReferences[],
                                              size_t nValueReferences, const fmi3Float64 values[], size_t nValues);
@@ -358,8 +356,6 @@ fmi3Status servotwin3GetTangents(fmi3Instance instance, const fmi3ValueReference
         return fmi3Error;
     return (fmi3Status)instance_get_tangents(of(instance), valueReferences, nValueReferences, values);
 }
-
-#endif
 
 /* Events and model exchange */
 

@@ -84,7 +84,22 @@ static Status part_step(void *part, double time, double duration)
     return instance_step(part, time, duration);
 }
 
+static Status part_carry(void *part, size_t directions)
+{
+    return instance_carry(part, directions);
+}
+
+static Status part_set_tangents(void *part, unsigned reference, const double *tangents)
+{
+    return instance_set_tangents(part, &reference, 1, tangents);
+}
+
+static Status part_get_tangents(void *part, unsigned reference, double *tangents)
+{
+    return instance_get_tangents(part, &reference, 1, tangents);
+}
+
 const PartModel PART_MODEL = {
-    sizeof(Snapshot), part_open, part_close,    part_reset,  part_begin,
-    part_set,         part_step, part_evaluate, part_values, part_snapshot,
+    sizeof(Snapshot), part_open,     part_close,    part_reset, part_begin,        part_set,          part_step,
+    part_evaluate,    part_values,   part_snapshot, part_carry, part_set_tangents, part_get_tangents,
 };

@@ -21,6 +21,9 @@ typedef struct {
     void (*evaluate)(void *part);  /* the outputs that are no states, at its present time */
     double *(*values)(void *part); /* by the model's value references */
     void *(*snapshot)(void *part); /* of `size` bytes */
+    Status (*carry)(void *part, size_t directions); /* tangents, see derivatives.h */
+    Status (*set_tangents)(void *part, unsigned reference, const double *tangents);
+    Status (*get_tangents)(void *part, unsigned reference, double *tangents);
 } PartModel;
 
 #endif

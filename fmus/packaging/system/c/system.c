@@ -73,11 +73,13 @@ void instance_close(Instance *it)
         system_parts[i].model->close(parts->part[i]);
     free(parts);
     it->parts = NULL;
+    free(it->tangents.known);
 }
 
 void instance_reset(Instance *it)
 {
     const Parts *parts = it->parts;
+    instance_carry(it, 0);
     memset(&it->now, 0, sizeof it->now);
     memcpy(it->now.values, it->defaults, sizeof it->defaults);
     it->now.mode = INSTANTIATED;
@@ -107,13 +109,65 @@ Status instance_begin(Instance *it, double time)
 
 /* Values */
 
-/* Whether a value of `now` is another than it was, by more than the tolerance. */
-static int moving(const double before[], const double now[], double tolerance)
+/* Whether one of `count` values is another than it was, by more than the tolerance. */
+static int moving(const double before[], const double now[], size_t count, double tolerance)
 {
-    for (int i = 0; i < N_VARIABLES; i++)
+    for (size_t i = 0; i < count; i++)
         if (before[i] != now[i] && fabs(now[i] - before[i]) > tolerance * (1.0 + fabs(now[i])))
             return 1;
     return 0;
+}
+
+/* Tangents: rows by value reference, of what holds in the system; those of a part's inputs come from there. */
+
+static double *row(const Tangents *of, int reference)
+{
+    return of->known + (size_t)reference * of->directions;
+}
+
+/* Give a part the tangents of its inputs. */
+static Status take_tangents(Instance *it, int i)
+{
+    const Parts *parts = it->parts;
+    const Tangents *of = &it->tangents;
+    for (const Feed *feed = system_parts[i].feeds; feed->input >= 0; feed++) {
+        for (size_t d = 0; d < of->directions; d++)
+            of->work[d] = feed->factor * row(of, feed->source)[d];
+        if (system_parts[i].model->set_tangents(parts->part[i], (unsigned)feed->input, of->work))
+            return STATUS_ERROR;
+    }
+    return STATUS_OK;
+}
+
+/* Have the tangents of a part's outputs hold. */
+static Status give_tangents(Instance *it, int i)
+{
+    const Parts *parts = it->parts;
+    for (const int *output = system_parts[i].outputs; *output >= 0; output++) {
+        const unsigned own = (unsigned)(*output - system_parts[i].first);
+        if (system_parts[i].model->get_tangents(parts->part[i], own, row(&it->tangents, *output)))
+            return STATUS_ERROR;
+    }
+    return STATUS_OK;
+}
+
+/* Pass them on as the initial values were. */
+static Status settle_tangents(Instance *it)
+{
+    const size_t count = N_VARIABLES * it->tangents.directions, size = count * sizeof(double);
+    double *before = malloc(size);
+    int turn = 0, going = 1;
+    for (; before && going && turn <= N_PARTS + CIRCLES; turn++) {
+        memcpy(before, it->tangents.known, size);
+        for (int i = 0; i < N_PARTS; i++)
+            if (take_tangents(it, i) || give_tangents(it, i)) {
+                free(before);
+                return STATUS_ERROR;
+            }
+        going = turn == 0 || moving(before, it->tangents.known, count, turn > N_PARTS ? SETTLED : 0.0);
+    }
+    free(before);
+    return going ? instance_fail(it, "the initial tangents do not settle") : STATUS_OK;
 }
 
 /* Pass outputs to inputs until nothing changes: a chain of n parts is through after n passes. */
@@ -130,9 +184,9 @@ static Status settle(Instance *it)
             part->model->evaluate(parts->part[i]);
             part->give(parts->values[i], s->values);
         }
-        if (turn > 0 && !moving(before, s->values, turn > N_PARTS ? SETTLED : 0.0)) {
+        if (turn > 0 && !moving(before, s->values, N_VARIABLES, turn > N_PARTS ? SETTLED : 0.0)) {
             s->valid = 1;
-            return STATUS_OK;
+            return it->tangents.directions ? settle_tangents(it) : STATUS_OK;
         }
     }
     return instance_fail(it, "the initial values run in a circle and do not settle");
@@ -172,6 +226,61 @@ Status instance_set(Instance *it, unsigned reference, int types, double value)
     return system_parts[i].model->set(parts->part[i], reference - (unsigned)system_parts[i].first, value);
 }
 
+/* Carried derivatives */
+
+Status instance_carry(Instance *it, size_t directions)
+{
+    const Parts *parts = it->parts;
+    Tangents *of = &it->tangents;
+    free(of->known);
+    memset(of, 0, sizeof *of);
+    it->now.valid = 0;
+    if (directions && !(of->known = calloc(directions, (N_VARIABLES + 1) * sizeof *of->known)))
+        return instance_error(it, "no memory for the tangents along %lu directions", (unsigned long)directions);
+    for (int i = 0; i < N_PARTS; i++)
+        if (system_parts[i].model->carry(parts->part[i], directions))
+            return STATUS_ERROR;
+    of->directions = directions;
+    of->work = directions ? row(of, N_VARIABLES) : NULL;
+    return STATUS_OK;
+}
+
+Status instance_set_tangents(Instance *it, const unsigned references[], size_t count, const double tangents[])
+{
+    const Parts *parts = it->parts;
+    const Tangents *of = &it->tangents;
+    for (size_t k = 0; k < count; k++) {
+        const unsigned reference = references[k];
+        const double *given = tangents + k * of->directions;
+        const char *problem = !of->directions ? "no directions are carried" : NULL;
+        if (reference >= N_VARIABLES || model_variables[reference].role > TUNABLE)
+            problem = "it is no input or parameter";
+        if (problem)
+            return instance_error(it, "'%s' cannot be given tangents: %s",
+                                  reference < N_VARIABLES ? model_variables[reference].name : "", problem);
+        const int i = part_of((int)reference);
+        const unsigned own = reference - (unsigned)system_parts[i].first;
+        if (system_parts[i].model->set_tangents(parts->part[i], own, given))
+            return STATUS_ERROR;
+        memcpy(row(of, (int)reference), given, of->directions * sizeof *given);
+        it->now.valid = 0;
+    }
+    return STATUS_OK;
+}
+
+Status instance_get_tangents(Instance *it, const unsigned references[], size_t count, double tangents[])
+{
+    const Tangents *of = &it->tangents;
+    if (of->directions && !it->now.stepped && !it->now.valid && settle(it))
+        return STATUS_ERROR;
+    for (size_t k = 0; k < count; k++) {
+        if (!of->directions || references[k] >= N_VARIABLES || model_variables[references[k]].role > OUTPUT)
+            return instance_error(it, "value reference %u has no tangents", references[k]);
+        memcpy(tangents + k * of->directions, row(of, (int)references[k]), of->directions * sizeof *tangents);
+    }
+    return STATUS_OK;
+}
+
 /* Stepping */
 
 static double time_of(const Instance *it, double tick)
@@ -193,16 +302,23 @@ static Status check_finite(Instance *it, const Part *part, double sum)
     return STATUS_OK; /* the sum alone is too large */
 }
 
-static Status prepare(Instance *it)
+/* Have a part's outputs hold. */
+static Status pass_on(Instance *it, int i)
 {
     const Parts *parts = it->parts;
-    Snapshot *s = &it->now;
-    if (!s->valid && settle(it))
+    if (check_finite(it, &system_parts[i], system_parts[i].give(parts->values[i], it->now.values)))
+        return STATUS_ERROR;
+    return it->tangents.directions ? give_tangents(it, i) : STATUS_OK;
+}
+
+static Status prepare(Instance *it)
+{
+    if (!it->now.valid && settle(it))
         return STATUS_ERROR;
     for (int i = 0; i < N_PARTS; i++)
-        if (check_finite(it, &system_parts[i], system_parts[i].give(parts->values[i], s->values)))
+        if (pass_on(it, i))
             return STATUS_ERROR;
-    s->stepped = 1;
+    it->now.stepped = 1;
     return STATUS_OK;
 }
 
@@ -212,18 +328,19 @@ static Status advance(Instance *it)
     const Parts *parts = it->parts;
     Snapshot *s = &it->now;
     const int64_t tick = (int64_t)s->samples;
+    const int carries = it->tangents.directions > 0;
     for (int i = 0; i < N_PARTS; i++) {
         const Part *part = &system_parts[i];
         if (part->every > 1 && tick % part->every)
             continue;
         part->take(s->values, parts->values[i]);
-        if (part->model->step(parts->part[i], s->time, part->duration)) {
+        if ((carries && take_tangents(it, i)) || part->model->step(parts->part[i], s->time, part->duration)) {
             s->mode = FAILED;
             return STATUS_ERROR;
         }
         if (part->evaluated)
             part->model->evaluate(parts->part[i]);
-        if (part->instant && check_finite(it, part, part->give(parts->values[i], s->values)))
+        if (part->instant && pass_on(it, i))
             return STATUS_ERROR;
     }
     s->samples = (double)(tick + 1);
@@ -232,7 +349,7 @@ static Status advance(Instance *it)
         const Part *part = &system_parts[i];
         if (part->instant || (part->every > 1 && (tick + 1) % part->every))
             continue;
-        if (check_finite(it, part, part->give(parts->values[i], s->values)))
+        if (pass_on(it, i))
             return STATUS_ERROR;
     }
     return STATUS_OK;
@@ -288,6 +405,8 @@ Status instance_restore(Instance *it, const void *state)
     const char *from = state;
     if (!state)
         return instance_error(it, "there is no state to go back to");
+    if (it->tangents.directions)
+        return instance_error(it, "a state to go back to holds no tangents, which are carried");
     memcpy(&it->now, from, sizeof it->now);
     from += sizeof it->now;
     for (int i = 0; i < N_PARTS; from += system_parts[i].model->size, i++)

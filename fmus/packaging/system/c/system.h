@@ -9,6 +9,12 @@
 
 #include "part.h"
 
+/* A real input of a part, by the part's own value reference, and what moves it: factor times a value of the system. */
+typedef struct {
+    int input, source;
+    double factor;
+} Feed;
+
 typedef struct {
     const char *name;
     const PartModel *model;
@@ -19,6 +25,8 @@ typedef struct {
     int evaluated;    /* whether anybody looks at outputs that are no states */
     void (*take)(const double *v, double *values);   /* its inputs from the system */
     double (*give)(const double *values, double *v); /* its outputs to the system; their sum comes back */
+    const Feed *feeds;                               /* as `take`, the last with input -1 */
+    const int *outputs;                              /* real ones that `give` gives, in the system; -1 after them */
 } Part;
 
 /* The time of base step k is (first + k step) / denominator [s]; all are whole numbers. */
