@@ -12,6 +12,7 @@ from typing import Any, cast
 from fmus.errors import IdentificationError, ScenarioError
 from fmus.parameters import srmd, ssv
 from fmus.parameters.write_back import write_back
+from identification.estimation.listed import complete
 from identification.estimation.stopped import STOPPED
 from identification.messages import Messages
 from identification.method import Calibrated
@@ -308,11 +309,14 @@ def _interval(parameter: ParameterSummary) -> str:
 
 
 def _keep(study: Study, folder: Path, candidate: str) -> None:
-    """Copy the study, joined with what it includes, into a result folder, and the databases of its CAN logs; of a study
-    with candidates the one that was chosen."""
-    if candidate or (isinstance(study.block, SystemBlock) and study.block.include):
-        document, _ = joined(study.file, type(study.block))
+    """Copy the study, joined with what it includes and lists, into a result folder, and the databases of its CAN logs;
+    of a study with candidates the one that was chosen."""
+    block = study.block
+    lists = isinstance(block, OutputErrorBlock) and bool(block.estimate or block.parameter_sets)
+    if candidate or lists or (isinstance(block, SystemBlock) and block.include):
+        document, _ = joined(study.file, type(block))
         document.pop(INCLUDE, None)
+        document = complete(document, study.base) if lists else document
         (folder / STUDY).write_bytes(text_of(of_candidate(document, candidate) if candidate else document))
     else:
         shutil.copyfile(study.file, folder / STUDY)

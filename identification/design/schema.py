@@ -218,7 +218,8 @@ class ExperimentDesignBlock(StudyBlock):
     def _calibration(self, base: Path) -> OutputErrorStudy:
         file = base / self.calibration
         block = load(file, OutputErrorBlock)
-        return block.study(block.system(file.parent), block.source(file.parent))
+        asked = block.complete(file.parent)
+        return asked.study(asked.system(file.parent), asked.source(file.parent))
 
     def _estimates(self, base: Path) -> dict[str, float]:
         if self.result is None:

@@ -311,7 +311,7 @@ class CandidateBlock(Block):
 
     Attributes:
         set: component.variable or delay -> value that is not estimated, over those of `components` and `parameters`.
-        estimate: which parameters are free; all others stay where they start.
+        free: which parameters are estimated; all others stay where they start.
         components: name -> another model, or one more.
         connections: all of them, where they differ.
         inputs, outputs, initial: others, or with a delay; the recordings stay the same.
@@ -319,7 +319,7 @@ class CandidateBlock(Block):
     """
 
     set: Values = {}
-    estimate: list[str] | None = None
+    free: list[str] | None = None
     components: dict[str, ComponentBlock | None] = {}
     connections: Connections | None = None
     inputs: dict[str, SignalBlock | None] = {}

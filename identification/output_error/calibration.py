@@ -23,10 +23,11 @@ from identification.output_error.simulator import SystemFactory
 from identification.output_error.start_values import UnreadStart, start_warnings, unread_starts
 from identification.output_error.study import OutputErrorStudy
 from identification.output_error.windows import FreeRunWindow, cut_windows
+from identification.quantities import SECONDS
 from identification.recordings.campaign import StudyTrace, load_campaign, recording_warnings, split
 from identification.results import GROUPS
 from orchestrator.assembly.assembly import Assembled, OpenSystem
-from orchestrator.crossing import Crossing, noted
+from orchestrator.crossing import Crossing, crossing, noted
 from orchestrator.fmi.interface import Port
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.processes.pool import processors
@@ -371,7 +372,17 @@ def _checked(
         ports = {name: system.port(Endpoint.parse(study.variable(name))) for name in named if name not in delays}
         units = {name: port.unit or "1" for name, port in ports.items()}
         units |= dict.fromkeys(delays, "s")
-        return units, ports_of(study, system), tuple(system.crossings), unread_starts(study, system)
+        crossings = (*system.crossings, *_converted(study, system))
+        return units, ports_of(study, system), crossings, unread_starts(study, system)
+
+
+def _converted(study: OutputErrorStudy, system: System) -> Iterator[Crossing]:
+    """How values of lists and parameter sets got to the units of the variables."""
+    used = {*map(study.variable, study.parameters.names), *study.system.values()}
+    for name, (place, unit) in study.given.items():
+        if name in used:
+            port = SECONDS if name in study.delays else system.port(Endpoint.parse(name))
+            yield crossing(f"{name} of {place}", port.meaning(unit), port.measure)
 
 
 def _named_parameters(study: OutputErrorStudy) -> dict[str, list[str]]:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from fmus.errors import InputError
+from identification.estimation.listed import listed, naming_rows, units
 from identification.method import Method
 from identification.output_error.calibration import Calibration, calibrate
 from identification.output_error.candidates import choose
@@ -20,19 +23,21 @@ from orchestrator.progress import Progress
 def _run(
     block: OutputErrorBlock, base: Path, data: Path | None, progress: Progress, isolation: Isolation | None
 ) -> Calibration:
-    if not block.candidates:
-        return calibrate(_study(block, base), data, progress, isolation)
-    studies = dict[str, OutputErrorStudy]()
-    for name in block.candidates:
-        try:
-            studies[name] = _study(block.candidate(name), base)
-        except InputError as error:
-            raise error.within(f"candidates.{name}") from error
-    return choose(studies, data, progress, isolation)
+    with naming_rows(listed(block.document, base)):
+        given, asked = units(block.document, base), block.complete(base)
+        if not asked.candidates:
+            return calibrate(_study(asked, base, given), data, progress, isolation)
+        studies = dict[str, OutputErrorStudy]()
+        for name in asked.candidates:
+            try:
+                studies[name] = _study(asked.candidate(name), base, given)
+            except InputError as error:
+                raise error.within(f"candidates.{name}") from error
+        return choose(studies, data, progress, isolation)
 
 
-def _study(block: OutputErrorBlock, base: Path) -> OutputErrorStudy:
-    return block.study(block.system(base), block.source(base))
+def _study(block: OutputErrorBlock, base: Path, given: Mapping[str, tuple[str, str]]) -> OutputErrorStudy:
+    return replace(block.study(block.system(base), block.source(base)), given=given)
 
 
 METHOD: Method[OutputErrorBlock, Calibration] = Method(

@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from pydantic_core import InitErrorDetails
 
-from fmus.errors import IdentificationError
+from fmus.errors import IdentificationError, ScenarioError
 from identification.estimation.arrow_least_squares import Loss
 from identification.estimation.groups import MARK
+from identification.estimation.listed import ESTIMATE, complete
 from identification.estimation.parameters import Parameter, ParameterSet, Tie
 from identification.output_error.blocks import (
     CandidateBlock,
@@ -62,6 +64,8 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
         uncertainty: how the 95 % intervals come about: `local`, `profile`, or `{by: bootstrap, seed: 1}`.
         compare: name -> parameters that are judged beside the estimate on the same windows.
         truth: values behind synthetic traces, shown beside the estimates.
+        estimate: lists of parameters (CSV with columns name, value, unit, min, max), below those of `parameters`.
+        parameter_sets: files (SSV, as a calibration writes them, and lists) whose values are over those of components.
         candidates: name -> what a variant of the system changes; all are fitted, and the one that recordings speak for
             is written.
     """
@@ -76,7 +80,9 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
     initial: dict[str, InitialBlock] = {}
     windows: WindowsBlock
     validation: ValidationBlock | None = None
-    parameters: dict[str, ParameterBlock] = Field(min_length=1)
+    parameters: dict[str, ParameterBlock] = {}
+    estimate: Path | list[Path] = []
+    parameter_sets: Path | list[Path] = []
     weight: OutputWeight = OutputErrorStudy.weight
     loss: LossBlock = LossBlock()
     options: OptionsBlock = OptionsBlock()
@@ -97,12 +103,21 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
         return self
 
     @model_validator(mode="after")
+    def _something_to_find(self) -> OutputErrorBlock:
+        if not self.parameters and not self.estimate:
+            raise ValueError("nothing is estimated; give `parameters`, or a list of them under `estimate`")
+        return self
+
+    @model_validator(mode="after")
     def _known_delays(self) -> OutputErrorBlock:
         for name, signal in {**self.inputs, **self.outputs}.items():
-            if isinstance(signal.delay, str) and signal.delay not in self.delays:
+            if isinstance(signal.delay, str) and signal.delay not in self.delays and not self.estimate:
                 raise ValueError(
                     f"{name}: delay '{signal.delay}' is no parameter of the study; declare it, without a dot"
                 )
+        for name in self.parameters:
+            if "." not in name and name not in self.delays:
+                raise ValueError(f"{name}: is no delay of a signal and names no variable; write component.variable")
         for name in self.delays:
             block = self.parameters[name]
             if not block.spans:
@@ -135,9 +150,9 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
 
     @model_validator(mode="after")
     def _a_choice(self) -> OutputErrorBlock:
-        """Each candidate is a study, and no two are the same one."""
+        """Each candidate is a study, and no two are the same one; with a list that is seen once that is read."""
         made: dict[str, OutputErrorBlock] = {}
-        for name in self.candidates:
+        for name in () if self.estimate else self.candidates:
             made[name] = self.candidate(name)
             for other in list(made)[:-1]:
                 if _said(made[other]) == _said(made[name]):
@@ -154,6 +169,28 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
             )
         return self
 
+    @property
+    def document(self) -> dict[str, Any]:
+        """What the file says."""
+        return self.model_dump(by_alias=True, exclude_unset=True)
+
+    def complete(self, base: Path) -> OutputErrorBlock:
+        """The study with what is in its lists and parameter sets, which are relative to `base`.
+
+        Raises:
+            ScenarioError: a list is none, or it is no study with that.
+            FmuFileError: a parameter set is none.
+        """
+        if not (self.estimate or self.parameter_sets):
+            return self
+        try:
+            return type(self).model_validate(complete(self.document, base))
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            place, said = ".".join(map(str, first["loc"])), first["msg"].removeprefix("Value error, ")
+            name, _, problem = said.partition(": ") if not place and ": " in said else (place or ESTIMATE, "", said)
+            raise ScenarioError(name, problem, "correct the list or the study") from None
+
     def candidate(self, name: str) -> OutputErrorBlock:
         """The study that a candidate is.
 
@@ -161,7 +198,7 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
             ValidationError: what it changes is not there, or it is no study then.
         """
         try:
-            return type(self).model_validate(of_candidate(self.model_dump(by_alias=True, exclude_unset=True), name))
+            return type(self).model_validate(of_candidate(self.document, name))
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             place = "".join(f"{key}: " for key in [".".join(map(str, first["loc"]))] if key)

@@ -181,6 +181,7 @@ class OutputErrorStudy:
         weight: whether outputs are scaled by their spread in each window, over all windows, or not at all.
         compare: name -> parameters that are judged beside the estimate on the same windows.
         truth: values behind synthetic traces, shown beside the estimates.
+        given: component.variable or delay -> where a list or parameter set has it, and in which unit.
         by: parameter -> how it is told apart by recordings, where it has not one value for all.
         grouped: the same once the recordings are known; `parameters` has one for each group then.
     """
@@ -200,6 +201,7 @@ class OutputErrorStudy:
     options: Options = field(default_factory=Options)
     compare: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     truth: Mapping[str, float] = field(default_factory=dict)
+    given: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     by: Mapping[str, Grouping] = field(default_factory=dict)
     grouped: tuple[Grouped, ...] = ()
 

@@ -1,4 +1,4 @@
-"""Parameter sets (SSV, as a calibration writes them) that give a scenario values."""
+"""Parameter sets (SSV, as a calibration writes them) and lists (CSV) that give a scenario values."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from fmus.errors import FmuFileError
 from fmus.files import absence
 from fmus.packaging.archive import parse_xml
 from orchestrator.fmi.interface import Value
+from orchestrator.scenario import parameter_list
 from orchestrator.ssp.description import Parameter
 from orchestrator.ssp.names import SSV
 from orchestrator.ssp.parameters import parameters
@@ -38,11 +39,14 @@ def values_of(files: Sequence[Path], components: Iterable[str]) -> dict[str, Val
 
 
 def values_in(file: Path) -> dict[str, Value | list[Any]]:
-    """Parameter -> value with its unit of a set, of an array nested lists.
+    """Parameter -> value with its unit of a set or a list, of an array nested lists.
 
     Raises:
         FmuFileError: it is no parameter set, or means something else by the name of a unit.
+        ScenarioError: it is no list of parameters.
     """
+    if file.suffix.lower() == parameter_list.SUFFIX:
+        return {one.name: one.written(one.value) for one in parameter_list.read(file)}
     if not file.is_file():
         raise FmuFileError(file, absence(file), "check the path")
     root = parse_xml(file, file.read_bytes())

@@ -14,8 +14,8 @@ Document = dict[str, Any]
 def of_candidate(document: Mapping[str, Any], name: str) -> Document:
     """The study that a candidate of this one is, without candidates; `document` stays as it is.
 
-    Entries of maps are replaced as a whole, those that are null removed; then `set` fixes values, and `estimate` says
-    which parameters are free.
+    Entries of maps are replaced as a whole, those that are null removed; then `set` fixes values, and `free` says
+    which parameters are estimated.
 
     Raises:
         ValueError: it changes what is not there; the message begins with the key.
@@ -29,8 +29,8 @@ def of_candidate(document: Mapping[str, Any], name: str) -> Document:
         own["connections"] = change["connections"]
     for variable, value in (change.get("set") or {}).items():
         own = _with_value(own, variable, value)
-    if change.get("estimate") is not None:
-        own["parameters"] = _freed(own.get("parameters") or {}, change["estimate"])
+    if change.get("free") is not None:
+        own["parameters"] = _freed(own.get("parameters") or {}, change["free"])
     return own
 
 
@@ -61,7 +61,7 @@ def _freed(parameters: Mapping[str, Any], free: Sequence[str]) -> Document:
     """The parameters of which only these are estimated; others stay where they start, tied ones tied."""
     for name in free:
         if name not in parameters:
-            raise ValueError(f"estimate: '{name}' is no parameter; there are {', '.join(parameters)}")
+            raise ValueError(f"free: '{name}' is no parameter; there are {', '.join(parameters)}")
     made: Document = {}
     for name, entry in parameters.items():
         kept = {key: value for key, value in entry.items() if key != "fixed"}

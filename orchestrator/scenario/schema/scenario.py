@@ -53,8 +53,8 @@ class ScenarioBlock(SystemBlock):
         title: what it is, in a line.
         description: more of it, and why its expectations are what they are.
         stimuli: component.input -> what drives it.
-        parameters: parameter sets (SSV), as a calibration writes them, over what components are given; later ones
-            count, and what a case sets over all. Their names are component.variable.
+        parameters: parameter sets (SSV), as a calibration writes them, and lists (CSV), over what components are
+            given; later ones count, and what a case sets over all. Their names are component.variable.
         run: when it begins and ends, and how it steps.
         record: component.variable that the trace holds, by default all outputs.
         recorder: samples the run as hardware does; its samples are written instead of the trace.

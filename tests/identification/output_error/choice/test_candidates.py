@@ -147,7 +147,7 @@ def test_without_a_trace_held_out_that_is_said(data: Path, tmp_path: Path) -> No
         ({"a": {}}, r"candidates\.a: is no choice alone"),
         ({"a": {}, "b": {}}, r"candidates\.b: is the same as a"),
         ({"a": {}, "b": {"set": {"hnd.x": 1.0}}}, r"candidates\.b: set\.hnd\.x: there is no component 'hnd'"),
-        ({"a": {}, "b": {"estimate": ["hand.x"]}}, r"candidates\.b: estimate: 'hand\.x' is no parameter"),
+        ({"a": {}, "b": {"free": ["hand.x"]}}, r"candidates\.b: free: 'hand\.x' is no parameter"),
         ({"a": {}, "b": {"parameters": {"hand.q": None}}}, r"candidates\.b: parameters\.hand\.q: is not there"),
         (
             {"a": {}, "b": {"outputs": {"hand.angle": None, "hand.speed": {"signal": "voltage"}}}},
