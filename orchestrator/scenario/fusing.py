@@ -184,7 +184,8 @@ def _notes(scenario: Scenario, system: System, shown: Iterable[str]) -> tuple[st
     """What stays behind."""
     varying = [name for name in scenario.driven if scenario.stimuli[name].varies]
     notes = [f"{name} is an input: what drives it in the scenario stays behind" for name in varying]
-    if any(case.values or case.system is not None for case in scenario.cases):
+    own = scenario.system.values().items()
+    if any(case.system is not None or not case.values.items() <= own for case in scenario.cases):
         notes.append("values and components that cases have of their own stay behind")
     inputs = {str(link.target) for link in system.connections}
     there = {*shown, *scenario.driven}

@@ -142,6 +142,16 @@ def test_only_what_is_exposed_is_shown_and_the_rest_keeps_the_scenarios_values(t
     assert_equal(path, wired(file, 0.3))
 
 
+def test_that_cases_stay_behind_is_said_where_they_differ(tmp_path: Path) -> None:
+    alone, behind = "hand: {model: pendulum, parameters: {inertia: 0.02}}", "that cases have of their own stay behind"
+    file = tmp_path / "swing.yaml"
+    file.write_text(f"title: swing\ncomponents: {{{alone}}}\nrun: {{stop: 1, step: 0.01}}\n")
+    assert not any(behind in note for note in fuse(file).notes)
+    with file.open("a") as more:
+        more.write("cases:\n- {name: heavy, set: {hand.inertia: 0.03}}\n")
+    assert any(behind in note for note in fuse(file).notes)
+
+
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_values_are_written_back_into_parts_and_only_where_they_are_shown(tmp_path: Path, fmi: int) -> None:
     path = fused(many_rates(tmp_path), tmp_path, fmi, ["filter.A", "hand.angle_start"])
