@@ -29,6 +29,7 @@ from identification.output_error.calibration import ports_of
 from identification.output_error.search.free_run import FreeRun, Tally
 from identification.output_error.search.problem import Problem
 from identification.output_error.simulator import FreeRuns
+from identification.output_error.times.spans import at_most
 from identification.output_error.windows import FreeRunWindow, cut_windows
 from identification.recordings.campaign import StudyTrace
 from orchestrator.assembly.assembly import OpenSystem, assemble
@@ -193,7 +194,8 @@ class Bench:
             name: opened.system.port(Endpoint.parse(name)).unit or "1" for name in asked.parameters.names if "." in name
         }
         self._values = system.assembled.system.values()
-        self._model: Simulation = opened.simulation(asked.run.timing(asked.windows.length))
+        longest = at_most(asked.windows.length, self.study.duration, asked.run.step)
+        self._model: Simulation = opened.simulation(asked.run.timing(longest))
         self._kept = system
 
     @property

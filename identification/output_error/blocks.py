@@ -13,11 +13,12 @@ from identification.estimation.parameters import Parameter, Scale, Tie
 from identification.estimation.prior import LogNormal, Normal, Prior, Uniform
 from identification.output_error.search.options import BootstrapKind, IntervalBy, IntervalOptions, Options
 from identification.output_error.study import StartSpec, WindowSpec
+from identification.output_error.times.spans import SpanEntry, WidthEntry, amount
 from orchestrator.assembly.schema import ComponentBlock, Connections
 from orchestrator.assembly.whole_arrays import Values
 from orchestrator.crossing import Given, quantity
 from orchestrator.fmi.interface import Value
-from orchestrator.yaml_file import Block, Quantity, Seconds, exact
+from orchestrator.yaml_file import Block, Quantity, exact
 
 
 def _number_or_name(value: Any) -> Any:
@@ -58,13 +59,19 @@ class InitialBlock(Block):
     factor: float | None = None
     offset: float | None = None
     derivative: int = Field(StartSpec.derivative, ge=0, le=2)
-    half_width: float = Field(StartSpec.half_width, gt=0)
+    half_width: WidthEntry = StartSpec.half_width
     degree: int = Field(StartSpec.degree, ge=0, le=6)
     estimated: bool = StartSpec.estimated
 
     def spec(self) -> StartSpec:
         given = Given(self.factor, self.offset)
         return StartSpec(self.signal, given, self.derivative, self.half_width, self.degree, self.estimated)
+
+    @model_validator(mode="after")
+    def _wide(self) -> InitialBlock:
+        if amount(self.half_width) <= 0:
+            raise ValueError("`half_width` must be positive")
+        return self
 
     @model_validator(mode="after")
     def _differentiable(self) -> InitialBlock:
@@ -78,14 +85,15 @@ class WindowsBlock(Block):
 
     explained_by = (WindowSpec,)
 
-    length: Seconds
-    every: Seconds | None = WindowSpec.every
-    skip: Seconds = WindowSpec.skip
+    length: SpanEntry
+    every: SpanEntry | None = WindowSpec.every
+    skip: SpanEntry = WindowSpec.skip
     most: int | None = Field(WindowSpec.most, ge=1)
 
     @model_validator(mode="after")
     def _positive(self) -> WindowsBlock:
-        if self.length <= 0 or (self.every is not None and self.every <= 0) or self.skip < 0:
+        every = self.length if self.every is None else self.every
+        if amount(self.length) <= 0 or amount(every) <= 0 or amount(self.skip) < 0:
             raise ValueError("`length` and `every` must be positive, `skip` not negative")
         return self
 

@@ -22,7 +22,7 @@ from identification.output_error.search.problem import Problem, spread_weights
 from identification.output_error.simulator import SystemFactory
 from identification.output_error.start_values import UnreadStart, start_warnings, unread_starts
 from identification.output_error.study import OutputErrorStudy
-from identification.output_error.windows import FreeRunWindow, cut_windows
+from identification.output_error.windows import FreeRunWindow, cut_windows, length_warnings
 from identification.quantities import SECONDS
 from identification.recordings.campaign import StudyTrace, load_campaign, recording_warnings, split
 from identification.results import GROUPS
@@ -127,7 +127,8 @@ class Calibration:
     def warnings(self) -> list[str]:
         """What a reader of the figures must know."""
         doubts = [str(crossing) for crossing in self.crossings if crossing.doubtful]
-        said = (*(self.choice.doubts if self.choice else ()), *_of_groups(self))
+        said = [*(self.choice.doubts if self.choice else ()), *_of_groups(self)]
+        said += length_warnings(self.study.run.step, self.study.windows, [one.trace for one in self.recorded])
         return [*said, *doubts, *self.starts, *self.estimate.warnings, *recording_warnings(self.recorded)]
 
     @property

@@ -29,9 +29,9 @@ from identification.output_error.blocks import (
     WindowsBlock,
 )
 from identification.output_error.choice.change import CANDIDATES, of_candidate
-from identification.output_error.delays import Delay, Estimated, Known
 from identification.output_error.search.options import IntervalBy, Options
 from identification.output_error.study import FreeRunSpec, OutputErrorStudy, OutputWeight, TraceSignal
+from identification.output_error.times.delays import Delay, Estimated, Known
 from identification.quantities import SECONDS, numbers
 from identification.recordings.campaign import TraceSource
 from identification.recordings.schema import RecordedStudyBlock, UsedSignals

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fmus.units import conversion
-from identification.output_error.study import OutputErrorStudy, StartSpec
+from identification.output_error.study import HALF_WIDTH, OutputErrorStudy
 from identification.output_error.windows import FreeRunWindow
 from orchestrator.fmi.interface import Port
 from orchestrator.system import Endpoint, System
@@ -88,7 +88,7 @@ def start_warnings(
 ) -> list[str]:
     """A sentence about each that windows of these traces begin away from."""
     interval = max(float(np.quantile(np.diff(trace.time), 0.99)) for trace in traces)
-    half_width = max(StartSpec.half_width, 2.5 * interval)  # a parabola's three samples on one side
+    half_width = max(HALF_WIDTH, 2.5 * interval)  # a parabola's three samples on one side
     said = []
     for start in starts:
         readings = _readings(windows, study.outputs.index(start.output), start.derivative, half_width)
@@ -116,7 +116,7 @@ def _entry(study: OutputErrorStudy, start: UnreadStart, half_width: float) -> st
         keys.append(f"factor: {spec.given.factor * start.factor:.6g}")
     if start.derivative:
         keys.append(f"derivative: {start.derivative}")
-    if half_width > StartSpec.half_width:
+    if half_width > HALF_WIDTH:
         keys.append(f"half_width: {half_width:.2g}")
     if not start.own:
         keys.append("estimated: true")

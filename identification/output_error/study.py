@@ -11,8 +11,9 @@ from fmus.units import SAME, Conversion
 from identification.estimation.arrow_least_squares import LEAST_SQUARES, Loss
 from identification.estimation.groups import Grouped, Grouping, parted
 from identification.estimation.parameters import ParameterSet
-from identification.output_error.delays import Delay, Estimated, Known
 from identification.output_error.search.estimator import Options
+from identification.output_error.times.delays import Delay, Estimated, Known
+from identification.output_error.times.spans import Samples, Span, lasting, on_raster
 from identification.recordings.campaign import TraceSource
 from orchestrator.assembly.assembly import SystemSpec
 from orchestrator.crossing import NOTHING_GIVEN, Crossing, Given, crossing
@@ -43,17 +44,21 @@ class TraceSignal:
     stepwise: bool = False
 
 
+HALF_WIDTH = 0.018  # [s]
+
+
 @dataclass(frozen=True)
 class StartSpec:
     """A start value read off a signal around the beginning of each window.
 
-    A polynomial of `degree` is fitted to the samples within `half_width` [s]; its value or derivative there counts, in
+    A polynomial of `degree` is fitted to the samples within `half_width`; its value or derivative there counts, in
     the variable's unit.
 
     Attributes:
         signal: name of the signal in the recordings.
         derivative: which derivative of the polynomial counts; 0 is its value.
-        half_width: to either side of the window's beginning, how far samples count [s].
+        half_width: to either side of the window's beginning, how far samples count: [s], or `3 samples` of the
+            recording.
         degree: of the polynomial.
         estimated: whether the reading is only where an estimation of the start value begins, one a window.
         given: what it is converted to the variable's unit by, over the signal's.
@@ -63,7 +68,7 @@ class StartSpec:
     signal: str
     given: Given = NOTHING_GIVEN
     derivative: int = 0
-    half_width: float = 0.018
+    half_width: float | Samples = HALF_WIDTH
     degree: int = 2
     estimated: bool = False
     conversion: Conversion = SAME
@@ -136,6 +141,13 @@ class FreeRunSpec:
         spec = replace(self, outputs=outputs, inputs=inputs, initial=converted("initial", self.initial))
         return spec, tuple(crossed)
 
+    def sampled(self, between: float) -> FreeRunSpec:
+        """The same for a trace whose samples are so far apart [s], its half widths in seconds."""
+        initial = {
+            name: replace(spec, half_width=lasting(spec.half_width, between)) for name, spec in self.initial.items()
+        }
+        return replace(self, initial=initial, beside=tuple(one.sampled(between) for one in self.beside))
+
     def by_means(self) -> FreeRunSpec:
         """The same with all commands by their means over each step: frames never come at its beginning."""
         inputs = {name: replace(spec, delay=spec.delay or Known(0.0)) for name, spec in self.inputs.items()}
@@ -154,19 +166,35 @@ class FreeRunSpec:
 
 @dataclass(frozen=True)
 class WindowSpec:
-    """Where free runs lie in a trace.
+    """Where free runs lie in a trace; lengths in samples are those of the trace, rounded to steps.
 
     Attributes:
-        length: of each free run [s].
-        every: from the beginning of one to that of the next [s]; back to back without.
-        skip: what is left out at the beginning of a trace [s].
+        length: of each free run: [s], or `512 samples`.
+        every: from the beginning of one to that of the next, likewise; back to back without.
+        skip: what is left out at the beginning of a trace, likewise.
         most: at most so many of a trace; all that fit without.
     """
 
-    length: Fraction
-    every: Fraction | None = None
-    skip: Fraction = Fraction(0)
+    length: Span
+    every: Span | None = None
+    skip: Span = Fraction(0)
     most: int | None = None
+
+    def sampled(self, between: float, step: Fraction) -> Placing:
+        """The same for a trace whose samples are so far apart [s], on the raster of a communication step [s]."""
+        length = on_raster(self.length, between, step)
+        every = length if self.every is None else on_raster(self.every, between, step)
+        return Placing(length, every, on_raster(self.skip, between, step), self.most)
+
+
+@dataclass(frozen=True)
+class Placing:
+    """Where free runs lie in one trace; the attributes are those of `WindowSpec`, all in seconds."""
+
+    length: Fraction
+    every: Fraction
+    skip: Fraction
+    most: int | None
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,9 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from fmus.errors import ScenarioError, TraceError, WiringError
-from identification.output_error.delays import (
+from identification.output_error.search.problem import Window
+from identification.output_error.study import FreeRunSpec, Placing, StartSpec, TraceSignal, WindowSpec
+from identification.output_error.times.delays import (
     Command,
     Delay,
     Estimated,
@@ -21,8 +23,7 @@ from identification.output_error.delays import (
     known,
     late_outputs,
 )
-from identification.output_error.search.problem import Window
-from identification.output_error.study import FreeRunSpec, StartSpec, TraceSignal, WindowSpec
+from identification.output_error.times.spans import Samples, interval, lasting, on_raster, rounded, stated
 from identification.recordings.campaign import StudyTrace
 from identification.recordings.marks import nothing_left, sound
 from identification.signals.resolution import resolution
@@ -110,7 +111,8 @@ def cut_windows(
         WiringError: the units of a signal and its variable are of different quantities.
         ScenarioError: delays leave nothing of a window to compare.
     """
-    _check_rows(run, windows)
+    if not isinstance(windows.length, Samples):
+        _check_rows(run, windows.length)
     cut, marked = list[FreeRunWindow](), list[StudyTrace]()
     for recorded in traces:
         named = replace(recorded.trace, name=recorded.place).select(run.signals)
@@ -121,24 +123,42 @@ def cut_windows(
             continue
         usable(left, run.signals)
         trace = replace(named, name=recorded.trace.name)
-        own = run.by_means() if recorded.held else run
+        placing = windows.sampled(interval(trace), run.step)
+        if isinstance(windows.length, Samples):
+            _check_rows(run, placing.length)
+        own = (run.by_means() if recorded.held else run).sampled(interval(trace))
         try:
             own, crossed = own.in_units_of(ports or {}, trace)
             constants = {name: _typed(name, value, (ports or {}).get(name)) for name, value in recorded.values.items()}
         except WiringError as error:
             raise WiringError(f"{error.place} of {recorded.place}", error.problem, error.fix) from error
-        starts = _starts(own, trace, windows, _barred(own, marks, windows.length))
+        starts = _starts(own, trace, placing, _barred(own, marks, placing.length))
         marked += [] if starts else [recorded]
         steps = [resolution(trace[s.signal]) * abs(s.conversion.factor) for s in own.outputs.values()]
         cut += [
             replace(
-                _window(own, trace, start, windows.length, constants), crossings=crossed, resolution=np.array(steps)
+                _window(own, trace, start, placing.length, constants), crossings=crossed, resolution=np.array(steps)
             )
             for start in starts
         ]
     if marked and not cut:
-        raise nothing_left(marked[0].place, f"no window of {float(windows.length):g} s is", marked[0].marks)
+        raise nothing_left(marked[0].place, f"no window of {stated(windows.length)} is", marked[0].marks)
     return cut
+
+
+def length_warnings(step: Fraction, windows: WindowSpec, traces: Sequence[Trace]) -> list[str]:
+    """A sentence about each length in samples that steps [s] do not make up."""
+    said = []
+    for key, span in {"length": windows.length, "every": windows.every, "skip": windows.skip}.items():
+        odd = [trace for trace in traces if span is not None and rounded(span, interval(trace), step)]
+        if span is not None and odd:
+            between = interval(odd[0])
+            steps, more = float(on_raster(span, between, step)), f" and {len(odd) - 1} more" if len(odd) > 1 else ""
+            said.append(
+                f"windows.{key}: {stated(span)} of {odd[0].name}{more} last {lasting(span, between):.6g} s, "
+                f"which whole steps make {steps:g} s"
+            )
+    return said
 
 
 def _typed(name: str, value: Value, port: Port | None) -> Value:
@@ -167,7 +187,7 @@ def _reach(run: FreeRunSpec) -> Iterator[tuple[str, float, float]]:
         yield spec.signal, -known(spec.delay), -known(spec.delay)
     for start in run.initial.values():
         delay = _delay_of(run, start)
-        yield start.signal, -delay.highest, start.half_width - delay.lowest
+        yield start.signal, -delay.highest, lasting(start.half_width, 0.0) - delay.lowest
 
 
 def _rows(run: FreeRunSpec, length: Fraction) -> tuple[int, slice]:
@@ -176,8 +196,8 @@ def _rows(run: FreeRunSpec, length: Fraction) -> tuple[int, slice]:
     return count, compared_rows(run.late, run.step, count)
 
 
-def _check_rows(run: FreeRunSpec, windows: WindowSpec) -> None:
-    count, rows = _rows(run, windows.length)
+def _check_rows(run: FreeRunSpec, length: Fraction) -> None:
+    count, rows = _rows(run, length)
     if len(range(count)[rows]) < 2:
         raise ScenarioError(
             "windows.length",
@@ -186,7 +206,7 @@ def _check_rows(run: FreeRunSpec, windows: WindowSpec) -> None:
         )
 
 
-def _starts(run: FreeRunSpec, trace: Trace, windows: WindowSpec, barred: FloatArray) -> list[Fraction]:
+def _starts(run: FreeRunSpec, trace: Trace, windows: Placing, barred: FloatArray) -> list[Fraction]:
     """Starts of the windows, on the raster of the communication step, counted from the trace's first stamp.
 
     After what is `barred` (n, 2) the next begins as soon as it can.
@@ -197,7 +217,7 @@ def _starts(run: FreeRunSpec, trace: Trace, windows: WindowSpec, barred: FloatAr
     delays = [known(delay) for delay in run.late]
     begin, end = trace.time[0] - min(delays) - ROUNDING, trace.time[-1] - max(delays) + ROUNDING
     first = _on_raster(begin, run.step) + windows.skip
-    every, last = windows.every or windows.length, end - float(windows.length)
+    last = end - float(windows.length)
     if float(first) > last:
         raise TraceError(
             trace.name,
@@ -211,7 +231,7 @@ def _starts(run: FreeRunSpec, trace: Trace, windows: WindowSpec, barred: FloatAr
             first = _on_raster(barred[within, 1], run.step)
         else:
             starts.append(first)
-            first += every
+            first += windows.every
     return starts
 
 
@@ -288,12 +308,13 @@ def start_curve(trace: Trace, start: float, spec: StartSpec) -> Polynomial:
     Raises:
         TraceError: fewer samples lie around `start` than it has coefficients.
     """
-    near = trace.select([spec.signal]).between(start - spec.half_width, start + spec.half_width)
+    half_width = lasting(spec.half_width, interval(trace))
+    near = trace.select([spec.signal]).between(start - half_width, start + half_width)
     if len(near) <= spec.degree:
         raise TraceError(
             f"{trace.name}.{spec.signal}",
-            f"has {len(near)} samples within {spec.half_width:g} s of t = {start:g} s",
-            "widen `half_width`",
+            f"has {len(near)} samples within {half_width:g} s of t = {start:g} s",
+            f"widen `half_width`, to `{spec.degree + 1} samples` or more",
         )
     polynomial = Polynomial.fit(near.time, near[spec.signal], spec.degree)
     return spec.conversion.factor * polynomial.deriv(spec.derivative) + spec.conversion.offset

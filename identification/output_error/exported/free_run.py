@@ -13,8 +13,8 @@ from fmus.parameters.write_back import description_of, is_ours
 from identification.built_system import component_values
 from identification.estimation.groups import own_values
 from identification.output_error.calibration import Calibration
-from identification.output_error.delays import Estimated
 from identification.output_error.exported.latencies import Latency, latencies
+from identification.output_error.times.delays import Estimated
 from identification.output_error.windows import FreeRunWindow
 from orchestrator import formats
 from orchestrator.assembly.assembly import ComponentSpec

@@ -14,7 +14,7 @@ from fmus.packaging import targets
 from identification.estimation.groups import own_values
 from identification.method import CalibratedFmu
 from identification.output_error.calibration import Calibration
-from identification.output_error.delays import Delay
+from identification.output_error.times.delays import Delay
 from orchestrator.system import Endpoint
 
 

@@ -23,8 +23,8 @@ from fmus.models.plants import dc_motor, pendulum
 from fmus.parameters.ssv import read_values
 from identification.calibrate import calibrate_study, validate_result
 from identification.output_error import calibration
-from identification.output_error.delays import Held, late_outputs
 from identification.output_error.schema import OutputErrorBlock
+from identification.output_error.times.delays import Held, late_outputs
 from identification.output_error.windows import FreeRunWindow, cut_windows
 from identification.recordings.campaign import StudyTrace
 from orchestrator import formats
