@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Iterable, Mapping
@@ -78,8 +79,9 @@ def _identifiers(interface: SystemInterface) -> dict[Model, str]:
     found: dict[Model, str] = {}
     for one in interface.models.values():
         if one.model not in found:
-            same = sum(model.name == one.model.name for model in found)
-            found[one.model] = one.model.name + (f"_{same + 1}" if same else "")
+            numbered = (f"{one.model.name}_{number}" for number in itertools.count(2))
+            names = itertools.chain([one.model.name], numbered)
+            found[one.model] = next(name for name in names if name not in found.values())
     return found
 
 

@@ -26,6 +26,7 @@ from fmus.parameters import write_back
 from orchestrator.trace import FloatArray
 from tests.support.fmus.moving import moving
 from tests.support.fmus.stepping import stepped
+from tests.support.simulation.fused import fused, many_rates, wired
 from tests.support.tools import maven, tools
 
 pytestmark = [
@@ -119,6 +120,16 @@ def test_co_simulation_gives_the_trajectories_of_the_instances(built: Any, tool:
     for name, rows in zip(NAMES, answers, strict=True):
         found, wanted = np.array(rows), expected(name, moving(name))
         assert found[-COUNT:] == pytest.approx(wanted[1:], rel=1e-9, abs=1e-12), name
+
+
+@pytest.mark.parametrize(("tool", "fmi"), cases("fmuloader", "ecos", "libcosim", "fmi4j"))
+def test_a_system_in_one_fmu_gives_the_trajectory_of_the_wired_one(tmp_path: Path, tool: str, fmi: int) -> None:
+    file = many_rates(tmp_path)
+    wanted = wired(file, 3 * COUNT * 0.002)
+    order = {"outputs": [*wanted.outputs], "step": 3 * 0.002, "count": COUNT, "fmi": fmi}
+    [rows] = run(tool, [{"path": str(fused(file, tmp_path, fmi)), **order}])
+    expected_rows = np.column_stack([*wanted.outputs.values()])[::3]
+    assert np.array(rows)[-COUNT:] == pytest.approx(expected_rows[1:], rel=1e-12, abs=1e-15)
 
 
 @pytest.mark.parametrize(("tool", "fmi"), cases("fmuloader_exchange", "casadi", "fmi4j_exchange"))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -12,18 +14,20 @@ from fmpy.validation import validate_fmu
 from lxml import etree
 from typer.testing import CliRunner
 
-from fmus.errors import FmuFileError
+from fmus.errors import FmuFileError, InputError
 from fmus.packaging import archive
 from fmus.packaging.native import compiler
 from fmus.packaging.system import manifest
 from fmus.packaging.system.build import FLAGS
 from fmus.parameters.write_back import write_back
 from identification.cli import app
+from orchestrator import formats
 from orchestrator.assembly.assembly import OpenSystem, assemble, open_system
 from orchestrator.engine import Run
 from orchestrator.scenario.fusing import fuse
 from orchestrator.scenario.schema import load_scenario
 from orchestrator.ssp.tree import tree
+from orchestrator.trace import Trace
 from tests.support.fmus.either import Either, opened, schema
 from tests.support.fmus.sanitized import harnessed
 from tests.support.simulation.fused import Wired, fused, many_rates, stepped, wired
@@ -74,6 +78,87 @@ def test_what_comes_later_does_so_in_the_fmu_too(tmp_path: Path, shape: str, ord
         ("{stop: 1.2, step: 0.002}", f"{{stop: 1.2, step: 0.002, order: {order}}}"),
     )
     assert_equal(fused(file, tmp_path), wired(file, 1.2))
+
+
+def test_a_run_that_begins_later_is_counted_from_there(tmp_path: Path) -> None:
+    file = many_rates(tmp_path, ("{stop: 1.2, step: 0.002}", "{start: 1/3, stop: 1, step: 0.002}"))
+    expected = wired(file, 0.5)
+    assert expected.time[0] == 1 / 3
+    assert_equal(fused(file, tmp_path), expected)
+
+
+def test_a_part_of_a_system_in_one_fmu_acts_in_the_rest_without_a_delay(tmp_path: Path) -> None:
+    """A controller, its drive and a filter, static or sampled, are one component: their outputs hold at once."""
+    whole = many_rates(tmp_path)
+    expected = wired(whole, 1.0)
+    inner = tmp_path / "inner.yaml"
+    inner.write_text(
+        "title: Control\n"
+        "components:\n"
+        "  controller: {model: pd, parameters: {kp: 1.5, kd: 0.1, sample_time: 0.004}}\n"
+        "  drive: {model: servo_drive}\n"
+        "connections: [controller.voltage -> drive.voltage]\n"
+        "stimuli: {controller.reference: {constant: 0}, controller.position: {constant: 0},"
+        " controller.speed: {constant: 0}}\n"
+        "run: {stop: 1, step: 0.002}\n"
+    )
+    path = fused(inner, tmp_path)
+    changes = [
+        ("  controller: {model: pd, step: 0.002, parameters: {kp: 1.5, kd: 0.1, sample_time: 0.004}}\n", ""),
+        ("  drive: {model: servo_drive, step: 0.002}\n", f"  control: {{fmu: {path}, step: 0.002}}\n"),
+        ("  - controller.voltage -> drive.voltage\n", ""),
+        ("-> controller.reference", "-> control.controller.reference"),
+        ("-> controller.position", "-> control.controller.position"),
+        ("-> controller.speed", "-> control.controller.speed"),
+        ("* drive.torque", "* control.drive.torque"),
+    ]
+    scenario = load_scenario(many_rates(tmp_path, *changes))
+    with (
+        OpenSystem(assemble(scenario.system, tmp_path, scenario.driven)) as system,
+        system.simulation(replace(scenario.timing, stop=Fraction(1))) as simulation,
+    ):
+        driven = {"meter.warmth": np.full(len(simulation.instants()), 26.85)}
+        trace = simulation.run(system.assembled.system.values(), driven).trace
+    for name in ("hand.angle", "filter.y", "other.speed"):
+        assert np.array_equal(trace[name], expected.outputs[name]), name
+    assert np.array_equal(trace["control.drive.torque"], expected.outputs["drive.torque"])
+
+
+def test_what_goes_wrong_in_a_part_is_told_with_its_name(tmp_path: Path) -> None:
+    log = list[tuple[int, str, str]]()
+    with opened(fused(SCENARIOS / "butterfly" / "energy_control.yaml", tmp_path), log=log) as fmu:
+        fmu.start()
+        with pytest.raises(FMICallException):
+            fmu.step(0.0, 0.005)
+        assert log[-1][2].startswith("energy_control: controller: start energy is that of the downward equilibrium")
+        with pytest.raises(FMICallException):
+            fmu.step(0.0, 0.005)
+        assert "may not be called in failed mode" in log[-1][2]
+        fmu.fmu.reset()
+        fmu.start(**{"hand.angle_start": 0.5})
+        fmu.step(0.0, 0.005)
+        with pytest.raises(FMICallException):
+            fmu.set("hand.inertia", 1.0)
+        assert log[-1][2] == "energy_control: 'hand.inertia' is fixed once the initialisation is over"
+        with pytest.raises(FMICallException):
+            fmu.set("hand.angle", 1.0)
+        assert log[-1][2] == "energy_control: 'hand.angle' is computed and cannot be set"
+
+
+def test_an_output_that_is_not_finite_ends_a_run_unless_the_scenario_allows_it(tmp_path: Path) -> None:
+    log = list[tuple[int, str, str]]()
+    with opened(fused(many_rates(tmp_path), tmp_path), log=log) as fmu:
+        fmu.start()
+        fmu.step(0.0, 0.03)
+        fmu.set("meter.warmth", np.inf)
+        with pytest.raises(FMICallException):
+            fmu.step(0.03, 0.03)
+        assert log[-1][2] == "many_rates: 'meter.warm' is inf at t = 0.03 s"
+    allowed = ("{stop: 1.2, step: 0.002}", "{stop: 1.2, step: 0.002, nonfinite: allow}")
+    with opened(fused(many_rates(tmp_path, allowed), tmp_path)) as fmu:
+        fmu.start(**{"meter.warmth": np.inf})
+        fmu.step(0.0, 0.03)
+        assert fmu.get("meter.warm") == [np.inf]
 
 
 def test_a_step_of_many_base_steps_ends_where_single_ones_do_and_others_are_refused(tmp_path: Path) -> None:
@@ -180,6 +265,7 @@ REFUSED = [
     (("hand.angle -> filter.u", "hand.angl -> filter.u"), "did you mean 'angle'?"),
     (("run: {", "can: {database: a.dbc, frames: {}}\nrun: {"), "can"),
     (("{model: servo_drive, step: 0.002}", "{fmu: drive.fmu}"), "only models can be fused"),
+    (("source.signal ->", "controller.effort ->"), "runs in a circle"),
     (("step: 0.012,", "step: 0.012, solver: {method: cvode},"), "solvers cannot be fused"),
     (("angle_start: 12 deg", "angle_start: 12 s"), "angle_start"),
 ]
@@ -193,6 +279,27 @@ def test_what_cannot_be_fused_is_refused_and_nothing_written(
     done = CliRunner().invoke(app, ["build", "--system", str(file), "--out", str(tmp_path / "out")])
     assert done.exit_code == 2 and problem in done.stderr and done.stderr.count("\n") == 1, done.output
     assert not (tmp_path / "out").exists()
+
+
+def test_circles_that_a_run_iterates_are_refused_by_name(tmp_path: Path) -> None:
+    iterated = ("{stop: 1.2, step: 0.002}", "{stop: 1.2, step: 0.002, cycles: {}}")
+    file = many_rates(tmp_path, ("source.signal ->", "controller.effort ->"), iterated)
+    with pytest.raises(InputError, match="a circle through controller, which cannot be iterated in an FMU"):
+        fuse(file)
+
+
+def test_what_stays_behind_is_told(tmp_path: Path) -> None:
+    assert fuse(many_rates(tmp_path)).notes == ()
+    notes = fuse(SCENARIOS / "butterfly" / "energy_control.yaml").notes
+    assert "values and components that cases have of their own stay behind" in notes
+    assert any(note.startswith("motor.voltage is recorded in the scenario") for note in notes)
+    recording = Trace(np.array([0.0, 2.0]), {"warmth": np.array([300.0, 310.0])}, {"warmth": "K"})
+    formats.write(recording, tmp_path / "warmth.csv")
+    played = ("{constant: 300 K}", "{file: warmth.csv, signal: warmth}")
+    fused_one = fuse(many_rates(tmp_path, played))
+    assert fused_one.notes == ("meter.warmth is an input: what drives it in the scenario stays behind",)
+    assert fused_one.system.parts["meter"].values["warmth"] == pytest.approx(26.85)
+    assert_equal(fused(many_rates(tmp_path, played), tmp_path), wired(many_rates(tmp_path, played), 1.0))
 
 
 def test_options_that_do_not_go_together_are_refused(tmp_path: Path) -> None:
