@@ -46,6 +46,18 @@ class SignalBlock(Block):
     delay: DelayEntry | None = None
 
 
+class InputBlock(SignalBlock):
+    """A signal of the traces that drives an input.
+
+    Attributes:
+        interpolation: what a command is between its samples, so that it counts by its exact mean over each
+            communication step: `hold`, each until the next, or `linear`. Without it and without a delay the value at
+            the beginning of the step counts; with a delay alone it is held.
+    """
+
+    interpolation: Literal["hold", "linear"] | None = None
+
+
 class InitialBlock(Block):
     """A start value read off a signal around the beginning of each window.
 
@@ -330,7 +342,7 @@ class CandidateBlock(Block):
     free: list[str] | None = None
     components: dict[str, ComponentBlock | None] = {}
     connections: Connections | None = None
-    inputs: dict[str, SignalBlock | None] = {}
+    inputs: dict[str, InputBlock | None] = {}
     outputs: dict[str, SignalBlock | None] = {}
     initial: dict[str, InitialBlock | None] = {}
     parameters: dict[str, ParameterBlock | None] = {}

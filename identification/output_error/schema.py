@@ -20,6 +20,7 @@ from identification.output_error.blocks import (
     CandidateBlock,
     DelayEntry,
     InitialBlock,
+    InputBlock,
     LossBlock,
     OptionsBlock,
     ParameterBlock,
@@ -75,7 +76,7 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
     nonfinite: Literal["refuse", "allow"] = "refuse"
     tolerance: float | None = Field(None, gt=0, lt=1)
     tell_stop: bool = False
-    inputs: dict[str, SignalBlock] = {}
+    inputs: dict[str, InputBlock] = {}
     outputs: dict[str, SignalBlock] = Field(min_length=1)
     initial: dict[str, InitialBlock] = {}
     windows: WindowsBlock
@@ -216,8 +217,10 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
     @property
     def signals(self) -> UsedSignals:
         """What it uses of the traces."""
+        lines = {block.signal for block in self.inputs.values() if block.interpolation == "linear"}
+        held = {block.signal for block in self.inputs.values() if block.interpolation != "linear"}
         measured = {block.signal for blocks in (self.outputs, self.initial) for block in blocks.values()}
-        return UsedSignals(frozenset(block.signal for block in self.inputs.values()), frozenset(measured))
+        return UsedSignals(frozenset(held), frozenset(measured | lines))
 
     @property
     def delays(self) -> list[str]:
@@ -279,7 +282,7 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
             run=FreeRunSpec(
                 self.step,
                 self._signal_specs(self.outputs),
-                self._signal_specs(self.inputs),
+                {name: self._input_spec(name, block) for name, block in self.inputs.items()},
                 initial,
                 self.nonfinite == "refuse",
                 self.tolerance,
@@ -302,6 +305,12 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
             name: TraceSignal(block.signal, Given(block.factor, block.offset), self._delay(block.delay))
             for name, block in blocks.items()
         }
+
+    def _input_spec(self, name: str, block: InputBlock) -> TraceSignal:
+        spec = self._signal_specs({name: block})[name]
+        if block.interpolation is None:
+            return spec
+        return replace(spec, delay=spec.delay or Known(0.0), linear=block.interpolation == "linear")
 
     def _delay(self, entry: DelayEntry | None) -> Delay | None:
         """A delay with its parameter's bounds; its start where a bound is missing."""

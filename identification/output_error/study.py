@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Literal, TypeVar
 
+from fmus.errors import WiringError
 from fmus.units import SAME, Conversion
 from identification.estimation.arrow_least_squares import LEAST_SQUARES, Loss
 from identification.estimation.groups import Grouped, Grouping, parted
@@ -33,6 +34,7 @@ class TraceSignal:
         given: what it is converted to the variable's unit by, over its own.
         delay: None takes the value at the beginning of each communication step; a command with a delay, 0 too, counts
             by its mean over each step.
+        linear: whether a command goes in lines from sample to sample, and does not hold each until the next.
         conversion: what it is converted by, once the trace is known.
         stepwise: whether the variable changes in steps, so that each sample holds until the next.
     """
@@ -40,6 +42,7 @@ class TraceSignal:
     signal: str
     given: Given = NOTHING_GIVEN
     delay: Delay | None = None
+    linear: bool = False
     conversion: Conversion = SAME
     stepwise: bool = False
 
@@ -122,7 +125,7 @@ class FreeRunSpec:
         """The same for one trace, its signals converted to the units of the variables; and how they get there.
 
         Raises:
-            WiringError: units of different quantities.
+            WiringError: units of different quantities, or lines to an input that changes in steps.
         """
         crossed: list[Crossing] = []
 
@@ -138,6 +141,10 @@ class FreeRunSpec:
         outputs, inputs = converted("outputs", self.outputs), converted("inputs", self.inputs)
         outputs = {name: replace(spec, stepwise=not ports.get(name, NOWHERE).real) for name, spec in outputs.items()}
         inputs = {name: replace(spec, stepwise=ports.get(name, NOWHERE).stepwise) for name, spec in inputs.items()}
+        for name, driven in inputs.items():
+            if driven.linear and driven.stepwise:
+                problem = "changes in steps, and has no values along a line"
+                raise WiringError(f"inputs.{name}.interpolation", problem, "write `interpolation: hold`")
         spec = replace(self, outputs=outputs, inputs=inputs, initial=converted("initial", self.initial))
         return spec, tuple(crossed)
 

@@ -18,6 +18,7 @@ from identification.output_error.times.delays import (
     Estimated,
     Held,
     Known,
+    Lines,
     StartReading,
     compared_rows,
     known,
@@ -46,7 +47,7 @@ class FreeRunWindow(Window):
         count: instants of the free run, K.
         rows: those that are compared, K'; all where no output has a delay.
         stimuli: component.input -> (K,) values; of delayed ones, with the delay that the study starts from.
-        commands: the delayed inputs.
+        commands: the inputs that count by their means over each step: the delayed ones, and others that are to.
         delays: of the outputs those that are parameters, None for those of which all is known.
         initial: component.variable -> measured start value, with the delay that the study starts from.
         readings: those that are read off a delayed output.
@@ -284,8 +285,8 @@ def _sampled(trace: Trace, spec: TraceSignal, instants: FloatArray, delay: float
 
 
 def _command(spec: TraceSignal, delay: Delay, trace: Trace, raster: FloatArray, step: float) -> Command:
-    """A delayed command, as far as it matters from the first instant to a step after the last."""
-    held = Held(trace.time, spec.conversion(trace[spec.signal]))
+    """A command that counts by its means, as far as it matters from the first instant to a step after the last."""
+    held = (Lines if spec.linear else Held)(trace.time, spec.conversion(trace[spec.signal]))
     near = held.between(raster[0] - delay.highest, raster[-1] + step - delay.lowest)
     return Command(delay, near, spec.stepwise)
 

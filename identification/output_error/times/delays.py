@@ -122,9 +122,27 @@ class Held(ReadOnlyArrays):
         return np.asarray(known[rows] + self.values[rows] * (instants - self.time[rows]))
 
 
+class Lines(Held):
+    """A command that goes in lines from sample to sample; before the first and after the last it has their values."""
+
+    def at(self, instants: FloatArray) -> FloatArray:
+        return np.asarray(np.interp(instants, self.time, self.values))
+
+    def between(self, start: float, stop: float) -> Lines:
+        first = max(int(np.searchsorted(self.time, start, side="right")) - 1, 0)
+        last = max(int(np.searchsorted(self.time, stop)) + 1, first + 1)
+        return Lines(self.time[first:last], self.values[first:last])
+
+    def _integral(self, instants: FloatArray) -> FloatArray:
+        time, values = self.time, self.values
+        known = np.concatenate([[0.0], np.cumsum((values[:-1] + values[1:]) / 2 * np.diff(time))])
+        rows = np.clip(np.searchsorted(time, instants, side="right") - 1, 0, len(time) - 1)
+        return np.asarray(known[rows] + (values[rows] + self.at(instants)) / 2 * (instants - time[rows]))
+
+
 @dataclass(frozen=True, eq=False)
 class Command:
-    """A recorded command that reaches an input with a delay.
+    """A recorded command that reaches an input by its mean over each step, with a delay where it has one.
 
     Attributes:
         stepwise: whether the input has no values between those of the command, so that means would be none of it.
