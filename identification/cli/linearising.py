@@ -24,6 +24,7 @@ def linearise(
     at: Annotated[
         str | None, typer.Option("--at", metavar="SECONDS", help="An instant of its run; its start by default.")
     ] = None,
+    case: Annotated[str | None, typer.Option("--case", help="The case to take; the first by default.")] = None,
     out: Out = None,
     set_: Overrides = None,
 ) -> Answer:
@@ -35,7 +36,7 @@ def linearise(
     folder = out or Path("out") / f"{scenario.stem}_linear"
     check_target(folder, [scenario])
     with terminal.bar(scenario.stem) as move:
-        found = linearised(scenario, at, overrides(set_), move)
+        found = linearised(scenario, at, overrides(set_), move, case)
         found.write(folder)
     signals = [(side, found.inputs if side == "input" else found.outputs) for side in ("input", "output")]
     rows = [_row(side, signal) for side, these in signals for signal in these]

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fmus.errors import IdentificationError
+from fmus.errors import IdentificationError, ScenarioError
 from identification.linear.model import UNIT_CIRCLE
 from identification.linearisation.parts import Parts
 from identification.linearisation.periodic import Joint, over_a_period
@@ -40,6 +40,7 @@ def linearise(
     at: float | str | Fraction | None = None,
     values: Mapping[str, Value | list[Any]] | None = None,
     progress: Progress = silent,
+    case: str | None = None,
 ) -> Linearised:
     """A scenario's wired system, or one FMU, as a linear model about the point that its run reaches.
 
@@ -50,14 +51,14 @@ def linearise(
         source: a scenario, a scenario file or an FMU file.
         at: an instant of the run [s]; None takes its start.
         values: component.variable -> value, over those of the scenario.
+        case: of the scenario, with its values and the system that it has; None takes the first.
 
     Raises:
         InputError: it cannot be linearised there; the message names the component and the reason.
         FmuError: an FMU fails.
     """
     whole = source if isinstance(source, Scenario) else _loaded(Path(source))
-    scenario = whole.by_system()[0]
-    case = scenario.cases[0]
+    scenario, chosen = _case(whole, case)
     with naming(whole.path), scratch(None) as folder:
         given = elements(values or {})
         instant = checked(scenario, scenario.timing.start if at is None else seconds(at, "--at"))
@@ -65,7 +66,7 @@ def linearise(
         with OpenSystem(assembled) as opened, opened.simulation(scenario.timing) as simulation:
             system = opened.system
             scenario, _ = in_units_of(system, scenario)
-            own = {**case.values, **typed(system, given)}
+            own = {**chosen.values, **typed(system, given)}
             simulation.check_values(own)
             with reached(scenario, simulation, own, instant, progress) as point:
                 progress(0.9, "slopes")
@@ -74,7 +75,21 @@ def linearise(
                     for name, file in assembled.files.items()
                 }
                 parts = _parts(scenario.system, files, own, point)
-                return _joined(whole, scenario, case, system, simulation, parts, point)
+                return _joined(whole, scenario, chosen, system, simulation, parts, point)
+
+
+def _case(whole: Scenario, name: str | None) -> tuple[Scenario, Case]:
+    """A case, by default the first, and the scenario with the system that it has.
+
+    Raises:
+        ScenarioError: there is none of that name.
+    """
+    for scenario in whole.by_system():
+        for case in scenario.cases:
+            if name in (None, case.name):
+                return scenario, case
+    known = ", ".join(case.name for case in whole.cases)
+    raise ScenarioError(whole.path, f"has no case '{name}'", f"its cases are {known}")
 
 
 def _loaded(path: Path) -> Scenario:
@@ -238,7 +253,8 @@ def _remarks(whole: Scenario, case: Case, parts: Parts, point: Point, joint: Joi
     moving = {name: part.moving for name, part in parts.between.items() if part.moving > SLOW}
     found = []
     if len(whole.cases) > 1:
-        found.append(f"of {len(whole.cases)} cases it is the first, {case.name}")
+        which = "the first, " if case == whole.cases[0] else ""
+        found.append(f"of {len(whole.cases)} cases it is {which}{case.name}")
     if moving:
         name = max(moving, key=moving.__getitem__)
         found.append(

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from fmus.errors import InputError
 from fmus.packaging import archive
 from fmus.parameters.write_back import description_of, is_ours
 from identification.built_system import component_values
@@ -24,6 +26,7 @@ from orchestrator.scenario.exchange import export
 from orchestrator.trace import FloatArray, Trace
 from orchestrator.yaml_file import text_of
 
+LOG = logging.getLogger("servotwin.calibration")
 SCENARIO, SYSTEM = "free_run.yaml", "free_run.ssp"
 COMMANDS, OUTPUTS = "free_run_commands.csv", "free_run_outputs.csv"
 CLOSE = "1 %"  # of the range: what a latency's past before the window, of which one value stands for all, may change
@@ -39,7 +42,10 @@ def write_free_run(calibration: Calibration, folder: Path, target: Path) -> None
     document = run.document()
     (folder / SCENARIO).write_bytes(text_of(document))
     if document["connections"]:
-        export(folder / SCENARIO, folder / SYSTEM)
+        try:
+            export(folder / SCENARIO, folder / SYSTEM)
+        except InputError as refusal:  # what was calibrated is not lost with it
+            LOG.warning("%s is not written: %s", SYSTEM, refusal)
 
 
 class _FreeRun:

@@ -255,6 +255,40 @@ def test_the_fmu_that_is_written_holds_the_model_about_its_point_and_is_its_own_
     )
 
 
+def test_a_case_has_its_own_values_and_its_own_components(tmp_path: Path) -> None:
+    file = scenario(
+        tmp_path,
+        components={"hand": hand()},
+        stimuli={"hand.torque": {"constant": 0}},
+        run={"stop": 1, "step": 0.01},
+        record=["hand.angle"],
+        cases=[
+            {"name": "bare"},
+            {"name": "heavy", "set": {"hand.inertia": 4 * INERTIA}},
+            {"name": "stiff", "components": {"hand": hand(gravity_torque=9 * GRAVITY)}},
+        ],
+    )
+    bare, heavy, stiff = (linearise(file, case=name) for name in ("bare", "heavy", "stiff"))
+
+    def omega(found: Linearised, gravity: float, inertia: float) -> None:
+        [mode] = found.modes
+        own, decay = gravity / inertia, FRICTION / (2 * inertia)
+        assert 2 * math.pi * mode.frequency == pytest.approx(math.sqrt(own), rel=1e-6)
+        assert mode.damping == pytest.approx(decay / math.sqrt(own), rel=1e-6)
+
+    omega(bare, GRAVITY, INERTIA)
+    omega(heavy, GRAVITY, 4 * INERTIA)
+    omega(stiff, 9 * GRAVITY, INERTIA)
+    assert [found.case for found in (bare, heavy, stiff)] == ["bare", "heavy", "stiff"]
+    assert "of 3 cases it is the first, bare" in bare.remarks and "of 3 cases it is stiff" in stiff.remarks
+    done = CliRunner().invoke(
+        app, ["linearise", str(file), "--case", "stiff", "--out", str(tmp_path / "out"), "--json"]
+    )
+    assert json.loads(done.stdout)["case"] == "stiff"
+    with pytest.raises(InputError, match="has no case 'light'; its cases are bare, heavy, stiff"):
+        linearise(file, case="light")
+
+
 def test_what_cannot_be_linearised_is_refused_with_the_reason(tmp_path: Path) -> None:
     with pytest.raises(IdentificationError, match="jumps or bends"):
         linearise(
