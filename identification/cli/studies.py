@@ -31,6 +31,9 @@ def calibrate(
     study: Annotated[Path, typer.Argument(help="A study file.")],
     *,
     data: Data = None,
+    jobs: Annotated[
+        int | None, typer.Option("-j", "--jobs", min=1, help="Simulations at a time; one a processor by default.")
+    ] = None,
     out: Out = None,
     isolate: Isolate,
 ) -> Answer:
@@ -40,11 +43,12 @@ def calibrate(
     """
     from identification.calibrate import calibrate_study
     from identification.estimation.stopped import EstimationFailed, EstimationInterrupted
+    from orchestrator.processes.pool import at_most
     from orchestrator.results import default_folder
 
     folder = out or default_folder(study)
     try:
-        with terminal.bar(study.stem) as move:
+        with terminal.bar(study.stem) as move, at_most(jobs):
             document = calibrate_study(study, data, folder, move, isolate.isolation())
     except EstimationInterrupted as stop:
         judged = "" if "choice" in stop.result.summary else ", without intervals and not validated"
@@ -60,6 +64,7 @@ def calibrate(
     shown: list[Listing | str] = [
         _table(document),
         *_candidates(document),
+        *_windows(document),
         *_given(document),
         *_fits(document["fit"]),
         *_remarks(document),
@@ -232,6 +237,14 @@ def _candidates(document: Summary) -> list[Listing]:
     cells = [["-" if cell is None else str(cell) for cell in row] for row in rows]
     title = f"candidates, by {', '.join(choice['signals'])}: criteria over the least, errors over {choice['chosen']}'s"
     return [Listing(headers, cells, title, figures=True)]
+
+
+def _windows(document: Summary) -> list[str]:
+    """How recordings have chosen windows, where they did."""
+    from identification.output_error.results import windows_words
+
+    windows = cast("OutputErrorSummary", document).get("windows")
+    return [f"note: {windows_words(windows)}"] if windows else []
 
 
 def _cell(header: str, value: object) -> str:

@@ -194,7 +194,7 @@ class Bench:
             name: opened.system.port(Endpoint.parse(name)).unit or "1" for name in asked.parameters.names if "." in name
         }
         self._values = system.assembled.system.values()
-        longest = at_most(asked.windows.length, self.study.duration, asked.run.step)
+        longest = at_most(asked.said_windows.length, self.study.duration, asked.run.step)
         self._model: Simulation = opened.simulation(asked.run.timing(longest))
         self._kept = system
 
@@ -271,7 +271,7 @@ class Bench:
         constants = {name: known[name] if name in known else self._start(name) for name in asked.traces.values}
         file = self.study.rig_file
         trace = StudyTrace(replace(recording, name="experiment"), {}, file, "", "simulated", values=constants)
-        return cut_windows(asked.run, [trace], asked.windows, self._ports)
+        return cut_windows(asked.run, [trace], asked.said_windows, self._ports)
 
     def _start(self, name: str) -> Value:
         """The value that a component of the rig has by itself."""

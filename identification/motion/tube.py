@@ -77,10 +77,11 @@ def tube_of(
             f"{shortest.name} lasts ({shortest.duration:.3g} s)",
             "ask for fewer, skip less, or record longer",
         )
-    asked = _asked(study, WindowSpec(length, skip=spec.skip))
+    every = WindowSpec(length, skip=spec.skip)
+    asked = _asked(study, every)
     with OpenSystem(assembled) as opened:
         ports = ports_of(asked, opened.system)
-    windows = cut_windows(asked.run, recorded, asked.windows, ports)
+    windows = cut_windows(asked.run, recorded, every, ports)
     return Tube(spec, period, {name: judge(asked, assembled, windows, values) for name, values in models.items()})
 
 

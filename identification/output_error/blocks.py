@@ -12,7 +12,7 @@ from identification.estimation.groups import Grouping
 from identification.estimation.parameters import Parameter, Scale, Tie
 from identification.estimation.prior import LogNormal, Normal, Prior, Uniform
 from identification.output_error.search.options import BootstrapKind, IntervalBy, IntervalOptions, Options
-from identification.output_error.study import StartSpec, WindowSpec
+from identification.output_error.study import AutoWindows, StartSpec, WindowSpec
 from identification.output_error.times.spans import SpanEntry, WidthEntry, amount
 from orchestrator.assembly.schema import ComponentBlock, Connections
 from orchestrator.assembly.whole_arrays import Values
@@ -93,23 +93,30 @@ class InitialBlock(Block):
 
 
 class WindowsBlock(Block):
-    """Where free runs lie in a recording."""
+    """Where free runs lie in a recording.
+
+    Attributes:
+        length: of each free run: [s], or `512 samples`; `auto` takes some periods of what recordings show, and windows
+            in which that moves.
+    """
 
     explained_by = (WindowSpec,)
 
-    length: SpanEntry
+    length: SpanEntry | Literal["auto"]
     every: SpanEntry | None = WindowSpec.every
     skip: SpanEntry = WindowSpec.skip
     most: int | None = Field(WindowSpec.most, ge=1)
 
     @model_validator(mode="after")
     def _positive(self) -> WindowsBlock:
-        every = self.length if self.every is None else self.every
-        if amount(self.length) <= 0 or amount(every) <= 0 or amount(self.skip) < 0:
+        given = [span for span in (self.length, self.every) if span is not None and span != "auto"]
+        if any(amount(span) <= 0 for span in given) or amount(self.skip) < 0:
             raise ValueError("`length` and `every` must be positive, `skip` not negative")
         return self
 
-    def spec(self) -> WindowSpec:
+    def spec(self) -> WindowSpec | AutoWindows:
+        if isinstance(self.length, str):
+            return AutoWindows(self.every, self.skip, self.most)
         return WindowSpec(self.length, self.every, self.skip, self.most)
 
 

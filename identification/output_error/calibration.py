@@ -16,13 +16,14 @@ from identification.estimation.parameters import InitialState, Parameter, Parame
 from identification.estimation.stopped import STOPPED, reason, stopped
 from identification.fits import FitSummary, fit_summary
 from identification.output_error.choice.choice import Choice
+from identification.output_error.chosen_windows import PickedWindows, chosen_length, picked_windows
 from identification.output_error.search.estimator import Estimate, SearchState, estimate, predict
 from identification.output_error.search.options import Options, Watch
 from identification.output_error.search.problem import Problem, spread_weights
 from identification.output_error.simulator import SystemFactory
 from identification.output_error.start_values import UnreadStart, start_warnings, unread_starts
-from identification.output_error.study import OutputErrorStudy
-from identification.output_error.windows import FreeRunWindow, cut_windows, length_warnings
+from identification.output_error.study import OutputErrorStudy, WindowSpec
+from identification.output_error.windows import FreeRunWindow, length_warnings
 from identification.quantities import SECONDS
 from identification.recordings.campaign import StudyTrace, load_campaign, recording_warnings, split
 from identification.results import GROUPS
@@ -108,6 +109,7 @@ class Calibration:
         starts: sentences about windows that begin elsewhere than their free runs.
         stopped: why there is less than was asked for; nothing where the calibration came to its end.
         choice: how it came to be chosen among candidates, where there were some.
+        picked: how windows were chosen, where the recordings do.
     """
 
     study: OutputErrorStudy
@@ -122,14 +124,23 @@ class Calibration:
     starts: tuple[str, ...] = ()
     stopped: str = ""
     choice: Choice | None = None
+    picked: PickedWindows | None = None
 
     @property
     def warnings(self) -> list[str]:
         """What a reader of the figures must know."""
         doubts = [str(crossing) for crossing in self.crossings if crossing.doubtful]
         said = [*(self.choice.doubts if self.choice else ()), *_of_groups(self)]
-        said += length_warnings(self.study.run.step, self.study.windows, [one.trace for one in self.recorded])
+        said += length_warnings(self.study.run.step, self._windows, [one.trace for one in self.recorded])
         return [*said, *doubts, *self.starts, *self.estimate.warnings, *recording_warnings(self.recorded)]
+
+    @property
+    def _windows(self) -> WindowSpec:
+        asked = self.study.windows
+        if isinstance(asked, WindowSpec):
+            return asked
+        assert self.picked is not None
+        return asked.of(self.picked.length.seconds)
 
     @property
     def crossings(self) -> tuple[Crossing, ...]:
@@ -162,6 +173,7 @@ class Prepared:
         units: of the parameters, outputs and start values by name.
         wired: how values pass through the connections.
         unread: start values that nobody gives.
+        picked: how windows were chosen, where the recordings do.
     """
 
     study: OutputErrorStudy
@@ -172,6 +184,7 @@ class Prepared:
     units: Mapping[str, str]
     wired: tuple[Crossing, ...]
     unread: tuple[UnreadStart, ...]
+    picked: PickedWindows | None = None
 
     @classmethod
     def of(cls, study: OutputErrorStudy, recorded: Sequence[StudyTrace]) -> Prepared:
@@ -184,9 +197,11 @@ class Prepared:
         study = study.of_groups([trace.trace.name for trace in fitted], [trace.trace.name for trace in kept])
         system = BuiltSystem(study.system, sorted(study.run.inputs))
         units, ports, wired, unread = _checked(study, system.assembled)
-        train = cut_windows(study.run, fitted, study.windows, ports)
-        unseen = cut_windows(study.run, kept, study.validation, ports)
-        return cls(study, tuple(recorded), system, tuple(train), tuple(unseen), units, wired, tuple(unread))
+        length = chosen_length(study, fitted)
+        train, of_train = picked_windows(study.run, fitted, study.windows, length, ports)
+        unseen, of_unseen = picked_windows(study.run, kept, study.validation, length, ports)
+        picked = None if length is None else PickedWindows(length, {**of_train, **of_unseen})
+        return cls(study, tuple(recorded), system, tuple(train), tuple(unseen), units, wired, tuple(unread), picked)
 
     def calibration(self, found: Estimate, why: str = "") -> Calibration:
         """What there is once something is estimated; `why` there is no more."""
@@ -195,7 +210,18 @@ class Prepared:
         fitted, _ = split(list(self.recorded), study.traces.hold_out)
         starts = tuple(start_warnings(study, self.unread, [trace.trace for trace in fitted], self.train))
         return Calibration(
-            study, self.system, self.recorded, found, judged, None, {}, self.units, self.wired, starts, why
+            study,
+            self.system,
+            self.recorded,
+            found,
+            judged,
+            None,
+            {},
+            self.units,
+            self.wired,
+            starts,
+            why,
+            picked=self.picked,
         )
 
     def calibrated(self, progress: Progress = silent) -> Calibration:

@@ -11,13 +11,14 @@ from identification.estimation.validation import whiteness
 from identification.fits import told
 from identification.output_error.calibration import Calibration, Judged
 from identification.output_error.choice.report import draw_candidates
-from identification.output_error.results import summary
+from identification.output_error.results import WindowsSummary, summary, windows_words
 from identification.output_error.uncertainty_report import uncertainty
 from identification.output_error.windows import FreeRunWindow
 from identification.results import data_summary, draw_parameters, provenance, verdict_callout
 from identification.signals.frequency_response import fit_sine, frequency_point
 from identification.signals.processing import dominant_frequency
 from orchestrator.crossing import documents_of
+from orchestrator.display.table import Cell
 from orchestrator.report import Report, Section, figures
 from orchestrator.trace import FloatArray, Trace
 
@@ -36,9 +37,20 @@ def report(calibration: Calibration) -> Report:
         _frequency_response(result.section("Frequency response"), calibration, shown)
     _residuals(result.section("Residuals"), calibration, shown)
     uncertainty(result.section("Uncertainty"), calibration)
+    if "windows" in (found := summary(calibration)):
+        _windows(result.section("Windows"), found["windows"])
     data = data_summary(calibration.recorded, calibration.study.traces.hold_out)
     provenance(result.section("Provenance"), data, documents_of(calibration.crossings))
     return result
+
+
+def _windows(section: Section, windows: WindowsSummary) -> None:
+    """How the recordings have chosen windows."""
+    section.paragraph(f"{windows_words(windows)[0].upper()}{windows_words(windows)[1:]}.")
+    rows: list[list[Cell]] = [
+        [name, str(one["taken"]), str(one["still"]), str(one["less"])] for name, one in windows["traces"].items()
+    ]
+    section.table(["trace", "taken", "still", "less motion than those"], rows, numeric=(1, 2, 3))
 
 
 def _overview(section: Section, calibration: Calibration) -> None:

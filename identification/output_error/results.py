@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from pathlib import Path
 from typing import NotRequired
 
@@ -11,6 +12,7 @@ from identification.method import Calibrated
 from identification.output_error.calibration import Calibration
 from identification.output_error.choice.summary import ChoiceSummary
 from identification.output_error.choice.summary import summary as choice_summary
+from identification.output_error.chosen_windows import PickedWindows
 from identification.output_error.exported.latencies import latency_fmus, latency_notes
 from identification.output_error.search.estimate import Estimate
 from identification.output_error.verdict import calibration_verdict
@@ -113,6 +115,23 @@ class SearchSummary(TypedDict):
     reasons: list[str]
 
 
+class PickedSummary(TypedDict):
+    """What became of the windows that fit into a recording: taken, still, or with less motion than so many others."""
+
+    taken: int
+    still: int
+    less: int
+
+
+class WindowsSummary(TypedDict):
+    """How recordings have chosen windows: their length [s] and in communication steps, by which period [s]."""
+
+    length: float
+    steps: int
+    period: float
+    traces: dict[str, PickedSummary]
+
+
 class OutputErrorSummary(Summary):
     """The summary of an output-error calibration.
 
@@ -124,6 +143,7 @@ class OutputErrorSummary(Summary):
     search: SearchSummary
     candidate: NotRequired[str]
     choice: NotRequired[ChoiceSummary]
+    windows: NotRequired[WindowsSummary]
 
 
 def summary(calibration: Calibration) -> OutputErrorSummary:
@@ -158,7 +178,31 @@ def summary(calibration: Calibration) -> OutputErrorSummary:
     if calibration.choice is not None:
         made["candidate"] = calibration.choice.chosen
         made["choice"] = choice_summary(calibration.choice)
+    if calibration.picked is not None:
+        made["windows"] = _windows(calibration.picked, study.run.step)
     return made
+
+
+def _windows(picked: PickedWindows, step: Fraction) -> WindowsSummary:
+    length = picked.length
+    return {
+        "length": float(length.seconds),
+        "steps": int(length.seconds / step),
+        "period": length.period,
+        "traces": {
+            name: {"taken": one.taken, "still": one.still, "less": one.less} for name, one in picked.traces.items()
+        },
+    }
+
+
+def windows_words(windows: WindowsSummary) -> str:
+    """How windows were chosen, in a line."""
+    taken, still, less = (sum(one[key] for one in windows["traces"].values()) for key in ("taken", "still", "less"))
+    left = [f"{still} are still"] * bool(still) + [f"{less} move less than those that are"] * bool(less)
+    return (
+        f"windows of {windows['length']:.4g} s are chosen by the recordings, whose strongest oscillation lasts "
+        f"{windows['period']:.3g} s: {taken} of {taken + still + less} taken{', ' if left else ''}{', '.join(left)}"
+    )
 
 
 def _uncertainty(found: Estimate) -> UncertaintySummary:

@@ -48,6 +48,11 @@ def _said(block: OutputErrorBlock) -> dict[str, Any]:
     return block.model_dump()
 
 
+def _long(value: Any) -> Any:
+    """`auto` as the keys that it is short for."""
+    return {"length": value} if isinstance(value, str) else value
+
+
 def _by(value: Any) -> Any:
     """`profile` as the keys that it is short for."""
     return {"by": value} if isinstance(value, str) else value
@@ -79,7 +84,7 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
     inputs: dict[str, InputBlock] = {}
     outputs: dict[str, SignalBlock] = Field(min_length=1)
     initial: dict[str, InitialBlock] = {}
-    windows: WindowsBlock
+    windows: Annotated[WindowsBlock, BeforeValidator(_long, json_schema_input_type=Literal["auto"] | WindowsBlock)]
     validation: ValidationBlock | None = None
     parameters: dict[str, ParameterBlock] = {}
     estimate: Path | list[Path] = []

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Literal, TypeVar
 
-from fmus.errors import WiringError
+from fmus.errors import IdentificationError, WiringError
 from fmus.units import SAME, Conversion
 from identification.estimation.arrow_least_squares import LEAST_SQUARES, Loss
 from identification.estimation.groups import Grouped, Grouping, parted
@@ -166,6 +166,11 @@ class FreeRunSpec:
         return sorted({signal for run in (self, *self.beside) for signal in run.signals})
 
     @property
+    def compared(self) -> list[str]:
+        """The signals that its outputs, and those beside it, are compared with, sorted."""
+        return sorted({spec.signal for run in (self, *self.beside) for spec in run.outputs.values()})
+
+    @property
     def late(self) -> list[Delay | None]:
         """The delays of its outputs and of those beside it."""
         return [spec.delay for run in (self, *self.beside) for spec in run.outputs.values()]
@@ -205,6 +210,24 @@ class Placing:
 
 
 @dataclass(frozen=True)
+class AutoWindows:
+    """Windows that recordings choose: so long that something happens in them, and where it does.
+
+    Attributes:
+        every, skip: as of `WindowSpec`.
+        most: those of a trace in which most happens.
+    """
+
+    every: Span | None = None
+    skip: Span = Fraction(0)
+    most: int | None = None
+
+    def of(self, length: Fraction) -> WindowSpec:
+        """All of this length [s]."""
+        return WindowSpec(length, self.every, self.skip)
+
+
+@dataclass(frozen=True)
 class OutputErrorStudy:
     """Parameters of a system to be fitted to traces by the error of free runs.
 
@@ -225,8 +248,8 @@ class OutputErrorStudy:
     system: SystemSpec
     traces: TraceSource
     run: FreeRunSpec
-    windows: WindowSpec
-    validation: WindowSpec
+    windows: WindowSpec | AutoWindows
+    validation: WindowSpec | AutoWindows
     parameters: ParameterSet
     at_least: float | None = None
     worst_at_least: float | None = None
@@ -239,6 +262,17 @@ class OutputErrorStudy:
     given: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     by: Mapping[str, Grouping] = field(default_factory=dict)
     grouped: tuple[Grouped, ...] = ()
+
+    @property
+    def said_windows(self) -> WindowSpec:
+        """The windows, of a study that has to say how long they are.
+
+        Raises:
+            IdentificationError: recordings choose that.
+        """
+        if isinstance(self.windows, AutoWindows):
+            raise IdentificationError("windows.length", "is chosen by recordings, and there are none", "give it [s]")
+        return self.windows
 
     @property
     def outputs(self) -> tuple[str, ...]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -14,9 +15,10 @@ from fmus.parameters.write_back import description_of, is_ours
 from identification.estimation.groups import MARK, as_found
 from identification.fits import told
 from identification.output_error.calibration import Judged, isolated, judge, ports_of
+from identification.output_error.chosen_windows import chosen_length, picked_windows
 from identification.output_error.report import fits, overlays
+from identification.output_error.results import OutputErrorSummary, WindowsSummary
 from identification.output_error.study import OutputErrorStudy
-from identification.output_error.windows import cut_windows
 from identification.recordings.campaign import StudyTrace, load_campaign, recording_warnings
 from identification.results import (
     STUDY,
@@ -29,6 +31,7 @@ from identification.results import (
     verdict,
     verdict_callout,
 )
+from identification.signals.excitation import Length
 from orchestrator.assembly.assembly import OpenSystem, SystemSpec, assemble
 from orchestrator.assembly.schema import SystemBlock
 from orchestrator.assembly.whole_arrays import elements
@@ -107,7 +110,7 @@ def validate(
         progress(number / 2, f"{len(traces)} {name} traces")
         if traces:
             with naming(folder / STUDY):
-                windows = cut_windows(study.run, traces, study.validation, ports)
+                windows, _ = picked_windows(study.run, traces, study.validation, _length(study, earlier, traces), ports)
                 judged[name] = judge(study, assembled, windows, values)
     return Validation(study, tuple(recorded), judged, tuple(trace.trace.name for trace in groups["unseen"]))
 
@@ -120,6 +123,12 @@ def _found_delays(study: OutputErrorStudy, earlier: Summary, folder: Path) -> di
         if name not in earlier["parameters"]:
             raise InputError(folder / SUMMARY, f"does not tell the delays of its study ({name})", "calibrate again")
     return {name: earlier["parameters"][name]["value"] for name in delays}
+
+
+def _length(study: OutputErrorStudy, earlier: Summary, traces: Sequence[StudyTrace]) -> Length | None:
+    """How long windows are that recordings choose: as in the calibration."""
+    known: WindowsSummary | None = cast("OutputErrorSummary", earlier).get("windows")
+    return Length(known["steps"] * study.run.step, known["period"]) if known else chosen_length(study, traces)
 
 
 def _with_groups(study: OutputErrorStudy, earlier: Summary) -> tuple[OutputErrorStudy, dict[str, float]]:

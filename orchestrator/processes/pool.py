@@ -8,6 +8,8 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from multiprocessing.connection import wait
 from time import monotonic
 from types import TracebackType
@@ -25,9 +27,22 @@ _LONG = 60.0  # without any answer [s]
 _LOOK = 0.05  # between two looks at what processes do [s]
 
 
+_AT_MOST: ContextVar[int | None] = ContextVar("at_most", default=None)
+
+
 def processors() -> int:
-    """How many processes to use: one a processor."""
-    return os.cpu_count() or 1
+    """How many processes to use: one a processor, or what `at_most` says."""
+    return _AT_MOST.get() or os.cpu_count() or 1
+
+
+@contextmanager
+def at_most(processes: int | None) -> Iterator[None]:
+    """Meanwhile so many processes are used where there would be one a processor; None changes nothing."""
+    token = _AT_MOST.set(processes or _AT_MOST.get())
+    try:
+        yield
+    finally:
+        _AT_MOST.reset(token)
 
 
 def calling() -> Callable[[Callable[[], Any]], Any]:

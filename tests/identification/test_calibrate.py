@@ -23,6 +23,7 @@ from identification.cli import app
 from identification.output_error import calibration
 from identification.output_error.simulator import SystemSimulator
 from orchestrator import formats
+from orchestrator.processes import pool
 from orchestrator.results import RECORD
 from orchestrator.scenario.exchange import export
 from orchestrator.trace import Trace
@@ -285,6 +286,16 @@ def test_a_calibration_whose_validation_misses_its_target_ends_with_exit_code_1_
     verdict = json.loads((tmp_path / "out" / "summary.json").read_text())["verdict"]
     assert not verdict["held"] and verdict["converged"] and 0.9 < verdict["reached"] < verdict["at_least"] == 1.0
     assert "MISSED: median FIT, unseen" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_the_command_line_says_how_many_simulations_run_at_a_time(
+    tmp_path: Path, data: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[int] = []
+    monkeypatch.setattr(calibration, "processors", lambda: asked.append(pool.processors()) or 1)
+    monkeypatch.setattr(calibration, "_SHORT", 0)
+    assert calibrated(tmp_path, data, "-j", "3").exit_code == 0
+    assert set(asked) == {3}
 
 
 def test_a_target_without_recordings_held_out_is_for_the_fitted_ones(tmp_path: Path, data: Path) -> None:

@@ -9,7 +9,7 @@ from fractions import Fraction
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BeforeValidator, StringConstraints
+from pydantic import BeforeValidator, PlainSerializer, StringConstraints
 
 from orchestrator.trace import Trace
 from orchestrator.yaml_file import Seconds, exact
@@ -37,11 +37,14 @@ def _read(value: Any) -> Any:
 
 
 _Text = Annotated[str, StringConstraints(pattern=r"^\s*\d{1,9}\s*samples?\s*$")]
-SpanEntry = Annotated[Fraction | Samples, BeforeValidator(_read, json_schema_input_type=Seconds | _Text)]
+_written = PlainSerializer(lambda span: str(span) if isinstance(span, Samples) else span)
+SpanEntry = Annotated[Fraction | Samples, BeforeValidator(_read, json_schema_input_type=Seconds | _Text), _written]
 """A time as studies hold it: seconds, or `512 samples` of the recording that it is about."""
 
 WidthEntry = Annotated[
-    float | Samples, BeforeValidator(lambda value: _number(_read(value)), json_schema_input_type=Seconds | _Text)
+    float | Samples,
+    BeforeValidator(lambda value: _number(_read(value)), json_schema_input_type=Seconds | _Text),
+    _written,
 ]
 """The same where it need not be exact."""
 

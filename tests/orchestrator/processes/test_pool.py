@@ -17,7 +17,7 @@ import pytest
 
 from orchestrator.processes import last_words
 from orchestrator.processes.child import Died
-from orchestrator.processes.pool import Processes, calling
+from orchestrator.processes.pool import Processes, at_most, calling, processors
 
 Task = Callable[[], object]
 PARENT = """
@@ -176,3 +176,14 @@ def test_processes_and_their_files_go_when_the_main_process_is_killed(tmp_path: 
     said = [(tmp_path / number).read_text().split() for number in "01"]
     wait_until(lambda: not any(alive(int(pid)) for pid, _ in said))
     assert not any(Path(folder).exists() for _, folder in said)
+
+
+def test_as_many_processes_are_used_as_are_allowed_while_they_are() -> None:
+    usual = processors()
+    with at_most(7):
+        assert processors() == 7
+        with at_most(None):
+            assert processors() == 7
+        with at_most(1):
+            assert processors() == 1
+    assert processors() == usual == (os.cpu_count() or 1)

@@ -133,6 +133,13 @@ def test_a_run_is_compared_at_the_instants_that_suit_the_delays_of_those_beside_
     assert [len(window.measured) for window in alone] == [COUNT] * len(alone)
 
 
+def test_windows_in_samples_are_those_of_each_candidate(data: Path, tmp_path: Path) -> None:
+    initial = {"hand.angle_start": {"signal": "angle", "half_width": "3 samples"}}
+    changes = {"windows": {"length": "100 samples"}, "validation": {"length": "50 samples"}, "initial": initial}
+    document = calibrated(tmp_path, data, {"viscous": {}, "frictionless": FREE}, **changes)
+    assert document["choice"]["windows"] == document["fit"]["validation"]["windows"] == 2
+
+
 def test_without_a_trace_held_out_that_is_said(data: Path, tmp_path: Path) -> None:
     traces = {**study()["traces"], "hold_out": []}
     document = calibrated(tmp_path, data, {"viscous": {}, "frictionless": FREE}, traces=traces, validation=None)
