@@ -14,7 +14,7 @@ from pydantic_core import InitErrorDetails
 from fmus.errors import IdentificationError, ScenarioError
 from identification.estimation.arrow_least_squares import Loss
 from identification.estimation.groups import MARK
-from identification.estimation.listed import ESTIMATE, complete
+from identification.estimation.listed import ESTIMATE, complete, listed
 from identification.estimation.parameters import Parameter, ParameterSet, Tie
 from identification.output_error.blocks import (
     CandidateBlock,
@@ -121,9 +121,6 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
                 raise ValueError(
                     f"{name}: delay '{signal.delay}' is no parameter of the study; declare it, without a dot"
                 )
-        for name in self.parameters:
-            if "." not in name and name not in self.delays:
-                raise ValueError(f"{name}: is no delay of a signal and names no variable; write component.variable")
         for name in self.delays:
             block = self.parameters[name]
             if not block.spans:
@@ -190,12 +187,17 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
         if not (self.estimate or self.parameter_sets):
             return self
         try:
-            return type(self).model_validate(complete(self.document, base))
+            made = type(self).model_validate(complete(self.document, base))
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             place, said = ".".join(map(str, first["loc"])), first["msg"].removeprefix("Value error, ")
             name, _, problem = said.partition(": ") if not place and ": " in said else (place or ESTIMATE, "", said)
             raise ScenarioError(name, problem, "correct the list or the study") from None
+        for row in listed(self.document, base).values():
+            if "." not in row.name and row.name not in made.delays:
+                fix = "write component.variable, or name it as the `delay` of a signal"
+                raise ScenarioError(f"{row.place}: {row.name}", "does not name a variable", fix)
+        return made
 
     def candidate(self, name: str) -> OutputErrorBlock:
         """The study that a candidate is.
