@@ -11,6 +11,7 @@ from functools import cache as once
 from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
+from typing import Protocol
 
 from fmus import library
 from fmus.errors import InputError, ModelError
@@ -20,6 +21,7 @@ from fmus.packaging import cache, defaults, values
 from fmus.packaging.fingerprint import NoFingerprintError, fingerprint
 from fmus.packaging.native import compiler, sources
 from fmus.packaging.python import runtime
+from fmus.packaging.system.fused import FusedSystem, Part
 
 LOG = logging.getLogger("servotwin.build")
 NAMES = ("native", "python")
@@ -67,22 +69,49 @@ def build(
         tables or {},
         tuple(platforms),
     )
+    return _built(order, Path(path))
+
+
+def build_system(system: FusedSystem, path: str | Path, *, fmi: int = 2, platforms: Sequence[str] = ("host",)) -> Path:
+    """Write the native FMU of a whole system; the path comes back. One that was built before comes from the cache.
+
+    Raises:
+        InputError: the path cannot be written.
+        ModelError: that version of FMI or platform is not offered, a part's values do not fit its model, a model that
+            cannot be turned into C, no compiler, or one that failed.
+    """
+    _offered("native", fmi, platforms)
+    return _built(_SystemOrder(system, fmi, tuple(platforms)), Path(path))
+
+
+class _Made(Protocol):
+    """What an FMU is built from."""
+
+    def build(self, path: Path) -> Path:
+        """Write the FMU."""
+
+    def key(self) -> str | None:
+        """Hash of everything that the FMU is made of, and of what makes it; None where that cannot be known."""
+
+
+def _built(order: _Made, path: Path) -> Path:
+    """The FMU, from the cache where it is there."""
     kept = cache.current()
     key = None if kept is None else order.key()
     if kept is None or key is None:
-        return order.build(Path(path))
+        return order.build(path)
     content = kept.get(key)
     if content is not None:
         return atomic_write(path, content)
-    order.build(Path(path))
+    order.build(path)
     if order.key() == key:  # nothing that it is made of has changed meanwhile
-        kept.put(key, Path(path).read_bytes())
-    return Path(path)
+        kept.put(key, path.read_bytes())
+    return path
 
 
 @dataclass(frozen=True)
 class _Order:
-    """What an FMU is built from."""
+    """A model, its packaging and its values."""
 
     model: Model
     target: str
@@ -102,28 +131,63 @@ class _Order:
         return python.build(self.model, path, self.parameters, self.tables)
 
     def key(self) -> str | None:
-        """Hash of everything that the FMU is made of, and of what makes it; None where that cannot be known.
-
-        That is so for a model whose functions hold objects, and once the files of the project have changed since this
-        process began: what it would build comes from what it has loaded.
-        """
         starts = defaults.dump(values.checked(self.model, self.parameters, self.tables))
         tables = {name: values.csv(table) for name, table in self.tables.items()}
         if self.target == "native":
-            machines = [(machine.name, compiler.identity(machine)) for machine in compiler.find(self.platforms)]
-            parts: list[object] = [sources.fixed(self.fmi), machines]
+            parts = _native_parts(self.fmi, self.platforms)
         else:
             parts = [library.source_file(self.model).read_bytes(), runtime.files(self.model.name)]
-        stamps = _stamps()
-        if any(changed > _BEGAN * 1e9 for _, changed, _ in stamps):
-            return None
-        try:
-            return fingerprint(
-                self.target, sys.version, version("sympy"), _code(stamps), self.model, starts, tables, parts
-            )
-        except NoFingerprintError as problem:
-            LOG.info("model %s is not kept in the cache: it holds %s", self.model.name, problem)
-            return None
+        return _key(f"model {self.model.name}", self.target, self.model, starts, tables, parts)
+
+
+@dataclass(frozen=True)
+class _SystemOrder:
+    """A system and how it is packaged."""
+
+    system: FusedSystem
+    fmi: int
+    platforms: tuple[str, ...]
+
+    def build(self, path: Path) -> Path:
+        from fmus.packaging.system import build as native  # noqa: PLC0415 (it brings SymPy along)
+
+        return native.build(self.system, path, self.fmi, self.platforms)
+
+    def key(self) -> str | None:
+        system = self.system
+        parts = [(name, part.model, _starts_of(part), part.every, part.instant) for name, part in system.parts.items()]
+        wires = [(wire.source, wire.target, wire.factor, wire.offset) for wire in system.wires]
+        times = [str(time) for time in (system.base, system.start, system.stop, system.step)]
+        shown = (system.name, system.description, system.outputs, system.parameters, system.finite)
+        native = _native_parts(self.fmi, self.platforms)
+        return _key(f"system {system.name}", "system", parts, wires, times, shown, native)
+
+
+def _starts_of(part: Part) -> tuple[str, dict[str, bytes]]:
+    """A part's values and tables as they travel in an FMU."""
+    starts = defaults.dump(values.checked(part.model, part.values, part.tables))
+    return starts, {name: values.csv(table) for name, table in part.tables.items()}
+
+
+def _native_parts(fmi: int, platforms: Sequence[str]) -> list[object]:
+    """What native FMUs are made of beside their models."""
+    return [sources.fixed(fmi), [(machine.name, compiler.identity(machine)) for machine in compiler.find(platforms)]]
+
+
+def _key(what: str, *parts: object) -> str | None:
+    """Hash of these parts and of what makes an FMU of them; None where that cannot be known.
+
+    That is so for a model whose functions hold objects, and once the files of the project have changed since this
+    process began: what it would build comes from what it has loaded.
+    """
+    stamps = _stamps()
+    if any(changed > _BEGAN * 1e9 for _, changed, _ in stamps):
+        return None
+    try:
+        return fingerprint(sys.version, version("sympy"), _code(stamps), *parts)
+    except NoFingerprintError as problem:
+        LOG.info("%s is not kept in the cache: it holds %s", what, problem)
+        return None
 
 
 def read_ahead() -> None:

@@ -12,7 +12,8 @@ import numpy as np
 
 from fmus.errors import InputError, WiringError
 from fmus.modelling.model import Number, element
-from fmus.packaging.native import compiler, sources
+from fmus.packaging import targets
+from fmus.packaging.native import compiler
 from fmus.packaging.system.fused import FusedSystem, Part, Wire
 from orchestrator.assembly.assembly import ComponentSpec, OpenSystem, assemble, model_of
 from orchestrator.engine.plan import Plan, make_plan
@@ -64,11 +65,7 @@ def build(fused: Fused, folder: Path, fmi: int = 2, platforms: Sequence[str] = (
     Raises:
         InputError: FMI or a platform is not offered, a model cannot be turned into C, or the path cannot be written.
     """
-    from fmus.packaging.system.build import build as build_fmu  # noqa: PLC0415 (it brings SymPy along)
-
-    if fmi not in sources.VERSIONS:
-        raise InputError("--fmi", f"FMI {fmi} is not offered", "choose FMI 2 or 3")
-    return build_fmu(fused.system, folder / f"{fused.system.name}.fmu", fmi, platforms)
+    return targets.build_system(fused.system, folder / f"{fused.system.name}.fmu", fmi=fmi, platforms=platforms)
 
 
 def _refuse(file: Path, scenario: Scenario) -> None:

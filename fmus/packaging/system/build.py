@@ -39,7 +39,9 @@ def build(system: FusedSystem, path: Path, fmi: int = 2, platforms: Sequence[str
     resources[defaults.RESOURCE] = defaults.dump(_starts(interface)).encode()
     files = resources | {f"sources/{name}": text.encode() for name, text in code.sources.items()}
     files |= binaries(system.name, code, fmi, compiler.find(platforms), FLAGS)
-    files["modelDescription.xml"] = _description(interface, f"{code.token}-{archive.digest(resources)[:16]}", fmi, code)
+    shows = "\n".join(interface.by_name).encode()  # what importers may know it by, whatever its binary does
+    identity = f"{code.token}-{archive.digest(resources | {'shows': shows})[:16]}"
+    files["modelDescription.xml"] = _description(interface, identity, fmi, code)
     files["documentation/index.html"] = page.page(interface)
     files[licenses.NAME] = licenses.native()
     files[manifest.NAME] = manifest.written(system)
@@ -53,7 +55,8 @@ def _code(interface: SystemInterface, fmi: int) -> Code:
     for model in {one.model: None for one in interface.models.values()}:
         require_agreement(model)
     sources = c_system.generate(interface, fmi)
-    digest = archive.digest({name: text.encode() for name, text in sources.items()})
+    whole = sources | {"layout.h": c_system.layout(interface, "")}
+    digest = archive.digest({name: text.encode() for name, text in whole.items()})
     token = f"{interface.name}-{digest[:32]}"
     return Code(sources | {"layout.h": c_system.layout(interface, token)}, token)
 

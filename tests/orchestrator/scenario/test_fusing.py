@@ -308,7 +308,7 @@ def test_options_that_do_not_go_together_are_refused(tmp_path: Path) -> None:
         (["pendulum", "--system", file], "--system: does not go with pendulum"),
         (["--system", file, "--target", "python"], "--system: does not go with --target python"),
         (["--system", file, "--from-sources"], "--system: does not go with --from-sources"),
-        (["--system", file, "--fmi", "1"], "--fmi: FMI 1 is not offered"),
+        (["--system", file, "--fmi", "1"], "FMI 1 is not offered"),
         (["--expose", "hand.inertia"], "--expose: says what the FMU of a system shows"),
         (["--system", file, "--expose", "hand.inertai"], "did you mean 'hand.inertia'?"),
     ):

@@ -1,0 +1,92 @@
+"""Systems as FMUs, from plain values: what makes two of them the same, and models that share a name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fmus import library
+from fmus.errors import ModelError
+from fmus.packaging import archive, targets
+from fmus.packaging.native import compiler
+from fmus.packaging.system.fused import FusedSystem, Part, Wire
+from tests.support.fmus.either import opened
+
+pytestmark = [
+    pytest.mark.slow,  # compilers
+    pytest.mark.skipif(not compiler.available(), reason="no C compiler here"),
+]
+SMALL = library.find("state_space")
+LARGE = library.of_size(SMALL, {"A": (3, 3), "B": (3, 1), "C": (1, 3), "x_start": (3,)})
+PERIOD, TWICE = {"sample_time": 0.01}, {"sample_time": 0.02}
+SYSTEM = FusedSystem(
+    name="chain",
+    description="Two filters",
+    parts={
+        "a": Part(SMALL, PERIOD | {"A[1,1]": 0.5, "B[1,1]": 1.0, "C[1,1]": 2.0}, {}, 1, False),
+        "b": Part(LARGE, TWICE | {"A[3,3]": 0.25, "B[3,1]": 1.0, "C[1,3]": 1.0, "x_start[3]": 4.0}, {}, 2, False),
+    },
+    wires=(Wire("a.y", "b.u", 3.0, 1.0),),
+    base=Fraction(1, 100),
+    start=Fraction(0),
+    stop=Fraction(1),
+    step=Fraction(1, 50),
+    outputs=("a.y", "b.y"),
+    parameters=("a.A[1,1]", "b.x_start[1]", "b.x_start[2]", "b.x_start[3]"),
+)
+
+
+def identity(path: Path) -> bytes:
+    description = archive.read(path)["modelDescription.xml"]
+    return description.partition(b'guid="')[2].partition(b'"')[0]
+
+
+def test_two_models_of_one_name_and_other_sizes_step_by_their_own_matrices(tmp_path: Path) -> None:
+    """x1+ = x1 / 2 + u and x3+ = x3 / 4 + 3 y + 1, by hand; the second takes a step for two of the first."""
+    with opened(targets.build_system(SYSTEM, tmp_path / "chain.fmu")) as fmu:
+        fmu.start(**{"a.u": 1.0})
+        one, other, held = 0.0, 4.0, 4.0
+        for k in range(8):
+            assert fmu.get("a.y", "b.y") == pytest.approx([2.0 * one, held], abs=1e-12), k
+            if k % 2 == 0:
+                other = 0.25 * other + 3.0 * 2.0 * one + 1.0
+            one = 0.5 * one + 1.0
+            held = other if k % 2 else held
+            fmu.step(k * 0.01, 0.01)
+
+
+def test_one_system_gives_the_same_bytes_with_a_cache_and_without(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SERVOTWIN_CACHE", str(tmp_path / "cache"))
+    first, again = (targets.build_system(SYSTEM, tmp_path / name).read_bytes() for name in ("1.fmu", "2.fmu"))
+    monkeypatch.setenv("SERVOTWIN_CACHE", "off")
+    assert first == again == targets.build_system(SYSTEM, tmp_path / "3.fmu").read_bytes()
+
+
+OTHERS: list[dict[str, Any]] = [
+    {"name": "other"},
+    {"wires": (Wire("a.y", "b.u", 3.0, 2.0),)},
+    {"base": Fraction(1, 50), "start": Fraction(0)},
+    {"parts": {**SYSTEM.parts, "a": replace(SYSTEM.parts["a"], instant=True)}},
+    {"parts": {**SYSTEM.parts, "a": replace(SYSTEM.parts["a"], values=PERIOD)}},
+    {"finite": False},
+    {"outputs": ("b.y",)},
+]
+
+
+@pytest.mark.parametrize("change", OTHERS)
+def test_what_does_something_else_is_another_fmu(tmp_path: Path, change: dict[str, Any]) -> None:
+    one = targets.build_system(SYSTEM, tmp_path / "one.fmu")
+    assert identity(targets.build_system(replace(SYSTEM, **change), tmp_path / "other.fmu")) != identity(one)
+
+
+def test_values_that_a_model_does_not_have_are_refused(tmp_path: Path) -> None:
+    wrong = {**SYSTEM.parts, "a": replace(SYSTEM.parts["a"], values={"gain": 1.0})}
+    with pytest.raises(ModelError, match=r"state_space\.gain: no such variable"):
+        targets.build_system(replace(SYSTEM, parts=wrong), tmp_path / "a.fmu")
+    assert not (tmp_path / "a.fmu").exists()
