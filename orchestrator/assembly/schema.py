@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -16,7 +17,7 @@ from orchestrator import formats
 from orchestrator.assembly.assembly import ComponentSpec, SystemSpec, link
 from orchestrator.assembly.whole_arrays import Values, elements, shapes
 from orchestrator.crossing import Given
-from orchestrator.engine import CycleSettings, Order, Timing
+from orchestrator.engine import CycleSettings, Order, StepControl, Timing
 from orchestrator.fmi.interface import Value
 from orchestrator.formats.schema import LayoutBlock
 from orchestrator.solvers.base import SolverMethod, SolverSettings
@@ -134,15 +135,31 @@ class CyclesBlock(Block):
     limit: int = Field(CycleSettings.limit, ge=1)
 
 
+class ControlledStepBlock(Block):
+    """Steps whose length follows from their error; with `order: iterated`.
+
+    Attributes:
+        most: the communication step, at whose ends rows are recorded and stimuli change [s].
+        least: no step is shorter [s]; one that misses the tolerance all the same counts, and is told.
+    """
+
+    explained_by = (StepControl,)
+
+    tolerance: float = Field(gt=0, lt=1)
+    least: Seconds
+    most: Seconds
+
+
 class RunBlock(Block):
     """When a run stops and how it steps.
 
     Attributes:
         stop: when the run ends [s].
-        step: the communication step, from which all others are multiples [s].
+        step: the communication step, from which all others are multiples [s]; or between which lengths it is chosen by
+            its error.
         start: when the run begins [s].
-        order: whether components of a step run one after the other, `gauss-seidel`, or all with what was before it,
-            `jacobi`.
+        order: whether components of a step run one after the other, `gauss-seidel`, all with what was before it,
+            `jacobi`, or again and again until what they take and give over it agrees, `iterated`.
         cycles: how cycles of direct feed-through are iterated; without it they are refused.
         nonfinite: whether an output that is NaN or infinite ends the run, or is allowed and counted.
         tolerance: relative tolerance that FMUs with a solver of their own are told; none by default.
@@ -152,7 +169,7 @@ class RunBlock(Block):
     model_config = ConfigDict(json_schema_extra=may_be_partial)
 
     stop: Seconds
-    step: Seconds
+    step: Seconds | ControlledStepBlock
     start: Seconds = Timing.start
     order: Order = Timing.order
     cycles: CyclesBlock | None = None
@@ -162,22 +179,35 @@ class RunBlock(Block):
 
     @model_validator(mode="after")
     def _positive(self) -> RunBlock:
-        if self.step <= 0 or self.stop <= self.start:
+        if self.most <= 0 or self.stop <= self.start:
             raise ValueError("`step` must be positive and `stop` after `start`")
+        if isinstance(self.step, ControlledStepBlock):
+            if self.order is not Order.ITERATED:
+                raise ValueError("a `step` with a tolerance needs `order: iterated`")
+            if not 0 < self.step.least <= self.step.most / 2:
+                raise ValueError("`step.least` must be positive and at most half of `step.most`")
         return self
+
+    @property
+    def most(self) -> Fraction:
+        """The communication step [s]."""
+        return self.step.most if isinstance(self.step, ControlledStepBlock) else self.step
 
     def timing(self) -> Timing:
         """The times and how cycles are iterated; without `cycles` they are refused."""
         cycles = CycleSettings(**dict(self.cycles)) if self.cycles else Timing.cycles
+        own = self.step
+        control = StepControl(own.tolerance, own.least) if isinstance(own, ControlledStepBlock) else None
         return Timing(
             self.stop,
-            self.step,
+            self.most,
             self.start,
             self.order,
             cycles,
             tolerance=self.tolerance,
             tell_stop=self.tell_stop,
             finite=self.nonfinite == "refuse",
+            control=control,
         )
 
 

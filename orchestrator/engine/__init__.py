@@ -2,6 +2,7 @@
 
 from orchestrator.engine.account import Account, Share, shares
 from orchestrator.engine.compiled import Engine
+from orchestrator.engine.iterated import StepControl, Taken
 from orchestrator.engine.live import LiveRun
 from orchestrator.engine.plan import REFUSED, CycleSettings, Order, Plan, make_plan
 from orchestrator.engine.profile import Profile
@@ -27,6 +28,8 @@ __all__ = [
     "Share",
     "Simulation",
     "Sink",
+    "StepControl",
+    "Taken",
     "Timing",
     "Tuned",
     "make_plan",

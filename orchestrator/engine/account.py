@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from orchestrator.engine.compiled import Engine
+from orchestrator.engine.iterated import Taken
 from orchestrator.engine.loop import Statistics
 
 
@@ -22,6 +23,7 @@ class Account:
         start: time at which the run began [s].
         reached: time up to which all components have stepped [s].
         seconds: wall time from the first step to the last row of the record [s].
+        taken: what steps were taken inside communication steps; None where there were none.
     """
 
     engine: Engine
@@ -31,6 +33,7 @@ class Account:
     start: float
     reached: float
     seconds: float
+    taken: Taken | None = None
 
     @property
     def real_time_factor(self) -> float:

@@ -16,6 +16,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from fmus.errors import WiringError
+from orchestrator.engine.iterated import IteratedLoop
 from orchestrator.engine.loop import Loop, Node, Stepper
 from orchestrator.engine.recording import Recorder
 from orchestrator.fmi.clocked_slave import ClockedSlave
@@ -84,6 +85,8 @@ def _obstacle(loop: Loop) -> str:
     """Why the compiled loop cannot step this, nothing when it can."""
     if not available():
         return NOT_BUILT
+    if isinstance(loop, IteratedLoop):
+        return "steps are iterated"
     foreign = [node.component.name for node in loop.nodes if type(node.component) not in (Slave, ClockedSlave)]
     if foreign:
         return f"{foreign[0]} is no co-simulation FMU in this process"

@@ -265,12 +265,16 @@ class Loop:
                 target.expect([one for tick in component.passed() if (one := ticks.arrival(tick))])
 
     def _step(self, node: Node, tick: int) -> Sequence[float]:
+        return self.called(node, node.inputs(self.values), self.time(tick), node.duration)
+
+    def called(self, node: Node, inputs: Sequence[float], time: float, duration: float) -> Sequence[float]:
+        """The outputs of a component after a step from a time by a duration [s] with these inputs."""
         begun = perf_counter()
         component = node.component
         if node.sources:
-            node.held = node.inputs(self.values)
-            component.write(node.held)
-        component.step(self.time(tick), node.duration)
+            node.held = inputs
+            component.write(inputs)
+        component.step(time, duration)
         outputs = component.read()
         node.statistics.calls += 1
         node.statistics.seconds += perf_counter() - begun

@@ -2,7 +2,7 @@
 
 Gauss-Seidel: a component whose outputs react at once runs before those that use them, so nothing is delayed that is
 not delayed in reality; outputs that are states of dynamics are passed on as they were at the beginning of the step.
-Jacobi: every output is passed on as it was at the beginning of the step.
+Jacobi: every output is passed on as it was at the beginning of the step. Iterated: see `iterated.py`.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ class Order(StrEnum):
 
     GAUSS_SEIDEL = "gauss-seidel"
     JACOBI = "jacobi"
+    ITERATED = "iterated"
 
 
 @dataclass(frozen=True)
@@ -52,12 +53,14 @@ class Plan:
         every: component -> its communication step in ticks.
         groups: components in stepping order; those of one cycle share a group.
         instant: component -> outputs that are passed on within the step.
+        iterated: whether steps are repeated until what they take over them agrees with what they give.
     """
 
     tick: Fraction
     every: Mapping[str, int]
     groups: tuple[tuple[str, ...], ...]
     instant: Mapping[str, frozenset[str]]
+    iterated: bool = False
 
 
 def make_plan(system: System, step: Fraction, order: Order, cycles: CycleSettings) -> Plan:
@@ -73,16 +76,18 @@ def make_plan(system: System, step: Fraction, order: Order, cycles: CycleSetting
             raise WiringError(f"{name}.step", f"{written(own)} s is not positive", "give a step")
         _fits_fixed_step(name, system.parts[name], own)
     tick = common_divisor([*steps.values(), step])
-    jacobi = order is Order.JACOBI
+    jacobi, iterated = order is Order.JACOBI, order is Order.ITERATED
+    if iterated:
+        _check_iterated(system, steps, step)
     instant = {name: frozenset() if jacobi else part.instant_outputs() for name, part in system.parts.items()}
     before = _predecessors(system, instant)
     groups = _groups(before)
     _check_clocks(system, jacobi, groups, steps)
     for group in groups:
-        if len(group) > 1 or group[0] in before[group[0]]:
+        if (len(group) > 1 or group[0] in before[group[0]]) and not iterated:
             _allow_cycle(system, group, before, cycles)
     every = {name: multiples(own, tick, f"{name}.step") for name, own in steps.items()}
-    return Plan(tick, every, groups, instant)
+    return Plan(tick, every, groups, instant, iterated)
 
 
 def _fits_fixed_step(name: str, part: Part, step: Fraction) -> None:
@@ -146,6 +151,23 @@ def _check_clocks(
                 f"{other} steps by {written(steps[other])} s, ahead of {one}, which steps by {written(steps[one])} s"
             )
             raise WiringError(str(link), problem, f"give {other} a `step` of which that is a multiple")
+
+
+def _check_iterated(system: System, steps: Mapping[str, Fraction], step: Fraction) -> None:
+    """See that all components can take a step of the run's length, and take it back.
+
+    Raises:
+        WiringError: one has a step of its own, cannot go back, or ticks another.
+    """
+    for name, part in system.parts.items():
+        if steps[name] != step:
+            problem = f"is {written(steps[name])} s, and iterated steps are those of all, {written(step)} s"
+            raise WiringError(f"{name}.step", problem, "remove it, or remove `order`")
+        if not part.interface.has_state:
+            fix = "its FMU needs canGetAndSetFMUstate; or remove `order`"
+            raise WiringError(name, "cannot go back, and iterated steps are taken back", fix)
+    for link in system.clocks:
+        raise WiringError(str(link), "would tick in steps that are taken back", "remove `order: iterated`")
 
 
 def _allow_cycle(

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 from orchestrator.engine.compiled import Steppers
+from orchestrator.engine.iterated import IteratedLoop, Iteration
 from orchestrator.engine.loop import Loop, Node, Ticks
 from orchestrator.engine.plan import Plan
 from orchestrator.engine.recording import Columns
 from orchestrator.engine.run import Timing
 from orchestrator.engine.tangents import NOTHING, Carried
 from orchestrator.fmi.component import Component
+from orchestrator.fmi.interface import Port
 from orchestrator.rational import clock
 from orchestrator.system import Connection, Endpoint, System, recordable
 
@@ -127,7 +129,8 @@ class Preparation:
         """component -> outputs that are recorded or drive an input, all where cycles are iterated, so that when they
         count as settled does not depend on the record; then its other variables that are recorded."""
         wanted = {*recorded, *(str(link.source) for link in self._system.connections)}
-        names = [name for name in self.outputs if self._timing.cycles.iterate or name in wanted]
+        iterating = self._timing.cycles.iterate or self._plan.iterated
+        names = [name for name in self.outputs if iterating or name in wanted]
         names += [name for name in recorded if name not in self._driven_inputs]
         outputs: dict[str, list[str]] = {name: [] for name in self._components}
         for endpoint in map(Endpoint.parse, dict.fromkeys(names)):
@@ -149,7 +152,10 @@ class Preparation:
         for name, node in nodes.items():
             node.ticks = self._ticks(name, nodes, inputs, outputs)
         held = [Endpoint.parse(name) for name in chosen if name in self._driven_inputs]
-        return Loop(
+        kind: Callable[..., Loop] = Loop
+        if self._plan.iterated:
+            kind = partial(IteratedLoop, iteration=self._iteration(slots))
+        return kind(
             groups=[[nodes[name] for name in group] for group in self._plan.groups],
             size=len(slots),
             first_stimulus=len(read),
@@ -160,6 +166,21 @@ class Preparation:
             record_inputs=[(nodes[e.component], self._inputs[e.component].index(e.variable)) for e in held],
             finite=self._timing.finite,
         )
+
+    def _iteration(self, slots: Mapping[str, int]) -> Iteration:
+        """How its steps are iterated."""
+        control, step = self._timing.control, self._timing.step
+        parts = 1 if control is None else control.parts(step)
+        ends = [Endpoint.parse(name) for name in self.outputs if name in slots]
+        ends = [end for end in ends if _continuous(self._system.port(end))]
+        reacting = frozenset(
+            end.component
+            for end in ends
+            if self._system.parts[end.component].interface.feed_through.get(end.variable) != frozenset()
+        )
+        fine = clock(self._timing.start, step / parts)
+        sampling = self._components.keys() - {end.component for end in ends}
+        return Iteration([slots[str(end)] for end in ends], frozenset(sampling), reacting, control, fine, parts, step)
 
     def _ticks(
         self,
@@ -215,3 +236,8 @@ class Preparation:
             duration=float(every * self._plan.tick),
             outputs=outputs,
         )
+
+
+def _continuous(port: Port) -> bool:
+    """Whether its mean over a step means something."""
+    return port.real and port.variability == "continuous"

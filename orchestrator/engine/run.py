@@ -9,6 +9,7 @@ from fractions import Fraction
 from fmus.errors import PartialError
 from orchestrator.engine.account import Account
 from orchestrator.engine.compiled import Engine
+from orchestrator.engine.iterated import StepControl
 from orchestrator.engine.loop import Statistics
 from orchestrator.engine.plan import REFUSED, CycleSettings, Order
 from orchestrator.engine.tuned import Change
@@ -25,6 +26,7 @@ class Timing:
         tolerance: relative tolerance that co-simulation FMUs are told, None for none.
         tell_stop: whether FMUs are told when the run stops; some then refuse to go beyond by a rounding error.
         finite: whether an output that is not finite ends the run.
+        control: how steps inside the communication step are chosen; None where it is one.
     """
 
     stop: Fraction
@@ -36,6 +38,7 @@ class Timing:
     tolerance: float | None = None
     tell_stop: bool = False
     finite: bool = True
+    control: StepControl | None = None
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from orchestrator.engine.account import Account
 from orchestrator.engine.compiled import Engine
 from orchestrator.engine.given import Given
 from orchestrator.engine.initialisation import initialise
+from orchestrator.engine.iterated import IteratedLoop
 from orchestrator.engine.live import FARTHEST, HELD, LiveRun
 from orchestrator.engine.loop import Loop, Stepper
 from orchestrator.engine.plan import Plan, make_plan
@@ -317,6 +318,7 @@ class Simulation:
                 start=float(self.timing.start),
                 reached=loop.time(loop.tick),
                 seconds=done.spent,
+                taken=loop.taken if isinstance(loop, IteratedLoop) and loop.iteration.control else None,
             ),
             done.ended,
         )

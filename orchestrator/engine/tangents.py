@@ -102,6 +102,10 @@ def carried(system: System, plan: Plan, by: Sequence[str]) -> Carried:
     Raises:
         TangentsMissing: a cycle is iterated: its steps are taken back, and those that carry tangents cannot be.
     """
+    if plan.iterated:
+        raise TangentsMissing(
+            "order", "iterated steps are taken back, and those that carry tangents cannot be", "take differences"
+        )
     for group in plan.groups:
         feeds = (link for link in system.connections if link.source.component == link.target.component == group[0])
         if len(group) > 1 or any(link.source.variable in plan.instant[group[0]] for link in feeds):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TypedDict
+from dataclasses import asdict
+from typing import Any, TypedDict
 
 from orchestrator.engine import Account, Engine, Result, shares
 from orchestrator.scenario.run import ScenarioResult
@@ -22,7 +23,7 @@ class ShareDocument(TypedDict):
 class SteppingDocument(TypedDict):
     """How a case was stepped, and whose time it was."""
 
-    stepping: dict[str, str | int | float]
+    stepping: dict[str, Any]
     statistics: dict[str, ShareDocument]
     loop: dict[str, float]
 
@@ -41,6 +42,7 @@ def document_of(result: Result) -> SteppingDocument:
             "reached": account.reached,
             "seconds": round(account.seconds, 6),
             "real_time_factor": float(f"{account.real_time_factor:.4g}"),
+            **({} if account.taken is None else {"inside": asdict(account.taken)}),
         },
         "statistics": {
             str(part.name): {"calls": part.calls, "seconds": round(part.seconds, 6), "share": round(part.percent, 2)}
@@ -65,10 +67,22 @@ def sentence_of(result: ScenarioResult) -> str:
     factor = sum(account.reached - account.start for account in accounts) / max(spent, 1e-9)
     every = result.keeping.every
     record = "every step" if every == 1 else f"every {every} steps"
+    record += ", to file while running" if result.keeping.stream else ""
     return (
         f"{steps:,} steps of {accounts[0].step:g} s in {spent:.3g} s, {factor:,.3g} times real time, "
-        f"by {_loop(accounts[0])}; recorded {record}{', to file while running' if result.keeping.stream else ''}."
+        f"by {_loop(accounts[0])}{_inside(accounts)}; recorded {record}."
     )
+
+
+def _inside(accounts: list[Account]) -> str:
+    """What steps were taken inside communication steps."""
+    taken = [account.taken for account in accounts if account.taken is not None]
+    if not taken:
+        return ""
+    steps, rejected, forced = (sum(getattr(one, key) for one in taken) for key in ("steps", "rejected", "forced"))
+    missed = f", {forced:,} of the shortest missed the tolerance" if forced else ""
+    shortest = min(one.shortest for one in taken)
+    return f", in {steps:,} steps down to {shortest:.3g} s, {rejected:,} were taken back{missed}"
 
 
 def _loop(account: Account) -> str:

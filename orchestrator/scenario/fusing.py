@@ -16,7 +16,7 @@ from fmus.packaging import targets
 from fmus.packaging.native import compiler
 from fmus.packaging.system.fused import FusedSystem, Part, Wire
 from orchestrator.assembly.assembly import ComponentSpec, OpenSystem, assemble, model_of
-from orchestrator.engine.plan import Plan, make_plan
+from orchestrator.engine.plan import Order, Plan, make_plan
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.isolation import scratch
 from orchestrator.rational import clock
@@ -78,6 +78,9 @@ def _refuse(file: Path, scenario: Scenario) -> None:
         raise InputError(file, "needs a C compiler to become one FMU", f"install one, or {_INSTEAD}")
     if scenario.can is not None:
         raise InputError(f"{file}: can", "a bus cannot be inside an FMU", f"remove the block, or {_INSTEAD}")
+    if scenario.timing.order is Order.ITERATED:
+        problem = "iterated steps are taken back, which an FMU cannot do inside"
+        raise InputError(f"{file}: run.order", problem, f"leave it out, or {_INSTEAD}")
     for name, component in scenario.system.components.items():
         place = f"{file}: components.{name}"
         if component.fmu is not None:
