@@ -86,7 +86,7 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
     initial: dict[str, InitialBlock] = {}
     windows: Annotated[WindowsBlock, BeforeValidator(_long, json_schema_input_type=Literal["auto"] | WindowsBlock)]
     validation: ValidationBlock | None = None
-    parameters: dict[str, ParameterBlock] = {}
+    parameters: dict[str, ParameterBlock] = Field({}, min_length=1)
     estimate: Path | list[Path] = []
     parameter_sets: Path | list[Path] = []
     weight: OutputWeight = OutputErrorStudy.weight
