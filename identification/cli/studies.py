@@ -141,10 +141,12 @@ def design(
     designed = cast("DesignSummary", document)
     shown: list[Listing | str] = [_half_widths(designed), *_experiments(designed), *_remarks(document)]
     shown += [f"worst half-width, {name}: {100 * x:.3g} %" for name, x in designed["worst"].items() if x is not None]
+    sought = designed.get("duration")
+    shown += [sought["said"]] if sought else []
     shown.append(
         f"{folder / EXPERIMENTS} runs them, {folder / CALIBRATION} calibrates; report in {folder / 'report.html'}"
     )
-    return Answer(document, shown)
+    return Answer(document, shown, held=not sought or sought["reached"])
 
 
 def _half_widths(document: DesignSummary) -> Listing:

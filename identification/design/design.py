@@ -13,7 +13,7 @@ from fmus.errors import ScenarioError
 from identification.design.bench import Bench, information, roughly
 from identification.design.criteria import figure, half_widths
 from identification.design.search import Candidate, Found, search
-from identification.design.study import DesignStudy
+from identification.design.study import DesignStudy, Trial
 from identification.estimation.arrow_least_squares import LEAST_SQUARES
 from identification.estimation.threads import single_threaded
 from identification.recordings.campaign import FileField
@@ -37,6 +37,7 @@ class Design:
         units: of the parameters, of what is limited, driven and varied.
         channels: seeds of the rig's noise, component.variable.
         remarks: what a reader must know.
+        trials: the durations that were tried, ascending, where one was sought.
     """
 
     study: DesignStudy
@@ -48,6 +49,12 @@ class Design:
     units: Mapping[str, str]
     channels: tuple[str, ...]
     remarks: tuple[str, ...]
+    trials: tuple[Trial, ...] = ()
+
+    @property
+    def reached(self) -> bool:
+        """Whether half-widths are what was asked for, where a duration was sought for that."""
+        return not self.trials or any(one.of_target <= 1 for one in self.trials)
 
     @property
     def names(self) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from identification.design.design import Design, design
+from identification.design.duration import shortest
 from identification.design.report import report
 from identification.design.schema import ExperimentDesignBlock
 from identification.design.summary import summary
@@ -17,7 +18,8 @@ from orchestrator.progress import Progress
 def _run(
     block: ExperimentDesignBlock, base: Path, data: Path | None, progress: Progress, isolation: Isolation | None
 ) -> Design:
-    return design(block.study(base), progress)
+    study = block.study(base)
+    return design(study, progress) if study.sought is None else shortest(study, progress)
 
 
 def _calibrated(result: Design, folder: Path) -> Calibrated:

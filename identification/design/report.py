@@ -22,6 +22,10 @@ def report(design: Design) -> Report:
     section = page.section("Intervals")
     for remark in design.remarks:
         section.callout("warning", remark)
+    if sought := document.get("duration"):
+        section.callout("ok" if sought["reached"] else "error", sought["said"])
+        tried: list[list[Cell]] = [[one["duration"], one["of_target"], one["problem"]] for one in sought["tried"]]
+        section.table(["duration [s]", "largest half-width over the target", ""], tried, caption="Durations tried")
     worst = document["worst"]
     entries: list[tuple[str, Cell, str]] = [("worst half-width, predicted", _share(worst["after"]), "of its value")]
     entries += [

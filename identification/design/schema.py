@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from fmus.errors import IdentificationError, ScenarioError
-from identification.design.study import Choice, Criterion, DesignStudy, Limit, Options, Range, SearchSpec
+from identification.design.study import Choice, Criterion, DesignStudy, Limit, Options, Range, SearchSpec, Sought
 from identification.estimation.parameters import ParameterSet
 from identification.output_error.schema import OutputErrorBlock
 from identification.output_error.study import OutputErrorStudy
 from identification.recordings.schema import StudyBlock
 from identification.results import covariance_in, read_summary
+from orchestrator.rational import seconds
+from orchestrator.scenario.expectations.quantities import Share, Time
 from orchestrator.scenario.schema import load_scenario
 from orchestrator.trace import FloatArray
 from orchestrator.yaml_file import Block, Seconds, load
@@ -109,6 +112,47 @@ class DesignSearchBlock(Block):
     seed: int = Field(SearchSpec.seed, ge=0)
 
 
+class DurationBlock(Block):
+    """A duration that is to be found: the shortest after which half-widths of 95 % intervals are small enough.
+
+    Attributes:
+        between: the shortest and the longest that may be [s], or with their unit: `[3 s, 9 s]`.
+        half_width: the largest of all parameters that the design is about, as a part of its value, `5 %`; or by
+            parameter in its unit.
+        within: how nearly the shortest is told [s]; an eighth of the span by default.
+    """
+
+    between: Annotated[list[Time], Field(min_length=2, max_length=2)]
+    half_width: Share | dict[str, Annotated[float, Field(gt=0)]]
+    within: Annotated[Time, Field(gt=0)] | None = None
+
+    @model_validator(mode="after")
+    def _spans(self) -> DurationBlock:
+        low, high = self.between
+        if not 0 < low < high:
+            raise ValueError("`between` needs two times above 0, the shorter one first")
+        if not self.half_width or (isinstance(self.half_width, float) and self.half_width < 0):
+            raise ValueError("`half_width` needs a share above 0, or parameters with theirs")
+        return self
+
+    def longest(self) -> tuple[Sought, Fraction]:
+        """As a plain value, and the longest duration [s]."""
+        low, high = (seconds(repr(end)) for end in self.between)
+        within = (high - low) / 8 if self.within is None else seconds(repr(self.within))
+        if isinstance(self.half_width, dict):
+            return Sought(low, high, within, each=dict(self.half_width)), high
+        return Sought(low, high, within, self.half_width), high
+
+
+def _kind(value: Any) -> str:
+    return "sought" if isinstance(value, dict | DurationBlock) else "given"
+
+
+DurationEntry = Annotated[
+    Annotated[Seconds, Tag("given")] | Annotated[DurationBlock, Tag("sought")], Discriminator(_kind)
+]
+
+
 class ExperimentDesignBlock(StudyBlock):
     """A study that finds the experiments after which a calibration's intervals are smallest.
 
@@ -119,7 +163,7 @@ class ExperimentDesignBlock(StudyBlock):
         values: parameters as they are known, over those of the result and the starts of the calibration's study.
         scenario: of the rig: what drives it, sensors and recorder; its values of calibrated parameters do not count.
         experiments: how many.
-        duration: of each [s].
+        duration: of each [s]; or between which it is sought, for which half-widths.
         families: name -> component.variable of the rig -> a value, a list of values, or `{min: , max: }`.
         vary: what may differ in every family: an added mass, a set-point.
         amplitude: the variable of a family that is made smaller where a limit is exceeded.
@@ -140,7 +184,7 @@ class ExperimentDesignBlock(StudyBlock):
     values: dict[str, float] = {}
     scenario: Path
     experiments: int = Field(1, ge=1, le=100)
-    duration: Seconds
+    duration: DurationEntry
     families: dict[str, dict[str, ChoiceBlock]] = Field(min_length=1)
     vary: dict[str, ChoiceBlock] = {}
     amplitude: str | None = None
@@ -154,7 +198,7 @@ class ExperimentDesignBlock(StudyBlock):
 
     @model_validator(mode="after")
     def _consistent(self) -> ExperimentDesignBlock:
-        if self.duration <= 0:
+        if not isinstance(self.duration, DurationBlock) and self.duration <= 0:
             raise ValueError("`duration` must be positive")
         for name, family in self.families.items():
             if self.amplitude and not isinstance({**self.vary, **family}.get(self.amplitude), SpanBlock):
@@ -174,8 +218,14 @@ class ExperimentDesignBlock(StudyBlock):
             fix = "give the calibration's study one value for all there"
             raise ScenarioError(self.calibration, f"tells {named} apart by recordings, which a design has none of", fix)
         free = [parameter.name for parameter in calibration.parameters.free]
-        for place, names in (("parameters", self.parameters), ("values", self.values)):
-            there = free if place == "parameters" else calibration.parameters.names
+        sought, duration = (None, self.duration) if isinstance(self.duration, Fraction) else self.duration.longest()
+        asked = {
+            "parameters": self.parameters,
+            "values": self.values,
+            "duration.half_width": sought.each if sought else (),
+        }
+        for place, names in asked.items():
+            there = calibration.parameters.names if place == "values" else free
             if unknown := next((name for name in names if name not in there), None):
                 raise ScenarioError(
                     f"{place}.{unknown}", "is no parameter of the calibration", f"there are {', '.join(there)}"
@@ -203,7 +253,8 @@ class ExperimentDesignBlock(StudyBlock):
             },
             limits={name: block.limit() for name, block in self.limits.items()},
             count=self.experiments,
-            duration=self.duration,
+            duration=duration,
+            sought=sought,
             criterion=self.criterion,
             parameters=tuple(self.parameters or free),
             vary={name: block.choice() for name, block in self.vary.items()},

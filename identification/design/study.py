@@ -74,6 +74,47 @@ class SearchSpec:
     seed: int = 1
 
 
+@dataclass(frozen=True)
+class Sought:
+    """A duration that is to be found: the shortest after which half-widths of 95 % intervals are small enough.
+
+    Attributes:
+        low, high: between which it lies [s].
+        within: how nearly it is told [s].
+        relative: the largest half-width, as a part of its value, of the parameters that the design is about.
+        each: parameter -> largest half-width [its unit].
+    """
+
+    low: Fraction
+    high: Fraction
+    within: Fraction
+    relative: float = math.inf
+    each: Mapping[str, float] = field(default_factory=dict)
+
+    def of_target(self, widths: Mapping[str, float], relative: float) -> float:
+        """The largest of half-widths by parameter, and of the relative ones, over what it may be."""
+        return max([relative / self.relative, *(widths[name] / most for name, most in self.each.items())])
+
+    def __str__(self) -> str:
+        whole = [] if math.isinf(self.relative) else [f"all half-widths at most {100 * self.relative:g} %"]
+        return ", ".join([*whole, *(f"that of {name} at most {most:g}" for name, most in self.each.items())])
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A duration that was tried.
+
+    Attributes:
+        duration: [s].
+        of_target: the largest half-width over what it may be; infinite where it is not determined.
+        problem: why there is none; nothing where there is.
+    """
+
+    duration: Fraction
+    of_target: float
+    problem: str = ""
+
+
 @dataclass(frozen=True, eq=False)
 class DesignStudy:
     """Experiments that are to be found for a calibration.
@@ -90,7 +131,8 @@ class DesignStudy:
         amplitude: the variable that is made smaller where a limit is exceeded.
         limits: component.variable of the rig -> within which it has to stay.
         count: of experiments.
-        duration: of each [s].
+        duration: of each [s]; the longest where it is sought.
+        sought: what it has to reach, where it is to be found.
         criterion: "D" the volume, "A" the mean square, "E" the longest axis of the relative intervals' ellipsoid,
             "worst" the largest relative half-width.
         parameters: those that it is about.
@@ -119,6 +161,7 @@ class DesignStudy:
     names: str = "design_{number}"
     search: SearchSpec = SearchSpec()
     description: str = ""
+    sought: Sought | None = None
 
     def space(self, family: str) -> dict[str, Choice]:
         """All that may differ in a family."""

@@ -10,6 +10,7 @@ from typing_extensions import TypedDict
 from identification.design.criteria import QUANTILE
 from identification.design.design import Design
 from identification.design.search import Candidate
+from identification.design.study import Sought
 from identification.results import ParameterSummary, Summary, finite
 from orchestrator.fmi.interface import Value
 from orchestrator.results import versions
@@ -61,6 +62,29 @@ class SearchedSummary(TypedDict):
     figures: list[float | None]
 
 
+class TrialSummary(TypedDict):
+    """A duration that was tried [s], and the largest half-width over what it may be; where that is null, why."""
+
+    duration: float
+    of_target: float | None
+    problem: str
+
+
+class DurationSummary(TypedDict):
+    """The duration that was sought: what it has to reach, whether it does, and all that were tried.
+
+    Attributes:
+        seconds: the shortest of these that does; the longest where none does.
+        said: that in a line.
+    """
+
+    seconds: float
+    target: str
+    reached: bool
+    tried: list[TrialSummary]
+    said: str
+
+
 class DesignSummary(Summary):
     """The summary of a design.
 
@@ -77,13 +101,14 @@ class DesignSummary(Summary):
     candidates: list[ExperimentSummary]
     search: SearchedSummary
     about: NotRequired[list[str]]
+    duration: NotRequired[DurationSummary]
 
 
 def summary(design: Design) -> DesignSummary:
     """The design in plain values."""
     study, found = design.study, design.found
     ranked = sorted(found.candidates, key=design.alone)[:SHOWN]
-    return {
+    made: DesignSummary = {
         "title": study.title,
         "method": "design",
         "parameters": _parameters(design),
@@ -104,6 +129,30 @@ def summary(design: Design) -> DesignSummary:
             "failures": list(found.failed),
             "figures": [finite(one) for one in found.figures],
         },
+    }
+    if study.sought is not None:
+        made["duration"] = _duration(design, study.sought)
+    return made
+
+
+def _duration(design: Design, sought: Sought) -> DurationSummary:
+    taken = float(design.study.duration)
+    [own] = [one.of_target for one in design.trials if one.duration == design.study.duration]
+    if not design.reached:
+        said = f"MISSED: after {taken:g} s a half-width is {own:.3g} times what was asked for ({sought})"
+    else:
+        shorter = [float(one.duration) for one in design.trials if one.duration < design.study.duration]
+        not_after = f", and not after {max(shorter):g} s" if shorter else ", the least that was allowed"
+        said = f"reached after {taken:g} s{not_after}: {sought}"
+    return {
+        "seconds": taken,
+        "target": str(sought),
+        "reached": design.reached,
+        "tried": [
+            {"duration": float(one.duration), "of_target": finite(one.of_target), "problem": one.problem}
+            for one in design.trials
+        ],
+        "said": said,
     }
 
 

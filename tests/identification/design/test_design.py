@@ -107,6 +107,80 @@ def test_the_d_optimal_multisine_of_a_lag_is_the_one_line_that_theory_gives(tmp_
     assert one.found.figures == sorted(one.found.figures, reverse=True)
 
 
+def in_windows(folder: Path, length: float, **changes: Any) -> Path:
+    """The same study, its calibration in windows that all begin at rest, under a sine of as many periods."""
+    steady = {"sine": sine(**{"drive.frequency": 2 / length})}
+    file = lagging(folder, steady, search={"candidates": 1, "rounds": 0}, **changes)
+    yaml = YAML()
+    study = yaml.load(folder / "study.yaml")
+    study["windows"] = {"length": length}
+    yaml.dump(study, folder / "study.yaml")
+    return file
+
+
+@pytest.mark.slow
+def test_the_shortest_duration_is_the_one_whose_windows_suffice(tmp_path: Path) -> None:
+    """Each window tells as much: half-widths go with one over the root of their number."""
+    known: Design = design(in_windows(tmp_path, 2.0, duration=20.5)).result
+    [ten] = {float(known.relative(known.after).max())}
+    assert known.trials == () and known.reached
+
+    def sought(windows: int, **changes: Any) -> Design:
+        target = 1.02 * ten * math.sqrt(10 / windows)
+        asked = {"between": ["4.5 s", "36.5 s"], "half_width": target, "within": 2.0, **changes}
+        found: Design = design(in_windows(tmp_path, 2.0, duration=asked)).result
+        return found
+
+    for windows in (4, 10, 17):
+        found = sought(windows)
+        assert float(found.study.duration) == 2.0 * windows + 0.5
+        assert found.reached and len(found.trials) <= 2 + math.ceil(math.log2(16))
+        assert [one.of_target <= 1 for one in found.trials] == [
+            float(one.duration) > 2.0 * windows for one in found.trials
+        ]
+    least = sought(1)
+    assert float(least.study.duration) == 4.5 and len(least.trials) == 2
+    gain = known.names.index("lag.gain")
+    each = sought(10, half_width={"lag.gain": 1.02 * float(known.after[gain])})
+    assert float(each.study.duration) == 20.5
+
+
+@pytest.mark.slow
+def test_a_duration_that_no_length_reaches_is_missed_and_short_ones_are_told(tmp_path: Path) -> None:
+    file = in_windows(tmp_path, 2.0, duration={"between": [1.0, 5.0], "half_width": "0.001 %"})
+    done = CliRunner().invoke(app, ["design", str(file), "--out", str(tmp_path / "out")])
+    assert done.exit_code == 1 and "MISSED: after 5 s a half-width is" in done.stdout
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert not summary["duration"]["reached"] and summary["duration"]["seconds"] == 5
+    reached = in_windows(tmp_path, 2.0, duration={"between": [1.0, 5.0], "half_width": "50 %", "within": 1})
+    done = CliRunner().invoke(app, ["design", str(reached), "--out", str(tmp_path / "out"), "--json"])
+    told = json.loads(done.stdout)["duration"]
+    assert done.exit_code == 0 and told["reached"] and told["seconds"] == 3
+    assert [(one["duration"], one["of_target"] is None) for one in told["tried"]] == [
+        (1.0, True),
+        (2.0, True),
+        (3.0, False),
+        (5.0, False),
+    ]
+    assert "too short" in told["tried"][0]["problem"]
+    assert YAML().load(tmp_path / "out" / "experiments.yaml")["run"]["stop"] == "3"
+
+
+@pytest.mark.parametrize(
+    ("duration", "problem"),
+    [
+        ({"between": [3, 1], "half_width": 0.1}, "two times above 0"),
+        ({"between": [1, 3], "half_width": {}}, "a share above 0"),
+        ({"between": [1, 3], "half_width": {"lag.nothing": 1.0}}, "is no parameter of the calibration"),
+        ({"between": [1, 3]}, "half_width"),
+        (-1, "must be positive"),
+    ],
+)
+def test_durations_that_cannot_be_sought_are_refused(tmp_path: Path, duration: Any, problem: str) -> None:
+    with pytest.raises(ScenarioError, match=problem):
+        design(in_windows(tmp_path, 2.0, duration=duration))
+
+
 @pytest.mark.slow
 def test_predicted_half_widths_of_a_lag_are_those_of_its_frequency_response(tmp_path: Path) -> None:
     """K samples of a sine with amplitude a: F = K a^2 / (2 s^2) Re(g* g^T), g the response's slopes by ln K, ln T."""
