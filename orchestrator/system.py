@@ -19,6 +19,7 @@ from orchestrator.fmi.interface import Interface, Port, Value
 
 FeedThrough = Literal["declared", "none", "all"]
 _REAL = ("Real", "Float64", "Float32")
+_TEXTS = ("String", "Binary")
 _NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 _SCALED = re.compile(rf"(?:({_NUMBER})\s*\*\s*)?(.+?)(?:\s+([-+])\s+({_NUMBER}))?")
 
@@ -95,22 +96,35 @@ class ClockLink:
 
 
 @dataclass(frozen=True)
+class TextLink:
+    """That a text, or what is binary, at the target is that at the source."""
+
+    source: Endpoint
+    target: Endpoint
+
+    def __str__(self) -> str:
+        return f"{self.source} -> {self.target}"
+
+
+@dataclass(frozen=True)
 class System:
     """Parts and the connections between them; build it with `wire`, which checks it.
 
     Attributes:
         clocks: the connections between clocks, which carry no values.
+        texts: those of texts and of what is binary.
     """
 
     parts: Mapping[str, Part]
     connections: tuple[Connection, ...] = ()
     stimulated: frozenset[Endpoint] = field(default_factory=frozenset)
     clocks: tuple[ClockLink, ...] = ()
+    texts: tuple[TextLink, ...] = ()
 
     @property
-    def links(self) -> tuple[Connection | ClockLink, ...]:
-        """All by which a component acts on another: with values, or with ticks."""
-        return (*self.connections, *self.clocks)
+    def links(self) -> tuple[Connection | ClockLink | TextLink, ...]:
+        """All by which a component acts on another: with numbers, ticks or texts."""
+        return (*self.connections, *self.clocks, *self.texts)
 
     @property
     def crossings(self) -> list[Crossing]:
@@ -158,13 +172,15 @@ def wire(parts: Mapping[str, Part], connections: Iterable[tuple[str, str]], stim
     bare = System(dict(parts))
     ends = [(*scaled(source), Endpoint.parse(target)) for source, target in connections]
     pairs = [(*pair, given) for source, given, target in ends for pair in _pairs(bare, source, target)]
-    clocks = [_clock_link(bare, *pair) for pair in pairs if _between_clocks(bare, pair)]
-    links = [_link(bare, *pair) for pair in pairs if not _between_clocks(bare, pair)]
+    kinds = [_kind(bare, pair) for pair in pairs]
+    clocks = [_clock_link(bare, *pair) for kind, pair in zip(kinds, pairs, strict=True) if kind == "Clock"]
+    texts = [_text_link(bare, *pair) for kind, pair in zip(kinds, pairs, strict=True) if kind in _TEXTS]
+    links = [_link(bare, *pair) for kind, pair in zip(kinds, pairs, strict=True) if not kind]
     driven = [Endpoint.parse(name) for name in stimulated]
     for endpoint in driven:
         drivable(bare, endpoint, "can be stimulated")
-    _one_source_each([*links, *clocks], driven)
-    system = System(dict(parts), tuple(links), frozenset(driven), tuple(clocks))
+    _one_source_each([*links, *clocks, *texts], driven)
+    system = System(dict(parts), tuple(links), frozenset(driven), tuple(clocks), tuple(texts))
     _every_input_set(system)
     return system
 
@@ -212,7 +228,7 @@ def settable(system: System, name: str) -> Settable:
     if not port.settable:
         kind = "constant" if port.variability == "constant" else port.causality
         raise WiringError(name, f"is {with_article(kind)} and cannot be set", "set a parameter or a start value")
-    sources = {link.target: str(link.source) for link in system.connections}
+    sources = {link.target: str(link.source) for link in system.links}
     sources |= dict.fromkeys(system.stimulated, "a stimulus")
     if endpoint in sources:
         raise WiringError(name, f"takes its value from {sources[endpoint]}", "do not set it")
@@ -285,10 +301,23 @@ def _pairs(system: System, source: Endpoint, target: Endpoint) -> Iterable[tuple
     return [(replace(source, variable=y), replace(target, variable=u)) for y, u in zip(*names, strict=True)]
 
 
-def _between_clocks(system: System, pair: tuple[Endpoint, Endpoint, Given]) -> bool:
-    """Whether both ends are clocks; what there is not is told later."""
+def _kind(system: System, pair: tuple[Endpoint, Endpoint, Given]) -> str:
+    """The type of both ends where it is one whose values are no numbers, else nothing; what is wrong is told later."""
     parts = [system.parts.get(end.component) for end in pair[:2]]
-    return all(part and end.variable in part.interface.clocks for part, end in zip(parts, pair[:2], strict=True))
+    ports = [part and part.interface.ports.get(end.variable) for part, end in zip(parts, pair[:2], strict=True)]
+    kinds = {port.type if port else "" for port in ports}
+    return kinds.pop() if kinds in ({"Clock"}, *({kind} for kind in _TEXTS)) else ""
+
+
+def _text_link(system: System, source: Endpoint, target: Endpoint, given: Given) -> TextLink:
+    place = f"{source} -> {target}"
+    kind = require(system, source, "output", "can be a source", place).type
+    require(system, target, "input", "can be a target", place)
+    if given:
+        raise WiringError(place, f"gives {with_article(kind)} a factor or an offset", "remove it")
+    if system.port(source).array or system.port(target).array:
+        raise WiringError(place, f"joins an element of an array of type {kind}", "connect scalars")
+    return TextLink(source, target)
 
 
 def _clock_link(system: System, source: Endpoint, target: Endpoint, given: Given) -> ClockLink:
@@ -315,8 +344,8 @@ def _link(system: System, source: Endpoint, target: Endpoint, given: Given) -> C
     input_ = require(system, target, "input", "can be a target", place)
     for port in (output, input_):
         if not port.numeric:
-            fix = "connect a clock to a clock" if port.type == "Clock" else "set it as a start value"
-            fix = "remove it: it keeps what the FMU gives it" if port.type == "Binary" else fix
+            like = {"Clock": "a clock to a clock", "Binary": "what is binary to its like"}
+            fix = f"connect {like.get(port.type, 'a text to a text')}"
             raise WiringError(place, f"{with_article(port.type)} cannot be connected", fix)
     if output.type in _REAL and input_.type not in _REAL:
         raise WiringError(
@@ -392,7 +421,7 @@ def must_be(system: System, name: str, causality: str, key: str) -> None:
         raise WiringError(f"{key}.{name}", f"is {with_article(port.causality)}", f"name {with_article(causality)}")
 
 
-def _one_source_each(links: Iterable[Connection | ClockLink], driven: Iterable[Endpoint]) -> None:
+def _one_source_each(links: Iterable[Connection | ClockLink | TextLink], driven: Iterable[Endpoint]) -> None:
     source_of: dict[Endpoint, str] = {}
     for target, source in [(link.target, str(link.source)) for link in links] + [(e, "a stimulus") for e in driven]:
         if target in source_of:
@@ -401,7 +430,7 @@ def _one_source_each(links: Iterable[Connection | ClockLink], driven: Iterable[E
 
 
 def _every_input_set(system: System) -> None:
-    sources = {link.target for link in system.connections} | system.stimulated
+    sources = {link.target for link in system.links} | system.stimulated
     for name, part in system.parts.items():
         for port in part.interface.of("input"):
             given = port.start is not None or port.array is not None or port.alone
@@ -419,7 +448,12 @@ def remarks(system: System, component: str, given: Container[str]) -> list[str]:
         if clock.causality == "input" and Endpoint(component, clock.name) not in ticked
         if not (clock.timed and interface.event_mode)
     ]
-    binaries = [port.name for port in interface.of("input") if port.type == "Binary"]
+    told = {link.target for link in system.texts}
+    binaries = [
+        port.name
+        for port in interface.of("input")
+        if port.type == "Binary" and Endpoint(component, port.name) not in told
+    ]
     driven = {link.target for link in system.connections} | system.stimulated
     free = [
         port.name

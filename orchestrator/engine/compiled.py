@@ -103,10 +103,15 @@ def _obstacle_at(node: Node) -> str:
     component = node.component
     if isinstance(component, Slave) and component.tells:
         return f"{component.name} gives texts"
+    if node.tells or node.hears:
+        return f"texts of {component.name} are connected"
     if node.ticks:
         return f"{component.name} ticks the clocks of others"
-    if not isinstance(component, ClockedSlave):
-        return ""
+    return _obstacle_of_clocks(component) if isinstance(component, ClockedSlave) else ""
+
+
+def _obstacle_of_clocks(component: ClockedSlave) -> str:
+    """Why the compiled loop cannot tick its clocks, nothing when it can."""
     if not hasattr(_compiled.Core, "add_event"):
         return "it was built from older sources"
     if not component.steady:

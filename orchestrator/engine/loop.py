@@ -22,6 +22,7 @@ from orchestrator.engine.recording import Recorder
 from orchestrator.fmi.clocks.ticks import Arrival, Tick
 from orchestrator.fmi.component import Component, Ticking
 from orchestrator.fmi.instance import stepping
+from orchestrator.fmi.interface import Value
 from orchestrator.rational import Clock
 from orchestrator.trace import FloatArray
 
@@ -55,6 +56,9 @@ class Node:
         outputs: names of its outputs.
         held: the inputs of its latest step.
         ticks: components whose clocks its own tick.
+        tells: its outputs that are texts, or binary, and go to others.
+        texts_at_once: whether these hold at once.
+        hears: its own input -> component and output from which it has its text.
     """
 
     component: Component
@@ -68,6 +72,9 @@ class Node:
     statistics: Statistics = field(default_factory=Statistics)
     held: Sequence[float] = ()
     ticks: Sequence[Ticks] = ()
+    tells: Sequence[str] = ()
+    hears: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    texts_at_once: bool = False
 
     @property
     def feeds_itself(self) -> bool:
@@ -143,6 +150,7 @@ class Loop:
         values: current value of each slot.
         stimuli: (K, s) values of the stimuli.
         pending: tick -> slots and the values that they have from then on.
+        said: component and output -> the text that holds.
     """
 
     groups: Sequence[Sequence[Node]]
@@ -165,6 +173,9 @@ class Loop:
         self.values = [0.0] * self.size
         self.tick = self.recorded = self.iterations = 0
         self.pending: dict[int, list[tuple[int, float]]] = {}
+        self.said: dict[tuple[str, str], Value] = {}
+        self._to_say: dict[int, dict[tuple[str, str], Value]] = {}
+        self._heard: dict[tuple[str, str], Value] = {}  # component and input -> what it was given last
         for node in self.nodes:
             node.statistics, node.held = Statistics(), ()
         if len(stimuli):
@@ -180,6 +191,8 @@ class Loop:
 
     def advance(self, last: int, recorder: Recorder) -> None:
         groups = [(group, len(group) > 1 or group[0].feeds_itself) for group in self.groups]
+        if self.tick == 0 and not self.said:
+            self._begin_texts()
         for tick in range(self.tick, min(last, self.tick + CHUNK)):
             if recorder.full(self.recorded):
                 break
@@ -189,6 +202,9 @@ class Loop:
                 recorded[: len(self.record_slots)] = [self.values[slot] for slot in self.record_slots]
             for group, circular in groups:
                 due = [node for node in group if tick % node.every == 0]
+                for node in due:
+                    if node.hears:
+                        self._hear(node)
                 if circular and due:
                     self._iterate(due, tick)
                 else:
@@ -243,6 +259,7 @@ class Loop:
         """Let the values in that hold from this tick on: finished steps and stimuli."""
         for slot, value in self.pending.pop(tick, ()):
             self.values[slot] = value
+        self.said |= self._to_say.pop(tick, {})
         if self.first_stimulus < self.size:
             self.values[self.first_stimulus :] = self.stimuli[tick // self.hold].tolist()
 
@@ -250,11 +267,34 @@ class Loop:
         outputs = self._step(node, tick)
         if node.ticks:
             self._tick(node)
+        if node.tells:
+            self._tell(node, tick)
         for place, instant in enumerate(node.instant):
             if instant:
                 self.values[node.first + place] = outputs[place]
         self.require_finite(node, outputs, stepping(self.time(tick), node.duration))
         self.defer(node, outputs, tick + node.every)
+
+    def _begin_texts(self) -> None:
+        """Have the texts hold that all components give now."""
+        for node in self.nodes:
+            self.said |= {(node.component.name, name): node.component.get(name) for name in node.tells}
+
+    def _hear(self, node: Node) -> None:
+        """Give a component the texts that hold, where they are others than before."""
+        for name, source in node.hears.items():
+            place, text = (node.component.name, name), self.said[source]
+            if self._heard.get(place) != text:
+                node.component.tune(name, text)
+                self._heard[place] = text
+
+    def _tell(self, node: Node, tick: int) -> None:
+        """Let the texts of a step hold, at once or from the tick at which it ends."""
+        fresh = {(node.component.name, name): node.component.get(name) for name in node.tells}
+        if node.texts_at_once:
+            self.said |= fresh
+        else:
+            self._to_say.setdefault(tick + node.every, {}).update(fresh)
 
     def _tick(self, node: Node) -> None:
         """Pass its ticks on to the components that step after it."""

@@ -15,7 +15,7 @@ from graphlib import CycleError, TopologicalSorter
 
 from fmus.errors import WiringError
 from orchestrator.rational import common_divisor, multiples, written
-from orchestrator.system import Part, System
+from orchestrator.system import Connection, Part, System, TextLink
 
 
 class Order(StrEnum):
@@ -83,6 +83,7 @@ def make_plan(system: System, step: Fraction, order: Order, cycles: CycleSetting
     before = _predecessors(system, instant)
     groups = _groups(before)
     _check_clocks(system, jacobi, groups, steps)
+    _check_texts(system, groups)
     for group in groups:
         if (len(group) > 1 or group[0] in before[group[0]]) and not iterated:
             _allow_cycle(system, group, before, cycles)
@@ -121,7 +122,8 @@ def _groups(before: Mapping[str, list[str]]) -> tuple[tuple[str, ...], ...]:
 
 def _predecessors(system: System, instant: Mapping[str, frozenset[str]]) -> dict[str, list[str]]:
     before: dict[str, list[str]] = {name: [] for name in system.parts}
-    for link in system.connections:
+    valued: tuple[Connection | TextLink, ...] = (*system.connections, *system.texts)
+    for link in valued:
         if link.source.variable in instant[link.source.component]:
             before[link.target.component].append(link.source.component)
     for tick in system.clocks:
@@ -153,6 +155,18 @@ def _check_clocks(
             raise WiringError(str(link), problem, f"give {other} a `step` of which that is a multiple")
 
 
+def _check_texts(system: System, groups: Sequence[tuple[str, ...]]) -> None:
+    """See that no text runs in a circle that is iterated.
+
+    Raises:
+        WiringError: one does.
+    """
+    for link in system.texts:
+        if any(len(group) > 1 and {link.source.component, link.target.component} <= {*group} for group in groups):
+            fix = "set `feed_through: none` for a component with dynamics"
+            raise WiringError(str(link), "is on a circle of direct feed-through, and texts are not iterated", fix)
+
+
 def _check_iterated(system: System, steps: Mapping[str, Fraction], step: Fraction) -> None:
     """See that all components can take a step of the run's length, and take it back.
 
@@ -168,6 +182,8 @@ def _check_iterated(system: System, steps: Mapping[str, Fraction], step: Fractio
             raise WiringError(name, "cannot go back, and iterated steps are taken back", fix)
     for link in system.clocks:
         raise WiringError(str(link), "would tick in steps that are taken back", "remove `order: iterated`")
+    for text in system.texts:
+        raise WiringError(str(text), "has no mean over a step, and is not iterated", "remove `order: iterated`")
 
 
 def _allow_cycle(

@@ -151,6 +151,14 @@ class Preparation:
         nodes = {name: self._node(name, inputs[name], outputs[name], links, slots) for name in self._components}
         for name, node in nodes.items():
             node.ticks = self._ticks(name, nodes, inputs, outputs)
+            texts = self._system.texts
+            node.tells = sorted({link.source.variable for link in texts if link.source.component == name})
+            node.hears = {
+                link.target.variable: (link.source.component, link.source.variable)
+                for link in texts
+                if link.target.component == name
+            }
+            node.texts_at_once = bool(self._plan.instant[name])
         held = [Endpoint.parse(name) for name in chosen if name in self._driven_inputs]
         kind: Callable[..., Loop] = Loop
         if self._plan.iterated:

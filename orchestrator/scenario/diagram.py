@@ -29,6 +29,7 @@ def wiring_of(result: ScenarioResult, system: System, received: Collection[str] 
     wires = [Wire((_source(name), "y"), _ends(Endpoint.parse(name))) for name in driven]
     wires += [Wire(_ends(link.source), _ends(link.target), _conversion(link)) for link in system.connections]
     wires += [Wire(_ends(link.source), _ends(link.target), "ticks") for link in system.clocks]
+    wires += [Wire(_ends(link.source), _ends(link.target), "") for link in system.texts]
     return Wiring([*sources, *(_box(result, system, name, wires) for name in system.parts)], wires)
 
 

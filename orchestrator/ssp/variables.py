@@ -49,7 +49,7 @@ def type_name(port: Port, version: Version) -> str:
         return port.type
     if port.real:
         return "Real"
-    return port.type if port.type in ("Boolean", "String") else "Integer"
+    return port.type if port.type in ("Boolean", "String", "Binary") else "Integer"
 
 
 def clock_attributes(clock: Clock) -> dict[str, str]:

@@ -89,6 +89,7 @@ class _Writing:
             elements.append(self._component(name))
         links = [self._connection(link) for link in self._joined()]
         links += [self._link(link.source, link.target) for link in self.outline.system.clocks]
+        links += [self._link(link.source, link.target) for link in self.outline.system.texts]
         links += [self._link(Endpoint("", _outer(name)), Endpoint.parse(name)) for name in inputs]
         links += [self._link(Endpoint.parse(name), Endpoint("", _outer(name))) for name in outputs]
         if links:
@@ -145,7 +146,10 @@ class _Writing:
         if port.type == "Clock":
             ends = {end for link in self.outline.system.clocks for end in (link.source, link.target)}
             return self.outline.version is Version.TWO or Endpoint(component, port.name) in ends
-        if port.alone or (port.items and not self.tool.knows_items):
+        if port.type == "Binary":
+            ends = {end for link in self.outline.system.texts for end in (link.source, link.target)}
+            return Endpoint(component, port.name) in ends
+        if port.items and not self.tool.knows_items:
             return False
         if port.array is None or variable.shape:
             return True

@@ -71,7 +71,8 @@ REFUSED = [
     ("a.angle", "b.zzz", "a.angle -> b.zzz: no variable 'zzz' in 'b'; there are u, y, n, s"),
     ("a.k", "b.u", "a.k -> b.u: 'a.k' is a parameter; only an output can be a source; outputs there: angle, text"),
     ("a.angle", "b.y", "a.angle -> b.y: 'b.y' is an output; only an input can be a target; inputs there: u, n, s"),
-    ("a.text", "b.s", "a.text -> b.s: a String cannot be connected; set it as a start value"),
+    ("a.text", "b.u", "a.text -> b.u: a String cannot be connected; connect a text to a text"),
+    ("2 * a.text", "b.s", "a.text -> b.s: gives a String a factor or an offset; remove it"),
     ("a.angle", "b.n", "a.angle -> b.n: a Real cannot drive an Integer; round it in a component between"),
     ("angle", "b.u", "name: 'angle' does not name a variable; write component.variable"),
     ("a.", "b.u", "name: 'a.' does not name a variable; write component.variable"),
@@ -90,7 +91,7 @@ def test_a_connection_that_does_not_fit_is_refused_with_place_and_fix(source: st
 
 
 @pytest.mark.parametrize("type_", ["Binary", "Clock", "String"])
-def test_only_numbers_can_be_connected(type_: str) -> None:
+def test_a_number_can_be_connected_to_numbers_only(type_: str) -> None:
     with pytest.raises(WiringError, match=f"a {type_} cannot be connected"):
         pair(out("y"), in_("u", type_=type_))
 

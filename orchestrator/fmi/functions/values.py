@@ -20,6 +20,8 @@ def _cast(ctype: Any, kind: str) -> Callable[[Any], Any]:
         return bool
     if ctype is ctypes.c_char_p:
         return lambda text: str(text).encode()
+    if kind == "Binary":
+        return lambda text: bytes.fromhex(str(text))
     if ctype in (ctypes.c_double, ctypes.c_float):
         return float
     bits = 8 * ctypes.sizeof(ctype)
@@ -58,7 +60,8 @@ class VariableGroup:
             by_type.setdefault(fmi.storage(port.type), []).append(place)
         self._size, self._texts = len(ports), texts
         self.texts = {place: port.name for place, port in enumerate(ports) if port.type == "String"}
-        self.typed = [TypedValues(fmi, kind, ports, places) for kind, places in by_type.items()]
+        kinds = {"Binary": BinaryValues}
+        self.typed = [kinds.get(kind, TypedValues)(fmi, kind, ports, places) for kind, places in by_type.items()]
         only = self.typed[0] if len(self.typed) == 1 else None
         self.floats = only if only is not None and only.plain else None
         self.partial = any(typed.partial for typed in self.typed)
@@ -195,3 +198,25 @@ class TypedValues:
         found = self.values[:]
         for slot, place in zip(self.slots, self.places, strict=True):
             values[place] = self._uncast(found[slot]) if self._uncast else found[slot]
+
+
+class BinaryValues(TypedValues):
+    """Variables of type Binary: outside of the FMU their bytes stand in hexadecimal, as in descriptions."""
+
+    def __init__(self, fmi: FmiFunctions, kind: str, ports: Sequence[Port], places: Sequence[int]) -> None:
+        super().__init__(fmi, kind, ports, places)
+        self._sizes = (ctypes.c_size_t * len(self.values))()
+        handle, references, count, values, *rest = self.arguments
+        self.arguments = (handle, references, count, self._sizes, values, *rest)
+        self._kept: list[Any] = []  # what the FMU is given, while it takes it
+
+    def pack(self, values: Sequence[Value]) -> None:
+        given = [self._cast(values[place]) for place in self.places]
+        self._kept = [ctypes.create_string_buffer(one, max(len(one), 1)) for one in given]
+        for slot, (one, buffer) in enumerate(zip(given, self._kept, strict=True)):
+            self._sizes[slot], self.values[slot] = len(one), ctypes.addressof(buffer)
+
+    def unpack(self, values: list[Value]) -> None:
+        for slot, place in enumerate(self.places):
+            size, address = self._sizes[slot], self.values[slot]
+            values[place] = ctypes.string_at(address, size).hex() if address and size else ""

@@ -18,6 +18,7 @@ class Version3(FmiFunctions):
         "Float32": ctypes.c_float,
         "Boolean": ctypes.c_bool,
         "String": ctypes.c_char_p,
+        "Binary": ctypes.c_void_p,
         **{f"{u}Int{bits}": getattr(ctypes, f"c_{u.lower()}int{bits}") for bits in (8, 16, 32, 64) for u in ("", "U")},
     }
 
