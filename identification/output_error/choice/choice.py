@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 from identification.output_error.choice.ranking import LEVEL, TELLING, Ranking
 
+FEW = 10  # independent samples for each unknown, below which criteria say little
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -71,6 +73,12 @@ class Choice:
             yield (
                 f"candidates: BIC prefers {ranking.contested}, but it predicts what was held out worse than "
                 f"{self.chosen} by more than scatters over {ranking.windows} windows ({100 * LEVEL:g} %)"
+            )
+        unknowns = max(outcome.unknowns for outcome in self.outcomes.values())
+        if chosen.criteria.samples < FEW * unknowns:
+            yield (
+                f"candidates: the noise is so correlated that criteria count {chosen.criteria.samples:.0f} independent "
+                f"samples, few for up to {unknowns} unknowns: they say little, and predictions more"
             )
         if not ranking.windows:
             yield "candidates: no trace is held out (`traces.hold_out`), so criteria of what was fitted decide alone"

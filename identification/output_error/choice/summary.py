@@ -158,5 +158,10 @@ def _prediction(one: PredictionSummary | None, size: float) -> Cell:
     """By how much its square is above the chosen one's, and the scatter of that, in percent."""
     if one is None or not size > 0:
         return None
-    scatter = "?" if one["scatter"] is None else f"{100 * one['scatter'] / size:.2g}"
-    return f"{100 * one['worse'] / size:+.2g} ± {scatter} %" if one["worse"] or one["scatter"] else "-"
+    scatter = "?" if one["scatter"] is None else _percent(one["scatter"] / size)
+    worse = f"{'+' if one['worse'] >= 0 else ''}{_percent(one['worse'] / size)}"
+    return f"{worse} ± {scatter} %" if one["worse"] or one["scatter"] else "-"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f}" if abs(share) >= 0.1 else f"{100 * share:.2g}"

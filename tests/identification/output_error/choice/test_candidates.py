@@ -21,6 +21,7 @@ from identification.output_error.choice.change import of_candidate
 from identification.output_error.windows import cut_windows
 from identification.recordings.campaign import load_campaign
 from identification.study import load_study
+from orchestrator import formats
 from orchestrator.progress import silent
 from tests.support.identification.small_study import COUNT, STEP, TRUTH, plain_study, record, study, write_study
 
@@ -138,6 +139,19 @@ def test_windows_in_samples_are_those_of_each_candidate(data: Path, tmp_path: Pa
     changes = {"windows": {"length": "100 samples"}, "validation": {"length": "50 samples"}, "initial": initial}
     document = calibrated(tmp_path, data, {"viscous": {}, "frictionless": FREE}, **changes)
     assert document["choice"]["windows"] == document["fit"]["validation"]["windows"] == 2
+
+
+def test_noise_that_leaves_few_independent_samples_is_said(tmp_path: Path) -> None:
+    """A drift of the sensor, as long as the recordings, is what all candidates leave over."""
+    folder = record(tmp_path / "drifting")
+    for file in folder.iterdir():
+        trace = formats.read(file).trace
+        drift = 5e-3 * np.sin(4 * trace.time + len(file.stem))
+        formats.write(replace(trace, signals={**trace.signals, "angle": trace["angle"] + drift}), file)
+    document = calibrated(tmp_path, folder, {"viscous": {}, "dry too": {"parameters": DRY}}, truth={})
+    [said] = [warning for warning in document["warnings"] if "independent samples" in warning]
+    assert said.startswith("candidates: the noise is so correlated that criteria count ") and "5 unknowns" in said
+    assert document["choice"]["samples"] < 50
 
 
 def test_without_a_trace_held_out_that_is_said(data: Path, tmp_path: Path) -> None:
