@@ -23,6 +23,7 @@ from fmus.errors import FmuFileError, ServotwinError
 from fmus.files import atomic_write
 from fmus.packaging import archive
 from fmus.packaging.native import foreign_sources
+from fmus.packaging.system import manifest
 from fmus.units import Unit
 from orchestrator.fmi import arrays, definitions, unpacked
 from orchestrator.fmi.arrays import LeftOutError, Sizes
@@ -104,6 +105,7 @@ class FmuFile(FmuDescription):
         self._open = True
         try:
             self.require_binary()
+            self._of_a_system()
         except BaseException:
             self.close()
             raise
@@ -119,6 +121,13 @@ class FmuFile(FmuDescription):
 
     def __exit__(self, kind: type | None, error: BaseException | None, traceback: TracebackType | None) -> None:
         self.close()
+
+    def _of_a_system(self) -> None:
+        """Of a system that was made one FMU here, know the base step, for which FMI 2.0 has no word."""
+        listed = self.folder / manifest.NAME
+        if self.is_ours and listed.is_file():
+            inside = manifest.read(f"{self.path}: {manifest.NAME}", listed.read_bytes())
+            self.interface = replace(self.interface, fixed_step=inside.base_step)
 
     def require_binary(self) -> None:
         """See that the folder holds the library; one that was compiled from sources is put there.

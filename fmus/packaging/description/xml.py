@@ -19,7 +19,7 @@ TIME_UNIT = "s"
 
 @dataclass(frozen=True)
 class Offer:
-    """One interface type of an FMU: "ModelExchange" or "CoSimulation", and its capability flags.
+    """One interface type of an FMU: "ModelExchange" or "CoSimulation", and its capabilities.
 
     Attributes:
         sources: C files in the order in which FMI 2.0 lists them here.
@@ -27,7 +27,7 @@ class Offer:
 
     kind: str
     identifier: str
-    flags: Mapping[str, bool]
+    flags: Mapping[str, Number]
     sources: Sequence[str] = ()
 
 
@@ -150,7 +150,7 @@ def _root(interface: Interface, version: str, id_name: str, identity: str, offer
         },
     )
     for offer in offers:
-        flags = {name: str(value).lower() for name, value in offer.flags.items()}
+        flags = {name: xml_number(value) for name, value in offer.flags.items()}
         element = ET.SubElement(root, offer.kind, {"modelIdentifier": offer.identifier} | flags)
         if offer.sources:
             files = ET.SubElement(element, "SourceFiles")

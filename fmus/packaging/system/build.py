@@ -75,6 +75,7 @@ def _starts(interface: SystemInterface) -> dict[str, float]:
 def _description(interface: SystemInterface, token: str, fmi: int, code: Code) -> bytes:
     system, flags = interface.system, CAPABILITIES[fmi]
     able = {**flags.common, **dict.fromkeys(flags.derivatives, False), "canHandleVariableCommunicationStepSize": True}
-    offers = [Offer("CoSimulation", interface.name, able, code.units if fmi == 2 else [])]
+    stepping = {"fixedInternalStepSize": float(system.base)} if fmi == 3 else {}
+    offers = [Offer("CoSimulation", interface.name, able | stepping, code.units if fmi == 2 else [])]
     extras = Extras(LOG_CATEGORIES, float(system.step), float(system.start), float(system.stop))
     return (xml.fmi2 if fmi == 2 else xml.fmi3)(interface, token, offers, extras)

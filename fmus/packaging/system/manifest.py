@@ -66,7 +66,7 @@ def read(place: str, content: bytes) -> Manifest:
         return Manifest(
             _text(found["name"]),
             _text(found["title"]),
-            _finite(found["base_step"]),
+            _positive(found["base_step"]),
             tuple(map(_part, found["parts"])),
             tuple(map(_wire, found["wires"])),
         )
@@ -87,6 +87,12 @@ def _text(value: Any) -> str:
     if not isinstance(value, str):
         raise ValueError(f"{value!r} is no text")
     return value
+
+
+def _positive(value: Any) -> float:
+    if not _finite(value) > 0:
+        raise ValueError(f"{value!r} is no step")
+    return float(value)
 
 
 def _finite(value: Any) -> float:

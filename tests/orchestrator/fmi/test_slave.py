@@ -253,7 +253,7 @@ def test_a_saved_state_is_gone_back_to_exactly(version: int, load: Load) -> None
 def test_jacobi_and_gauss_seidel_agree_where_every_output_is_a_state(tmp_path: Path) -> None:
     """Uncoupled or coupled by states only, the order of components cannot matter."""
     traces = []
-    for order in Order:
+    for order in (Order.GAUSS_SEIDEL, Order.JACOBI):
         with ExitStack() as stack:
             files = {f"{i}": stack.enter_context(FmuFile(third_party.mass_spring(f"SubSystem{i}"))) for i in (1, 2)}
             parts = {f"s{i}": Part(file.interface) for i, file in files.items()}

@@ -14,7 +14,7 @@ from fmpy.validation import validate_fmu
 from lxml import etree
 from typer.testing import CliRunner
 
-from fmus.errors import FmuFileError, InputError
+from fmus.errors import FmuFileError, InputError, WiringError
 from fmus.packaging import archive
 from fmus.packaging.native import compiler
 from fmus.packaging.system import manifest
@@ -181,6 +181,17 @@ def test_a_step_of_many_base_steps_ends_where_single_ones_do_and_others_are_refu
         assert fmu.get(*expected.outputs) == found[1].tolist()
 
 
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_the_base_step_is_known_so_that_no_run_begins_with_another(tmp_path: Path, fmi: int) -> None:
+    path = fused(many_rates(tmp_path), tmp_path, fmi)
+    declared = read_model_description(str(path)).coSimulation.fixedInternalStepSize
+    assert fmi == 2 or float(declared) == 0.001
+    with open_system({"f": path}) as system:
+        with pytest.raises(WiringError, match=r"f\.step: 0\.0015 s is not a multiple of the FMU's own 0\.001 s"):
+            system.run("0.3", "0.0015")
+        assert len(system.run("0.3", "0.002").trace) == 151
+
+
 def test_states_resets_and_other_instances_leave_each_other_alone(tmp_path: Path) -> None:
     path = fused(many_rates(tmp_path), tmp_path)
     with opened(path) as fmu, opened(path) as other:
@@ -327,7 +338,16 @@ def test_the_tree_of_a_fused_fmu_shows_its_models_their_steps_and_the_wires(tmp_
     assert "  controller.voltage -> drive.voltage" in lines
 
 
-@pytest.mark.parametrize("content", [b"{", b"[]", b'{"name": 1}', b'{"name":"a","title":"b","base_step":1e999}'])
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"{",
+        b"[]",
+        b'{"name": 1}',
+        b'{"name":"a","title":"b","base_step":1e999}',
+        b'{"name":"a","title":"b","base_step":0}',
+    ],
+)
 def test_a_damaged_manifest_is_refused_by_name(tmp_path: Path, content: bytes) -> None:
     archive.write(tmp_path / "a.fmu", {manifest.NAME: content})
     with pytest.raises(FmuFileError, match=r"a\.fmu: extra/org\.servotwin/system\.json: is damaged"):
