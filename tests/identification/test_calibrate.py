@@ -212,6 +212,7 @@ def fragile(folder: Path, stop: float) -> Change:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("processes", [1, 2])
 @pytest.mark.parametrize(
     ("packaging", "reason"),
@@ -276,6 +277,7 @@ def calibrated(folder: Path, data: Path, *options: str, **changes: Any) -> Any:
     return CliRunner().invoke(app, ["calibrate", str(study_file), "--data", str(data), "--out", out, *options])
 
 
+@pytest.mark.slow
 def test_a_calibration_whose_validation_misses_its_target_ends_with_exit_code_1_and_says_so_last(
     tmp_path: Path, data: Path
 ) -> None:

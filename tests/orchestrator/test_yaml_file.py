@@ -213,6 +213,7 @@ FRAGMENTS = st.sampled_from(
 )
 
 
+@pytest.mark.slow
 @FUZZ
 @given(data=st.data())
 def test_a_scenario_with_anything_inserted_fits_or_is_refused(tmp_path: Path, data: st.DataObject) -> None:

@@ -19,6 +19,7 @@ def bits(value: float | int | bool) -> tuple[type, bytes | int]:
     return type(value), struct.pack("<d", value) if isinstance(value, float) else value
 
 
+@pytest.mark.slow
 @given(st.dictionaries(NAMES, VALUES, max_size=6))
 def test_values_come_back_bit_by_bit_with_their_type_and_order(values: dict[str, float | int | bool]) -> None:
     found = defaults.load(defaults.dump(values))

@@ -258,6 +258,7 @@ def test_a_foreign_fmu_is_untouched_and_gets_a_valid_set_and_ssp_beside_it(fmu: 
     check_beside(source, before, written, CALIBRATED)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("version", [2, 3])
 def test_reference_fmus_get_a_set_and_an_ssp(version: int, tmp_path: Path) -> None:
     source = third_party.reference(version, "Feedthrough")

@@ -38,6 +38,7 @@ def values(found: Balance) -> dict[str, float]:
     return {name: one.value for name, one in found.ratios.items()}
 
 
+@pytest.mark.slow
 def test_a_motion_gives_the_plants_ratios_back_whatever_model_its_controller_has() -> None:
     for model in (GENERIC, RIG, RIG | {"p1": 1.5 * RIG["p1"], "p2": 3e-4}):
         found = energy_balance(motions(Swing(model=model)), GENERIC_MODEL)

@@ -90,6 +90,7 @@ def test_a_shifted_equilibrium_is_taken_into_account() -> None:
     assert values(found) == pytest.approx(EXACT, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [0, 1])  # below and above the orbit's energy
 def test_sampled_control_of_fmus_gives_the_parameters_back(case: int, tmp_path: Path) -> None:
     scenario = load_scenario(SCENARIO)

@@ -25,6 +25,7 @@ def pendulum(p1: float, p2: float, p3: float, p4: float) -> np.ndarray:
     return p4 / np.abs(torque - inertia * OMEGA**2 + 1j * p2 * OMEGA)
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(st.floats(0.5, 200), st.floats(0.01, 0.4), st.floats(0.01, 1e4))
 def test_the_magnitude_fit_is_exact_for_a_second_order_system(a0: float, psi: float, b0: float) -> None:

@@ -28,6 +28,7 @@ def controller(file: Path, step: str = "1/100", **parameters: float) -> FmuContr
     return FmuController("controller", spec, FmuDescription(file).interface, Fraction(step))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["pdp", "pi", "notch"])
 @pytest.mark.parametrize("target", ["native", "python"])
 def test_an_fmu_is_linear_as_its_equations_are(name: str, target: str, tmp_path: Path) -> None:
@@ -38,6 +39,7 @@ def test_an_fmu_is_linear_as_its_equations_are(name: str, target: str, tmp_path:
     assert found.frequency_response(omega) == pytest.approx(known.frequency_response(omega), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_an_fmu_that_is_not_linear_where_it_rests_is_refused(tmp_path: Path) -> None:
     file = targets.build("pdpc", tmp_path / "pdpc.fmu")
     with pytest.raises(IdentificationError, match=r"controller\.\w+: is not linear where the controller rests"):

@@ -166,6 +166,7 @@ def test_held_inputs_give_the_matrix_exponential(version: int, solver: SolverSet
         assert [found["fmu.x1"][k + 1], found["fmu.x2"][k + 1]] == pytest.approx(x[[0, 2]], abs=1e-7)
 
 
+@pytest.mark.slow
 @settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(
     k=st.floats(0, 20),
@@ -201,6 +202,7 @@ def test_an_explicit_method_on_a_stiff_system_is_an_error_that_names_the_way_out
     assert failed.value.fix == "give its `solver` more `most_steps`, or another `method`"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("version", [2, 3])
 @pytest.mark.parametrize("order", [["plant", "controller"], ["controller", "plant"]])
 def test_a_plant_under_sampled_control_follows_the_exact_recursion(

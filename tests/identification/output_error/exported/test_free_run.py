@@ -65,6 +65,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
         return calibrated(tmp_path_factory.mktemp("late"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["yaml", "ssp"])
 def test_the_scenario_in_the_result_runs_as_the_study_predicts(result: Path, form: str) -> None:
     found = apart(result / f"free_run.{form}")

@@ -144,6 +144,7 @@ def summary(folder: Path) -> dict[str, Any]:
     return document
 
 
+@pytest.mark.slow
 def test_fractional_delays_are_found_inside_narrow_intervals(result: Path) -> None:
     parameters = summary(result)["parameters"]
     for name, true in {"wire": COMMAND, "reading": READING, "motor.torque_gain": 8.0}.items():

@@ -73,6 +73,7 @@ def exact(driven: FloatArray, time: FloatArray) -> FloatArray:
     return np.asarray(output)
 
 
+@pytest.mark.slow
 def test_a_logged_sine_drives_as_the_lines_through_its_samples(tmp_path: Path) -> None:
     trace, time = wave(EVERY).trace, np.asarray(np.arange(201) * STEP, dtype=np.float64)
     expected = exact(np.interp(time, trace.time, trace["v"]), time)

@@ -118,6 +118,7 @@ def test_all_four_sensors_are_weighed_as_scipys_filter_does(tmp_path: Path) -> N
     assert poles == pytest.approx(known, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_ki_is_where_the_answer_to_a_disturbance_is_best(tmp_path: Path) -> None:
     best = [{"measure": "itae", "of": "plant.position", "disturbed": "plant.u"}]
     design = {**DESIGN, "ki": {"min": 0.01, "max": 5, "start": 0.1}}

@@ -117,6 +117,7 @@ def test_contours_go_over_the_parameter_in_which_systems_differ(tmp_path: Path) 
     assert curve.label == "load.inertia"
 
 
+@pytest.mark.slow
 def test_a_trade_off_has_the_optimum_under_each_bound(tmp_path: Path) -> None:
     """The faster the loop the less of its phase margin is left: each optimum has the margin that is asked for there."""
     result = tuned(tmp_path, study())

@@ -68,6 +68,7 @@ def test_a_study_that_was_killed_goes_on_to_the_same_bytes(
     assert list((tmp_path / "out" / "pending").iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", [5, 7, 14, 19])
 def test_more_samples_extend_a_study_to_the_bytes_of_the_larger_one(
     tmp_path: Path, first: int, monkeypatch: pytest.MonkeyPatch

@@ -109,6 +109,7 @@ def test_a_result_is_read_from_its_folder(tmp_path: Path) -> None:
         load_result(tmp_path)
 
 
+@pytest.mark.slow
 def test_the_command_says_what_its_python_function_gives(tmp_path: Path) -> None:
     file = study(tmp_path)
     told = CliRunner().invoke(app, ["sweep", str(file), "-j", "1", "--out", str(tmp_path / "out"), "--json"])

@@ -170,6 +170,7 @@ def both_ways(path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[tuple[Frames
     return results[0], results[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 @quick
 @given(
