@@ -131,7 +131,10 @@ class Calibration:
         """What a reader of the figures must know."""
         doubts = [str(crossing) for crossing in self.crossings if crossing.doubtful]
         said = [*(self.choice.doubts if self.choice else ()), *_of_groups(self)]
-        said += length_warnings(self.study.run.step, self._windows, [one.trace for one in self.recorded])
+        step, asked, traces = self.study.run.step, self.study.validation, [one.trace for one in self.recorded]
+        said += length_warnings(step, self._windows, traces, "windows")
+        if isinstance(asked, WindowSpec) and asked != self._windows:
+            said += length_warnings(step, asked, traces, "validation")
         return [*said, *doubts, *self.starts, *self.estimate.warnings, *recording_warnings(self.recorded)]
 
     @property

@@ -147,8 +147,12 @@ def cut_windows(
     return cut
 
 
-def length_warnings(step: Fraction, windows: WindowSpec, traces: Sequence[Trace]) -> list[str]:
-    """A sentence about each length in samples that steps [s] do not make up."""
+def length_warnings(step: Fraction, windows: WindowSpec, traces: Sequence[Trace], place: str) -> list[str]:
+    """A sentence about each length in samples that steps [s] do not make up.
+
+    Args:
+        place: the study's key of the windows.
+    """
     said = []
     for key, span in {"length": windows.length, "every": windows.every, "skip": windows.skip}.items():
         odd = [trace for trace in traces if span is not None and rounded(span, interval(trace), step)]
@@ -156,7 +160,7 @@ def length_warnings(step: Fraction, windows: WindowSpec, traces: Sequence[Trace]
             between = interval(odd[0])
             steps, more = float(on_raster(span, between, step)), f" and {len(odd) - 1} more" if len(odd) > 1 else ""
             said.append(
-                f"windows.{key}: {stated(span)} of {odd[0].name}{more} last {lasting(span, between):.6g} s, "
+                f"{place}.{key}: {stated(span)} of {odd[0].name}{more} last {lasting(span, between):.6g} s, "
                 f"which whole steps make {steps:g} s"
             )
     return said

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from fmpy import extract, read_model_description
 from fmpy.fmi2 import FMU2Slave
+from ruamel.yaml import YAML
 
-from fmus.packaging import targets
+from fmus.packaging import archive, targets
 from fmus.parameters.ssv import read_values
 from fmus.parameters.write_back import write_back
 from identification.calibrate import calibrate_study
@@ -166,6 +167,35 @@ def test_what_is_early_stays_behind_and_is_told(tmp_path: Path) -> None:
     assert any("motor.voltage is driven -0.004 s late, which stays in the result" in line for line in warnings)
     assert {file.name for file in (result / "fmus").iterdir()} == {"motor.fmu", "hand.fmu"}
     assert apart(result / "free_run.yaml") == {"hand.angle": pytest.approx(0, abs=1e-12)}
+
+
+def of_another_tool(path: Path) -> Path:
+    """A pendulum that says that another tool has built it, so that nothing can be written into it."""
+    files = archive.read(targets.build("pendulum", path.with_name("ours.fmu")))
+    description = files["modelDescription.xml"]
+    files["modelDescription.xml"] = description.replace(b'generationTool="servotwin"', b'generationTool="another"')
+    assert files["modelDescription.xml"] != description
+    archive.write(path, files)
+    return path
+
+
+def test_fmus_that_cannot_hold_values_are_given_them_by_the_scenario(tmp_path: Path) -> None:
+    of_another_tool(tmp_path / "hand.fmu")
+    hand = {"fmu": "hand.fmu", "parameters": {"added_length": 0.1}}
+    result = calibrated(tmp_path, components={"motor": {"model": "dc_motor"}, "hand": hand})
+    assert (result / "fmus" / "hand.ssv").is_file()
+    for form in ("yaml", "ssp"):
+        assert apart(result / f"free_run.{form}") == {"hand_angle_delay.late": pytest.approx(0, abs=1e-12)}
+
+
+def test_a_component_keeps_its_own_step_and_solver(tmp_path: Path) -> None:
+    solved = {"model": "pendulum", "parameters": {"added_length": 0.1}, "solver": {"relative_tolerance": 1e-8}}
+    slow = {"model": "dc_motor", "step": 0.002}
+    result = calibrated(tmp_path, components={"motor": slow, "hand": solved})
+    written = YAML().load(result / "free_run.yaml")["components"]
+    assert written["motor"]["step"] == "0.002" and written["hand"]["solver"]["relative_tolerance"] == 1e-8
+    close = 1e-6  # steps of the solver, which rounding errors of its inputs decide, are within its tolerance
+    assert apart(result / "free_run.yaml") == {"hand_angle_delay.late": pytest.approx(0, abs=close)}
 
 
 def test_the_parameter_set_has_what_an_fmu_had_before_too(tmp_path: Path) -> None:

@@ -57,7 +57,7 @@ def test_samples_are_rounded_to_the_nearest_steps_and_never_to_none(count: int, 
 
 def test_what_whole_steps_do_not_make_up_is_told() -> None:
     windows = plain_study(windows={"length": "33 samples", "every": "100 samples"}).windows
-    [line] = length_warnings(Fraction(1, 100), windows, [recorded(0.0149).trace, recorded(0.01).trace])
+    [line] = length_warnings(Fraction(1, 100), windows, [recorded(0.0149).trace, recorded(0.01).trace], "windows")
     assert line == "windows.length: 33 samples of 0.0149 last 0.4917 s, which whole steps make 0.49 s"
 
 
