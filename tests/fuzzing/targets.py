@@ -18,6 +18,7 @@ from orchestrator import formats
 from orchestrator.can import logs
 from orchestrator.can.database.database import load as load_database
 from orchestrator.info import about
+from orchestrator.scenario.parameter_list import read as read_parameters
 from orchestrator.scenario.schema import load_scenario
 from orchestrator.ssp.checking import check
 from orchestrator.trace import Trace
@@ -181,6 +182,12 @@ def _tables(folder: Path) -> Iterator[bytes]:
     yield b"# a preamble\n# of two lines\nt\tu\ty\n[ms]\t[V]\t[rad]\n1\t2\t3\n2\t3\t4\n"
 
 
+PARAMETERS = (
+    b"name,value,unit,min,max\nhand.inertia,32,kg.cm2,2,200\n# a remark\n\nhand.gravity,9.81,,,\n",
+    b'\xef\xbb\xbfmax;unit;value;name\n;"N.m";1e-3;hand.torque\n',
+)
+
+
 def _yaml(pattern: str, key: bytes) -> Callable[[Path], Iterator[bytes]]:
     def seeds(folder: Path) -> Iterator[bytes]:
         shutil.copytree(ROOT / "scenarios", folder / "scenarios", dirs_exist_ok=True)
@@ -206,6 +213,7 @@ TARGETS: dict[str, Target] = {
     },
     "table": Target(".csv", about, _tables),
     "text": Target(".txt", about, _tables),
+    "parameters": Target(".csv", read_parameters, lambda folder: iter(PARAMETERS)),
     "mat": Target(".mat", about, _recordings(".mat")),
     "parquet": Target(".parquet", about, _recordings(".parquet")),
     "scenario": Target(".yaml", load_scenario, _yaml("butterfly/*.yaml", b"run:")),

@@ -72,6 +72,20 @@ def test_bytes_that_are_no_text_are_refused_in_a_line(tmp_path: Path, content: b
         read(tmp_path / "list.csv")
 
 
+@given(st.one_of(st.binary(max_size=60), st.text("nameval,;\t\n\"'#u.1e-\x00é", max_size=60).map(str.encode)))
+def test_whatever_stands_in_a_file_is_a_list_or_refused(
+    tmp_path_factory: pytest.TempPathFactory, content: bytes
+) -> None:
+    file = tmp_path_factory.mktemp("any") / "list.csv"
+    file.write_bytes(b"name,value,unit\n" + content)
+    try:
+        rows = read(file)
+    except InputError as error:
+        assert "\n" not in str(error)
+    else:
+        assert len({row.name for row in rows}) == len(rows)
+
+
 @given(value=st.floats(allow_nan=False, allow_infinity=False), unit=st.sampled_from(["", "kg", "N.m"]))
 def test_a_number_comes_back_to_the_last_bit(tmp_path_factory: pytest.TempPathFactory, value: float, unit: str) -> None:
     [one] = read(written(tmp_path_factory.mktemp("list"), f"name,value,unit\na.b,{value!r},{unit}\n"))
