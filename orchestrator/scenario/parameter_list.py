@@ -11,6 +11,7 @@ from pathlib import Path
 from fmus.errors import ScenarioError
 from fmus.files import absence
 from orchestrator.crossing import quantity
+from orchestrator.documents.parsing import one_line
 
 SUFFIX = ".csv"
 COLUMNS = ("name", "value", "unit", "min", "max")
@@ -60,6 +61,9 @@ def read(file: Path) -> list[ListedParameter]:
         rows = [(n, row) for n, row in enumerate(_rows(file), 1) if any(row) and not row[0].startswith("#")]
     except (UnicodeDecodeError, csv.Error) as error:
         raise ScenarioError(file, f"is no CSV file in UTF-8 ({error})", "save it as such") from None
+    for line, row in rows:
+        if not all(cell.isprintable() for cell in row):
+            raise ScenarioError(f"{file}:{line}", "holds what cannot be printed", "save it as text in UTF-8")
     if not rows:
         raise ScenarioError(file, "is empty", f"begin it with the columns {', '.join(COLUMNS)}")
     (line, header), *others = rows
@@ -87,7 +91,7 @@ def _columns(place: str, header: Sequence[str]) -> dict[str, int]:
     names = [name.lower() for name in header]
     for name in names:
         if name not in COLUMNS:
-            raise ScenarioError(place, f"column '{name}' is unknown", f"there are {', '.join(COLUMNS)}")
+            raise ScenarioError(place, f"column '{one_line(name)}' is unknown", f"there are {', '.join(COLUMNS)}")
         if names.count(name) > 1:
             raise ScenarioError(place, f"column '{name}' stands twice", "leave one")
     for name in COLUMNS[:2]:
@@ -100,7 +104,7 @@ def _parameter(place: str, columns: dict[str, int], row: Sequence[str]) -> Liste
     if len(row) != len(columns):
         raise ScenarioError(place, f"has {len(row)} cells for {len(columns)} columns", "quote cells that hold commas")
     cells = {name: row[number] for name, number in columns.items()}
-    if not cells["name"] or not cells["name"].isprintable():
+    if not cells["name"]:
         raise ScenarioError(place, "has no name", "name it component.variable")
     numbers = {key: _number(place, key, cells.get(key, "")) for key in ("value", "min", "max")}
     value, low, high = numbers["value"], numbers["min"], numbers["max"]
@@ -111,7 +115,7 @@ def _parameter(place: str, columns: dict[str, int], row: Sequence[str]) -> Liste
         raise ScenarioError(place, f"{cells['name']} of {value:g} is outside of its bounds, {span}", "move one of them")
     unit = "" if cells.get("unit", "") == "1" else cells.get("unit", "")
     if unit and quantity(f"{value!r} {unit}") is None:
-        raise ScenarioError(f"{place}: unit", f"'{unit}' is no unit", "write it like kg.m2")
+        raise ScenarioError(f"{place}: unit", f"'{one_line(unit)}' is no unit", "write it like kg.m2")
     return ListedParameter(cells["name"], value, low, high, unit, place)
 
 
@@ -124,5 +128,5 @@ def _number(place: str, column: str, text: str) -> float | None:
     except ValueError:
         number = math.nan
     if not math.isfinite(number):
-        raise ScenarioError(f"{place}: {column}", f"'{text}' is no number", "write it like 0.004 or 4e-3")
+        raise ScenarioError(f"{place}: {column}", f"'{one_line(text)}' is no number", "write it like 0.004 or 4e-3")
     return number
