@@ -7,7 +7,9 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from fmpy.validation import validate_fmu
 
 from fmus import library
 from fmus.errors import ModelError
@@ -15,6 +17,9 @@ from fmus.packaging import archive, targets
 from fmus.packaging.native import compiler
 from fmus.packaging.system.fused import FusedSystem, Part, Wire
 from tests.support.fmus.either import opened
+from tests.support.fmus.moving import moving
+from tests.support.fmus.natives import NAMES
+from tests.support.fmus.stepping import stepped
 
 pytestmark = [
     pytest.mark.slow,  # compilers
@@ -90,3 +95,31 @@ def test_values_that_a_model_does_not_have_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ModelError, match=r"state_space\.gain: no such variable"):
         targets.build_system(replace(SYSTEM, parts=wrong), tmp_path / "a.fmu")
     assert not (tmp_path / "a.fmu").exists()
+
+
+def test_every_model_of_the_library_moves_inside_as_it_does_alone(tmp_path: Path) -> None:
+    """All side by side in one FMU, every input driven, to the last bit: times and steps are whole in binary."""
+    models = {name: library.find(name) for name in NAMES}
+    everything = replace(
+        SYSTEM,
+        name="everything",
+        base=Fraction(1, 64),
+        parts={name: Part(model, moving(name), {}, 1, False) for name, model in models.items()},
+        wires=(),
+        outputs=tuple(f"{name}.{output.name}" for name, model in models.items() for output in model.of("output")),
+        parameters=(),
+    )
+    path = targets.build_system(everything, tmp_path / "everything.fmu")
+    assert validate_fmu(str(path)) == []
+    time = np.arange(21) / 64
+    with opened(path) as fmu:
+        fmu.start()
+        rows = []
+        for k in range(20):
+            fmu.step(k / 64, 1 / 64)
+            rows.append(fmu.get(*everything.outputs))
+    found = dict(zip(everything.outputs, np.array(rows).T, strict=True))
+    for name, model in models.items():
+        outputs = [output.name for output in model.of("output")]
+        expected = stepped(model, moving(name), outputs, time)[1:]
+        assert np.array_equal(np.column_stack([found[f"{name}.{one}"] for one in outputs]), expected), name
