@@ -35,6 +35,7 @@ class Stage(IntEnum):
     TURNS = 11
     EVENTS = 12
     STUCK = 13
+    FLOODED = 14
 
 class Core:
     tick: int

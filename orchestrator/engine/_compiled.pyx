@@ -77,8 +77,9 @@ cpdef enum Storage:
 cpdef enum Stage:
     """Where in a component's step the loop stopped; RUNNING where it did not. MISFIT: an input fits not its type.
     VALUE: an output is not finite. Of an event: ENTER, TICK, UPDATE, LEAVE where a function failed, ENDING where the FMU
-    asks to stop, TURNS and EVENTS where there are too many, STUCK where a step ends early without getting on."""
-    RUNNING, MISFIT, WRITE, STEP, READ, VALUE, ENTER, TICK, UPDATE, LEAVE, ENDING, TURNS, EVENTS, STUCK
+    asks to stop, TURNS and EVENTS where there are too many, FLOODED in one step, STUCK where one ends early without
+    getting on."""
+    RUNNING, MISFIT, WRITE, STEP, READ, VALUE, ENTER, TICK, UPDATE, LEAVE, ENDING, TURNS, EVENTS, STUCK, FLOODED
 
 ctypedef fused Whole:
     int8_t
@@ -186,6 +187,7 @@ cdef enum:
     LAST_TIME = 2
     MOST_TURNS = 100  # of one event
     MOST_EVENTS = 1000  # at one time
+    MOST_IN_STEP = 10000000
     AHEAD = 16  # rows between the one that is written and the one whose memory is fetched into the cache
 
 cdef uint64_t EXPONENT = 0x7FF0000000000000  # of a double: all of it is set where the value is not finite
@@ -662,7 +664,7 @@ cdef bint _step_by_events(Core core, Node *node, double time) noexcept nogil:
     cdef Event *event = node.event
     cdef double end = time + node.duration, at = time, target, first = 0.0
     cdef double together = max(TOGETHER * node.duration, ROUNDING * fabs(end))
-    cdef int i, events = 0
+    cdef int i, events = 0, all_events = 0
     for i in range(event.watched_count):
         if node.held[event.watched[i]] != event.before[event.watched[i]]:
             event.due = True
@@ -674,8 +676,11 @@ cdef bint _step_by_events(Core core, Node *node, double time) noexcept nogil:
                 first, events = at, 0
             events += 1
             core.at = at
+            all_events += 1
             if events == MOST_EVENTS:
                 return _stop(core, EVENTS, 0)
+            if all_events > MOST_IN_STEP:
+                return _stop(core, FLOODED, 0)
             if not _event(core, node, at + together):
                 return False
         target = _next(event)

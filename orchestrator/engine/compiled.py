@@ -112,7 +112,7 @@ def _obstacle_at(node: Node) -> str:
 
 def _obstacle_of_clocks(component: ClockedSlave) -> str:
     """Why the compiled loop cannot tick its clocks, nothing when it can."""
-    if not hasattr(_compiled.Core, "add_event"):
+    if not hasattr(_compiled.Stage, "FLOODED"):
         return "it was built from older sources"
     if not component.steady:
         return f"{component.name} has clocks whose intervals change"
@@ -240,6 +240,8 @@ class CompiledLoop:
             slave.unsettled(core.at)
         elif core.stage == stage.EVENTS:
             slave.crowded(core.at)
+        elif core.stage == stage.FLOODED:
+            slave.flooded(core.at)
         else:
             slave.stuck(core.at, core.span)
 

@@ -29,6 +29,7 @@ from orchestrator.engine.loop import CHUNK, Loop, Node
 from orchestrator.engine.recording import Recorder
 from orchestrator.fmi.instance import stepping
 from orchestrator.rational import Clock, written
+from orchestrator.system import System
 from orchestrator.trace import FloatArray
 
 LOG = logging.getLogger("servotwin.engine")
@@ -59,6 +60,29 @@ class StepControl:
             problem = f"{written(self.least)} s is more than half of the most, {written(most)} s"
             raise WiringError("step.least", problem, "shorten it, or give a plain step")
         return 1 << (halved - 1)
+
+
+def check_control(system: System, control: StepControl, most: Fraction) -> None:
+    """See that all components can take steps of changing length, down to the shortest.
+
+    Raises:
+        WiringError: one cannot, or the communication step [s] cannot be halved.
+    """
+    shortest = most / (2 * control.parts(most))
+    for name, part in system.parts.items():
+        if not part.interface.variable_step:
+            problem = "takes steps of one length only, and `step` has a tolerance"
+            raise WiringError(
+                name, problem, "its FMU needs canHandleVariableCommunicationStepSize; or give a plain step"
+            )
+        fixed = part.interface.fixed_step
+        if fixed and abs(float(shortest) / fixed - round(float(shortest) / fixed)) > 1e-9:
+            problem = (
+                f"{written(shortest)} s, to which steps may be halved, is no multiple of the FMU's own {fixed:g} s"
+            )
+            raise WiringError(
+                f"{name}.step", problem, f"give a `least` and a `most` that are {fixed:g} s by powers of two"
+            )
 
 
 @dataclass

@@ -14,7 +14,7 @@ from orchestrator.engine.account import Account
 from orchestrator.engine.compiled import Engine
 from orchestrator.engine.given import Given
 from orchestrator.engine.initialisation import initialise
-from orchestrator.engine.iterated import IteratedLoop
+from orchestrator.engine.iterated import IteratedLoop, check_control
 from orchestrator.engine.live import FARTHEST, HELD, LiveRun
 from orchestrator.engine.loop import Loop, Stepper
 from orchestrator.engine.plan import Plan, make_plan
@@ -59,6 +59,8 @@ class Simulation:
         self.components = dict(components)
         self.timing = timing
         self.plan: Plan = make_plan(system, timing.step, timing.order, timing.cycles)
+        if timing.control is not None:
+            check_control(system, timing.control, timing.step)
         self._preparation = Preparation(system, self.components, timing, self.plan)
         self.outputs, self.stimuli = self._preparation.outputs, self._preparation.stimuli
         self.texts = tuple(

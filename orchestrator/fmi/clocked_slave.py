@@ -30,6 +30,7 @@ _TOGETHER = 1e-9  # times that differ by less than this share of a step are one
 _ROUNDING = 16 * sys.float_info.epsilon
 _MOST_TURNS = 100  # of one event iteration
 _MOST_EVENTS = 1000  # at one time
+_MOST_IN_STEP = 10_000_000
 
 
 @dataclass
@@ -114,9 +115,13 @@ class ClockedSlave(Slave):
         end, now = time + duration, time
         together = max(_TOGETHER * duration, _ROUNDING * abs(end))
         events: deque[float] = deque(maxlen=_MOST_EVENTS)
+        count = 0
         while now < end - together and not self._asked:
             while self._now.due or self._next_event <= now + together:
                 events.append(now)
+                count += 1
+                if count > _MOST_IN_STEP:
+                    self.flooded(now)
                 if len(events) == _MOST_EVENTS and now - events[0] <= together:
                     self.crowded(now)
                 self._event(now, *self._ticker.due(now + together))
@@ -195,6 +200,13 @@ class ClockedSlave(Slave):
         """Say that there are too many events at a time [s]."""
         problem = f"{_MOST_EVENTS} events at one time"
         raise self._failure(f"tick at t = {time:.9g} s", problem, "ask its supplier for a model that settles")
+
+    def flooded(self, time: float) -> NoReturn:
+        """Say that a step has too many events, of which a time [s] is that of the last."""
+        problem = f"more than {_MOST_IN_STEP:,} events in one step"
+        raise self._failure(
+            f"tick at t = {time:.9g} s", problem, "shorten the communication step, or see to its clocks"
+        )
 
     def stuck(self, time: float, duration: float) -> NoReturn:
         """Say that a step from a time by a duration [s] ended early for nothing."""

@@ -277,9 +277,15 @@ def _interface(
             if variable.clocks
             for port in elements[variable.name]
         },
+        variable_step=_says(offer, "canHandleVariableCommunicationStepSize", True),
         event_mode=description.fmiVersion.startswith("3")
-        and (offer is description.modelExchange or str(getattr(offer, "hasEventMode", False)).lower() in ("true", "1")),
+        and (offer is description.modelExchange or _says(offer, "hasEventMode", False)),
     )
+
+
+def _says(offer: InterfaceType, able: str, otherwise: bool) -> bool:
+    """Whether it says that it is able to do something; `otherwise` where its kind has no word for it."""
+    return str(getattr(offer, able, otherwise)).lower() in ("true", "1")
 
 
 def _ports(path: Path, variable: ModelVariable, sizes: Sizes, units: Mapping[str, Unit], room: int) -> list[Port]:

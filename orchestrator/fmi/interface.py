@@ -222,6 +222,7 @@ class Interface:
         clocks: name -> clock.
         clocked: variable -> the clocks at whose ticks it is set or changes.
         event_mode: whether it takes events, and so ticks, from outside.
+        variable_step: whether its communication steps may change their length.
         feed_through: output -> the inputs that act on it at once; None where the FMU does not say.
     """
 
@@ -236,6 +237,7 @@ class Interface:
     clocks: Mapping[str, Clock] = field(default_factory=dict)
     clocked: Mapping[str, frozenset[str]] = field(default_factory=dict)
     event_mode: bool = False
+    variable_step: bool = True
 
     @property
     def ticks(self) -> bool:

@@ -110,3 +110,22 @@ def test_what_is_tuned_between_steps_counts_in_both_loops(fmu: Path) -> None:
             found.append(joined(pieces))
     assert bits(found[0]) == bits(found[1])
     assert found[0]["a.seen"].tolist() == [0.0] * 7 + [0.625] * (len(found[0].time) - 7)
+
+
+def test_a_clock_that_floods_a_step_is_an_error_in_both_loops(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    said = []
+    for engine, interval, most in ((Engine.COMPILED, "5e-8", 10_000_000), (Engine.PYTHON, "1e-3", 500)):
+        monkeypatch.setattr("orchestrator.fmi.clocked_slave._MOST_IN_STEP", most)
+        kinds = {"tick": f'intervalVariability="constant" intervalDecimal="{interval}"'}
+        path = clocks.build(tmp_path, kinds, name=f"flood{most}")
+        timing = Timing(Fraction(1), Fraction(1), engine=engine)
+        with (
+            open_system({"a": path}) as system,
+            system.simulation(timing) as simulation,
+            pytest.raises(
+                RunFailed, match=f"more than {most:,} events in one step; shorten the communication step"
+            ) as e,
+        ):
+            simulation.run()
+        said.append(str(e.value))
+    assert said[0].startswith("a: tick at t = 0.5 s") and said[1].startswith("a: tick at t = 0.5 s")

@@ -152,3 +152,22 @@ def test_components_that_cannot_go_back_are_refused() -> None:
     stuck.interface = replace(stuck.interface, has_state=False)
     with pytest.raises(WiringError, match="spring: cannot go back, and iterated steps are taken back; its FMU needs"):
         run([stuck, mass()], OSCILLATOR, "1/10")
+
+
+@pytest.mark.parametrize(
+    ("able", "problem"),
+    [
+        ({"variable_step": False}, "spring: takes steps of one length only, and `step` has a tolerance; its FMU needs"),
+        (
+            {"fixed_step": 0.01},
+            r"spring\.step: .* s, to which steps may be halved, is no multiple of the FMU's own 0\.01 s",
+        ),
+    ],
+)
+def test_components_that_cannot_take_shorter_steps_are_refused(able: dict[str, object], problem: str) -> None:
+    rigid = spring()
+    rigid.interface = replace(rigid.interface, **able)  # type: ignore[arg-type]
+    with pytest.raises(WiringError, match=problem):
+        run([rigid, mass()], OSCILLATOR, "1/10", control=control(1e-4))
+    rigid.interface = replace(rigid.interface, variable_step=True)
+    run([rigid, mass()], OSCILLATOR, "8/100", "8/10", StepControl(1e-4, Fraction(1, 100)))
