@@ -66,7 +66,7 @@ REAL = ("Real", "Float64", "Float32")
 def cases(draw: st.DrawFn, interfaces: Mapping[str, Any]) -> Case:
     """Any system of one to five FMUs: chains in any direction under Gauss-Seidel, circles too under Jacobi."""
     kinds = tuple(draw(st.lists(st.sampled_from(KINDS) | st.sampled_from(PYTHON_KINDS), min_size=1, max_size=5)))
-    order = draw(st.sampled_from(Order))
+    order = draw(st.sampled_from((Order.GAUSS_SEIDEL, Order.JACOBI)))
     steps = draw(st.sampled_from([1, 7, 20, 60]))
     rank = draw(st.permutations(range(len(kinds))))
     outputs = [(i, port) for i, kind in enumerate(kinds) for port in interfaces[kind].of("output") if port.numeric]

@@ -108,7 +108,7 @@ def cases(draw: st.DrawFn) -> Case:
         values,
         tuple(draw(st.lists(st.sampled_from(movable), min_size=1, max_size=4, unique=True))),
         {kind: draw(st.integers(1, 3)) for kind in case.kinds},
-        draw(st.sampled_from(Order)),
+        draw(st.sampled_from((Order.GAUSS_SEIDEL, Order.JACOBI))),
         draw(st.floats(0.5, 2)),
         draw(st.integers(0, 99)),
     )

@@ -166,9 +166,8 @@ def test_types_that_are_not_numbers_stay_at_their_start_and_are_not_recorded() -
     assert not {"fmu.Binary_output", "fmu.String_output"} & set(trace.names)
 
 
-def test_a_binary_variable_is_refused_with_its_type(load: Load) -> None:
-    with pytest.raises(FmuFileError, match="type Binary, which is not supported"):
-        load(third_party.reference(3, "Feedthrough"), "fmu").get("Binary_input")
+def test_a_binary_variable_is_read_in_hexadecimal(load: Load) -> None:
+    assert load(third_party.reference(3, "Feedthrough"), "fmu").get("Binary_input") == b"foo".hex()
 
 
 def test_maplesims_coupled_clutches_run() -> None:
