@@ -273,7 +273,11 @@ REFUSED = [
     ("step: 0.01", "step: 0.03", "stop: 1 s is not a multiple of 0.03 s; use 0.99 s"),
     ("step: 0.01", "step: 0", ":5: run: `step` must be positive and `stop` after `start`"),
     ("step: 0.01", "step: soon", ":5: run.step: 'soon' is no time"),
-    ("step: 0.01", "step: 0.01, order: gauss_seidel", ":5: run.order: input should be 'gauss-seidel' or 'jacobi'"),
+    (
+        "step: 0.01",
+        "step: 0.01, order: gauss_seidel",
+        ":5: run.order: input should be 'gauss-seidel', 'jacobi' or 'iterated'",
+    ),
     ("step: 0.01", "step: 0.01, start: 2", ":5: run: `step` must be positive and `stop` after `start`"),
     ("run:", "connections: [hand.angle]\nrun:", ":5: connections: 'hand.angle': write source -> target"),
     ("run:", "connections: [hand.angle -> hand.angle]\nrun:", "'hand.angle' is an output; only an input can be a"),
