@@ -6,7 +6,7 @@ import ast
 import re
 import sys
 import tomllib
-from collections import Counter
+from collections import Counter, defaultdict
 from importlib.metadata import version
 
 import pytest
@@ -96,6 +96,14 @@ def test_a_model_imports_only_the_language_and_the_standard_library(name: str) -
 @pytest.mark.slow
 def test_only_the_command_line_imports_its_library() -> None:
     assert [file for file in SOURCES if file.parent.name != "cli" and "typer" in tops(imports_of(file))] == []
+
+
+def test_the_values_of_a_literal_stand_in_one_order() -> None:
+    """`typing` takes two of the same values for one: what was loaded first would stand in schemas."""
+    orders = defaultdict[frozenset[str], set[str]](set)
+    for values in (found for file in SOURCES for found in re.findall(r"\bLiteral\[([^]]*)]", file.read_text())):
+        orders[frozenset(re.split(r",\s*", values))].add(re.sub(r"\s+", " ", values))
+    assert [found for found in orders.values() if len(found) > 1] == []
 
 
 @pytest.mark.parametrize("name", [*BENCH, *ENDURANCE])

@@ -28,7 +28,7 @@ class Signal:
     """A signal of a loop: an output of the plant, or what the controller gives to an input of it."""
 
     name: str
-    side: Literal["output", "input"]
+    side: Literal["input", "output"]
     number: int
 
     def of(self, response: Response) -> FloatArray:

@@ -32,7 +32,7 @@ class StimulusBlock(Block):
     signal: str | None = None
     factor: float | None = None
     offset: float | None = None
-    interpolation: Literal["linear", "hold"] | None = None
+    interpolation: Literal["hold", "linear"] | None = None
     ends: Literal["refuse", "hold"] = "refuse"
     layout: LayoutBlock = LayoutBlock()
 

@@ -70,9 +70,9 @@ def width(value: float) -> float:
 
 
 def slopes(simulation: Simulation, run: Run, by: Sequence[str]) -> tuple[FloatArray, bool]:
-    """(K, n, d) derivatives of a run of twins by differences of the fourth order, and whether all runs took the same
-    inner steps."""
-    taken, columns = set(), []
+    """(K, n, d) derivatives of a run of twins by differences of the fourth order, and whether these can be believed:
+    all runs took the same inner steps, and none crossed a switch that the others did not."""
+    taken, columns, smooth = set(), [], True
     for name in by:
         step = width(float(run.values[name]))
         sides = {}
@@ -80,5 +80,8 @@ def slopes(simulation: Simulation, run: Run, by: Sequence[str]) -> tuple[FloatAr
             moved = {**run.values, name: float(run.values[name]) + shift * step}
             sides[shift] = simulation.rows(Run(moved, run.stimuli, run.record)).copy()
             taken.add(tuple(twin.inner for twin in simulation.components.values()))  # type: ignore[attr-defined]
-        columns.append((sides[-2] - 8 * sides[-1] + 8 * sides[1] - sides[2]) / (12 * step))
-    return np.stack(columns, axis=2), len(taken) == 1
+        near, far = (sides[1] - sides[-1]) / (2 * step), (sides[2] - sides[-2]) / (4 * step)
+        rounding = 1e-14 * np.linalg.norm(sides[1]) / step
+        smooth &= bool(np.linalg.norm(near - far) < 2e-6 * np.linalg.norm(near) + rounding)
+        columns.append((4 * near - far) / 3)
+    return np.stack(columns, axis=2), len(taken) == 1 and smooth
