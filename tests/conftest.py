@@ -22,8 +22,8 @@ settings.load_profile("any load")
 POOLS = {"identification", "batch"}  # folders of tests many of which work in pools of processes
 AHEAD = ["orchestrator.batch.ahead", "orchestrator.batch.suite", "identification.output_error.simulator"]
 
-# What a test may need beyond the extra `dev` -> the module or program that shows that it is there.
-NEEDS = {
+# What a test may need beyond the extra `dev` -> the module or the program that shows that it is there.
+MODULES = {
     "mf4": "asammdf",
     "formats": "nptdms",
     "canopen": "canopen",
@@ -33,9 +33,8 @@ NEEDS = {
     "sensitivity": "SALib",
     "tools": "fmuloader",
     "browser": "playwright",
-    "chromium": "chromium",
-    "java": "javac",
 }
+PROGRAMS = {"chromium": "chromium", "java": "javac"}
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -72,8 +71,9 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     """Skip what needs an extra or a program that is not there, and say which."""
     for marker in item.iter_markers("needs"):
         for need in marker.args:
-            if find_spec(NEEDS[need]) is None and shutil.which(NEEDS[need]) is None:
-                pytest.skip(f"{NEEDS[need]} is not there (.ci/run installs what `{need}` names)")
+            there = shutil.which(PROGRAMS[need]) if need in PROGRAMS else find_spec(MODULES[need])
+            if there is None:
+                pytest.skip(f"`{need}` is not there (.ci/run installs what it names)")
 
 
 @pytest.fixture(autouse=True)

@@ -38,6 +38,7 @@ def complaints(folder: Path, fmu: Path) -> str:
 
 
 @pytest.mark.slow
+@pytest.mark.shipped
 @pytest.mark.needs("java")
 def test_vdmcheck_finds_no_errors(native_fmu: Callable[[str, int], Path], tmp_path: Path) -> None:
     if maven.problem(maven.VDMCHECK):

@@ -46,8 +46,6 @@ class FactorBlock(Block):
             raise ValueError("give `levels`, `between`, `normal` and `std`, or `files`")
         if (self.normal is None) != (self.std is None):
             raise ValueError("`normal` and `std` go together")
-        if twice := {str(level) for level in self.levels or () if (self.levels or []).count(level) > 1}:
-            raise ValueError(f"has the level {min(twice)} twice")
         if self.scale == "log" and (self.between is None or self.normal is not None):
             raise ValueError("`scale: log` goes with `between` alone")
         if self.count is not None and self.between is None:

@@ -83,6 +83,8 @@ class _Reader:
         """The frames of lines that one header is valid for."""
         part = lines[begin:behind]
         many = nothing(len(part)) if len(part) < FEW else self._format.many(part, self._state, self._reading)
+        if b"\0" in block.text:  # NumPy's texts end before zeros
+            many = Found(many.frames, many.sound & ~_with_zeros(block, lines)[begin:behind])
         rows: dict[int, Row] = {}
         for place in np.flatnonzero(~many.sound).tolist():
             row = None if begin + place in heads else self._row(block, lines, begin + place)
@@ -120,6 +122,14 @@ class _Reader:
         self._clock = float(time[-1]) if len(time) else self._clock
         moved = {place: replace(row, time=float(time[place])) for place, row in rows.items()}
         return Found(replace(many.frames, time=time), many.sound), moved
+
+
+def _with_zeros(block: Block, lines: Lines) -> BoolArray:
+    """(n,) which lines have a zero byte."""
+    places = np.flatnonzero(np.frombuffer(block.text, dtype=np.uint8) == 0) + lines.whole.begin[0]
+    found = np.zeros(len(lines), dtype=bool)
+    found[np.searchsorted(lines.whole.begin, places, side="right") - 1] = True
+    return found
 
 
 def _blocks(file: BinaryIO, raw: BinaryIO, findings: Findings) -> Iterator[Block]:

@@ -112,6 +112,7 @@ def test_model_exchange_is_offered_for_continuous_models_only(native_fmu: Built,
     )
 
 
+@pytest.mark.shipped
 @pytest.mark.parametrize("fmi", VERSIONS)
 def test_sources_in_the_fmu_build_it_again_without_a_warning(native_fmu: Built, tmp_path: Path, fmi: int) -> None:
     for name in NAMES:

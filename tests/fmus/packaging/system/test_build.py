@@ -97,6 +97,7 @@ def test_values_that_a_model_does_not_have_are_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "a.fmu").exists()
 
 
+@pytest.mark.shipped
 def test_every_model_of_the_library_moves_inside_as_it_does_alone(tmp_path: Path) -> None:
     """All side by side in one FMU, every input driven, to the last bit: times and steps are whole in binary."""
     models = {name: library.find(name) for name in NAMES}

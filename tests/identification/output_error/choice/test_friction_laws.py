@@ -12,6 +12,7 @@ LEAST = int(stats.binom.ppf(1e-3, DRAWS, 0.95))
 
 
 @pytest.mark.slow
+@pytest.mark.shipped
 def test_the_right_friction_law_is_chosen_as_often_as_asked() -> None:
     asked = draws(DRAWS)
     found = choices(asked, 1)

@@ -41,10 +41,6 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         {"vary": {"hand.added_mass": {"between": [0, 0.2], "scale": "log"}}, "design": DRAWN},
         r"vary\.hand\.added_mass: has no logarithm at 0; begin above 0",
     ),
-    "a level that is there twice": (
-        {"vary": {"hand.added_mass": [0.1, 0.2, 0.1]}, "design": {"by": "grid"}},
-        r"vary\.hand\.added_mass: has the level 0\.1 twice",
-    ),
     "a grid without a count": (
         {"vary": {"hand.added_mass": {"between": [0.1, 0.2]}}, "design": {"by": "grid"}},
         r"study\.yaml:\d+: `vary\.hand\.added_mass` needs `count` in a grid$",

@@ -11,7 +11,7 @@ from pathlib import Path
 import can
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from fmus.errors import TraceError
@@ -173,6 +173,7 @@ def both_ways(path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[tuple[Frames
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 @quick
+@example(choices=[0, 1, 1], changes=[(331, b"\0")])
 @given(
     choices=st.lists(st.integers(0, 11), min_size=1, max_size=40),
     changes=st.lists(st.tuples(st.integers(0, 10**6), st.binary(min_size=1, max_size=3)), max_size=8),
