@@ -85,25 +85,20 @@ class Connection:
 
 
 @dataclass(frozen=True)
-class ClockLink:
+class _Link:
+    source: Endpoint
+    target: Endpoint
+
+    def __str__(self) -> str:
+        return f"{self.source} -> {self.target}"
+
+
+class ClockLink(_Link):
     """That the clock at the target ticks when the one at the source does."""
 
-    source: Endpoint
-    target: Endpoint
 
-    def __str__(self) -> str:
-        return f"{self.source} -> {self.target}"
-
-
-@dataclass(frozen=True)
-class TextLink:
+class TextLink(_Link):
     """That a text, or what is binary, at the target is that at the source."""
-
-    source: Endpoint
-    target: Endpoint
-
-    def __str__(self) -> str:
-        return f"{self.source} -> {self.target}"
 
 
 @dataclass(frozen=True)
