@@ -14,6 +14,7 @@ from pydantic import TypeAdapter, ValidationError
 from typing_extensions import TypedDict
 
 from fmus.errors import IdentificationError, InputError
+from identification.estimation.estimated_value import EstimatedValue
 from identification.fits import FitSummary, WorstSummary, told
 from identification.messages import MessagesSummary
 from identification.recordings.campaign import StudyTrace
@@ -69,6 +70,22 @@ class ParameterSummary(TypedDict):
     truth: NotRequired[float]
     of: NotRequired[str]
     prior: NotRequired[PriorSummary]
+
+
+def parameter_summary(
+    found: EstimatedValue, start: Value | None = None, truth: float | None = None
+) -> ParameterSummary:
+    """The entry of an estimate."""
+    entry: ParameterSummary = {
+        "value": found.value,
+        "std": finite(found.std),
+        "ci95": [finite(end) for end in found.ci95] if found.known else None,
+        "unit": found.unit,
+        "start": start,
+    }
+    if truth is not None:
+        entry["truth"] = truth
+    return entry
 
 
 class FitsSummary(TypedDict, total=False):

@@ -36,7 +36,8 @@ from orchestrator.assembly.assembly import OpenSystem, assemble
 from orchestrator.engine import Run, Simulation
 from orchestrator.fmi.interface import Value
 from orchestrator.scenario.units import in_units_of
-from orchestrator.system import Endpoint, System, settable, typed
+from orchestrator.settable import settable, typed
+from orchestrator.system import Endpoint, System
 from orchestrator.trace import FloatArray, Trace
 
 SILENT = 1e-9  # part of an output's spread, below which there is no noise

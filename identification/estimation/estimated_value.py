@@ -36,6 +36,11 @@ class EstimatedValue:
         """Whether the data say how uncertain the value is."""
         return math.isfinite(self.std)
 
+    @property
+    def half(self) -> float | None:
+        """Half of the interval; None where the data do not say."""
+        return (self.ci95[1] - self.ci95[0]) / 2 if self.known else None
+
 
 def estimate(value: float, std: float, dof: float = math.inf, unit: str = "") -> EstimatedValue:
     """The estimate with 95 % interval value +- t(0.975, dof) * std; normal when `dof` is infinite."""

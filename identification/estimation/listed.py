@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from fmus.errors import InputError, ScenarioError
+from fmus.words import nearest
 from orchestrator.crossing import quantity
 from orchestrator.scenario import parameter_list, parameter_sets
 from orchestrator.scenario.parameter_list import ListedParameter
-from orchestrator.system import nearest
 
 ESTIMATE, SETS = "estimate", "parameter_sets"
 Document = dict[str, Any]

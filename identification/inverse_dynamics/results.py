@@ -7,13 +7,11 @@ from pathlib import Path
 import numpy as np
 from typing_extensions import TypedDict
 
-from identification.estimation.estimated_value import EstimatedValue
 from identification.fits import FitSummary, fit_summary
 from identification.inverse_dynamics.calibration import Found, InverseCalibration
-from identification.inverse_dynamics.terms import Term
 from identification.method import Calibrated
 from identification.recordings.units import unit_documents
-from identification.results import ParameterSummary, Summary, VerdictSummary, data_summary, finite, verdict
+from identification.results import ParameterSummary, Summary, VerdictSummary, data_summary, parameter_summary, verdict
 from orchestrator.results import versions
 
 
@@ -76,23 +74,11 @@ def calibrated(result: InverseCalibration, folder: Path) -> Calibrated:
 
 
 def _parameters(result: InverseCalibration, found: Found) -> dict[str, ParameterSummary]:
+    names, truth = result.study.write, result.study.truth
     return {
-        result.study.write[term]: _entry(result, term, one, result.study.write[term])
+        names[term]: parameter_summary(one, result.before[term], truth.get(names[term]))
         for term, one in found.parameters.items()
     }
-
-
-def _entry(result: InverseCalibration, term: Term, one: EstimatedValue, target: str) -> ParameterSummary:
-    entry: ParameterSummary = {
-        "value": one.value,
-        "std": finite(one.std),
-        "ci95": [finite(end) for end in one.ci95] if one.known else None,
-        "unit": one.unit,
-        "start": result.before[term],
-    }
-    if target in result.study.truth:
-        entry["truth"] = result.study.truth[target]
-    return entry
 
 
 def _fit(fits: dict[str, float]) -> FitSummary:

@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from fmus.errors import WiringError
-from fmus.units import SAME
 from identification.inverse_dynamics.study import InverseDynamicsStudy
 from identification.inverse_dynamics.terms import Term
-from orchestrator.crossing import NamedUnit, crossing, named
-from orchestrator.system import Endpoint, System, check_values, must_be, recordable
+from identification.quantities import must_be_in, number
+from orchestrator.crossing import NamedUnit
+from orchestrator.settable import check_values
+from orchestrator.system import Endpoint, System, must_be, recordable
 
 UNITS: dict[str, dict[str, str]] = {
     "m": {"inertia": "kg", "viscous": "N.s/m", "coulomb": "N", "offset": "N", "stiffness": "N/m"},
@@ -52,33 +53,19 @@ def checked(study: InverseDynamicsStudy, system: System) -> Checked:
     units = UNITS[position.name]
     for term, target in study.write.items():
         must_be(system, target, "parameter", f"write.{term}")
-        _in(system, f"write.{term}", target, units[term.split("_")[0]])
+        must_be_in(system, f"write.{term}", target, "this term", units[term.split("_")[0]])
     if axis.gain is not None:
         must_be(system, axis.gain, "parameter", "command.gain")
         if command.name:
-            _in(system, "command.gain", axis.gain, f"{units['offset']}/{command.name}")
+            must_be_in(system, "command.gain", axis.gain, "this gain", f"{units['offset']}/{command.name}")
     else:
-        _in(system, "command.input", axis.input, units["offset"])
+        must_be_in(system, "command.input", axis.input, "a force", units["offset"])
     signals = {axis.position: position, axis.command: command}
     if study.loop is not None:
         signals[study.loop.reference] = position
     return Checked(
         signals,
-        {term: _number(system, values, target) for term, target in study.write.items()},
+        {term: number(system, values, target) for term, target in study.write.items()},
         {term: system.port(Endpoint.parse(target)).measure.name for term, target in study.write.items()},
-        1.0 if axis.gain is None else _number(system, values, axis.gain),
+        1.0 if axis.gain is None else number(system, values, axis.gain),
     )
-
-
-def _in(system: System, key: str, name: str, unit: str) -> None:
-    crossed = crossing(f"{key}.{name}", named(unit), system.port(Endpoint.parse(name)).measure)
-    if crossed.conversion != SAME:
-        raise WiringError(crossed.place, f"is in {crossed.target}", f"this term is in {unit}")
-
-
-def _number(system: System, values: Mapping[str, object], name: str) -> float:
-    """The value of a parameter: the study's, or the FMU's own."""
-    given = values.get(name, system.port(Endpoint.parse(name)).start)
-    if not isinstance(given, (int, float, str)):
-        raise WiringError(name, "has no value", "give one in its component")
-    return float(given)

@@ -28,8 +28,9 @@ from orchestrator.rational import seconds, written
 from orchestrator.scenario.scenario import Case, Scenario
 from orchestrator.scenario.schema import load_scenario
 from orchestrator.scenario.units import in_units_of
+from orchestrator.settable import typed
 from orchestrator.solvers.base import SolverSettings
-from orchestrator.system import Connection, Endpoint, System, typed
+from orchestrator.system import Connection, Endpoint, System
 from orchestrator.yaml_file import naming
 
 STEP = Fraction(1, 100)  # of an FMU that says none [s]

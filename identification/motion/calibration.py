@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from fmus.errors import IdentificationError, TraceError, WiringError
-from fmus.units import SAME
 from identification.built_system import BuiltSystem
 from identification.motion.balance import UNITS, Balance, Lumped, Values, energy_balance
 from identification.motion.found import Found, Orbit, as_published, by_balance, by_invariant
@@ -17,14 +16,16 @@ from identification.motion.motion import Motion, recorded_motion
 from identification.motion.stretches import PERIODS
 from identification.motion.study import MotionStudy, Way
 from identification.motion.tube import Tube, tube_of
+from identification.quantities import must_be_in, number
 from identification.recordings.campaign import StudyTrace, load_campaign, recording_warnings
 from identification.recordings.marks import nothing_left, pieces
 from identification.recordings.units import in_units
 from orchestrator.assembly.assembly import OpenSystem
-from orchestrator.crossing import crossing, named
+from orchestrator.crossing import named
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.progress import Progress, silent
-from orchestrator.system import Endpoint, System, check_values, must_be, recordable
+from orchestrator.settable import check_values
+from orchestrator.system import System, must_be, recordable
 
 APART = 2e-6  # of p3, by which an energy has to differ from an equilibrium's (Lemma 8)
 
@@ -207,7 +208,7 @@ def _checked(study: MotionStudy, system: System) -> tuple[Values, float, Orbit |
             raise WiringError(
                 f"write.{lumped}", f"the generic value is {value:g}", "give the generic model a positive one"
             )
-    return generic, _number(system, values, study.equilibrium), _orbit(study, system, values)
+    return generic, number(system, values, study.equilibrium), _orbit(study, system, values)
 
 
 def _generic(system: System, values: Mapping[str, object], lumped: Lumped, names: Sequence[str]) -> float:
@@ -215,25 +216,14 @@ def _generic(system: System, values: Mapping[str, object], lumped: Lumped, names
     key = f"write.{lumped}"
     for name in names:
         must_be(system, name, "parameter", key)
-        own = system.port(Endpoint.parse(name)).measure
-        crossed = crossing(f"{key}.{name}", named(UNITS[lumped]), own)
-        if crossed.conversion != SAME:
-            raise WiringError(crossed.place, f"is in {own.name}, and {lumped} in {crossed.source}", "use SI units")
-    first, *others = ((name, _number(system, values, name)) for name in names)
+        must_be_in(system, key, name, lumped, UNITS[lumped])
+    first, *others = ((name, number(system, values, name)) for name in names)
     for name, value in others:
         if not np.isclose(value, first[1], rtol=1e-9, atol=0):
             raise WiringError(
                 f"{key}.{name}", f"is {value:g} where {first[0]} is {first[1]:g}", "give both the generic value"
             )
     return first[1]
-
-
-def _number(system: System, values: Mapping[str, object], name: str) -> float:
-    """The value of a parameter: the study's, or the FMU's own."""
-    given = values.get(name, system.port(Endpoint.parse(name)).start)
-    if not isinstance(given, (int, float, str)):
-        raise WiringError(name, "has no value", "give one in its component")
-    return float(given)
 
 
 def _orbit(study: MotionStudy, system: System, values: Mapping[str, object]) -> Orbit | None:
@@ -245,8 +235,8 @@ def _orbit(study: MotionStudy, system: System, values: Mapping[str, object]) -> 
     if study.controller is None:
         return None
     names: tuple[Lumped, ...] = ("p1", "p2", "p3", "p4")
-    model = {name: _number(system, values, f"{study.controller}.{name}") for name in names}
-    amplitude = _number(system, values, f"{study.controller}.amplitude")
+    model = {name: number(system, values, f"{study.controller}.{name}") for name in names}
+    amplitude = number(system, values, f"{study.controller}.amplitude")
     target = model["p3"] * (1 - float(np.cos(amplitude)))
     for energy, which in ((0.0, "downward"), (2 * model["p3"], "upright")):
         if abs(target - energy) <= APART * model["p3"]:
@@ -255,4 +245,4 @@ def _orbit(study: MotionStudy, system: System, values: Mapping[str, object]) -> 
                 f"{amplitude:g} rad asks for the {which} equilibrium's energy, {energy:g} J, which Lemma 8 excludes",
                 "ask for an oscillation between 0 and pi rad",
             )
-    return Orbit(model, _number(system, values, f"{study.controller}.gain"), amplitude, target)
+    return Orbit(model, number(system, values, f"{study.controller}.gain"), amplitude, target)

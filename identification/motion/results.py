@@ -6,14 +6,13 @@ from pathlib import Path
 
 from typing_extensions import TypedDict
 
-from identification.estimation.estimated_value import EstimatedValue
 from identification.method import Calibrated
 from identification.motion.balance import UNITS
 from identification.motion.calibration import MotionCalibration
 from identification.motion.found import Found
 from identification.motion.tube import Tube
 from identification.recordings.units import unit_documents
-from identification.results import ParameterSummary, Summary, VerdictSummary, data_summary, finite
+from identification.results import ParameterSummary, Summary, VerdictSummary, data_summary, finite, parameter_summary
 from orchestrator.results import versions
 
 NEAR = 0.9  # median FIT from which a generic model is good already
@@ -79,7 +78,7 @@ def summary(result: MotionCalibration) -> MotionSummary:
         "title": result.study.title,
         "method": f"motion ({result.study.take})",
         "parameters": {
-            target: _entry(taken.parameters[name], result.generic[name], result.study.truth.get(target))
+            target: parameter_summary(taken.parameters[name], result.generic[name], result.study.truth.get(target))
             for target, name in result.written.items()
         },
         "found": {way: _found(found, result) for way, found in result.found.items()},
@@ -103,23 +102,10 @@ def summary(result: MotionCalibration) -> MotionSummary:
 
 def _found(found: Found, result: MotionCalibration) -> FoundSummary:
     return {
-        "parameters": {name: _entry(one, result.generic[name]) for name, one in found.parameters.items()},
-        "ratios": {name: _entry(one) for name, one in found.ratios.items()},
+        "parameters": {name: parameter_summary(one, result.generic[name]) for name, one in found.parameters.items()},
+        "ratios": {name: parameter_summary(one) for name, one in found.ratios.items()},
         "remarks": list(found.remarks),
     }
-
-
-def _entry(one: EstimatedValue, start: float | None = None, truth: float | None = None) -> ParameterSummary:
-    entry: ParameterSummary = {
-        "value": one.value,
-        "std": finite(one.std),
-        "ci95": [finite(end) for end in one.ci95] if one.known else None,
-        "unit": one.unit,
-        "start": start,
-    }
-    if truth is not None:
-        entry["truth"] = truth
-    return entry
 
 
 def _orbit(result: MotionCalibration) -> OrbitSummary | None:

@@ -33,7 +33,8 @@ from orchestrator.fmi.interface import Port
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.processes.pool import processors
 from orchestrator.progress import Progress, silent
-from orchestrator.system import Endpoint, System, check_values, must_be, recordable
+from orchestrator.settable import check_values
+from orchestrator.system import Endpoint, System, must_be, recordable
 from orchestrator.trace import FloatArray, ReadOnlyArrays
 
 LOADED = 0.05  # of the whole when the traces are there, roughly
@@ -58,7 +59,8 @@ class Judged(ReadOnlyArrays):
     @property
     def median(self) -> float:
         """Median FIT over all windows and outputs; nan where none of them moves."""
-        return _median(self.fit)
+        known = self.fit[~np.isnan(self.fit)]
+        return float(np.median(known)) if known.size else math.nan
 
     @property
     def crossings(self) -> list[Crossing]:
@@ -70,30 +72,6 @@ class Judged(ReadOnlyArrays):
         """FIT in few figures."""
         names, traces = [window.name for window in self.windows], [window.trace for window in self.windows]
         return fit_summary(self.fit, names, traces, self.outputs)
-
-    def by_trace(self) -> dict[str, float]:
-        """trace -> median FIT of its windows."""
-        return {name: _median(fit) for name, fit in self._traces().items()}
-
-    def by_output(self) -> dict[str, float]:
-        """output -> median FIT over all windows."""
-        return self._outputs(self.fit)
-
-    def by_trace_and_output(self) -> dict[str, dict[str, float]]:
-        """trace -> output -> median FIT of its windows."""
-        return {name: self._outputs(fit) for name, fit in self._traces().items()}
-
-    def _traces(self) -> dict[str, FloatArray]:
-        names = dict.fromkeys(window.trace for window in self.windows)
-        return {name: self.fit[[window.trace == name for window in self.windows]] for name in names}
-
-    def _outputs(self, fit: FloatArray) -> dict[str, float]:
-        return {name: _median(column) for name, column in zip(self.outputs, fit.T, strict=True)}
-
-
-def _median(fit: FloatArray) -> float:
-    known = fit[~np.isnan(fit)]
-    return float(np.median(known)) if known.size else math.nan
 
 
 @dataclass(frozen=True, eq=False)

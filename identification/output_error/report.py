@@ -79,22 +79,28 @@ def _overview(section: Section, calibration: Calibration) -> None:
 
 def fits(section: Section, groups: Mapping[str, Judged], target: float | None) -> None:
     """FIT by trace as bars; with several outputs also by output, as a table."""
-    bars = {name: judged.by_trace() for name, judged in groups.items()}
+    found = {name: judged.summary for name, judged in groups.items()}
+    bars = {
+        name: {trace: np.nan if fit is None else fit for trace, fit in one["traces"].items()}
+        for name, one in found.items()
+    }
     section.figure(figures.bars(bars, target, "median FIT of the trace's windows"), "FIT by trace")
     outputs = next(iter(groups.values())).outputs
     if len(outputs) > 1:
         rows = [
-            [trace, name, *(None if np.isnan(fit) else f"{fit:.3f}" for fit in by_output.values())]
-            for name, judged in groups.items()
-            for trace, by_output in judged.by_trace_and_output().items()
+            [trace, name, *map(_figure, own.values())]
+            for name, one in found.items()
+            for trace, own in one["matrix"].items()
         ]
-        rows += [
-            ["median", name, *(f"{fit:.3f}" for fit in judged.by_output().values())] for name, judged in groups.items()
-        ]
+        rows += [["median", name, *map(_figure, one["outputs"].values())] for name, one in found.items()]
         rows += [
             ["worst", name, *(f"{fit:.3f}" for fit in np.nanmin(judged.fit, axis=0))] for name, judged in groups.items()
         ]
         section.table(["trace", "", *outputs], rows, caption="Median FIT of the trace's windows, by output")
+
+
+def _figure(fit: float | None) -> str | None:
+    return None if fit is None else f"{fit:.3f}"
 
 
 def overlays(section: Section, units: Mapping[str, str], judged: Judged, compared: Mapping[str, Judged]) -> None:

@@ -7,25 +7,24 @@ from pathlib import Path
 
 import numpy as np
 
-from fmus.errors import WiringError
-from fmus.units import SAME
 from identification.built_system import BuiltSystem
-from identification.estimation.estimated_value import EstimatedValue
 from identification.method import Calibrated
+from identification.quantities import must_be_in
 from identification.recordings.campaign import StudyTrace, load_campaign, recording_warnings
 from identification.recordings.units import in_units, unit_documents
 from identification.resonance import steps
 from identification.resonance.added_mass import UNITS
 from identification.resonance.steps import LoadResult, ResonanceStudy
 from identification.resonance.study import CampaignStudy
-from identification.results import ParameterSummary, Summary, data_summary, finite, provenance
+from identification.results import ParameterSummary, Summary, data_summary, parameter_summary, provenance
 from orchestrator.assembly.assembly import OpenSystem
-from orchestrator.crossing import crossing, named
+from orchestrator.crossing import named
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.progress import Progress, silent
 from orchestrator.report import Report, Section, figures
 from orchestrator.results import versions
-from orchestrator.system import Endpoint, check_values, must_be
+from orchestrator.settable import check_values
+from orchestrator.system import must_be
 from orchestrator.trace import FloatArray
 
 
@@ -76,10 +75,7 @@ def _check_targets(study: CampaignStudy, system: BuiltSystem) -> None:
             for name in names:
                 must_be(opened.system, name, "parameter", key)
         for lumped, name in study.write.items():
-            own = opened.system.port(Endpoint.parse(name)).measure
-            crossed = crossing(f"write.{name}", named(UNITS.get(lumped)), own)
-            if crossed.conversion != SAME:
-                raise WiringError(crossed.place, f"is in {own.name}, and {lumped} in {crossed.source}", "use SI units")
+            must_be_in(opened.system, "write", name, lumped, UNITS.get(lumped))
 
 
 class LoadSummary(ParameterSummary):
@@ -111,7 +107,7 @@ def summary(result: ResonanceCalibration) -> ResonanceSummary:
         "parameters": _parameters(result),
         "resonance": {found.method: [_load(load) for load in found.loads] for found in both},
         "lumped": {
-            found.method: {name: _estimate(value) for name, value in found.parameters.items()} for found in both
+            found.method: {name: parameter_summary(value) for name, value in found.parameters.items()} for found in both
         },
         "fit": {
             "train": {"median": float(np.median(list(fits.values()))), "traces": {**fits}},
@@ -128,7 +124,7 @@ def _parameters(result: ResonanceCalibration) -> dict[str, ParameterSummary]:
     """component.variable -> estimate of each parameter that the study writes."""
     found = result.taken.parameters
     return {
-        variable: _estimate(found[name], result.study.truth.get(variable))
+        variable: parameter_summary(found[name], truth=result.study.truth.get(variable))
         for name, variable in result.study.write.items()
         if name in found
     }
@@ -159,21 +155,8 @@ def report(result: ResonanceCalibration) -> Report:
     return page
 
 
-def _estimate(value: EstimatedValue, truth: float | None = None) -> ParameterSummary:
-    entry: ParameterSummary = {
-        "value": value.value,
-        "std": finite(value.std),
-        "ci95": [finite(end) for end in value.ci95] if value.known else None,
-        "unit": value.unit,
-        "start": None,
-    }
-    if truth is not None:
-        entry["truth"] = truth
-    return entry
-
-
 def _load(load: LoadResult) -> LoadSummary:
-    return {"added_mass": load.added_mass, "added_length": load.added_length, **_estimate(load.resonance)}
+    return {"added_mass": load.added_mass, "added_length": load.added_length, **parameter_summary(load.resonance)}
 
 
 def _agreement(result: ResonanceCalibration) -> dict[str, float]:
@@ -201,15 +184,13 @@ def _parameter_table(section: Section, result: ResonanceCalibration) -> None:
     rows = []
     for name, value in result.corrected.parameters.items():
         published = result.published.parameters.get(name)
-        half = (value.ci95[1] - value.ci95[0]) / 2 if value.known else None
-        rows.append([name, published.value if published else None, value.value, half, value.unit])
+        rows.append([name, published.value if published else None, value.value, value.half, value.unit])
     section.table(["parameter", "as published", "corrected", "± 95 %", "unit"], rows)
 
 
 def _resonance_table(section: Section, result: ResonanceCalibration) -> None:
     rows = []
     for old, new in zip(result.published.loads, result.corrected.loads, strict=True):
-        half = (new.resonance.ci95[1] - new.resonance.ci95[0]) / 2 if new.resonance.known else None
-        rows.append([new.added_mass, new.added_length, old.resonance.value, new.resonance.value, half])
+        rows.append([new.added_mass, new.added_length, old.resonance.value, new.resonance.value, new.resonance.half])
     headers = ["added mass [kg]", "at [m]", "as published [rad/s]", "corrected [rad/s]", "± 95 %"]
     section.table(headers, rows, caption="Resonance frequencies (Table 4 of the thesis: Eq. 100 fed with decibels)")

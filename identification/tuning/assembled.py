@@ -30,7 +30,9 @@ from orchestrator.assembly.assembly import ComponentSpec, OpenSystem, SystemSpec
 from orchestrator.fmi.file import FmuDescription
 from orchestrator.fmi.interface import Interface, Port
 from orchestrator.rational import seconds
-from orchestrator.system import Connection, Endpoint, Part, System, check_values, require, wire
+from orchestrator.settable import check_values
+from orchestrator.system import Connection, Endpoint, Part, System, require
+from orchestrator.wiring import wire
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ from fmus import library
 from fmus.errors import WiringError
 from fmus.modelling.model import Model, Table
 from fmus.packaging import targets
+from orchestrator.assembly.remarks import remarks
 from orchestrator.assembly.stimulus import Stimulus
 from orchestrator.assembly.whole_arrays import check_shapes
 from orchestrator.crossing import logged, quantity
@@ -31,8 +32,9 @@ from orchestrator.fmi.isolation_worker import Make
 from orchestrator.fmi.slave import Slave
 from orchestrator.rational import seconds
 from orchestrator.solvers.base import SolverSettings
-from orchestrator.system import Endpoint, FeedThrough, Part, System, remarks, wire
+from orchestrator.system import Endpoint, FeedThrough, Part, System
 from orchestrator.trace import Trace
+from orchestrator.wiring import wire
 
 LOG = logging.getLogger("servotwin.assembly")
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from fmus.errors import DatabaseError, WiringError
+from fmus.words import with_article
 from orchestrator.bridge.safety.dependence import STOP, needs
 from orchestrator.bridge.safety.resting import Rules
 from orchestrator.bridge.signals.inputs import ReceivedMessage, ReceivedSignal, Reception
@@ -21,7 +22,8 @@ from orchestrator.crossing import Crossing, NamedUnit, crossing
 from orchestrator.fmi.interface import Port
 from orchestrator.rational import multiples, seconds
 from orchestrator.scenario.can_block import CanBlock, ReceivedBlock
-from orchestrator.system import Endpoint, System, check_bounds, drivable, require, with_article
+from orchestrator.settable import check_bounds
+from orchestrator.system import Endpoint, System, drivable, require
 
 _WHOLE = ("Boolean", "Enumeration")
 

@@ -32,7 +32,7 @@ from orchestrator.scenario.can_block import CanBlock
 from orchestrator.scenario.scenario import Case, Scenario
 from orchestrator.scenario.schema import load_scenario
 from orchestrator.scenario.units import in_units_of
-from orchestrator.system import typed
+from orchestrator.settable import typed
 from orchestrator.trace import FloatArray
 from orchestrator.yaml_file import naming
 

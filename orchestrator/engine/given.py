@@ -8,7 +8,8 @@ import numpy as np
 
 from fmus.errors import WiringError
 from orchestrator.fmi.interface import Value
-from orchestrator.system import Settable, System, settable
+from orchestrator.settable import Settable, settable
+from orchestrator.system import System
 from orchestrator.trace import FloatArray
 
 

@@ -27,7 +27,8 @@ from orchestrator.fmi.component import Component
 from orchestrator.fmi.interface import Value
 from orchestrator.processes.interrupts import requested
 from orchestrator.rational import clock, multiples, written
-from orchestrator.system import Endpoint, System, settable
+from orchestrator.settable import settable
+from orchestrator.system import Endpoint, System
 from orchestrator.trace import FloatArray
 
 

@@ -14,7 +14,8 @@ import numpy as np
 from fmus.errors import WiringError
 from orchestrator.fmi.component import Component
 from orchestrator.fmi.interface import Port, Value
-from orchestrator.system import Endpoint, System, check_bounds, drivable
+from orchestrator.settable import check_bounds
+from orchestrator.system import Endpoint, System, drivable
 from orchestrator.trace import Trace
 
 

@@ -16,11 +16,13 @@ from orchestrator.fmi.file import FmuDescription, Kind
 from orchestrator.fmi.isolation import scratch
 from orchestrator.scenario.scenario import Scenario
 from orchestrator.scenario.schema import ScenarioBlock, load_scenario
+from orchestrator.settable import typed
 from orchestrator.ssp.annotations import kept
 from orchestrator.ssp.names import Version
 from orchestrator.ssp.outline import Outline, Times, Tool
 from orchestrator.ssp.writing import write
-from orchestrator.system import Part, System, typed, wire
+from orchestrator.system import Part, System
+from orchestrator.wiring import wire
 from orchestrator.yaml_file import joined, text_of
 
 _BUILT_IN = ("fmu", "model", "parameters", "tables")

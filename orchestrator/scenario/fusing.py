@@ -15,6 +15,7 @@ from fmus.modelling.model import Number, element
 from fmus.packaging import targets
 from fmus.packaging.native import compiler
 from fmus.packaging.system.fused import FusedSystem, Part, Wire
+from fmus.words import nearest
 from orchestrator.assembly.assembly import ComponentSpec, OpenSystem, assemble, model_of
 from orchestrator.engine.plan import Order, Plan, make_plan
 from orchestrator.fmi.interface import Value
@@ -22,7 +23,8 @@ from orchestrator.fmi.isolation import scratch
 from orchestrator.rational import clock
 from orchestrator.scenario.scenario import Scenario
 from orchestrator.scenario.schema import load_scenario
-from orchestrator.system import Endpoint, System, check_values, nearest, typed
+from orchestrator.settable import check_values, typed
+from orchestrator.system import Endpoint, System
 
 _INSTEAD = "export it with `servotwin ssp export`, which takes any FMU"
 

@@ -10,13 +10,13 @@ from fmus import units
 from fmus.errors import FmuFileError
 from fmus.files import absence
 from fmus.packaging.archive import parse_xml
+from fmus.words import nearest
 from orchestrator.fmi.interface import Value
 from orchestrator.scenario import parameter_list
 from orchestrator.ssp.description import Parameter
 from orchestrator.ssp.names import SSV
 from orchestrator.ssp.parameters import parameters
 from orchestrator.ssp.parameters import units as own_units
-from orchestrator.system import nearest
 
 
 def values_of(files: Sequence[Path], components: Iterable[str]) -> dict[str, Value | list[Any]]:

@@ -12,6 +12,7 @@ from typing import Any
 
 from fmus.errors import FmuFileError, WiringError
 from fmus.units import SAME, Conversion
+from fmus.words import nearest
 from orchestrator.crossing import crossing
 from orchestrator.fmi.file import FmuDescription, Kind
 from orchestrator.fmi.interface import Interface, Port
@@ -21,7 +22,6 @@ from orchestrator.ssp.description import Description
 from orchestrator.ssp.flattening import Flat, Hop, Node
 from orchestrator.ssp.passage import Passage
 from orchestrator.ssp.reading import read
-from orchestrator.system import nearest
 
 LOG = logging.getLogger("servotwin.ssp")
 STEPS = 1000  # of a run where nothing tells how long one is

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from fmus.errors import WiringError
 from fmus.units import Unit
+from fmus.words import nearest
 from orchestrator.ssp.description import (
     Component,
     Connection,
@@ -17,7 +18,6 @@ from orchestrator.ssp.description import (
     Element,
     System,
 )
-from orchestrator.system import nearest
 
 Path = tuple[str, ...]
 Node = tuple[Path, str]

@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 
 from fmus.errors import WiringError
 from orchestrator.fmi.interface import Interface, Port, Value
-from orchestrator.system import Connection, Endpoint, Part, System, check_values, wire
+from orchestrator.settable import check_values
+from orchestrator.system import Connection, Endpoint, Part, System
+from orchestrator.wiring import wire
 
 
 def part(*ports: Port) -> Part:

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from identification.estimation.identifiability import Combination
 from identification.estimation.parameters import Parameter
-from identification.estimation.uncertainty import Combination, Covariance
+from identification.estimation.uncertainty import Covariance
 from identification.output_error.search.estimate import VAGUE, Estimate
 from identification.output_error.search.problem import Problem
 

@@ -9,9 +9,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from identification.estimation.arrow_least_squares import Iterate, Minimum, Point
+from identification.estimation.identifiability import Identifiability
 from identification.estimation.information import Information
 from identification.estimation.parameters import Parameter, ParameterSet
-from identification.estimation.uncertainty import Covariance, Identifiability, marked
+from identification.estimation.uncertainty import Covariance, marked
 from identification.estimation.validation import fit
 from identification.output_error.search.free_run import Tally
 from identification.output_error.search.intervals import LOCAL, Intervals

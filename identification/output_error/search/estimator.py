@@ -12,10 +12,11 @@ import numpy as np
 
 from fmus.errors import FmuError, IdentificationError
 from identification.estimation.arrow_least_squares import Iterate, Loss, Minimum, Point, evaluated
+from identification.estimation.identifiability import Identifiability
 from identification.estimation.parameters import InitialState, Parameter, ParameterSet, Tie
 from identification.estimation.stopped import reason, stopped
 from identification.estimation.threads import single_threaded
-from identification.estimation.uncertainty import Identifiability, no_covariance
+from identification.estimation.uncertainty import no_covariance
 from identification.estimation.workers import Factory, Simulator, open_pool
 from identification.output_error.search.bootstrap import require_windows
 from identification.output_error.search.doubts import doubts

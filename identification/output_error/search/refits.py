@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from identification.estimation.arrow_least_squares import Iterate, Minimum, WindowBlock
+from identification.estimation.identifiability import Identifiability, identifiability
 from identification.estimation.information import Information, information
-from identification.estimation.uncertainty import Covariance, Identifiability, covariance, identifiability
+from identification.estimation.uncertainty import Covariance, covariance
 from identification.output_error.search.bootstrap import bootstrapped
 from identification.output_error.search.intervals import LOCAL, Intervals
 from identification.output_error.search.profile import profiled

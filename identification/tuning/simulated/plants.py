@@ -17,7 +17,8 @@ from orchestrator.fmi.isolation import Isolation
 from orchestrator.scenario.scenario import Case, Scenario
 from orchestrator.scenario.schema import load_scenario
 from orchestrator.scenario.units import in_units_of
-from orchestrator.system import Endpoint, System, typed
+from orchestrator.settable import typed
+from orchestrator.system import Endpoint, System
 from orchestrator.trace import Trace
 
 

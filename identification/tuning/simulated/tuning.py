@@ -25,7 +25,7 @@ from orchestrator.fmi.interface import Interface
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.progress import Progress, silent
 from orchestrator.scenario.run import ScenarioResult
-from orchestrator.system import check_values
+from orchestrator.settable import check_values
 
 
 @dataclass(frozen=True, eq=False)

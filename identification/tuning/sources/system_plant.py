@@ -19,7 +19,8 @@ from identification.linearisation.slopes import Slopes
 from identification.tuning.sources.plants import LinearPlant
 from orchestrator.assembly.assembly import ComponentSpec, OpenSystem, SystemSpec
 from orchestrator.fmi.interface import Value
-from orchestrator.system import Endpoint, System, check_values, drivable, require, settable
+from orchestrator.settable import check_values, settable
+from orchestrator.system import Endpoint, System, drivable, require
 from orchestrator.trace import FloatArray
 
 

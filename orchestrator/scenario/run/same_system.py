@@ -27,7 +27,8 @@ from orchestrator.scenario.run.keeping import Keeping
 from orchestrator.scenario.run.outcome import CaseResult, CaseState, ScenarioFailed, ScenarioInterrupted, ScenarioResult
 from orchestrator.scenario.scenario import Scenario
 from orchestrator.scenario.units import in_units_of
-from orchestrator.system import System, recordable, typed
+from orchestrator.settable import typed
+from orchestrator.system import System, recordable
 from orchestrator.trace import FloatArray
 from orchestrator.yaml_file import naming
 

@@ -7,7 +7,7 @@ import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import product
 
-from orchestrator.system import nearest
+from fmus.words import nearest
 
 MOST = 10_000  # cases of a matrix
 _FIELD = re.compile(r"\{([^{}]*)\}")

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from fmus.words import nearest
 from orchestrator.assembly.assembly import SystemSpec, link
 from orchestrator.assembly.schema import Components, Connections
 from orchestrator.assembly.whole_arrays import Values
 from orchestrator.scenario.expectations.schema import ExpectationBlock
-from orchestrator.system import nearest
 from orchestrator.yaml_file import Block
 
 

@@ -16,7 +16,8 @@ from time import perf_counter
 from orchestrator.engine import Simulation, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
-from orchestrator.system import Part, wire
+from orchestrator.system import Part
+from orchestrator.wiring import wire
 from tests.support.tools import third_party
 
 from ..figure import Figure

@@ -13,7 +13,8 @@ import numpy as np
 from orchestrator.engine import Order, Run, Simulation, Sink, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
-from orchestrator.system import Part, wire
+from orchestrator.system import Part
+from orchestrator.wiring import wire
 from tests.support.tools import third_party
 
 from ..figure import Figure

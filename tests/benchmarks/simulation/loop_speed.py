@@ -34,8 +34,9 @@ from orchestrator.engine import Engine, Order, Result, Simulation, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.slave import Slave
-from orchestrator.system import Part, wire
+from orchestrator.system import Part
 from orchestrator.trace import FloatArray
+from orchestrator.wiring import wire
 from tests.support.tools import third_party
 
 from ..environments import python_with

@@ -14,7 +14,8 @@ from fmus.packaging import archive, targets
 from orchestrator.assembly.assembly import link
 from orchestrator.fmi.file import FmuDescription
 from orchestrator.ssp.document import imported
-from orchestrator.system import Part, wire
+from orchestrator.system import Part
+from orchestrator.wiring import wire
 from tests.support.simulation import ssps
 
 from ..figure import Figure

@@ -11,8 +11,9 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 from identification.estimation.arrow_least_squares import LEAST_SQUARES, Loss, WindowBlock
+from identification.estimation.identifiability import identifiability
 from identification.estimation.noise import coloured
-from identification.estimation.uncertainty import covariance, identifiability
+from identification.estimation.uncertainty import covariance
 from identification.output_error.search.estimator import (
     InitialState,
     Parameter,

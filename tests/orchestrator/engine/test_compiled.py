@@ -31,8 +31,9 @@ from orchestrator.engine import (
 from orchestrator.engine.initialisation import initialise
 from orchestrator.fmi.interface import Port, Value
 from orchestrator.fmi.slave import Slave
-from orchestrator.system import Part, wire
+from orchestrator.system import Part
 from orchestrator.trace import FloatArray
+from orchestrator.wiring import wire
 from tests.support.simulation.both_loops import BOTH, MODELS, STEP, Case, Shelf, bits, needs_loop
 from tests.support.simulation.scripted import Clock, Gain, simulation
 

@@ -18,7 +18,8 @@ from orchestrator.engine import (
     Timing,
 )
 from orchestrator.fmi.slave import Slave
-from orchestrator.system import Part, wire
+from orchestrator.system import Part
+from orchestrator.wiring import wire
 from tests.support.simulation.both_loops import STEP, Case, Shelf, bits
 from tests.support.simulation.scripted import Clock, simulation
 

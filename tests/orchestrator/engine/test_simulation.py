@@ -19,8 +19,9 @@ from fmus.packaging import targets
 from orchestrator.engine import Order, Simulation, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
-from orchestrator.system import Part, wire
+from orchestrator.system import Part
 from orchestrator.trace import Trace
+from orchestrator.wiring import wire
 from tests.support.simulation.scripted import Clock, Gain, Plant, Scripted, simulation
 
 LINKS = ["plant.y0 -> gain.u0", "gain.y0 -> plant.u0"]

@@ -21,8 +21,9 @@ from orchestrator.assembly.assembly import link
 from orchestrator.engine import Engine, Order, Run, Simulation, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
-from orchestrator.system import Part, System, wire
+from orchestrator.system import Part, System
 from orchestrator.trace import FloatArray
+from orchestrator.wiring import wire
 from tests.support.fmus.natives import VERSIONS
 from tests.support.simulation.twins import Twin, slopes, width
 

@@ -19,8 +19,9 @@ from orchestrator.fmi.isolation import Isolation
 from orchestrator.fmi.slave import Slave
 from orchestrator.info import about
 from orchestrator.scenario.run import parse_override, run_scenario
-from orchestrator.system import Part, wire
+from orchestrator.system import Part
 from orchestrator.trace import Trace
+from orchestrator.wiring import wire
 from tests.support.fmus import arrays
 from tests.support.tools import third_party
 

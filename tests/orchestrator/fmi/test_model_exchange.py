@@ -29,7 +29,8 @@ from orchestrator.info import about
 from orchestrator.scenario.run import run_scenario
 from orchestrator.solvers.base import SolverMethod, SolverSettings
 from orchestrator.solvers.choice import solver_type
-from orchestrator.system import Part, wire
+from orchestrator.system import Part
+from orchestrator.wiring import wire
 from tests.support.simulation.exchanging import (
     METHODS,
     TENTH,

@@ -18,7 +18,8 @@ from orchestrator.engine import Simulation, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
 from orchestrator.info import about
-from orchestrator.system import Part, wire
+from orchestrator.system import Part
+from orchestrator.wiring import wire
 from tests.support.fmus import arrays
 from tests.support.tools import third_party
 

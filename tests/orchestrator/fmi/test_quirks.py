@@ -20,8 +20,9 @@ from orchestrator import formats
 from orchestrator.engine import Engine, RunFailed, Simulation, Timing, compiled
 from orchestrator.fmi import said as fmu_said
 from orchestrator.scenario.run import ScenarioFailed, run_scenario
-from orchestrator.system import Part, wire
+from orchestrator.system import Part
 from orchestrator.trace import Trace
+from orchestrator.wiring import wire
 from tests.support.fmus import quirks
 
 pytestmark = pytest.mark.slow  # compilers

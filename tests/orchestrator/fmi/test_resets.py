@@ -15,7 +15,8 @@ from orchestrator.engine import Simulation, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.slave import Slave
-from orchestrator.system import Part, wire
+from orchestrator.system import Part
+from orchestrator.wiring import wire
 from tests.support.simulation.slaves import Load
 from tests.support.tools import third_party
 

@@ -17,8 +17,9 @@ from orchestrator.engine import Order, Simulation, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.slave import Slave
-from orchestrator.system import Part, wire
+from orchestrator.system import Part
 from orchestrator.trace import Trace
+from orchestrator.wiring import wire
 from tests.support.simulation.slaves import Load, run
 from tests.support.tools import third_party
 

@@ -16,7 +16,8 @@ from fmus.packaging import archive, targets
 from orchestrator.engine import Result, Simulation, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
-from orchestrator.system import Part, wire
+from orchestrator.system import Part
+from orchestrator.wiring import wire
 from tests.support.tools import third_party
 
 pytestmark = pytest.mark.usefixtures("scratch")

@@ -22,8 +22,9 @@ from orchestrator.fmi.slave import Slave
 from orchestrator.processes import interrupts
 from orchestrator.processes.interrupts import Interrupts, requested, whole
 from orchestrator.realtime.stopping import stop_requests
-from orchestrator.system import Part, wire
+from orchestrator.system import Part
 from orchestrator.trace import Trace
+from orchestrator.wiring import wire
 from tests.support.fmus import slow
 from tests.support.simulation.scripted import Clock, simulation
 

@@ -15,7 +15,8 @@ from orchestrator.can.database.database import Database
 from orchestrator.can.live.bus import BusSettings
 from orchestrator.can.live.link import Link
 from orchestrator.fmi.interface import Interface, Port
-from orchestrator.system import Part, System, wire
+from orchestrator.system import Part, System
+from orchestrator.wiring import wire
 
 DBC = """VERSION ""
 BU_: RIG LAW

@@ -25,8 +25,9 @@ from orchestrator.engine import (
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.slave import Slave
-from orchestrator.system import Part, System, wire
+from orchestrator.system import Part, System
 from orchestrator.trace import FloatArray, Trace
+from orchestrator.wiring import wire
 from tests.support.fmus import moody
 from tests.support.tools import third_party
 

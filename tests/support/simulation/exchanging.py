@@ -20,8 +20,9 @@ from orchestrator.fmi.exchange_slave import ExchangeSlave
 from orchestrator.fmi.file import FmuFile, Kind
 from orchestrator.fmi.interface import Value
 from orchestrator.solvers.base import SolverMethod, SolverSettings
-from orchestrator.system import FeedThrough, Part, wire
+from orchestrator.system import FeedThrough, Part
 from orchestrator.trace import FloatArray, Trace
+from orchestrator.wiring import wire
 from tests.support.fmus import eventful
 from tests.support.simulation.scripted import Scripted
 from tests.support.tools import third_party

@@ -14,7 +14,8 @@ from orchestrator.assembly.assembly import OpenSystem, assemble
 from orchestrator.fmi.interface import Value
 from orchestrator.scenario.fusing import build, fuse
 from orchestrator.scenario.schema import load_scenario
-from orchestrator.system import Endpoint, typed
+from orchestrator.settable import typed
+from orchestrator.system import Endpoint
 from orchestrator.trace import FloatArray
 from tests.support.fmus.either import opened
 

@@ -12,8 +12,9 @@ import scipy.linalg
 from fmus.errors import FmuError
 from orchestrator.engine import REFUSED, CycleSettings, Engine, Order, Simulation, Timing
 from orchestrator.fmi.interface import Interface, Port, Value
-from orchestrator.system import FeedThrough, Part, System, wire
+from orchestrator.system import FeedThrough, Part, System
 from orchestrator.trace import FloatArray
+from orchestrator.wiring import wire
 
 Matrix = FloatArray
 

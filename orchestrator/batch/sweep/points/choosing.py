@@ -24,7 +24,7 @@ from orchestrator.batch.sweep.points.schema import (
     SobolIndicesBlock,
     SweepBlock,
 )
-from orchestrator.system import check_values
+from orchestrator.settable import check_values
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,8 @@ from orchestrator.batch.sweep.points.schema import FactorBlock, Level, Number
 from orchestrator.fmi.interface import Port, Written
 from orchestrator.formats import read
 from orchestrator.scenario.scenario import Scenario
-from orchestrator.system import Endpoint, System, settable
+from orchestrator.settable import settable
+from orchestrator.system import Endpoint, System
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,8 @@ from orchestrator.scenario.expectations.figure import Figure
 from orchestrator.scenario.expectations.limits import Above, Below, Near, Range
 from orchestrator.scenario.expectations.reference import Follows
 from orchestrator.scenario.scenario import Case
-from orchestrator.system import Endpoint, recordable, settable
+from orchestrator.settable import settable
+from orchestrator.system import Endpoint, recordable
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from fmus.errors import ScenarioError
+from fmus.words import nearest
 from orchestrator.assembly.assembly import Assembled, OpenSystem, assemble
 from orchestrator.batch.sweep.points.schema import SweepBlock
 from orchestrator.crossing import logged
@@ -16,7 +17,8 @@ from orchestrator.scenario.expectations.on_run import OnRun
 from orchestrator.scenario.scenario import Case, Scenario
 from orchestrator.scenario.schema import load_scenario
 from orchestrator.scenario.units import in_units_of
-from orchestrator.system import System, nearest, typed
+from orchestrator.settable import typed
+from orchestrator.system import System
 from orchestrator.yaml_file import naming
 
 OF_THE_MACHINE = ("processor_time", "real_time_factor", "frames_lost", "late_steps")

@@ -15,8 +15,9 @@ from fmus.packaging.native import compiler, foreign_sources
 from orchestrator.engine import Simulation, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
-from orchestrator.system import Part, wire
+from orchestrator.system import Part
 from orchestrator.trace import Trace
+from orchestrator.wiring import wire
 from tests.support.fmus import moody
 from tests.support.tools import third_party
 

@@ -25,8 +25,9 @@ from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.isolation import IsolatedSlave, Isolation
 from orchestrator.fmi.slave import Slave
 from orchestrator.solvers.base import SolverSettings
-from orchestrator.system import Part, wire
+from orchestrator.system import Part
 from orchestrator.trace import Trace
+from orchestrator.wiring import wire
 from tests.support.fmus import brute
 from tests.support.fmus.brute import Mood
 from tests.support.tools import third_party
