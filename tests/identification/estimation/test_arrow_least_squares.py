@@ -168,8 +168,8 @@ def dense(blocks: list[WindowBlock]) -> tuple[FloatArray, FloatArray]:
     return np.vstack(rows), np.concatenate([block.residual for block in blocks])
 
 
-def blocks_of(*samples: int, n: int = 3, s: int = 2) -> list[WindowBlock]:
-    rng = np.random.default_rng(3)
+def blocks_of(*samples: int, n: int = 3, s: int = 2, seed: int | np.random.Generator = 3) -> list[WindowBlock]:
+    rng = np.random.default_rng(seed)
     return [WindowBlock(rng.normal(size=k), rng.normal(size=(k, n)), 0.3 * rng.normal(size=(k, s))) for k in samples]
 
 
@@ -276,3 +276,14 @@ def test_influence_and_curvature_are_the_derivatives_of_the_loss(kind: LossKind)
 def test_a_loss_that_means_nothing_is_refused(kind: LossKind, scale: float) -> None:
     with pytest.raises(IdentificationError):
         Loss(kind, scale)
+
+
+def test_steps_stay_in_the_box_and_still_promise_a_reduction() -> None:
+    rng = np.random.default_rng(8)
+    for _ in range(20):
+        model = ArrowModel(blocks_of(20, 20, 20, 20, 20, seed=rng))
+        lower = Point(-rng.random(3) * 0.05, -rng.random((5, 2)) * (rng.random((5, 2)) > 0.5))
+        room = Box(lower, Point(rng.random(3) * 0.05, rng.random((5, 2))))
+        step = model.step(0.1, model.norms(), room)
+        assert np.all((step.flat >= room.lower.flat) & (step.flat <= room.upper.flat))
+        assert model.reduction(step) > 0

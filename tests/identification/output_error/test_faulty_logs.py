@@ -14,7 +14,6 @@ import pytest
 
 from fmus.errors import InputError
 from identification.calibrate import calibrate_study, validate_result
-from identification.output_error import calibration
 from orchestrator.can import logs
 from orchestrator.can.codec.encoding import Encoder
 from orchestrator.can.database.database import load
@@ -22,6 +21,8 @@ from orchestrator.can.database.protection import checksums
 from orchestrator.can.frames import Frames
 from orchestrator.progress import silent
 from orchestrator.trace import BoolArray, FloatArray, Trace
+
+pytestmark = pytest.mark.usefixtures("in_this_process")
 
 DBC = """VERSION ""
 BU_: Controller Rig
@@ -132,13 +133,6 @@ def study(folder: Path, **traces: Any) -> Path:
     }
     (folder / "study.yaml").write_text(json.dumps(document))
     return folder / "study.yaml"
-
-
-@pytest.fixture(scope="module", autouse=True)
-def in_this_process() -> Any:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(calibration, "processors", lambda: 1)
-        yield
 
 
 def found(folder: Path, **traces: Any) -> Any:

@@ -8,14 +8,10 @@ from typing import Any
 import pytest
 from ruamel.yaml import YAML
 
-from identification.output_error import calibration
 from identification.output_error.calibration import calibrate
 from tests.support.identification.small_study import plain_study, record, study
 
-
-@pytest.fixture(autouse=True)
-def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(calibration, "processors", lambda: 1)
+pytestmark = pytest.mark.usefixtures("in_this_process")
 
 
 def said(folder: Path, **changes: Any) -> tuple[str, ...]:

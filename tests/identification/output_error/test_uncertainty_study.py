@@ -10,23 +10,13 @@ import pytest
 
 from fmus.errors import IdentificationError, InputError, ScenarioError
 from identification.calibrate import calibrate_study
-from identification.output_error import calibration
 from identification.output_error.schema import OutputErrorBlock
 from identification.study import load_study
-from tests.support.identification.small_study import TRUTH, record, study, write_study
+from tests.support.identification.small_study import TRUTH, study, write_study
+
+pytestmark = pytest.mark.usefixtures("in_this_process")
 
 Document = dict[str, Any]
-
-
-@pytest.fixture(autouse=True)
-def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Simulate here: starting processes takes longer than these calibrations."""
-    monkeypatch.setattr(calibration, "processors", lambda: 1)
-
-
-@pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return record(tmp_path_factory.mktemp("recordings"))
 
 
 def calibrated(tmp_path: Path, data: Path, **changes: Any) -> tuple[Document, str]:

@@ -13,7 +13,6 @@ import pytest
 
 from fmus.errors import DatabaseError, TraceError
 from identification.calibrate import calibrate_study, layout_of, validate_result
-from identification.output_error import calibration
 from identification.output_error.schema import OutputErrorBlock
 from identification.output_error.windows import cut_windows
 from identification.recordings.campaign import load_campaign, recording_warnings
@@ -24,16 +23,11 @@ from orchestrator.trace import FloatArray, Trace
 from tests.support.can.butterfly_logs import DATABASE, START, on_a_real_bus, write_logs
 from tests.support.identification.small_study import RECORDINGS, TRUTH, simulated, study, write_study
 
+pytestmark = pytest.mark.usefixtures("in_this_process")
+
 SCENARIOS = DATABASE.parent
 LAYOUT = {"database": "rig.dbc", "columns": {"voltage": "Command.voltage", "angle": "State.angle"}}
 CYCLE, COUNT = 0.01, 601  # [s], frames of a message in a recording
-
-
-@pytest.fixture(scope="module", autouse=True)
-def in_this_process() -> Any:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(calibration, "processors", lambda: 1)
-        yield
 
 
 def sweep(number: int) -> FloatArray:

@@ -11,16 +11,15 @@ from typing import Any
 import jsonschema
 import pytest
 from ruamel.yaml import YAML
-from typer.testing import CliRunner, Result
 
 from fmus.errors import ScenarioError
-from identification.cli import app
 from identification.study import load_study
 from orchestrator.batch.procedure import ProcedureBlock
 from orchestrator.batch.sweep.points.schema import load_sweep
 from orchestrator.cli.tables import SCHEMAS
 from orchestrator.scenario.schema import ScenarioBlock
 from orchestrator.yaml_file import load, load_joined
+from tests.support.commands import servotwin
 
 ROOT = Path(__file__).parents[3]
 SHIPPED = sorted((ROOT / "scenarios").rglob("*.yaml"))
@@ -122,10 +121,6 @@ def read(kind: str, file: Path) -> object:
     if kind == "sweep":
         return load_sweep(file)
     return load_joined(file, ScenarioBlock) if kind == "scenario" else load(file, ProcedureBlock)
-
-
-def servotwin(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
 @pytest.mark.slow

@@ -11,10 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
 from fmus.errors import DatabaseError, TraceError
-from identification.cli import app
 from orchestrator import formats
 from orchestrator.can import logs
 from orchestrator.can.frames import Flag, Frames, concatenated
@@ -22,15 +20,12 @@ from orchestrator.formats import Layout, can_conversion
 from orchestrator.progress import silent
 from orchestrator.trace import Trace
 from tests.support.can.can_samples import START, all_of, any_frames, database, different, rig_frames
+from tests.support.commands import servotwin
 
 pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
 
 FORMATS = [pytest.param(form, marks=pytest.mark.needs("mf4")) if form == ".mf4" else form for form in logs.SUFFIXES]
 WRITABLE = [form for form in logs.SUFFIXES if form != ".mf4" or find_spec("asammdf")]
-
-
-def servotwin(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
 def answer_of(*arguments: object) -> dict[str, Any]:

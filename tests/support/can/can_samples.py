@@ -16,6 +16,7 @@ from orchestrator.can.frames import Flag, Frames, concatenated
 
 LENGTHS = [*range(9), 12, 16, 20, 24, 32, 48, 64]
 START = 1_700_000_000.25  # POSIX time of the first frame
+TEXT_LOGS = (".asc", ".log", ".trc", ".csv")
 
 DBC = """VERSION ""
 NS_ :

@@ -8,12 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from fmus.modelling.instance import Instance
 from fmus.models.plants import dc_motor, pendulum
+from identification.calibrate import calibrate_study
 from identification.output_error.schema import OutputErrorBlock
 from identification.output_error.study import OutputErrorStudy
 from orchestrator import formats
+from orchestrator.progress import silent
 from orchestrator.trace import FloatArray, Trace
 
 STEP, COUNT, NOISE = 0.01, 101, 2e-4
@@ -102,3 +105,14 @@ def write_study(path: Path, **changes: Any) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(study(**changes), indent=2))
     return path
+
+
+def calibrated(study_file: Path, data: Path, target: Path) -> dict[str, Any]:
+    """The summary of a calibration, whose folder is `target`."""
+    return {**calibrate_study(study_file, data, target, silent)}
+
+
+def summary(folder: Path) -> dict[str, Any]:
+    """The summary in a folder, which is JSON as the standard has it."""
+    document: dict[str, Any] = json.loads((folder / "summary.json").read_text(), parse_constant=pytest.fail)
+    return document

@@ -15,7 +15,6 @@ from fmus.errors import FmuError, ScenarioError, WiringError
 from fmus.parameters.ssv import read_values
 from identification.calibrate import calibrate_study, validate_result
 from identification.estimation.stopped import EstimationInterrupted
-from identification.output_error import calibration
 from identification.output_error.calibration import Prepared
 from identification.output_error.choice.change import of_candidate
 from identification.output_error.windows import cut_windows
@@ -24,6 +23,8 @@ from identification.study import load_study
 from orchestrator import formats
 from orchestrator.progress import silent
 from tests.support.identification.small_study import COUNT, STEP, TRUTH, plain_study, record, study, write_study
+
+pytestmark = pytest.mark.usefixtures("in_this_process")
 
 Document = dict[str, Any]
 DRY: Document = {
@@ -36,17 +37,6 @@ LATE: Document = {
     "outputs": {"hand.angle": {"signal": "angle", "delay": "lag"}},
     "parameters": {"lag": LAG},
 }
-
-
-@pytest.fixture(autouse=True)
-def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Simulate here: starting processes takes longer than these calibrations."""
-    monkeypatch.setattr(calibration, "processors", lambda: 1)
-
-
-@pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return record(tmp_path_factory.mktemp("recordings"))
 
 
 def calibrated(folder: Path, data: Path, candidates: Document, **changes: Any) -> Document:

@@ -18,10 +18,11 @@ from fmus.packaging import archive, targets
 from fmus.parameters.ssv import read_values
 from fmus.parameters.write_back import write_back
 from identification.calibrate import calibrate_study
-from identification.output_error import calibration
 from orchestrator import formats, run
 from orchestrator.trace import FloatArray
 from tests.support.identification.small_study import TRUTH, record, write_study
+
+pytestmark = pytest.mark.usefixtures("in_this_process")
 
 WIRE, CLOCK = 0.0137, 0.0216  # of the command and of the reading [s], no multiples of the step
 CLOSE = 1e-4  # of an output's range: how near a free run with twice the step is; torques are held over its steps
@@ -29,11 +30,6 @@ FEW: dict[str, Any] = {
     **{name: {"start": value, "fixed": True} for name, value in TRUTH.items()},
     "hand.viscous_friction": {"start": 0.001, "min": 0.0, "max": 0.05},
 }
-
-
-@pytest.fixture(autouse=True)
-def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(calibration, "processors", lambda: 1)
 
 
 def calibrated(folder: Path, **changes: Any) -> Path:
@@ -61,9 +57,7 @@ def apart(file: Path) -> dict[str, float]:
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(calibration, "processors", lambda: 1)
-        return calibrated(tmp_path_factory.mktemp("late"))
+    return calibrated(tmp_path_factory.mktemp("late"))
 
 
 @pytest.mark.slow

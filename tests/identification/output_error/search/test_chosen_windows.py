@@ -11,11 +11,12 @@ import pytest
 
 from fmus.errors import IdentificationError, TraceError
 from identification.calibrate import calibrate_study, validate_result
-from identification.output_error import calibration
 from orchestrator import formats
 from orchestrator.progress import silent
 from orchestrator.trace import Trace
 from tests.support.identification.small_study import NOISE, STEP, TRUTH, plain_study, simulated, write_study
+
+pytestmark = pytest.mark.usefixtures("in_this_process")
 
 Document = dict[str, Any]
 COUNT, MOVES = 1201, 600  # samples, and those before the rig comes to rest [1]
@@ -24,12 +25,6 @@ INITIAL = {
     "hand.speed_start": {"signal": "angle", "derivative": 1, "half_width": 0.05, "estimated": True},
 }
 TRACES = {"files": "rig_*.csv", "hold_out": ["rig_c"]}
-
-
-@pytest.fixture(autouse=True)
-def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Simulate here: starting processes takes longer than these calibrations."""
-    monkeypatch.setattr(calibration, "processors", lambda: 1)
 
 
 @pytest.fixture(scope="module")

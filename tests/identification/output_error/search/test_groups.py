@@ -18,7 +18,6 @@ from identification.calibrate import calibrate, calibrate_study, validate_result
 from identification.estimation.arrow_least_squares import Point
 from identification.estimation.groups import Grouping, parted
 from identification.estimation.parameters import InitialState, Parameter, ParameterSet, Tie
-from identification.output_error import calibration
 from identification.output_error.search.estimator import Options, Problem, Window, estimate
 from identification.output_error.search.free_run import known_before
 from identification.study import load_study
@@ -27,18 +26,14 @@ from orchestrator.progress import silent
 from orchestrator.trace import FloatArray, Trace
 from tests.support.identification.small_study import COUNT, NOISE, STEP, TRUTH, simulated, study, voltage, write_study
 
+pytestmark = pytest.mark.usefixtures("in_this_process")
+
 Document = dict[str, Any]
 FRICTION = "hand.viscous_friction"
 WARM, COLD = 0.0015, 0.004
 NAMES = {"w0": WARM, "w1": WARM, "c0": COLD, "c1": COLD}
 GROUPS = {"warm": ["w0.csv", "w1"], "cold": ["c0", "c1.csv"]}
 KNOWN = {name: {"start": value, "fixed": True} for name, value in TRUTH.items() if name != FRICTION}
-
-
-@pytest.fixture(autouse=True)
-def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Simulate here: starting processes takes longer than these calibrations."""
-    monkeypatch.setattr(calibration, "processors", lambda: 1)
 
 
 @pytest.fixture(scope="module")

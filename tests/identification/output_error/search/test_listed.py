@@ -11,10 +11,11 @@ import pytest
 from fmus.errors import InputError, ScenarioError
 from fmus.parameters.ssv import parameter_set
 from identification.calibrate import calibrate_study, validate_result
-from identification.output_error import calibration
 from identification.study import load_study
 from orchestrator.progress import silent
-from tests.support.identification.small_study import record, study, write_study
+from tests.support.identification.small_study import study, write_study
+
+pytestmark = pytest.mark.usefixtures("in_this_process")
 
 LIST = """name,value,unit,min,max
 motor.torque_gain,6,N.m/V,0.5,50
@@ -24,17 +25,6 @@ hand.viscous_friction,0.001,N.m.s/rad,0,0.05
 """
 LOG = {"motor.torque_gain": {"scale": "log"}}
 Document = dict[str, Any]
-
-
-@pytest.fixture(autouse=True)
-def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Simulate here: starting processes takes longer than these calibrations."""
-    monkeypatch.setattr(calibration, "processors", lambda: 1)
-
-
-@pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return record(tmp_path_factory.mktemp("recordings"))
 
 
 def calibrated(folder: Path, data: Path, text: str = LIST, **changes: Any) -> Document:

@@ -22,7 +22,6 @@ from fmus.modelling.instance import Instance
 from fmus.models.plants import dc_motor, pendulum
 from fmus.parameters.ssv import read_values
 from identification.calibrate import calibrate_study, validate_result
-from identification.output_error import calibration
 from identification.output_error.schema import OutputErrorBlock
 from identification.output_error.times.delays import Held, late_outputs
 from identification.output_error.windows import FreeRunWindow, cut_windows
@@ -31,15 +30,12 @@ from orchestrator import formats
 from orchestrator.trace import FloatArray, Trace
 from tests.support.identification.small_study import LENGTH, TRUTH, plain_study, study, write_study
 
+pytestmark = pytest.mark.usefixtures("in_this_process")
+
 STEP, COUNT, FINE = 0.0025, 401, 25  # a study's step, its instants, and steps of the true rig in one of them
 COMMAND, READING = 0.0037, 0.0061  # true delays [s], no multiples of the step
 LATE = {"hand.angle": {"signal": "angle", "delay": "lag"}}
 FREE = {"start": 0.002, "min": -0.01, "max": 0.02}
-
-
-@pytest.fixture(autouse=True)
-def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(calibration, "processors", lambda: 1)
 
 
 def command(seed: int, time: FloatArray) -> FloatArray:
@@ -105,9 +101,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory, data: Path) -> Path:
     folder = tmp_path_factory.mktemp("delayed")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(calibration, "processors", lambda: 1)
-        calibrate_study(late_study(folder / "study.yaml"), data, folder / "out", lambda fraction, remark: None)
+    calibrate_study(late_study(folder / "study.yaml"), data, folder / "out", lambda fraction, remark: None)
     return folder / "out"
 
 

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from scipy import integrate, signal
 
 from fmus.errors import WiringError
-from identification.output_error import calibration
 from identification.output_error.calibration import judge
 from identification.output_error.schema import OutputErrorBlock
 from identification.output_error.times.delays import Held, Known, Lines
@@ -23,6 +22,8 @@ from orchestrator.assembly.assembly import assemble
 from orchestrator.fmi.interface import Port
 from orchestrator.trace import FloatArray, Trace
 from tests.support.identification.small_study import study
+
+pytestmark = pytest.mark.usefixtures("in_this_process")
 
 LAG = """
 from . import Model, State, input_, output, parameter
@@ -60,11 +61,6 @@ def predicted(tmp_path: Path, **keys: Any) -> FloatArray:
     windows = cut_windows(asked.run, [wave(EVERY)], asked.windows)
     judged = judge(asked, assemble(asked.system, tmp_path, ["lag.v"]), windows, {"lag.time": 0.05})
     return np.asarray(judged.simulated[0][:, 0])
-
-
-@pytest.fixture(autouse=True)
-def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(calibration, "processors", lambda: 1)
 
 
 def exact(driven: FloatArray, time: FloatArray) -> FloatArray:

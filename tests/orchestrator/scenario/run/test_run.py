@@ -1,28 +1,21 @@
-"""Scenarios: the files of the project hold, and every way to ask for something wrong is answered in one line."""
+"""Scenarios: the files of the project hold; cases, stimuli, references and refusals that are expected."""
 
 from __future__ import annotations
 
-import pickle
-import re
-import signal
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from fmus.errors import FmuError, InputError, ScenarioError, ServotwinError, WiringError
+from fmus.errors import FmuError, ScenarioError, WiringError
 from orchestrator import formats
-from orchestrator.engine import Result, Run, Simulation
-from orchestrator.fmi.interface import Value, Written
-from orchestrator.processes.interrupts import Interrupts
-from orchestrator.scenario.run import Keeping, ScenarioInterrupted, ScenarioResult, parse_override, run_scenario
+from orchestrator.scenario.run import run_scenario
 from orchestrator.trace import Trace
 from orchestrator.yaml_file import keys
+from tests.support.simulation.falling import FALLING, refused, run, trace_of
 
 pytestmark = pytest.mark.usefixtures("scratch")
+
 
 SCENARIOS = Path(__file__).parents[4] / "scenarios"
 LONG = {"synthetic_campaign.yaml", "rig.yaml"}
@@ -40,35 +33,6 @@ def test_the_scenarios_of_the_project_hold(path: Path) -> None:
     failed = [(case.name, check) for case in result.cases for check in case.checks if not check.held]
     assert failed == []
     assert result.passed
-
-
-FALLING = """
-title: A pendulum falls
-components:
-  hand: {model: pendulum, parameters: {viscous_friction: 0.0}}
-run: {stop: 1, step: 0.01}
-"""
-
-
-def run(folder: Path, text: str, **overrides: Value) -> ScenarioResult:
-    path = folder / "scenario.yaml"
-    path.write_text(text)
-    return run_scenario(path, {name.replace("__", "."): value for name, value in overrides.items()})
-
-
-def refused(folder: Path, text: str, kind: type[ServotwinError] = InputError) -> str:
-    """The refusal without the file's name."""
-    with pytest.raises(kind) as failed:
-        run(folder, text)
-    message = str(failed.value)
-    assert "\n" not in message
-    return message.removeprefix(str(folder / "scenario.yaml"))
-
-
-def trace_of(result: ScenarioResult, number: int = 0) -> Trace:
-    made = result.cases[number].result
-    assert made is not None
-    return made.trace
 
 
 def test_one_case_runs_where_none_is_given_and_passes_without_expectations(tmp_path: Path) -> None:
@@ -259,59 +223,6 @@ run: {stop: 1, step: 0.01, order: ORDER}
     assert 0 < difference < 0.1 * np.ptp(fine["hand.angle"])
 
 
-REFUSED = [
-    ("title: A pendulum falls", "titel: A", ":2: titel: unknown key; did you mean 'title'?"),
-    ("model: pendulum", "model: pendelum", "model 'pendelum': is not in the library"),
-    ("model: pendulum", "model: pendulum, fmu: a.fmu", ":4: components.hand: give either `model` or `fmu`"),
-    ("model: pendulum, ", "", ":4: components.hand: give either `model` or `fmu`"),
-    ("model: pendulum", "fmu: missing.fmu", "missing.fmu: no such file"),
-    ("hand: {", "my hand: {", ":3: components: component 'my hand': use letters, digits and underscores"),
-    ("viscous_friction: 0.0", "viscous: 0.0", "hand.viscous: no variable 'viscous' in 'hand'; did you mean"),
-    ("viscous_friction: 0.0", "viscous_friction: -1", "hand.viscous_friction: is -1, outside its bounds [0, inf)"),
-    ("viscous_friction: 0.0", "viscous_friction: much", "hand.viscous_friction: cannot be 'much'; give a Real"),
-    ("viscous_friction: 0.0", "viscous_friction: true", "hand.viscous_friction: cannot be true; give a Real"),
-    ("step: 0.01", "step: 0.03", "stop: 1 s is not a multiple of 0.03 s; use 0.99 s"),
-    ("step: 0.01", "step: 0", ":5: run: `step` must be positive and `stop` after `start`"),
-    ("step: 0.01", "step: soon", ":5: run.step: 'soon' is no time"),
-    (
-        "step: 0.01",
-        "step: 0.01, order: gauss_seidel",
-        ":5: run.order: input should be 'gauss-seidel', 'jacobi' or 'iterated'",
-    ),
-    ("step: 0.01", "step: 0.01, start: 2", ":5: run: `step` must be positive and `stop` after `start`"),
-    ("run:", "connections: [hand.angle]\nrun:", ":5: connections: 'hand.angle': write source -> target"),
-    ("run:", "connections: [hand.angle -> hand.angle]\nrun:", "'hand.angle' is an output; only an input can be a"),
-    ("run:", "connections: [hand.angle -> hand.torque]\nrun:", "hand.angle -> hand.torque: rad does not fit N.m"),
-    ("run:", "record: [hand.angel]\nrun:", "hand.angel: no variable 'angel' in 'hand'; did you mean 'angle'?"),
-    ("run:", "expect: [{signal: hand.angel, below: 1}]\nrun:", "hand.angel: no variable 'angel' in 'hand'"),
-    ("run:", "expect: [{signal: hand.angle, below: 1, after: 7}]\nrun:", "expect hand.angle: there is no sample from"),
-    ("run:", "cases: [{name: a, set: {hand.weight: 1}}]\nrun:", "hand.weight: no variable 'weight' in 'hand'"),
-    ("run:", "cases: [{name: a}, {name: a}]\nrun:", "two cases have one name"),
-    ("run:", "stimuli: {hand.angle: {constant: 1}}\nrun:", "'hand.angle' is an output; only an input can be"),
-    ("run:", "stimuli: {hand.torque: {}}\nrun:", ":5: stimuli.hand.torque: give `constant`, or `file` and `signal`"),
-    ("run:", "stimuli: {hand.torque: {file: a.csv}}\nrun:", ":5: stimuli.hand.torque: give `constant`, or `file` and"),
-    ("run:", "stimuli: {hand.torque: {file: a.csv, signal: b}}\nrun:", "a.csv: there is no such file"),
-    ("0.0}", "0.0}, tables: {a: {file: b.csv, signal: c}}", "b.csv: there is no such file"),
-    ("0.0}", "0.0}, feed_through: some", ":4: components.hand.feed_through: input should be"),
-    ("0.0}", "0.0}, step: -1/3", "hand.step: -1/3 s is not positive"),
-]
-
-
-@pytest.mark.parametrize(("old", "new", "line"), REFUSED, ids=range(len(REFUSED)))
-def test_what_is_wrong_is_one_line_that_names_the_place(tmp_path: Path, old: str, new: str, line: str) -> None:
-    assert old in FALLING
-    assert line in refused(tmp_path, FALLING.replace(old, new))
-
-
-def test_a_wrong_expectation_of_the_last_case_is_found_before_the_first_runs(tmp_path: Path) -> None:
-    told: list[str] = []
-    path = tmp_path / "scenario.yaml"
-    path.write_text(FALLING + "cases: [{name: a}, {name: b, expect: [{signal: hand.x, below: 1}]}]")
-    with pytest.raises(WiringError, match=r"hand\.x: no variable"):
-        run_scenario(path, progress=lambda fraction, doing: told.append(doing))
-    assert told == []
-
-
 def test_progress_runs_through_all_cases(tmp_path: Path) -> None:
     told: list[tuple[float, str]] = []
     path = tmp_path / "scenario.yaml"
@@ -331,132 +242,6 @@ def test_the_built_fmus_can_be_kept(tmp_path: Path) -> None:
     again = tmp_path / "again.yaml"
     again.write_text(FALLING.replace("model: pendulum", "fmu: kept/hand.fmu"))
     assert np.array_equal(trace_of(run_scenario(again))["hand.angle"], trace_of(result)["hand.angle"])
-
-
-@pytest.mark.parametrize(
-    ("text", "name", "value"),
-    [
-        ("hand.mass=1", "hand.mass", 1),
-        ("hand.mass=1.0", "hand.mass", 1.0),
-        (" hand.mass = -2e-3 ", "hand.mass", -2e-3),
-        ("drive.on=true", "drive.on", True),
-        ("drive.on=False", "drive.on", False),
-        ("drive.shape=sine sweep", "drive.shape", "sine sweep"),
-        ("drive.name=a=b", "drive.name", "a=b"),
-        ("drive.name=", "drive.name", ""),
-    ],
-)
-def test_overrides_are_read_as_number_truth_or_text(text: str, name: str, value: Value) -> None:
-    read = parse_override(text)
-    assert read[0] == name and isinstance(read[1], Written)
-    assert read[1].read() == value and type(read[1].read()) is type(value)
-
-
-@given(st.text(max_size=30))
-def test_any_override_is_read_or_refused(text: str) -> None:
-    try:
-        name, _ = parse_override(text)
-    except WiringError as error:
-        assert "=" not in text
-        assert re.search("has no value; write component.variable=value$", str(error))
-    else:
-        assert name == text.partition("=")[0].strip()
-
-
-@pytest.mark.parametrize("value", ["nan", "inf", "-inf", "1e999", "9" * 5000])
-def test_an_override_that_is_no_number_is_refused(tmp_path: Path, value: str) -> None:
-    name, parsed = parse_override(f"hand.gravity_torque={value}")
-    overrides: dict[str, Any] = {name: parsed}
-    path = tmp_path / "scenario.yaml"
-    path.write_text(FALLING)
-    with pytest.raises((WiringError, InputError)) as failed:
-        run_scenario(path, overrides)
-    assert len(str(failed.value)) < 300
-
-
-def test_a_file_that_is_no_scenario_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ScenarioError, match="no such file"):
-        run_scenario(tmp_path / "missing.yaml")
-
-
-def stopped_at(folder: Path, text: str, fraction: float, keeping: Keeping | None = None) -> ScenarioResult:
-    """What a scenario leaves that is interrupted when so much of it is done."""
-
-    def interrupt(done: float, doing: str) -> None:
-        if done >= fraction:
-            raise KeyboardInterrupt
-
-    path = folder / "scenario.yaml"
-    path.write_text(text)
-    with pytest.raises(ScenarioInterrupted) as stopped:
-        run_scenario(path, progress=interrupt, keeping=keeping)
-    assert type(pickle.loads(pickle.dumps(stopped.value))) is KeyboardInterrupt
-    return stopped.value.result
-
-
-EXPECT = "expect: [{signal: hand.angle, below: 9}]\n"
-THREE = FALLING + EXPECT + "cases: [{name: a}, {name: b, set: {hand.angle_start: 0.2}}, {name: c}]\n"
-
-
-def test_an_interrupt_keeps_the_cases_that_are_done_and_the_one_that_runs(tmp_path: Path) -> None:
-    result = stopped_at(tmp_path, THREE, 0.5)
-    assert [(case.name, case.state) for case in result.cases] == [("a", "done"), ("b", "interrupted"), ("c", "not run")]
-    assert [case.passed for case in result.cases] == [True, False, False]
-    assert [len(case.checks) for case in result.cases] == [1, 0, 0]
-    assert result.interrupted and not result.passed
-    whole = run(tmp_path, THREE)
-    assert np.array_equal(trace_of(result)["hand.angle"], trace_of(whole)["hand.angle"])
-    part = trace_of(result, 1)
-    assert np.array_equal(part["hand.angle"], trace_of(whole, 1)["hand.angle"][: len(part)]) and len(part) > 0
-
-
-def test_an_interrupt_before_anything_was_stepped_leaves_nothing(tmp_path: Path) -> None:
-    path = tmp_path / "scenario.yaml"
-    path.write_text(FALLING)
-    with pytest.MonkeyPatch.context() as patch, pytest.raises(KeyboardInterrupt) as stopped:
-        patch.setattr(Simulation, "check_record", interrupt_now)
-        run_scenario(path)
-    assert not isinstance(stopped.value, ScenarioInterrupted)
-
-
-def test_an_interrupt_between_two_cases_lists_those_that_have_not_begun(tmp_path: Path) -> None:
-    def between(simulation: Simulation, run: Run, *more: Any) -> Result:
-        if run.values == {"hand.viscous_friction": 0.0, "hand.angle_start": 0.2}:
-            raise KeyboardInterrupt
-        return execute(simulation, run, *more)
-
-    execute: Any = Simulation.execute
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Simulation, "execute", between)
-        result = stopped_at(tmp_path, THREE, 2.0)
-    assert [case.state for case in result.cases] == ["done", "not run", "not run"]
-
-
-def test_an_interrupt_when_all_is_done_loses_nothing(tmp_path: Path) -> None:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Simulation, "close", interrupt_now)
-        result = stopped_at(tmp_path, THREE, 2.0)
-    assert [case.state for case in result.cases] == ["done"] * 3
-    assert result.interrupted and result.passed
-
-
-def test_the_error_with_which_an_fmu_answers_an_interrupt_is_no_refusal(tmp_path: Path) -> None:
-    """Also where a case expects one: the cases after it do not run."""
-
-    def fail(*_: object) -> None:
-        with pytest.raises(KeyboardInterrupt):
-            signal.raise_signal(signal.SIGINT)
-        raise FmuError("hand", "returned fatal error")
-
-    path = tmp_path / "scenario.yaml"
-    path.write_text(FALLING + "cases: [{name: a, expect: [{refused: fatal}]}, {name: b}]")
-    with pytest.MonkeyPatch.context() as patch, Interrupts(), pytest.raises(KeyboardInterrupt):
-        patch.setattr("orchestrator.engine.simulation.initialise", fail)
-        run_scenario(path)
-
-
-def interrupt_now(*_: object) -> None:
-    raise KeyboardInterrupt
 
 
 def test_a_notebook_shows_the_checks_of_a_run(tmp_path: Path) -> None:
