@@ -6,6 +6,7 @@ import itertools
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -124,6 +125,12 @@ class Scenario:
         kept = (tuple(asked for asked in case.expected if not asked.accepted) for case in self.cases)
         cases = tuple(replace(case, expected=asked) for case, asked in zip(self.cases, kept, strict=True))
         return replace(self, cases=cases)
+
+    def until(self, stop: Fraction) -> Scenario:
+        """The scenario up to a time [s], with those expectations alone that look no further."""
+        kept = (tuple(asked for asked in case.expected if asked.until <= stop) for case in self.cases)
+        cases = tuple(replace(case, expected=asked) for case, asked in zip(self.cases, kept, strict=True))
+        return replace(self, timing=replace(self.timing, stop=stop), cases=cases)
 
     def by_system(self) -> list[Scenario]:
         """Scenarios of the cases that have one system and follow each other, in their order."""

@@ -6,20 +6,22 @@ by more than the run's own error.
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from math import ceil
 from pathlib import Path
 
 from fmus.errors import InputError, ServotwinError
 from orchestrator.batch.mutation.coverage import Outcome, clearer, document
 from orchestrator.batch.mutation.effect import acts
 from orchestrator.batch.mutation.parameters import Change, changed, parameters, value_of
+from orchestrator.engine import Timing
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.results import CaseDocument, FileDocument
-from orchestrator.scenario.run import CaseResult, run_scenario
-from orchestrator.scenario.scenario import Scenario
+from orchestrator.scenario.run import CaseResult, CaseState, run_scenario
+from orchestrator.scenario.scenario import Case, Scenario
 from orchestrator.scenario.schema import load_scenario
 from orchestrator.trace import Trace
 
@@ -52,6 +54,9 @@ class MutationJudge:
 class _Probed:
     """Cases of one system, run as they are and with parameters changed.
 
+    A change that is noticed in the first seconds of a case would be in all of it; so a case is first run up to where
+    some of its expectations look no further.
+
     Raises:
         InputError: they do not pass as they are.
     """
@@ -70,8 +75,6 @@ class _Probed:
         self._acting: set[str] = set()
         for number in self._order:
             self._look(number)
-        for number in self._order:
-            self._watch(number)
 
     @property
     def _order(self) -> list[int]:
@@ -93,35 +96,29 @@ class _Probed:
         return None if value is None else Change(value, changed(name, value, self.plain.system))
 
     def _look(self, number: int) -> None:
-        """See which of the changes that no case has noticed so far this one does."""
-        for changes in self._changes(number, self._seen):
-            for name, found in self._noticed(number, changes).items():
-                self._seen[name] = f"{changes[name]}: {self._judged.cases[number].name}: {found}"
+        """See which of the changes that no case has noticed so far this one does, in ever more of it, and which of the
+        others move an output by more than it is off."""
+        for stop in parts(self._judged.cases[number], self._judged.timing):
+            for name, made in self._made(self._judged.until(stop), number):
+                self._notice(name, number, made)
+        for name, made in self._made(self._shown, number):
+            self._notice(name, number, made)
+            if name not in self._seen and name not in self._acting and self._acts(number, made):
+                self._acting.add(name)
 
-    def _watch(self, number: int) -> None:
-        """See which of the changes that no case notices move an output of this one by more than it is off."""
-        for changes in self._changes(number, {*self._seen, *self._acting}):
-            made = self._run(self._shown, number, [{name: change.new} for name, change in changes.items()])
-            self._acting |= {name for name, case in zip(changes, made, strict=True) if self._acts(number, case)}
+    def _notice(self, name: str, number: int, made: CaseResult) -> None:
+        if why := self._otherwise(number, made):
+            self._seen[name] = f"{self._change(name, number)}: {made.name}: {why}"
 
-    def _changes(self, number: int, without: Container[str]) -> Iterator[dict[str, Change]]:
-        """How the parameters but these are changed in a case, as many at a time as are run in one go."""
-        left = {name: self._change(name, number) for name in self.names if name not in without}
-        changes = [(name, change) for name, change in left.items() if change is not None]
-        for first in range(0, len(changes), TOGETHER):
-            yield dict(changes[first : first + TOGETHER])
-
-    def _noticed(self, number: int, changes: Mapping[str, Change]) -> dict[str, str]:
-        """Why a case does not come out as it did, of the changes with which it does not."""
-        try:
-            made = self._run(self._judged, number, [{name: change.new} for name, change in changes.items()])
-        except ServotwinError as error:
-            if len(changes) == 1:
-                return dict.fromkeys(changes, str(error))
-            alone = [self._noticed(number, {name: change}) for name, change in changes.items()]
-            return {name: why for found in alone for name, why in found.items()}
-        found = {name: self._otherwise(number, case) for name, case in zip(changes, made, strict=True)}
-        return {name: why for name, why in found.items() if why}
+    def _made(self, scenario: Scenario, number: int) -> Iterator[tuple[str, CaseResult]]:
+        """What becomes of a case with each of the changes that nothing has noticed so far."""
+        left = [
+            (name, change) for name in self.names if name not in self._seen and (change := self._change(name, number))
+        ]
+        for first in range(0, len(left), TOGETHER):
+            some = left[first : first + TOGETHER]
+            made = self._run(scenario, number, [{name: change.new} for name, change in some])
+            yield from zip((name for name, _ in some), made, strict=True)
 
     def _otherwise(self, number: int, made: CaseResult) -> str:
         """Why a case does not come out as it did, "" where it does."""
@@ -143,16 +140,31 @@ class _Probed:
         if number not in self._halved:
             timing = self._shown.timing
             finer = replace(self._shown, timing=replace(timing, step=timing.step * Fraction(1, 2)))
-            try:
-                (made,) = self._run(finer, number, [{}])
-            except ServotwinError:
-                self._halved[number] = None
-            else:
-                self._halved[number] = None if made.result is None else made.trace
+            (made,) = self._run(finer, number, [{}])
+            self._halved[number] = None if made.result is None else made.trace
         return self._halved[number]
 
     def _run(self, scenario: Scenario, number: int, values: Sequence[Mapping[str, Value]]) -> Sequence[CaseResult]:
-        """A case once with each of these values over its own."""
+        """A case once with each of these values over its own; one that cannot be run so has failed."""
         case = scenario.cases[number]
         mutants = tuple(replace(case, values={**case.values, **one}) for one in values)
-        return run_scenario(replace(scenario, cases=mutants), isolation=self._isolation, going_on=True).cases
+        try:
+            return run_scenario(replace(scenario, cases=mutants), isolation=self._isolation, going_on=True).cases
+        except ServotwinError as error:
+            if len(values) > 1:
+                return [made for one in values for made in self._run(scenario, number, [one])]
+            return [CaseResult(case.name, None, error, (), state=CaseState.FAILED)]
+
+
+def parts(case: Case, timing: Timing) -> list[Fraction]:
+    """Until when a case is run to know whether what it is asked up to there holds: ever longer, each at least twice as
+    long as the one before, and the whole as the last [s]; none where a part might go otherwise than the whole does."""
+    if case.may_be_refused or timing.tell_stop:
+        return []
+    ends = {asked.until for asked in case.expected if asked.until < timing.stop}
+    steps = sorted({ceil((Fraction(end) - timing.start) / timing.step) for end in ends}, reverse=True)
+    chosen = [(timing.stop - timing.start) / timing.step]
+    for count in steps:
+        if 0 < 2 * count <= chosen[-1]:
+            chosen.append(Fraction(count))
+    return [timing.start + count * timing.step for count in reversed(chosen[1:])]

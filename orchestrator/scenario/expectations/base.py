@@ -131,6 +131,11 @@ class Expected(ABC):
         return any(leaf.accepted for leaf in self.leaves if leaf is not self)
 
     @property
+    def until(self) -> float:
+        """When the last sample comes that it looks at [s]; infinite where that is the end of the run."""
+        return float("inf")
+
+    @property
     def leaves(self) -> tuple[Expected, ...]:
         """What it is made of in the end; itself where it is not made of others."""
         return (self,)

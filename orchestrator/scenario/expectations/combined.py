@@ -32,6 +32,10 @@ class AtLeast(Expected):
         return tuple(dict.fromkeys(signal for part in self.parts for signal in part.signals))
 
     @property
+    def until(self) -> float:
+        return max(part.until for part in self.parts)
+
+    @property
     def refuses(self) -> bool:
         return any(part.refuses for part in self.parts)
 

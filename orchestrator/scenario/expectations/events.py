@@ -216,6 +216,10 @@ class InOrder(Expected):
     def signals(self) -> tuple[str, ...]:
         return tuple(step.signal for step in self.steps)
 
+    @property
+    def until(self) -> float:
+        return max(step.until for step in self.steps)
+
     def brought(self, wiring: Wiring) -> Self:
         return replace(self, steps=tuple(step.brought(wiring) for step in self.steps))
 

@@ -50,6 +50,10 @@ class OnSignal(Expected):
         return (self.signal,)
 
     @property
+    def until(self) -> float:
+        return np.inf if self.before is None else self.before
+
+    @property
     def drawn(self) -> tuple[tuple[str, Draws], ...]:
         return () if self.condition.draws is None else ((self.signal, self.condition.draws),)
 
@@ -142,6 +146,10 @@ class Says(Expected):
     @property
     def signals(self) -> tuple[str, ...]:
         return (self.signal,)
+
+    @property
+    def until(self) -> float:
+        return np.inf if self.before is None else self.before
 
     def brought(self, wiring: Wiring) -> Self:
         port = wiring.port(self.signal, self.place)

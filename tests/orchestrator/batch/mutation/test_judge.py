@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from orchestrator.batch.mutation import judge
 from orchestrator.batch.mutation.coverage import Coverage, Outcome, outcome_of
 from orchestrator.batch.mutation.judge import MutationJudge
 from orchestrator.batch.verdict import Verdict
+from orchestrator.scenario.schema import load_scenario
 
 GRAVITY = "hand.gravity_torque"
 
@@ -107,6 +109,44 @@ def test_changes_that_are_run_in_one_go_come_out_as_alone(
     monkeypatch.setattr(judge, "TOGETHER", together)
     assert MutationJudge()(file, tmp_path) == document
     assert {outcome_of(case) for case in document["cases"]} == set(Outcome)
+
+
+UNTIL = [{"signal": "hand.angle", "before": before, "below": 3} for before in (0.1, 0.115, 0.3, 0.301, 0.9)]
+
+
+@pytest.mark.parametrize(
+    ("more", "stops"),
+    [
+        ({"expect": UNTIL}, ["0.12", "0.31"]),
+        ({"expect": [{"any": UNTIL}]}, []),
+        (
+            {"expect": [{"any": UNTIL[:3]}, {"in_order": [{"signal": "hand.angle", "crossings": {"level": 0}}] * 2}]},
+            ["0.3"],
+        ),
+        ({"expect": [{"signal": "hand.angle", "below": 3}, {"steps": {"at_least": 1}}]}, []),
+        ({"expect": [*UNTIL, {"refused": "too fast"}]}, []),
+        ({"expect": UNTIL, "run": {"stop": 1, "step": 0.01, "tell_stop": True}}, []),
+    ],
+)
+def test_a_part_of_a_case_ends_where_some_of_what_is_asked_looks_no_further(
+    more: dict[str, Any], stops: list[str], tmp_path: Path
+) -> None:
+    loaded = load_scenario(scenario(tmp_path, **more))
+    assert judge.parts(loaded.cases[0], loaded.timing) == [Fraction(stop) for stop in stops]
+    for stop in judge.parts(loaded.cases[0], loaded.timing):
+        shortened = loaded.until(stop)
+        assert shortened.timing.stop == stop
+        assert 0 < len(shortened.cases[0].expected) < len(loaded.cases[0].expected)
+
+
+@pytest.mark.slow
+def test_parts_of_a_case_notice_what_all_of_it_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    narrow = [{"before": 0.1, "below": 0.5001}, {"before": 0.4, "above": 0.0958}, {"after": 0.8, "above": -0.5001}]
+    file = scenario(tmp_path, expect=[{"signal": "hand.angle", **asked} for asked in narrow])
+    found = outcomes(file)
+    monkeypatch.setattr(judge, "parts", lambda case, timing: [])
+    assert outcomes(file) == found
+    assert {Outcome.SEEN, Outcome.UNSEEN} <= set(found.values())
 
 
 def test_a_scenario_that_fails_as_it_is_cannot_notice_anything(tmp_path: Path) -> None:
