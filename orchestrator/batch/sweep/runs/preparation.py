@@ -177,15 +177,16 @@ def _check_size(study: Prepared) -> None:
 
 
 def _check_seen(study: Prepared, systems: Sequence[Wired]) -> None:
-    """See that what varies can be noticed."""
+    """See that what varies can be noticed, with one of the systems at least."""
     kept = study.setup.kept.signals if study.setup.kept else ()
     names = [*study.setup.space.names, *(f"{name}.seed" for name in study.setup.noise)]
     for one in systems:
         looked_at = [signal for case in one.scenario.cases for signal in case.looked_at]
-        for name in unseen(one.system, names, [*looked_at, *kept], one.scenario.cases):
-            problem = "no expectation, measure or trace can see it"
-            fix = "add an expectation to the scenario, or `measures` or `traces` to the study"
-            raise ScenarioError(f"{study.file}: {name}", problem, fix)
+        names = unseen(one.system, names, [*looked_at, *kept], one.scenario.cases)
+    if names:
+        problem = "no expectation, measure or trace can see it"
+        fix = "add an expectation to the scenario, or `measures` or `traces` to the study"
+        raise ScenarioError(f"{study.file}: {names[0]}", problem, fix)
     if not (study.setup.asked or kept):
         raise ScenarioError(study.file, "nothing is kept of the runs", "give `measures` or `traces`")
 

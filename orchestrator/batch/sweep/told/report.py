@@ -68,7 +68,7 @@ def _outcome(section: Section, result: SweepResult) -> None:
     headers = ["column", "of each run", "held", "of", "share [%]", "95 % interval [%]"]
     rows: list[list[Cell]] = [
         [one["column"], one["text"], one["held"], one["of"], _percent(one["share"]), _interval(one)]
-        for one in (passing, *document["asked"])
+        for one in result.told
     ]
     section.table(headers, rows)
     section.paragraph(

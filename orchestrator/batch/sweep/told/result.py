@@ -51,7 +51,11 @@ class AskedDocument(TypedDict):
 
 
 class SweepDocument(TypedDict):
-    """All runs together, as `summary.json` holds it."""
+    """All runs together, as `summary.json` holds it.
+
+    Attributes:
+        by_case: how many of each case pass, where there are several with several runs each.
+    """
 
     title: str
     passed: bool
@@ -62,6 +66,7 @@ class SweepDocument(TypedDict):
     design: dict[str, Any]
     failed: int
     passing: AskedDocument
+    by_case: list[AskedDocument]
     asked: list[AskedDocument]
     varied: dict[str, str]
     notes: list[str]
@@ -92,9 +97,14 @@ class SweepResult:
         failed = f"; {self.document['failed']:,} failed, see `reason`" if self.document["failed"] else ""
         return f"{self.document['runs']:,} runs at {self.document['points']:,} points{failed}"
 
+    @property
+    def told(self) -> list[AskedDocument]:
+        """What is told of all runs together: how many pass, in each case, too, and what was asked of them."""
+        return [self.document["passing"], *self.document["by_case"], *self.document["asked"]]
+
     def rows(self) -> list[tuple[str, ...]]:
         """A row under `HEADERS` of all that was asked."""
-        return [_row(one) for one in (self.document["passing"], *self.document["asked"])]
+        return [_row(one) for one in self.told]
 
     def _repr_html_(self) -> str:
         return table(HEADERS, self.rows(), caption=f"{self.document['title']}: {self.sentence}")

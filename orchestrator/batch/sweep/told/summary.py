@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +30,8 @@ def write_summary(study: Prepared, folder: Path) -> SweepResult:
 
 def _document(study: Prepared, found: SweepResult) -> SweepDocument:
     setup, block = study.setup, study.block
-    passing = asked_of(PASSED, verdicts(found, "passed"), None, None)
+    passed = verdicts(found, "passed")
+    passing = asked_of(PASSED, passed, None, None)
     failed = len(found.failed)
     document: SweepDocument = {
         "title": block.title,
@@ -41,12 +43,23 @@ def _document(study: Prepared, found: SweepResult) -> SweepDocument:
         "design": block.design.model_dump(mode="json", exclude={"points"}, exclude_none=True),
         "failed": failed,
         "passing": passing,
+        "by_case": _by_case(setup.cases, passed),
         "asked": [_asked(found, one) for one in setup.asked],
         "varied": {factor.name: factor.unit for factor in setup.space.factors},
         "notes": list(study.notes),
         "versions": versions(),
     }
     return document if block.at_least is None else document | {"at_least": block.at_least}
+
+
+def _by_case(cases: Sequence[str], passed: FloatArray) -> list[AskedDocument]:
+    """Verdicts (N,) of each case, whose runs come one after the other at each point."""
+    if len(cases) < 2 or len(passed) == len(cases):
+        return []
+    return [
+        asked_of(Asked("passed", f"passes in case {name}"), passed[number :: len(cases)], None, None)
+        for number, name in enumerate(cases)
+    ]
 
 
 def _asked(found: SweepResult, asked: Asked) -> AskedDocument:

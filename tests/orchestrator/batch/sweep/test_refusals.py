@@ -95,15 +95,23 @@ def test_a_study_that_cannot_be_run_is_told_and_leaves_nothing(what: str, tmp_pa
     assert not (tmp_path / "out").exists()
 
 
+TWO: dict[str, Any] = FALLING | {
+    "components": {**FALLING["components"], "other": {"model": "pendulum", "parameters": {"angle_start": 0.5}}},  # type: ignore[dict-item]
+    "stimuli": {"hand.torque": {"constant": 0}, "other.torque": {"constant": 0}},
+}
+OTHER: dict[str, Any] = {"vary": {"other.added_mass": [0.1, 0.2]}, "design": {"by": "grid"}, "traces": None}
+
+
 def test_what_nothing_can_see_is_refused(tmp_path: Path) -> None:
-    two = FALLING | {
-        "components": {**FALLING["components"], "other": {"model": "pendulum"}},  # type: ignore[dict-item]
-        "stimuli": {"hand.torque": {"constant": 0}, "other.torque": {"constant": 0}},
-    }
     with pytest.raises(ServotwinError, match=r"other\.added_mass: no expectation, measure or trace can see it"):
-        sweep(
-            study(tmp_path, two, vary={"other.added_mass": [0.1, 0.2]}, design={"by": "grid"}), tmp_path / "out", Here()
-        )
+        sweep(study(tmp_path, TWO, **OTHER), tmp_path / "out", Here())
+
+
+def test_what_the_system_of_one_case_can_see_is_varied_in_all(tmp_path: Path) -> None:
+    looked_at = {"signal": "other.speed", "peak": {"at_most": 4.0}}
+    seen = {"name": "seen", "components": {"hand": FALLING["components"]["hand"]}, "expect": [looked_at]}  # type: ignore[index]
+    found = sweep(study(tmp_path, TWO | {"cases": [{"name": "not"}, seen]}, **OTHER), tmp_path / "out", Here())
+    assert found.document["runs"] == 4 and found.document["failed"] == 0
 
 
 def test_a_disk_that_is_full_is_told_and_what_was_done_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -23,7 +23,7 @@ from orchestrator.batch.sweep.told.sensitivity import indices, rank_correlations
 from orchestrator.info import about
 from orchestrator.scenario.run import run_scenario
 from orchestrator.trace import FloatArray
-from tests.support.sweeping import Here, study
+from tests.support.sweeping import FALLING, Here, study
 
 ANGLES = Space(tuple(Factor(f"a.x{number}", Interval(-np.pi, np.pi)) for number in range(1, 4)))
 FIRST, TOTAL = (0.3139, 0.4424, 0.0), (0.5576, 0.4424, 0.2437)  # of Ishigami's function, a = 7, b = 0.1
@@ -99,6 +99,15 @@ def test_a_page_of_many_runs_shows_some_and_says_so(tmp_path: Path, monkeypatch:
     result = sweep(file, tmp_path / "out", Here())
     with prepared(file) as ready:
         assert "of 7 runs, spread evenly" in report(ready, result).render()
+
+
+def test_each_case_has_its_own_share_of_runs_that_pass(tmp_path: Path) -> None:
+    still = {"name": "still", "expect": [{"signal": "hand.speed", "peak": {"at_most": 0.0}}]}
+    file = study(tmp_path, {**FALLING, "cases": [{"name": "free"}, still]})
+    document = sweep(file, tmp_path / "out", Here()).document
+    found = {one["text"]: (one["held"], one["of"]) for one in document["by_case"]}
+    assert found == {"passes in case free": (document["passing"]["held"], 20), "passes in case still": (0, 20)}
+    assert sweep(study(tmp_path / "one"), tmp_path / "other", Here()).document["by_case"] == []
 
 
 def test_a_result_is_read_from_its_folder(tmp_path: Path) -> None:
