@@ -43,9 +43,17 @@ def table(groups: Mapping[str, Sequence[Figure]]) -> str:
 
 
 def report_groups(groups: Mapping[str, Sequence[Figure]]) -> int:
-    """Print the table of groups by name; the exit code is 1 where a certain claim falls short."""
+    """Print the table of groups by name, and which certain claims fall short; the exit code is 1 where one does."""
     print(table(groups))
-    return int(any(figure.certain and not figure.holds for figures in groups.values() for figure in figures))
+    short = [
+        f"{group}: {figure.name}" if group else figure.name
+        for group, figures in groups.items()
+        for figure in figures
+        if figure.certain and figure.holds is not None and not figure.holds
+    ]
+    if short:
+        print("\nfalls short on any machine:", *short, sep="\n  ")
+    return int(bool(short))
 
 
 def share_inside(intervals: Sequence[Interval], truth: float) -> float:

@@ -26,6 +26,7 @@ from orchestrator.can.frames import Frames
 from orchestrator.progress import silent
 
 from ..figure import Figure
+from ..memory import peak_megabytes
 
 ROOT = Path(__file__).parents[3]
 MESSAGES, FRAMES, REPEATS = 4, 100_000, 3
@@ -167,14 +168,12 @@ def memory(folder: Path) -> list[Figure]:
 
 def print_conversion(folder: Path) -> None:
     """Seconds that the conversion takes, and the process' peak memory [MB]."""
-    import resource
-
     from orchestrator.formats import Layout
     from orchestrator.formats.can_conversion import convert
 
     begun = perf_counter()
     convert(folder / "long.blf", folder / "long.parquet", Layout(database=folder / "rig.dbc"), silent)
-    print(perf_counter() - begun, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+    print(perf_counter() - begun, peak_megabytes())
 
 
 if __name__ == "__main__":

@@ -26,6 +26,7 @@ from identification.subspace.weightings import Weighting
 
 from ..environments import python_with
 from ..figure import Figure
+from ..memory import peak_megabytes
 from .subspace_peers import TOOLS
 
 ROOT = Path(__file__).parents[3]
@@ -152,12 +153,10 @@ def long_record(weighting: Weighting) -> list[Figure]:
 
 def print_long_record(weighting: Weighting) -> None:
     """Seconds of the estimate, seconds of a processor, and the process' peak memory [MB]."""
-    import resource
-
     record = excited(lightly_damped(ORDER // 2), LONG, np.random.default_rng(2))
     begun, busy = perf_counter(), process_time()
     subspace(record, ORDER, SubspaceSettings(BLOCK, weighting, feedthrough=True))
-    print(perf_counter() - begun, process_time() - busy, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+    print(perf_counter() - begun, process_time() - busy, peak_megabytes())
 
 
 def shown(name: str, measured: Measured) -> Figure:
