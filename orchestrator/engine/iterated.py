@@ -25,8 +25,7 @@ from fractions import Fraction
 from typing import Any
 
 from fmus.errors import FmuError, WiringError
-from orchestrator.engine.loop import CHUNK, Loop, Node
-from orchestrator.engine.recording import Recorder
+from orchestrator.engine.loop import Loop, Node
 from orchestrator.fmi.instance import stepping
 from orchestrator.rational import Clock, written
 from orchestrator.system import System
@@ -142,29 +141,18 @@ class IteratedLoop(Loop):
             own[node.first : node.first + len(node.instant)] = node.instant
         self._instants = own
         used = {slot for node in self.nodes for slot in node.sources}
-        circular = any(len(group) > 1 or group[0].feeds_itself for group in self.groups)
-        self._coupled = circular or bool(used.intersection(self.iteration.averaged))
+        self._coupled = any(circular for _, circular in self._circular) or bool(
+            used.intersection(self.iteration.averaged)
+        )
 
     def begin(self, stimuli: FloatArray) -> None:
         self.taken, self._length = Taken(), self.iteration.parts
         super().begin(stimuli)
 
-    def advance(self, last: int, recorder: Recorder) -> None:
-        for tick in range(self.tick, min(last, self.tick + CHUNK)):
-            if recorder.full(self.recorded):
-                break
-            self.arrive(tick)
-            recorded = recorder.row(self.recorded) if tick % recorder.every == 0 else None
-            if recorded is not None:
-                recorded[: len(self.record_slots)] = [self.values[slot] for slot in self.record_slots]
-            acting = self._through(tick)
-            for node in self.nodes:
-                node.held = node.inputs(acting)
-            if recorded is not None:
-                for column, (node, number) in enumerate(self.record_inputs, start=len(self.record_slots)):
-                    recorded[column] = node.held[number]
-                self.recorded += 1
-            self.tick = tick + 1
+    def _take(self, tick: int) -> None:
+        acting = self._through(tick)
+        for node in self.nodes:
+            node.held = node.inputs(acting)
 
     def _through(self, tick: int) -> list[float]:
         """Take a communication step; the values that acted at its beginning."""

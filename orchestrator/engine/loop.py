@@ -165,6 +165,7 @@ class Loop:
 
     def __post_init__(self) -> None:
         self.nodes = [node for group in self.groups for node in group]
+        self._circular = [(group, len(group) > 1 or group[0].feeds_itself) for group in self.groups]
         self.begin(np.zeros((0, self.size - self.first_stimulus)))
 
     def begin(self, stimuli: FloatArray) -> None:
@@ -190,7 +191,6 @@ class Loop:
         return list(self.values)
 
     def advance(self, last: int, recorder: Recorder) -> None:
-        groups = [(group, len(group) > 1 or group[0].feeds_itself) for group in self.groups]
         if self.tick == 0 and not self.said:
             self._begin_texts()
         for tick in range(self.tick, min(last, self.tick + CHUNK)):
@@ -200,21 +200,25 @@ class Loop:
             recorded = recorder.row(self.recorded) if tick % recorder.every == 0 else None
             if recorded is not None:
                 recorded[: len(self.record_slots)] = [self.values[slot] for slot in self.record_slots]
-            for group, circular in groups:
-                due = [node for node in group if tick % node.every == 0]
-                for node in due:
-                    if node.hears:
-                        self._hear(node)
-                if circular and due:
-                    self._iterate(due, tick)
-                else:
-                    for node in due:
-                        self._advance(node, tick)
+            self._take(tick)
             if recorded is not None:
                 for column, (node, number) in enumerate(self.record_inputs, start=len(self.record_slots)):
                     recorded[column] = node.held[number]
                 self.recorded += 1
             self.tick = tick + 1
+
+    def _take(self, tick: int) -> None:
+        """Step all components that are due, and hold the inputs that they were given."""
+        for group, circular in self._circular:
+            due = [node for node in group if tick % node.every == 0]
+            for node in due:
+                if node.hears:
+                    self._hear(node)
+            if circular and due:
+                self._iterate(due, tick)
+            else:
+                for node in due:
+                    self._advance(node, tick)
 
     def finish(self) -> None:
         """Nothing: it holds them."""
