@@ -18,9 +18,9 @@ ROOT = Path(__file__).parents[2]
 COMMAND = [sys.executable, "-c", "from identification.cli import main; main()"]
 
 
-def servotwin(*arguments: object) -> Result:
-    """The command in this process."""
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+def servotwin(*arguments: object, **options: Any) -> Result:
+    """The command in this process; `options` are those of `CliRunner.invoke`."""
+    return CliRunner().invoke(app, [str(argument) for argument in arguments], **options)
 
 
 def only_json(answer: Result, code: int = 0) -> dict[str, Any]:

@@ -12,16 +12,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from ruamel.yaml import YAML
-from typer.testing import CliRunner
 
 from fmus.errors import IdentificationError, ScenarioError
 from identification import calibrate, design, load_study
-from identification.cli import app
 from identification.design.criteria import covariance, figure, half_widths, unseen
 from identification.design.design import Design, name_of
 from identification.design.study import Options, Range
 from orchestrator import read, run
 from orchestrator.cli.schemas import schema_of
+from tests.support.commands import servotwin
 
 ROOT = Path(__file__).parents[3]
 LAG = '''"""A first-order lag: T x' = K u - x; what is beyond 2 of the input counts more."""
@@ -148,12 +147,12 @@ def test_the_shortest_duration_is_the_one_whose_windows_suffice(tmp_path: Path) 
 @pytest.mark.slow
 def test_a_duration_that_no_length_reaches_is_missed_and_short_ones_are_told(tmp_path: Path) -> None:
     file = in_windows(tmp_path, 2.0, duration={"between": [1.0, 5.0], "half_width": "0.001 %"})
-    done = CliRunner().invoke(app, ["design", str(file), "--out", str(tmp_path / "out")])
+    done = servotwin("design", file, "--out", tmp_path / "out")
     assert done.exit_code == 1 and "MISSED: after 5 s a half-width is" in done.stdout
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert not summary["duration"]["reached"] and summary["duration"]["seconds"] == 5
     reached = in_windows(tmp_path, 2.0, duration={"between": [1.0, 5.0], "half_width": "50 %", "within": 1})
-    done = CliRunner().invoke(app, ["design", str(reached), "--out", str(tmp_path / "out"), "--json"])
+    done = servotwin("design", reached, "--out", tmp_path / "out", "--json")
     told = json.loads(done.stdout)["duration"]
     assert done.exit_code == 0 and told["reached"] and told["seconds"] == 3
     assert [(one["duration"], one["of_target"] is None) for one in told["tried"]] == [
@@ -302,7 +301,7 @@ def test_the_shipped_design_keeps_its_word_on_the_rig(tmp_path: Path) -> None:
     """Half-widths come out within 20 % of those predicted, and the limits are kept."""
     made = design(ROOT / "scenarios" / "butterfly" / "design.yaml")
     folder = made.write(tmp_path / "next")
-    recorded = CliRunner().invoke(app, ["run", str(folder / "experiments.yaml"), "--out", str(tmp_path / "recordings")])
+    recorded = servotwin("run", folder / "experiments.yaml", "--out", tmp_path / "recordings")
     assert recorded.exit_code == 0, recorded.output  # all limits are kept
     parameters = calibrate(folder / "calibration.yaml", tmp_path / "recordings").parameters
     found: Design = made.result
@@ -317,17 +316,17 @@ def test_the_shipped_design_keeps_its_word_on_the_rig(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_command_tells_half_widths_and_writes_what_it_tells_with_json(tmp_path: Path) -> None:
     file = lagging(tmp_path, {"sine": sine(**{"drive.frequency": [0.2]})}, search={"candidates": 1, "rounds": 0})
-    told = CliRunner().invoke(app, ["design", str(file), "--out", str(tmp_path / "out")])
+    told = servotwin("design", file, "--out", tmp_path / "out")
     assert told.exit_code == 0, told.output
     for part in ("half-widths", "lag.time_constant", "design_1: drive.shape sine", "worst half-width, after"):
         assert part in told.output
-    answer = CliRunner().invoke(app, ["design", str(file), "--out", str(tmp_path / "out"), "--json"])
+    answer = servotwin("design", file, "--out", tmp_path / "out", "--json")
     document = json.loads(answer.stdout)
     assert document == json.loads((tmp_path / "out" / "summary.json").read_text())
     assert document["half_widths"]["lag.gain"]["after"] == pytest.approx(
         document["parameters"]["lag.gain"]["std"] * 1.96, rel=1e-3
     )
-    refused = CliRunner().invoke(app, ["calibrate", str(file)])
+    refused = servotwin("calibrate", file)
     assert "servotwin design" in refused.output
 
 

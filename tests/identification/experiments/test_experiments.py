@@ -13,11 +13,9 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 from scipy.signal import cont2discrete
-from typer.testing import CliRunner
 
 from fmus.errors import IdentificationError, ScenarioError
 from identification.calibrate import calibrate_study, validate_result
-from identification.cli import app
 from identification.experiments.claims import Comparison, figures, judge
 from identification.experiments.experiments import Experiments, run
 from identification.experiments.physical_modes import PhysicalMode, physical_modes
@@ -28,6 +26,7 @@ from identification.linear.model import LinearModel
 from identification.linear.modes import Mode, from_modes
 from orchestrator.progress import silent
 from orchestrator.yaml_file import load
+from tests.support.commands import servotwin
 
 pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
 
@@ -166,7 +165,7 @@ def test_a_claim_that_comes_out_otherwise_than_stated_fails_the_command(linear: 
     study["claims"][1]["outcome"] = "held in part"
     (linear / "otherwise.yaml").write_text(json.dumps(study))
     places = [str(linear / "otherwise.yaml"), "--data", str(linear / "data"), "--out", str(tmp_path / "out")]
-    answer = CliRunner().invoke(app, ["calibrate", *places, "--json"])
+    answer = servotwin("calibrate", *places, "--json")
     document = json.loads(answer.stdout)
     assert answer.exit_code == 1
     assert "'the opposite' is not borne out, where the study states 'held in part'" in document["warnings"]

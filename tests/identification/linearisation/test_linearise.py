@@ -15,13 +15,11 @@ from fmpy.fmi2 import FMU2Model
 from ruamel.yaml import YAML
 from scipy.linalg import expm
 from scipy.signal import cont2discrete
-from typer.testing import CliRunner
 
 from fmus import library
 from fmus.errors import IdentificationError, InputError, WiringError
 from fmus.packaging import targets
 from identification import linearise
-from identification.cli import app
 from identification.linear.fmu import model_in
 from identification.linear.model import LinearModel
 from identification.linearisation.result import FMU, Linearised
@@ -29,6 +27,7 @@ from identification.linearisation.slopes import DIFFERENCES, DIRECTIONAL, MATRIC
 from orchestrator import open_system, run
 from orchestrator.fmi.file import FmuDescription
 from orchestrator.trace import FloatArray
+from tests.support.commands import servotwin
 from tests.support.identification.beam import Arm, finite_element_modes
 
 pytestmark = pytest.mark.slow  # each builds FMUs
@@ -281,9 +280,7 @@ def test_a_case_has_its_own_values_and_its_own_components(tmp_path: Path) -> Non
     omega(stiff, 9 * GRAVITY, INERTIA)
     assert [found.case for found in (bare, heavy, stiff)] == ["bare", "heavy", "stiff"]
     assert "of 3 cases it is the first, bare" in bare.remarks and "of 3 cases it is stiff" in stiff.remarks
-    done = CliRunner().invoke(
-        app, ["linearise", str(file), "--case", "stiff", "--out", str(tmp_path / "out"), "--json"]
-    )
+    done = servotwin("linearise", file, "--case", "stiff", "--out", tmp_path / "out", "--json")
     assert json.loads(done.stdout)["case"] == "stiff"
     with pytest.raises(InputError, match="has no case 'light'; its cases are bare, heavy, stiff"):
         linearise(file, case="light")
@@ -318,11 +315,11 @@ def test_what_cannot_be_linearised_is_refused_with_the_reason(tmp_path: Path) ->
 
 def test_the_command_prints_modes_and_signals_and_writes_what_it_tells_with_json(tmp_path: Path) -> None:
     file, out = swinging(tmp_path), tmp_path / "out"
-    told = CliRunner().invoke(app, ["linearise", str(file), "--out", str(out), "--set", "hand.added_mass=0"])
+    told = servotwin("linearise", file, "--out", out, "--set", "hand.added_mass=0")
     assert told.exit_code == 0, told.output
     for part in ("frequency", "hand.torque", "hand.angle", "rad/s", "the start of the run", DIRECTIONAL):
         assert part in told.output
-    answer = CliRunner().invoke(app, ["linearise", str(file), "--out", str(out), "--json", "--at", "2"])
+    answer = servotwin("linearise", file, "--out", out, "--json", "--at", "2")
     document = json.loads(answer.stdout)
     assert document == json.loads((out / "summary.json").read_text())
     assert document["time"] == 2

@@ -11,14 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 from ruamel.yaml import YAML
-from typer.testing import CliRunner
 
 from fmus.modelling.instance import Instance
 from fmus.models.plants import flexible_link
 from identification.calibrate import calibrate_study, validate_result
-from identification.cli import app
 from identification.output_error import calibration
 from orchestrator.trace import FloatArray
+from tests.support.commands import servotwin
 
 pytestmark = pytest.mark.slow  # a calibration
 
@@ -102,7 +101,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     study, data = small_study(folder / "study.yaml"), record(folder / "data")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(calibration, "processors", lambda: 1)
-        answer = CliRunner().invoke(app, ["calibrate", str(study), "--data", str(data), "--out", str(folder / "out")])
+        answer = servotwin("calibrate", study, "--data", data, "--out", folder / "out")
     assert answer.exit_code == 0, answer.stderr
     (folder / "printed").write_text(answer.stdout)
     return folder

@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.io import savemat
-from typer.testing import CliRunner
 
 from fmus.errors import ScenarioError, TraceError
 from fmus.files import sha256
-from identification.cli import app
 from identification.output_error import calibration
 from identification.recordings.campaign import TraceSource, load_campaign, recording_warnings, split
 from identification.recordings.schema import TracesBlock, UsedSignals
+from tests.support.commands import servotwin
 from tests.support.identification.small_study import COUNT, STEP, record, simulated, study, voltage, write_study
 
 LAYOUT = {"variable": "D", "time": 0, "columns": {"voltage": 1, "angle": 2}, "units": {"voltage": "V", "angle": "rad"}}
@@ -197,7 +196,7 @@ def test_a_trace_to_hold_out_that_is_not_there_is_refused_with_those_there_are(t
 def calibrate(folder: Path, data: Path, *options: str, **changes: Any) -> Any:
     study_file = write_study(folder / "study.yaml", traces=TRACES | changes)
     command = ["calibrate", str(study_file), "--data", str(data), "--out", str(folder / "out" / "result"), *options]
-    return CliRunner().invoke(app, command, env={"COLUMNS": "80"})
+    return servotwin(*command, env={"COLUMNS": "80"})
 
 
 def refused(folder: Path, data: Path, **changes: Any) -> str:

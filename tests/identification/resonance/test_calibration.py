@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from fmus.errors import ScenarioError
 from fmus.modelling.instance import Instance
@@ -17,10 +16,10 @@ from fmus.models.plants import dc_motor, pendulum
 from fmus.packaging import archive, defaults
 from fmus.parameters.ssv import read_values
 from identification.calibrate import calibrate_study
-from identification.cli import app
 from orchestrator import formats
 from orchestrator.results import RECORD
 from orchestrator.trace import Trace
+from tests.support.commands import servotwin
 from tests.support.identification.pendulum_resonance import resonance_frequency
 
 pytestmark = pytest.mark.slow  # a calibration
@@ -38,7 +37,7 @@ LENGTH, AMPLITUDE = 0.05, 1e-5
 
 def calibrate(*arguments: str) -> dict[str, Any]:
     """The JSON document of a calibration through the command line."""
-    answer = CliRunner().invoke(app, ["calibrate", *arguments, "--json"])
+    answer = servotwin("calibrate", *arguments, "--json")
     assert answer.exit_code == 0, answer.stderr
     document: dict[str, Any] = json.loads(answer.stdout)
     return document
@@ -175,7 +174,7 @@ def test_a_study_that_does_not_fit_is_refused_and_nothing_is_written(
 
 
 def test_a_result_of_sines_cannot_be_validated_by_free_runs(result: Path, data: Path) -> None:
-    answer = CliRunner().invoke(app, ["validate", str(result), "--data", str(data)])
+    answer = servotwin("validate", result, "--data", data)
     assert answer.exit_code == 2 and "is no study of FMUs or of a linear model on recordings" in answer.stderr
 
 

@@ -6,13 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
 from fmus.errors import InputError
 from identification.calibrate import tune_study
-from identification.cli import app
 from identification.tuning.summary import TuningSummary
 from orchestrator.progress import silent
+from tests.support.commands import servotwin
 from tests.support.identification.tuning_study import study, write
 
 
@@ -60,7 +59,7 @@ def test_the_command_leaves_with_1_where_the_rig_does_not_bear_a_design_out(tmp_
     rig(tmp_path, at_least=1e3)
     judged = [{"scenario": "rig.yaml", "component": "servo"}]
     file = write(tmp_path, study(judged_on=judged))
-    left = CliRunner().invoke(app, ["tune", str(file), "--out", str(tmp_path / "out")])
+    left = servotwin("tune", file, "--out", tmp_path / "out")
     assert left.exit_code == 1
     assert "MISSED in 1 of 1 cases on the rig: rig.yaml" in left.stdout
     assert "servo.voltage stays above 1000" in left.stdout
@@ -83,7 +82,7 @@ def test_references_of_the_scenarios_own_controller_do_not_judge_another(gains_o
     rig(tmp_path, at_least=0.01)
     file = tmp_path / "rig.yaml"
     file.write_text(f"{file.read_text()}  - {{signal: servo.voltage, reference: accepted, within: 1.0e-6}}\n")
-    accepted = CliRunner().invoke(app, ["accept", str(file), "--out", str(tmp_path / "accept")])
+    accepted = servotwin("accept", file, "--out", tmp_path / "accept")
     assert accepted.exit_code == 0, accepted.output
     found = tuned(tmp_path, gains_only=gains_only)
     assert found["verdict"]["held"] and len(found["rigs"][0]["cases"][0]["checks"]) == 1

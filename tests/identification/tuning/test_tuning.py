@@ -9,16 +9,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from fmus.errors import InputError
 from identification import tune
 from identification.calibrate import calibrate_study, tune_study
-from identification.cli import app
 from identification.tuning.goals.table import MEASURES
 from identification.tuning.summary import TuningSummary
 from orchestrator.info import about
 from orchestrator.progress import silent
+from tests.support.commands import servotwin
 from tests.support.identification.tuning_study import STEP, lagging, study, write
 
 SCENARIO = Path(__file__).parents[3] / "scenarios" / "flexible_arm" / "control" / "tuning" / "pdp.yaml"
@@ -90,9 +89,7 @@ def test_what_cannot_be_had_is_missed_least_and_told(tmp_path: Path) -> None:
 def test_the_command_leaves_with_1_where_goals_are_missed(tmp_path: Path) -> None:
     goals = [{"measure": "phase margin", "at_least": 80}, {"measure": "decay rate", "at_least": 4}]
     for document, code in ((study(), 0), (study(goals=goals), 1)):
-        done = CliRunner().invoke(
-            app, ["tune", str(write(tmp_path, document)), "--out", str(tmp_path / "out"), "--json"]
-        )
+        done = servotwin("tune", write(tmp_path, document), "--out", tmp_path / "out", "--json")
         assert done.exit_code == code, done.output
         assert json.loads(done.stdout)["feasible"] == (code == 0)
 

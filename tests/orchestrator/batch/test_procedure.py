@@ -6,11 +6,10 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from fmus.errors import ScenarioError
-from identification.cli import app
 from orchestrator.batch.procedure import outputs_of, run_procedure
+from tests.support.commands import servotwin
 
 pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
 
@@ -40,7 +39,7 @@ def test_commands_find_the_folders_and_pass_files_on(tmp_path: Path) -> None:
 
 def test_the_first_command_that_fails_ends_it_and_says_why(tmp_path: Path) -> None:
     file = written(tmp_path, '  - run: ["info {here}/none.csv"]\n  - run: ["trace info {here}/a.csv"]\n')
-    answer = CliRunner().invoke(app, ["test", str(file), "--out", str(tmp_path / "out"), "--json"])
+    answer = servotwin("test", file, "--out", tmp_path / "out", "--json")
     (verdict,) = json.loads(answer.stdout)["scenarios"]
     assert answer.exit_code == 1
     (case,) = verdict["result"]["cases"]
@@ -50,13 +49,13 @@ def test_the_first_command_that_fails_ends_it_and_says_why(tmp_path: Path) -> No
 def test_a_command_beside_that_fails_ends_the_procedure_and_is_named_first(tmp_path: Path) -> None:
     endless = "can record --interface virtual --channel idle --out {out}/idle"
     file = written(tmp_path, f'  - {{beside: ["info {{here}}/none.csv"], run: ["{endless}"]}}\n')
-    answer = CliRunner().invoke(app, ["test", str(file), "--out", str(tmp_path / "out"), "--json"])
+    answer = servotwin("test", file, "--out", tmp_path / "out", "--json")
     (verdict,) = json.loads(answer.stdout)["scenarios"]
     first, *others = verdict["result"]["cases"]
     assert answer.exit_code == 1 and first["name"].startswith("info") and first["seconds"] > 0
     assert first["error"].startswith("ended before it was told to, with exit code 2: servotwin: ")
     assert all(case["name"].startswith("can record") for case in others)
-    shown = CliRunner().invoke(app, ["test", str(file), "--out", str(tmp_path / "again")], env={"COLUMNS": "200"})
+    shown = servotwin("test", file, "--out", tmp_path / "again", env={"COLUMNS": "200"})
     assert "ended before" in shown.stdout
 
 

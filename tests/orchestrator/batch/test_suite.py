@@ -9,7 +9,6 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import pytest
-from typer.testing import CliRunner
 
 from fmus.errors import InputError, ScenarioError
 from orchestrator.batch.discovery import Task, find_scenarios
@@ -17,8 +16,8 @@ from orchestrator.batch.junit import write_junit
 from orchestrator.batch.procedure import run_procedure
 from orchestrator.batch.suite import run_suite
 from orchestrator.batch.verdict import Verdict
-from orchestrator.cli.suite import app
 from orchestrator.results import FileDocument
+from tests.support.commands import servotwin
 
 RUN = """
 title: falling
@@ -106,7 +105,7 @@ def test_a_fault_of_ours_fails_its_file_and_is_the_exit_code_when_all_are_done(
     monkeypatch.setattr("orchestrator.cli.suite.JUDGES", {"claims": judge})
     files = written(tmp_path, a="claims: break", b="claims: pass")
     arguments = [str(tmp_path), "--out", str(tmp_path / "out"), "--json", "-vv"]
-    answer = CliRunner().invoke(app, arguments)
+    answer = servotwin(*arguments)
     document = json.loads(answer.stdout)
     assert answer.exit_code == 4 and [one["passed"] for one in document["scenarios"]] == [False, True]
     assert document["scenarios"][0]["error"].startswith("a fault of servotwin: KeyError: 'no such thing'; ")

@@ -12,15 +12,14 @@ from typing import Any
 import can
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from identification.cli import app
 from orchestrator import formats
 from tests.support.can.coupled import (
     written,
 )
 from tests.support.can.coupling_samples import ScriptedBus
 from tests.support.can.wiring import HANG, command, until_said, wait_for
+from tests.support.commands import servotwin
 
 pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
 
@@ -42,7 +41,7 @@ LAW: dict[str, Any] = {
 def test_the_command_judges_and_leaves_a_folder(folder: Path, tmp_path: Path) -> None:
     path = written(folder, expect=[{"signal": "hand.angle", "below": 0.1}])
     arguments = ["can", "bridge", path, "--interface", "virtual", "--channel", "c", "--out", tmp_path / "out", "--json"]
-    done = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    done = servotwin(*arguments)
     assert done.exit_code == 1
     document = json.loads(done.stdout)
     assert document["can"]["mode"] == "bridge" and not document["passed"]
@@ -56,7 +55,7 @@ def test_the_command_keeps_the_result_of_a_bus_that_fails(
     bus = ScriptedBus().plug_in(monkeypatch)
     bus.failure = can.CanOperationError("gone")
     arguments = ["can", "bridge", written(folder), "--interface", "virtual", "--channel", "c", "--out", tmp_path / "o"]
-    done = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    done = servotwin(*arguments)
     assert done.exit_code == 3
     assert "(gone); the result up to there is in" in done.stderr
     assert json.loads((tmp_path / "o" / "manifest.json").read_text())["ended"] == "failed"
@@ -70,7 +69,7 @@ def test_the_command_keeps_the_result_of_a_bus_that_fails(
     ],
 )
 def test_a_bench_wants_one_bus(folder: Path, arguments: list[str], message: str) -> None:
-    done = CliRunner().invoke(app, ["can", "bench", str(written(folder)), *arguments])
+    done = servotwin("can", "bench", written(folder), *arguments)
     assert done.exit_code == 2
     assert message in done.stderr
 

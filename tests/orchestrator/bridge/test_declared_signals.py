@@ -6,12 +6,11 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from fmus.errors import ScenarioError
-from identification.cli import app
 from orchestrator.bridge.declared_signals import declared
 from orchestrator.can.database.database import load
+from tests.support.commands import servotwin
 
 SCENARIO = """title: A swing
 components:
@@ -54,11 +53,11 @@ def test_what_is_not_recorded_is_refused_where_nothing_is_left(scenario: Path) -
 def test_the_command_writes_a_database_that_reads_back_and_never_over_one(scenario: Path, tmp_path: Path) -> None:
     target = tmp_path / "swing.dbc"
     arguments = ["can", "database", str(scenario), "--out", str(target), "--json"]
-    answer = CliRunner().invoke(app, arguments)
+    answer = servotwin(*arguments)
     assert answer.exit_code == 0, answer.stderr
     messages = {message.name: [signal.name for signal in message.signals] for message in load(target).messages}
     assert messages == {name: message["signals"] for name, message in json.loads(answer.stdout)["messages"].items()}
     assert messages["Rig_5ms"] == ["hand_angle"]
-    again = CliRunner().invoke(app, arguments)
+    again = servotwin(*arguments)
     assert again.exit_code == 2
     assert "is there already" in again.stderr

@@ -14,10 +14,8 @@ from pathlib import Path
 
 import can
 import pytest
-from typer.testing import CliRunner
 
 from fmus.errors import BusError, FmuError
-from identification.cli import app
 from orchestrator import formats
 from orchestrator.bridge import results
 from orchestrator.bridge.bridge import couple
@@ -39,6 +37,7 @@ from tests.support.can.coupled import (
     written,
 )
 from tests.support.can.coupling_samples import ScriptedBus, frame
+from tests.support.commands import servotwin
 
 pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
 
@@ -239,7 +238,7 @@ def test_a_full_disk_ends_the_coupling_with_what_was_written(
     monkeypatch.setattr(arrows, "settle", no_room)
     bus = ScriptedBus(proportional).plug_in(monkeypatch)
     arguments = ["can", "bridge", written(folder, run={"stop": 60, "step": 0.001}), "--interface", "virtual"]
-    done = CliRunner().invoke(app, [str(part) for part in [*arguments, "--channel", "c", "--out", tmp_path / "out"]])
+    done = servotwin(*[*arguments, "--channel", "c", "--out", tmp_path / "out"])
     assert done.exit_code == 3 and "cannot be written (No space left on device)" in done.stderr
     assert json.loads((tmp_path / "out" / "manifest.json").read_text())["ended"] == "failed"
     monkeypatch.undo()

@@ -13,9 +13,8 @@ from xml.etree import ElementTree as ET
 
 import pytest
 from ruamel.yaml import YAML
-from typer.testing import CliRunner
 
-from identification.cli import app
+from tests.support.commands import servotwin
 
 ROOT = Path(__file__).parents[3]
 ACTION = ROOT / ".github" / "actions" / "test" / "action.yml"
@@ -93,7 +92,7 @@ def test_the_action_fails_as_the_suite_does_and_tells_github(limit: float, code:
 
 @pytest.mark.slow
 def test_the_template_for_gitlab_leaves_what_it_hands_on(tmp_path: Path) -> None:
-    assert CliRunner().invoke(app, ["init", "gitlab-ci", "--out", str(tmp_path)]).exit_code == 0
+    assert servotwin("init", "gitlab-ci", "--out", tmp_path).exit_code == 0
     job = contents(tmp_path / ".gitlab-ci.yml")["scenarios"]
     scenarios(tmp_path, 0.1)
     done = shell("\n".join(job["script"]), tmp_path)
@@ -104,7 +103,7 @@ def test_the_template_for_gitlab_leaves_what_it_hands_on(tmp_path: Path) -> None
 
 
 def test_the_workflow_for_github_tests_and_keeps_the_reports_whatever_comes(tmp_path: Path) -> None:
-    assert CliRunner().invoke(app, ["init", "ci", "--out", str(tmp_path)]).exit_code == 0
+    assert servotwin("init", "ci", "--out", tmp_path).exit_code == 0
     steps = contents(tmp_path / ".github/workflows/scenarios.yaml")["jobs"]["scenarios"]["steps"]
     assert any(step.get("run", "").startswith("servotwin test scenarios ") for step in steps)
     assert steps[-1]["if"] == "always()" and steps[-1]["uses"].startswith("actions/upload-artifact@")

@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
-from identification.cli import app
 from orchestrator.batch.discovery import Task
 from orchestrator.batch.history import failed
 from orchestrator.batch.verdict import Verdict
+from tests.support.commands import servotwin
 
 SCENARIO = """
 title: A source
@@ -37,7 +36,7 @@ def suite(tmp_path: Path) -> Path:
 
 def verdicts(suite: Path, *options: str, code: int = 0) -> dict[str, Any]:
     arguments = ["test", str(suite), "--out", str(suite.parent / "out"), "--json", *options]
-    answer = CliRunner().invoke(app, arguments)
+    answer = servotwin(*arguments)
     assert answer.exit_code == code, answer.output
     document: dict[str, Any] = json.loads(answer.stdout) if code < 2 else {"said": answer.stderr}
     return document | {"names": [Path(one["file"]).stem for one in document.get("scenarios", [])]}

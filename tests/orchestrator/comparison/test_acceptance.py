@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
 from fmus import files as fmu_files
 from fmus.files import sha256
 from fmus.packaging import targets
-from identification.cli import app
 from orchestrator import formats
 from orchestrator.formats import parquet
 from orchestrator.scenario import references
@@ -22,6 +21,7 @@ from orchestrator.scenario.expectations import OnSignal
 from orchestrator.scenario.run import run_scenario
 from orchestrator.scenario.schema import load_scenario
 from orchestrator.trace import Trace
+from tests.support.commands import servotwin
 
 SWING = """
 title: A swing
@@ -55,7 +55,7 @@ def swing(tmp_path: Path) -> Path:
 
 
 def command(*arguments: object, code: int = 0) -> Result:
-    answer = CliRunner().invoke(app, [str(each) for each in arguments])
+    answer = servotwin(*arguments)
     assert answer.exit_code == code, answer.output
     return answer
 

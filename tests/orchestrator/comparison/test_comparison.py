@@ -8,11 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from fmus import build
 from fmus.packaging import archive, targets
-from identification.cli import app
 from orchestrator import formats
 from orchestrator.comparison.comparison import Tolerance, compare_sides
 from orchestrator.comparison.fmu_side import differences
@@ -20,6 +18,7 @@ from orchestrator.comparison.sides import WAYS, Side
 from orchestrator.scenario.run import run_scenario
 from orchestrator.scenario.schema import load_scenario
 from orchestrator.trace import Trace
+from tests.support.commands import servotwin
 
 SWING = """
 title: A swing
@@ -42,7 +41,7 @@ def swing(tmp_path: Path) -> Path:
 
 
 def compared(*arguments: object, code: int = 0) -> dict[str, Any]:
-    answer = CliRunner().invoke(app, ["compare", "--json", *map(str, arguments)])
+    answer = servotwin("compare", "--json", *map(str, arguments))
     assert answer.exit_code == code, answer.output
     return json.loads(answer.stdout) if code < 2 else {"said": answer.stderr}
 
@@ -96,7 +95,7 @@ def test_the_packagings_and_the_loops_agree_and_are_what_they_say(swing: Path, t
 
 def test_a_result_a_recording_and_a_scenario_are_compared_with_each_other(swing: Path, tmp_path: Path) -> None:
     before = tmp_path / "before"
-    assert CliRunner().invoke(app, ["run", str(swing), "--out", str(before)]).exit_code == 0
+    assert servotwin("run", swing, "--out", before).exit_code == 0
     assert compared(before, swing)["agree"] and compared(before / "low.parquet", swing, "--case", "low")["agree"]
     swing.write_text(SWING.replace("0.2", "0.21"))
     found = compared(before, swing, "--out", tmp_path / "page", code=1)
@@ -153,7 +152,7 @@ def test_the_folders_of_two_suites_are_compared_scenario_by_scenario(swing: Path
     for suite, angle in (("before", "0.2"), ("after", "0.21")):
         swing.write_text(SWING.replace("0.2", angle))
         out = tmp_path / suite / "swings" / "swing"
-        assert CliRunner().invoke(app, ["run", str(swing), "--out", str(out)]).exit_code == 0
+        assert servotwin("run", swing, "--out", out).exit_code == 0
     found = compared(tmp_path / "before", tmp_path / "after", code=1)
     assert [case["name"] for case in found["cases"]] == ["swings/swing: high", "swings/swing: low"]
     assert found["first"]["case"] == "swings/swing: low"

@@ -9,15 +9,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from typer.testing import CliRunner
 
 from fmus.errors import TraceError, WiringError
-from identification.cli import app
 from orchestrator import formats
 from orchestrator.fmi.component import Texts
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.scenario.run import Keeping, ScenarioFailed, ScenarioResult, run_scenario
 from orchestrator.trace import Trace, joined, usable
+from tests.support.commands import servotwin
 from tests.support.fmus import arrays, quirks
 from tests.support.tools import third_party
 
@@ -44,7 +43,7 @@ def only(result: ScenarioResult) -> Trace:
 
 
 def cli(*arguments: object, code: int = 0) -> str:
-    done = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    done = servotwin(*arguments)
     assert done.exit_code == code, done.output
     return " ".join((done.stdout + done.stderr).split())
 

@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from fmus.errors import DatabaseError, TraceError
-from identification.cli import app
 from orchestrator import formats
 from orchestrator.formats import Layout, Recording, can_conversion
 from orchestrator.progress import silent
+from tests.support.commands import servotwin
 
 MESSAGE = 'BO_ {id} {name}: {length} Rig\n SG_ {signal} : {start}|16@1- (0.1,0) [0|0] "rad/s" Rig\n'
 
@@ -167,7 +166,7 @@ def test_a_message_longer_than_the_frames_of_a_log_leaves_the_others_alone(tmp_p
 def test_the_option_dbc_repeats_and_takes_channels(twins: Path) -> None:
     files = dbc(twins.parent, "a", message("Rig", 291)), dbc(twins.parent, "b", message("Arm", 291, "rate"))
     asked = ["trace", "info", str(twins), "--dbc", f"0={files[0]}", "--dbc", f"can1={files[1]}", "--json"]
-    result = CliRunner().invoke(app, asked)
+    result = servotwin(*asked)
     assert result.exit_code == 0, result.output
     names = [signal["name"] for signal in json.loads(result.stdout)["traces"][0]["signals"]]
     assert names == ["speed", "rate"]
@@ -175,7 +174,7 @@ def test_the_option_dbc_repeats_and_takes_channels(twins: Path) -> None:
 
 @pytest.mark.parametrize("option", ["--dbc=0=", "--dbc==a.dbc", "--dbc=", "--source=x", "--source=256"])
 def test_options_of_databases_that_say_nothing_are_refused(twins: Path, option: str) -> None:
-    result = CliRunner().invoke(app, ["trace", "info", str(twins), option])
+    result = servotwin("trace", "info", twins, option)
     assert result.exit_code == 2 and option.replace("=", " ", 1) in result.stderr
 
 

@@ -12,7 +12,6 @@ from fmpy import read_model_description
 from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
 from lxml import etree
-from typer.testing import CliRunner
 
 from fmus.errors import FmuFileError, InputError, WiringError
 from fmus.packaging import archive
@@ -20,7 +19,6 @@ from fmus.packaging.native import compiler
 from fmus.packaging.system import manifest
 from fmus.packaging.system.build import FLAGS
 from fmus.parameters.write_back import write_back
-from identification.cli import app
 from orchestrator import formats
 from orchestrator.assembly.assembly import OpenSystem, assemble, open_system
 from orchestrator.engine import Run
@@ -28,6 +26,7 @@ from orchestrator.scenario.fusing import fuse
 from orchestrator.scenario.schema import load_scenario
 from orchestrator.ssp.tree import tree
 from orchestrator.trace import Trace
+from tests.support.commands import servotwin
 from tests.support.fmus.either import Either, opened, schema
 from tests.support.fmus.sanitized import harnessed
 from tests.support.simulation.fused import Wired, fused, many_rates, stepped, wired
@@ -287,7 +286,7 @@ def test_what_cannot_be_fused_is_refused_and_nothing_written(
     tmp_path: Path, change: tuple[str, str], problem: str
 ) -> None:
     file = many_rates(tmp_path, change)
-    done = CliRunner().invoke(app, ["build", "--system", str(file), "--out", str(tmp_path / "out")])
+    done = servotwin("build", "--system", file, "--out", tmp_path / "out")
     assert done.exit_code == 2 and problem in done.stderr and done.stderr.count("\n") == 1, done.output
     assert not (tmp_path / "out").exists()
 
@@ -323,7 +322,7 @@ def test_options_that_do_not_go_together_are_refused(tmp_path: Path) -> None:
         (["--expose", "hand.inertia"], "--expose: says what the FMU of a system shows"),
         (["--system", file, "--expose", "hand.inertai"], "did you mean 'hand.inertia'?"),
     ):
-        done = CliRunner().invoke(app, ["build", *arguments, "--out", str(tmp_path / "out")])
+        done = servotwin("build", *arguments, "--out", tmp_path / "out")
         assert done.exit_code == 2 and problem in done.stderr, done.output
     assert not (tmp_path / "out").exists()
 

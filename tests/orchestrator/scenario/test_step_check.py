@@ -9,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from identification.cli import app
 from orchestrator import Scenario, load_scenario, run
 from orchestrator.scenario.step_check import StepError, step_errors
+from tests.support.commands import servotwin
 
 COUPLED = """
 title: coupled
@@ -64,7 +63,7 @@ def test_a_difference_that_does_not_fall_as_an_error_does_is_not_taken_for_one_t
 def test_the_command_tells_errors_and_orders(tmp_path: Path) -> None:
     scenario(tmp_path, COUPLED)
     words = ["run", str(tmp_path / "scenario.yaml"), "--check-step", "--out", str(tmp_path / "out"), "--json"]
-    done = CliRunner().invoke(app, words)
+    done = servotwin(*words)
     told = {step["signal"]: step for step in json.loads(done.stdout)["steps"]}
     assert told["hand.angle"]["order"] == pytest.approx(1.0, abs=0.1)
     assert told["hand.angle"]["unit"] == "rad"

@@ -7,14 +7,13 @@ import math
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from fmus.errors import FmuFileError, WiringError
-from identification.cli import app
 from orchestrator.crossing import Basis
 from orchestrator.scenario.report import report
 from orchestrator.scenario.results import document_of
 from orchestrator.scenario.run import ScenarioResult, run_scenario
+from tests.support.commands import servotwin
 
 SCENARIO = """
 title: units
@@ -96,7 +95,7 @@ def test_values_of_parameters_and_overrides_may_have_units(tmp_path: Path) -> No
 def test_the_command_notes_conversions_on_stderr_and_in_its_document(tmp_path: Path) -> None:
     run(tmp_path, from_file("torque"))
     command = f"run {tmp_path}/units.yaml --out {tmp_path}/out --json --set".split()
-    answer = CliRunner().invoke(app, [*command, "hand.inertia=2 kg.m2"])
+    answer = servotwin(*command, "hand.inertia=2 kg.m2")
     assert "note: hand.torque from torque: mNm to N.m, times 0.001" in answer.stderr
     (told,) = json.loads(answer.stdout)["units"]
     assert (told["factor"], told["basis"], told["doubtful"]) == (0.001, "units", False)

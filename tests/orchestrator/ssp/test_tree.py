@@ -6,12 +6,11 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from fmus.errors import FmuFileError
 from fmus.packaging import archive as archives
-from identification.cli import app
 from orchestrator.ssp.tree import DEEPEST, tree
+from tests.support.commands import servotwin
 from tests.support.simulation.ssps import archive, component, gain, system
 
 
@@ -35,7 +34,7 @@ def test_a_container_in_an_ssp_is_shown_with_what_it_holds(tmp_path: Path) -> No
         "    resources/two.fmu: gain, FMI 2.0",
         "  resources/gain.fmu: gain, FMI 2.0",
     ]
-    shown = CliRunner().invoke(app, ["info", str(ssp), "--tree"])
+    shown = servotwin("info", ssp, "--tree")
     assert shown.exit_code == 0 and "resources/one: gain, FMI 2.0" in shown.stdout
 
 

@@ -9,15 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from fmus.errors import InputError
 from identification.calibrate import tune_study
-from identification.cli import app
 from identification.tuning.summary import TuningSummary
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.info import about
 from orchestrator.progress import silent
+from tests.support.commands import servotwin
 from tests.support.fmus import quirks
 from tests.support.identification.tuning_study import study, write
 
@@ -129,9 +128,7 @@ def test_what_the_loops_cannot_hold_leaves_with_1(tmp_path: Path) -> None:
     (tmp_path / "load.py").write_text(LOAD)
     (tmp_path / "rig.yaml").write_text(json.dumps(RIG))
     impossible = [{"measure": "rise time", "at_most": 0.02}]
-    left = CliRunner().invoke(
-        app, ["tune", str(write(tmp_path, ASKED | {"goals": impossible})), "--out", str(tmp_path / "out")]
-    )
+    left = servotwin("tune", write(tmp_path, ASKED | {"goals": impossible}), "--out", tmp_path / "out")
     assert left.exit_code == 1
     assert "INFEASIBLE" in left.stdout and "rise time of load.position" in left.stdout
 
@@ -208,4 +205,4 @@ def test_an_fmu_that_crashes_or_hangs_at_some_gains_fails_there_and_the_search_g
     assert 3 <= gain(found) <= 4
     [remark] = [line for line in found["warnings"] if "failed on the way" in line]
     assert ("crashed" if trouble == "abort();" else "hangs") in remark
-    assert CliRunner().invoke(app, ["tune", str(file), "--patience", "2"]).exit_code == 2
+    assert servotwin("tune", file, "--patience", "2").exit_code == 2

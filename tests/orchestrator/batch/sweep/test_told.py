@@ -7,11 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import orchestrator
 from fmus.errors import InputError
-from identification.cli import app
 from orchestrator.batch.sweep.points.designs import Morris, SobolIndices
 from orchestrator.batch.sweep.points.factors import Factor, Interval, Space
 from orchestrator.batch.sweep.runs.preparation import prepared
@@ -23,6 +21,7 @@ from orchestrator.batch.sweep.told.sensitivity import indices, rank_correlations
 from orchestrator.info import about
 from orchestrator.scenario.run import run_scenario
 from orchestrator.trace import FloatArray
+from tests.support.commands import servotwin
 from tests.support.sweeping import FALLING, Here, study
 
 ANGLES = Space(tuple(Factor(f"a.x{number}", Interval(-np.pi, np.pi)) for number in range(1, 4)))
@@ -121,12 +120,12 @@ def test_a_result_is_read_from_its_folder(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_command_says_what_its_python_function_gives(tmp_path: Path) -> None:
     file = study(tmp_path)
-    told = CliRunner().invoke(app, ["sweep", str(file), "-j", "1", "--out", str(tmp_path / "out"), "--json"])
+    told = servotwin("sweep", file, "-j", "1", "--out", tmp_path / "out", "--json")
     assert told.exit_code == 0, told.output
     made = orchestrator.sweep(file, tmp_path / "out", Here())
     assert json.loads(told.stdout) == {**made.document, "out": str(tmp_path / "out")}
     assert made.rows()[1][0] in made._repr_html_()
-    again = CliRunner().invoke(app, ["sweep", str(file), "--run", "13", "--out", str(tmp_path / "run"), "--json"])
+    again = servotwin("sweep", file, "--run", "13", "--out", tmp_path / "run", "--json")
     (case,) = json.loads(again.stdout)["cases"]
     assert case["checks"][0]["figure"] == made.column("e1")[13]
     assert (tmp_path / "run" / "report.html").exists()
