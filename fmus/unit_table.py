@@ -7,6 +7,7 @@ import math
 TURN = 2 * math.pi
 
 PREFIXES = {
+    "p": 1e-12,
     "n": 1e-9,
     "u": 1e-6,
     "μ": 1e-6,
@@ -130,7 +131,7 @@ WHOLE = {
     "min-1": "rpm",
     "min^-1": "rpm",
     "U/min": "rpm",
-    "r/min": "rpm",
+    **dict.fromkeys(("r/min", "tr/min", "giri/min", "obr/min", "ot/min", "об/мин", "转/分", "转/分钟"), "rpm"),
     "U/s": "rev/s",
     "r/s": "rev/s",
     "rps": "rev/s",

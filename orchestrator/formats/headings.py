@@ -10,8 +10,8 @@ from orchestrator.trace import Trace
 
 SECONDS = {
     "": 1.0,
-    **dict.fromkeys(("s", "sec", "secs", "second", "seconds", "Sekunden"), 1.0),
-    "ms": 1e-3,
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds", "Sekunden", "秒"), 1.0),
+    **dict.fromkeys(("ms", "毫秒"), 1e-3),
     **dict.fromkeys(("us", "µs", "μs"), 1e-6),
     "ns": 1e-9,
     "min": 60.0,
@@ -22,7 +22,8 @@ SECONDS = {
 
 _TIME = re.compile(
     r"(?:(?:rel|abs|elapsed|relative|absolute)[ _.]?)?"
-    r"(?:time|(?-i:t)|zeit|time[ _]?stamps?|zeitstempel|uhrzeit|date[ _]?time|x_value|x-?axis|temps|tiempo|tempo|时间)"
+    r"(?:time|(?-i:t)|zeit|time[ _]?stamps?|zeitstempel|uhrzeit|date[ _]?time|x_value|x-?axis|temps|tiempo|tempo"
+    r"|czas|čas|время|时间|時間)"
     r"(?:[ _](?P<unit>s|sec|ms|us|µs|ns|min|h))?",
     re.IGNORECASE,
 )

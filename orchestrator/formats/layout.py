@@ -197,19 +197,24 @@ class Choice:
         return stamps if self.seconds == 1.0 else stamps * self.seconds
 
 
+_SCALES = (
+    (20_000, 80_000, 1e-5, "d", "days since 1900, as spreadsheets count them"),
+    (690_000, 800_000, 1e-5, "d", "days since year 0, as MATLAB counts them"),
+    (3e11, 1e14, np.inf, "ms", "milliseconds since 1970"),
+    (3e14, 1e17, np.inf, "us", "microseconds since 1970"),
+    (3e17, 1e20, np.inf, "ns", "nanoseconds since 1970"),
+)
+"""Times between two bounds, with a smaller mean step than the third: which unit, and what they look like."""
+
+
 def _check_scale(stamps: FloatArray, place: Path) -> None:
     known = stamps[np.isfinite(stamps)]
     low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
     step = (high - low) / (len(stamps) - 1)
-    if 20_000 < low < high < 80_000 and step < 1e-5:
-        unit, what = "d", "days since 1900, as spreadsheets count them"
-    elif 3e11 < low < high < 1e14:
-        unit, what = "ms", "milliseconds since 1970"
-    else:
-        return
-    raise TraceError(
-        place, f"its times from {low:.12g} to {high:.12g} look like {what}", f"say `units: {{time: {unit}}}`, or s"
-    )
+    for least, most, widest, unit, what in _SCALES:
+        if least < low < high < most and step < widest:
+            seen = f"its times from {low:.12g} to {high:.12g} look like {what}"
+            raise TraceError(place, seen, f"say `units: {{time: {unit}}}`, or s")
 
 
 def choose(layout: Layout, columns: Columns, place: Path) -> Choice:
@@ -255,6 +260,9 @@ def _time(layout: Layout, columns: Columns, place: Path) -> tuple[int, list[str]
         number for number, name in enumerate(names) if names_time(name) and not columns.useless.get(number)
     ]
     stamped = list(columns.stamped) if len(columns.stamped) == 1 else []
+    meant = next((number for number, name in enumerate(names) if names_time(name)), None)
+    if meant is not None and not (named or stamped):
+        return meant, []
     found = named or stamped or [number for number in range(columns.count) if _rises(columns, number)]
     if len(found) != 1:
         raise _unknown_time(columns, found, place)

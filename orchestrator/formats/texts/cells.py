@@ -12,25 +12,35 @@ from orchestrator.formats.layout import Decimal
 
 Kind = Literal["number", "grouped", "flag", "stamp", "date", "text", "missing"]
 
-MISSING = ("-", "--", "---", "n.a.", "n/a", "na", "nan", "-nan", "null", "none", "#n/a", "#nv", "?", "")
+MISSING = (
+    *("-", "--", "---", "n.a.", "n/a", "na", "nan", "-nan", "null", "none", "#n/a", "#nv", "?", ""),
+    *("#div/0!", "#value!", "#num!", "#ref!", "#name?", "#null!"),  # what Excel could not compute
+    *("#wert!", "#zahl!", "#bezug!", "#valeur!", "#nombre!"),
+)
+BLANKS = " \u00a0\u2009\u202f"  # between thousands
+MINUS = "\u2212"  # as it is typeset
 STAMP = (
     r"^\s*(?:(?P<a>\d{1,4})(?P<mark>[-/.])(?P<b>\d{1,2}|[A-Za-z]{3})[-/.](?P<c>\d{1,4})(?:[ T_]|, )\s*)?"
     r"(?P<hour>\d{1,2}):(?P<minute>\d{2})(?::(?P<second>\d{2})(?:[.,:](?P<fraction>\d{1,9})\d*)?)?"
     r"\s*(?P<half>[AaPp]\.?[Mm]\.?)?\s*(?P<zone>Z|UTC|[+-]\d{2}:?\d{2})?\s*$"
 )
-_STAMP = re.compile(STAMP)
+SHORT = r"^\s*\d{1,2}:\d{2}[.,]\d+\s*$"
+"""Minutes and seconds, as Excel shows times."""
+_STAMP = re.compile(f"{STAMP}|{SHORT}")
 _DATE = re.compile(
     r"\d{4}(?P<mark>[-/.])\d{1,2}(?P=mark)\d{1,2}|\d{1,2}(?P<sign>[-/.])(\d{1,2}|[A-Za-z]{3})(?P=sign)(\d{4}|\d{2})"
 )
-_ANY_NUMBER = re.compile(r"[+-]?(\d([\d.,']*\d)?[.,]?|[.,]\d+)([eE][+-]?\d+)?")
+_ANY_NUMBER = re.compile(rf"[+{MINUS}-]?(\d([\d.,'{BLANKS}]*\d)?[.,]?|[.,]\d+)([eE][+-]?\d+)?")
 _UNSURE = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}")
 _PLAIN: dict[Decimal, re.Pattern[str]] = {
     ".": re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", re.IGNORECASE),
     ",": re.compile(r"[+-]?(\d+(,\d*)?|,\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", re.IGNORECASE),
 }
-_GROUPED: dict[Decimal, re.Pattern[str]] = {
-    ".": re.compile(r"[+-]?\d{1,3}([,']\d{3})+(\.\d*)?"),
-    ",": re.compile(r"[+-]?\d{1,3}([.']\d{3})+(,\d*)?"),
+GROUPS: dict[Decimal, str] = {".": f",'{BLANKS}", ",": f".'{BLANKS}"}
+"""Marks of decimals -> those that may be between thousands."""
+_GROUPED = {
+    mark: re.compile(rf"[+{MINUS}-]?\d{{1,3}}([{groups}]\d{{3}})+([{mark}]\d*)?|{MINUS}({_PLAIN[mark].pattern})")
+    for mark, groups in GROUPS.items()
 }
 
 

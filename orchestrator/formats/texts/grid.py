@@ -6,7 +6,7 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from fmus.errors import TraceError
@@ -17,7 +17,8 @@ from orchestrator.formats.texts.cells import Kind, decimal_mark, is_value, kind
 
 SEPARATORS: dict[Separator, str] = {",": ",", ";": ";", "tab": "\t", "|": "|", "blank": " "}
 ROWS = 300  # that are looked at
-UNIT_WORDS = frozenset({"unit", "units", "einheit", "einheiten"})
+_UNIT_WORDS = re.compile(r"\b(units?|einheit(en)?)\b", re.IGNORECASE)
+_SAID = re.compile(r"\s*\"?sep=(?P<mark>[,;|\t])\"?\s*", re.IGNORECASE)  # the first line of what is meant for Excel
 NAME_WORDS = frozenset({"name", "names", "signal", "channel", "variable"})
 
 
@@ -62,17 +63,22 @@ def grid(lines: Sequence[str], layout: Layout, place: Path) -> Grid:
     Raises:
         TraceError: no separator makes a table of it, or it looks two ways.
     """
+    if said := _SAID.fullmatch(lines[0]):
+        mark = next(name for name, mark in SEPARATORS.items() if mark == said["mark"])
+        lines, layout = ["", *lines[1:]], replace(layout, separator=layout.separator or mark)
     separator, rows = _rows(lines, layout, place)
     width = _width(rows)
     body = [row.cells for row in _body(rows) if len(row.cells) == width]
     decimal = layout.decimal or decimal_mark((cell for cells in body for cell in cells), separator, place)
     typical = [_typical([kind(cells[column], decimal) for cells in body]) for column in range(width)]
     start = _start(rows, typical, decimal, layout, place)
-    labels = _labels(rows[:start], width)
+    closed = not any(cells[-1] for cells in body)
+    labels = [_fitted(row, width, closed) for row in _labels(rows[:start], width)]
     names, units, notes = _heading(labels, layout, place)
     head = [row.cells for row in rows[start:] if len(row.cells) == width]
     if layout.header is None:
-        notes += _skipped([row for row in rows[:start] if row not in (names, units)], lines)
+        taken = {row.line for row in (names, units) if row}
+        notes += _skipped([row for row in rows[:start] if row.line not in taken], lines)
     if separator != "," and layout.separator is None and place.suffix.lower() == ".csv":
         notes.append(f"its cells are separated by {separator}")
     if decimal != "." and layout.decimal is None:
@@ -85,7 +91,7 @@ def grid(lines: Sequence[str], layout: Layout, place: Path) -> Grid:
         units.line if units else 0,
         rows[start - 1].line if start else 0,
         told,
-        _units(units, split_units, width),
+        _units(units, split_units),
         tuple(_final([kind(cells[column], decimal) for cells in head]) for column in range(width)),
         head,
         tuple(notes),
@@ -182,14 +188,24 @@ def _is_label(cells: Sequence[str], typical: Sequence[Kind], decimal: Decimal) -
 
 
 def _labels(rows: Sequence[Row], width: int) -> list[Row]:
-    """The rows that may name columns or units: those directly above the samples that are as wide."""
+    """The rows that may name columns or units: those directly above the samples that are about as wide."""
     found: list[Row] = []
     for row in reversed(rows):
         filled = sum(map(bool, row.cells))
-        if len(row.cells) not in (width, width - 1) or (2 * filled < width and not _are_units(row.cells)):
+        if len(row.cells) < width - 1 or (2 * filled < width and not _are_units(row.cells)):
             break
         found.insert(0, row)
     return found
+
+
+def _fitted(row: Row, width: int, closed: bool) -> Row:
+    """A cell for each column: names of rows have no heading, nor what is behind a mark that closes each row.
+
+    Columns of remarks that LabVIEW names at the end have no samples.
+    """
+    short = len(row.cells) < width
+    cells = [*row.cells, ""] if short and closed else ["", *row.cells] if short else row.cells[:width]
+    return replace(row, cells=cells)
 
 
 def _heading(labels: list[Row], layout: Layout, place: Path) -> tuple[Row | None, Row | None, list[str]]:
@@ -199,7 +215,8 @@ def _heading(labels: list[Row], layout: Layout, place: Path) -> tuple[Row | None
     if layout.units_line is not None:
         units = by_line.get(layout.units_line)
     else:
-        units = next((row for row in reversed(labels[1:]) if _are_units(row.cells)), None)
+        first = labels[:1] if any(headings.names_time(cell) for row in labels[1:] for cell in row.cells) else []
+        units = next((row for row in (*reversed(labels[1:]), *first) if _are_units(row.cells)), None)
     if layout.header is not None:
         names = by_line.get(layout.header)
         if names is None and layout.header:
@@ -218,23 +235,21 @@ def _heading(labels: list[Row], layout: Layout, place: Path) -> tuple[Row | None
 
 
 def _are_units(cells: Sequence[str]) -> bool:
-    if cells[0].strip(" :").lower() in UNIT_WORDS:
+    if _UNIT_WORDS.search(cells[0]):
         return True
-    filled = [headings.bare(cell) for cell in cells if cell]
+    filled = [headings.bare(cell) for cell in cells if cell and kind(cell, ".") != "number"]
     return 2 * sum(map(headings.is_unit, filled)) >= len(filled) > 0
 
 
 def _split(names: Row | None, width: int) -> tuple[tuple[str, ...] | None, tuple[str, ...]]:
     if names is None:
         return None, ("",) * width
-    cells = [names.cells[0].lstrip("#").strip(), *names.cells[1:]]
-    cells = ["", *cells] if len(cells) == width - 1 else cells  # a column of row names has no heading
-    pairs = [headings.split(cell) for cell in cells]
+    pairs = [headings.split(cell) for cell in (names.cells[0].lstrip("#").strip(), *names.cells[1:])]
     return tuple(name for name, _ in pairs), tuple(unit for _, unit in pairs)
 
 
-def _units(row: Row | None, told: Sequence[str], width: int) -> tuple[str, ...]:
+def _units(row: Row | None, told: Sequence[str]) -> tuple[str, ...]:
     if row is None:
         return tuple(told)
-    cells = ["", *row.cells] if len(row.cells) == width - 1 else row.cells
-    return tuple(one or headings.bare(cell) for one, cell in zip(told, cells, strict=True))
+    first = "" if _UNIT_WORDS.search(row.cells[0]) else row.cells[0]
+    return tuple(one or headings.bare(cell) for one, cell in zip(told, (first, *row.cells[1:]), strict=True))

@@ -15,9 +15,9 @@ from pyarrow import compute, csv
 from fmus.encodings import SAMPLE, decoded, encoding_of
 from fmus.errors import TraceError
 from orchestrator.formats.arrow import numbers, texts
-from orchestrator.formats.layout import Choice, Columns, Layout, choose
+from orchestrator.formats.layout import Choice, Columns, Decimal, Layout, choose
 from orchestrator.formats.recording import Recording, excerpt
-from orchestrator.formats.texts.cells import MISSING, is_time_of_day, kind
+from orchestrator.formats.texts.cells import GROUPS, MINUS, MISSING, is_time_of_day, kind
 from orchestrator.formats.texts.grid import SEPARATORS, Grid, grid
 from orchestrator.formats.texts.stamps import seconds
 from orchestrator.trace import FloatArray
@@ -83,6 +83,8 @@ def _first_lines(file: BinaryIO, encoding: str | None, path: Path) -> tuple[list
     raw = file.read(SAMPLE + 1)
     file.seek(0)
     whole = len(raw) <= SAMPLE
+    if raw.endswith(b"\0" * 4):
+        raise TraceError(path, _zeros(len(raw.rstrip(b"\0"))), "cut them off")
     seen = encoding_of(raw, whole=whole)
     known = encoding or seen.name
     if encoding is None and not seen.sure:
@@ -145,7 +147,30 @@ def _table(file: BinaryIO, seen: Grid, encoding: str, choice: Choice, dates: int
             file, reading.encoding = _unblanked(file.read(), encoding), "utf8"
         return csv.read_csv(file, reading, csv.ParseOptions(delimiter=mark), converting)
     except (pa.ArrowInvalid, pa.ArrowKeyError, UnicodeError) as problem:
-        raise TraceError(choice.place, excerpt(problem), "correct or cut that row") from None
+        file.seek(0)
+        text = file.read().decode(reading.encoding, "replace")
+        raise _bad_row(str(problem), text, seen, choice.place) from None
+
+
+def _bad_row(problem: str, text: str, seen: Grid, place: Path) -> TraceError:
+    """What Arrow cannot read, with the line of the file: Arrow counts no empty ones."""
+    fix = "correct or cut that row"
+    if "\0" in text:
+        return TraceError(place, _zeros(len(text.partition("\0")[0].encode())), "cut them off")
+    row = re.search(r"Row #(\d+): (.*)", problem)
+    if row is None:
+        return TraceError(place, excerpt(problem), fix)
+    filled = [number for number, line in enumerate(re.split(r"\r\n|\n|\r", text), 1) if line.strip()]
+    line = [number for number in filled if number > seen.skipped][int(row[1]) - seen.skipped - 1]
+    cell = re.search(r"column #(\d+): .*invalid value (.*)", problem)
+    if cell is None:
+        return TraceError(place, f"line {line}: {excerpt(row[2])}", fix)
+    column = seen.names[int(cell[1])] if seen.names else cell[1]
+    return TraceError(place, f"line {line}, column '{column}': {excerpt(cell[2])} is no number", fix)
+
+
+def _zeros(begin: int) -> str:
+    return f"holds zero bytes from byte {begin} on, as a loss of power leaves them"
 
 
 def _unblanked(content: bytes, encoding: str) -> BinaryIO:
@@ -155,12 +180,14 @@ def _unblanked(content: bytes, encoding: str) -> BinaryIO:
     return io.BytesIO(re.sub(r"(?<=\S)[ \t]+", "\t", re.sub(r"^[ \t]+", "", text, flags=re.MULTILINE)).encode())
 
 
-def _ungrouped(texts: Any, decimal: str, path: Path) -> FloatArray:
-    """Numbers with marks of thousands, 1,234.5 or 1.234,5."""
-    form = rf"^[+-]?(\d{{1,3}}([{',' if decimal == '.' else '.'}']\d{{3}})+|\d+)([{decimal}]\d*)?([eE][+-]?\d+)?$"
-    odd = compute.invert(compute.match_substring_regex(compute.utf8_trim_whitespace(texts), form))
+def _ungrouped(texts: Any, decimal: Decimal, path: Path) -> FloatArray:
+    """Numbers with marks of thousands, 1,234.5 or 1.234,5, or a minus as it is typeset."""
+    groups = GROUPS[decimal]
+    number = rf"(\d{{1,3}}([{groups}]\d{{3}})+|\d+)([{decimal}]\d*)?|[{decimal}]\d+"
+    texts = compute.utf8_trim_whitespace(texts)
+    odd = compute.invert(compute.match_substring_regex(texts, rf"^[+{MINUS}-]?({number})([eE][+-]?\d+)?$"))
     if compute.any(odd).as_py():
         text = texts.filter(odd)[0].as_py()
         raise TraceError(path, f"has '{text[:40]}' among numbers with marks of thousands", "correct or cut that row")
-    plain = compute.replace_substring_regex(texts, r"[,'\s]" if decimal == "." else r"[.'\s]", "")
-    return numbers(compute.replace_substring(plain, decimal, "."))
+    plain = compute.replace_substring_regex(texts, f"[{groups}]", "")
+    return numbers(compute.replace_substring(compute.replace_substring(plain, decimal, "."), MINUS, "-"))

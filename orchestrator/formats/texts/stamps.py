@@ -13,10 +13,10 @@ from pyarrow import compute
 from fmus.errors import TraceError
 from orchestrator.formats.layout import Dates
 from orchestrator.formats.stamps import Stamps, since_first
-from orchestrator.formats.texts.cells import STAMP
+from orchestrator.formats.texts.cells import SHORT, STAMP
 
 Whole = NDArray[np.int64]
-DAY = 86_400 * 10**9  # [ns]
+DAY, HOUR = 86_400 * 10**9, 3600 * 10**9  # [ns]
 MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 
 
@@ -31,6 +31,9 @@ def seconds(column: pa.ChunkedArray, order: Dates | None, zone: str | None, plac
         TraceError: a text is no time, or the dates may be read two ways.
     """
     texts = column.combine_chunks()
+    short = compute.match_substring_regex(texts, SHORT)
+    whole = compute.binary_join_element_wise("00", compute.utf8_trim_whitespace(texts), ":")
+    texts = compute.if_else(short, whole, texts)
     found = compute.extract_regex(texts, STAMP)
     bad = compute.and_(found.is_null(), texts.is_valid())
     if compute.any(bad).as_py():
@@ -41,7 +44,7 @@ def seconds(column: pa.ChunkedArray, order: Dates | None, zone: str | None, plac
         raise TraceError(place, f"time stamp {row + 1} is missing", "drop those rows, or check the time column")
     clock = _clock(found, place)
     if not compute.any(compute.not_equal(found.field("a"), "")).as_py():
-        return _within_days(clock)
+        return _going_on(clock, HOUR if compute.all(short).as_py() else DAY)
     days, notes = _days(found, order, place)
     zones = found.field("zone")
     instants = days * DAY + clock - _offsets(zones)
@@ -63,12 +66,14 @@ def _clock(found: Any, place: Path) -> Whole:
     return ((hour * 60 + minute) * 60 + second) * 10**9 + fraction
 
 
-def _within_days(clock: Whole) -> Stamps:
-    """Times of day without a date; half a day backwards is midnight."""
-    midnights = np.append(0, np.cumsum(np.diff(clock) < -DAY // 2))
-    instants = clock + midnights * DAY
-    notes = (f"its times pass midnight {midnights[-1]} times",) if midnights[-1] else ()
-    return Stamps((instants - instants[0]) / 1e9, None, ("its times of day count from the first", *notes))
+def _going_on(clock: Whole, period: int) -> Stamps:
+    """Times of day without a date, or of an hour; half of that backwards is where it begins anew."""
+    passed = np.append(0, np.cumsum(np.diff(clock) < -period // 2))
+    instants = clock + passed * period
+    day = period == DAY
+    notes = (f"its times pass {'midnight' if day else 'the hour'} {passed[-1]} times",) if passed[-1] else ()
+    since = "its times of day" if day else "its minutes and seconds"
+    return Stamps((instants - instants[0]) / 1e9, None, (f"{since} count from the first", *notes))
 
 
 def _days(found: Any, order: Dates | None, place: Path) -> tuple[Whole, list[str]]:

@@ -166,6 +166,9 @@ ASKED = [
     ("a,b\n0,1\n1,2\n2,3\n", {}, "no column 'time'; it holds 'a', 'b'; say which", {"time": "b"}, None),
     ("time,a\n46354.1,1\n46354.10000001,2\n", {}, "look like days since 1900", {"units": {"time": "d"}}, [1, 2]),
     ("time,a\n1764321300123,1\n1764321300124,2\n", {}, "look like millis", {"units": {"time": "ms"}}, [1, 2]),
+    ("time,a\n1764321300123000,1\n1764321300124000,2\n", {}, "look like micro", {"units": {"time": "us"}}, [1, 2]),
+    ("time,a\n1764321300123000000,1\n1764321300124000000,2\n", {}, "like nano", {"units": {"time": "ns"}}, [1, 2]),
+    ("time,a\n739949.5,1\n739949.50000001,2\n", {}, "as MATLAB counts them", {"units": {"time": "d"}}, [1, 2]),
 ]  # fmt: skip
 
 
@@ -214,6 +217,74 @@ def test_marks_of_thousands_are_taken_out(tmp_path: Path) -> None:
     path = written(tmp_path, "time;a;b\n0;1.234,5;1\n1;-12,25;2\n2;1.000.000;3\n")
     trace = read(path).trace
     assert trace["a"].tolist() == pandas.read_csv(path, sep=";", decimal=",", thousands=".")["a"].tolist()
+
+
+@pytest.mark.parametrize("blank", [" ", "\u00a0", "\u2009", "\u202f"])
+def test_blanks_between_thousands_and_typeset_minuses_are_parts_of_numbers(tmp_path: Path, blank: str) -> None:
+    rows = f"0;1{blank}234,5;\u22121,5\n1;-12,25;2\n2;1{blank}000{blank}000;\u22120,5\n"
+    trace = read(written(tmp_path, "time;a;b\n" + rows)).trace
+    assert trace["a"].tolist() == [1234.5, -12.25, 1e6]
+    assert trace["b"].tolist() == [-1.5, 2.0, -0.5]
+
+
+def test_a_mark_that_closes_each_row_shifts_no_column(tmp_path: Path) -> None:
+    for head in ("time,a", "time,a,"):
+        trace = read(written(tmp_path, head + "\n0,1,\n1,2,\n2,4,\n")).trace
+        assert trace.time.tolist() == [0.0, 1.0, 2.0]
+        assert {name: trace[name].tolist() for name in trace.names} == {"a": [1.0, 2.0, 4.0]}
+
+
+def test_headings_of_more_columns_than_there_are_name_the_first(tmp_path: Path) -> None:
+    lines = ("LabVIEW Measurement\t", "Separator\tTab", "***End_of_Header***\t", "", "Channels\t2\t\t\t")
+    head = "X_Value\tVoltage_0\tVoltage_1\tComment"
+    text = "\r\n".join([*lines, "***End_of_Header***\t\t\t\t", head, *(f"{k}\t{k + 1.5}\t{-k}" for k in range(9))])
+    trace = read(written(tmp_path, text, name="log.lvm")).trace
+    assert trace.names == ("Voltage_0", "Voltage_1")
+    assert trace["Voltage_0"][:2].tolist() == [1.5, 2.5] and trace.time[1] == 1.0
+
+
+def test_a_line_for_excel_names_the_separator(tmp_path: Path) -> None:
+    recording = read(written(tmp_path, "sep=;\ntime;a\n0;1,5\n1;2,5\n"))
+    assert recording.trace["a"].tolist() == [1.5, 2.5]
+    assert again(recording) == recording.trace
+
+
+def test_rows_of_numbers_are_no_units_and_units_may_stand_above_names(tmp_path: Path) -> None:
+    scope = "Vertical Units,V,A\nVertical Scale,1,1\nPosition,0,0\nTIME,CH1,CH2\n-1,2,3\n0,3,4\n1,5,6\n"
+    assert read(written(tmp_path, scope)).trace.units == {"CH1": "V", "CH2": "A"}
+    assert read(written(tmp_path, "ms,V\ntime,a\n500,1\n1500,2\n")).trace.time.tolist() == [0.5, 1.5]
+
+
+def test_minutes_and_seconds_are_times_that_go_on_after_the_hour(tmp_path: Path) -> None:
+    recording = read(written(tmp_path, "Time,a\n59:59.0,1\n59:59.5,2\n00:00.0,4\n00:00.5,3\n"))
+    assert recording.trace.time.tolist() == [0.0, 0.5, 1.0, 1.5]
+    assert "its times pass the hour 1 times" in recording.notes
+
+
+def test_what_excel_could_not_compute_is_missing(tmp_path: Path) -> None:
+    trace = read(written(tmp_path, "time;a\n0;#DIV/0!\n1;1,5\n2;#WERT!\n")).trace
+    assert np.array_equal(trace["a"], [np.nan, 1.5, np.nan], equal_nan=True)
+
+
+def test_a_time_that_is_named_and_cannot_be_read_is_not_replaced_by_a_column_that_rises(tmp_path: Path) -> None:
+    rows = "".join(f"tick {k},{k}\n" for k in range(12))
+    with pytest.raises(TraceError, match="column 'Time': holds text, no times"):
+        read(written(tmp_path, "Time,angle\n" + rows))
+
+
+def test_a_bad_row_is_named_by_its_line_in_the_file(tmp_path: Path) -> None:
+    text = "# of a bench\n\ntime,a\n0,1\n1,2\n\n2,3\n\nend of file,\n"
+    with pytest.raises(TraceError, match="line 9, column 'time': 'end of file' is no number"):
+        read(written(tmp_path, text))
+    with pytest.raises(TraceError, match="line 5: Expected 2 columns, got 3"):
+        read(written(tmp_path, "time,a\n0,1\n1,2\n\n2,3,4\n"))
+
+
+def test_zero_bytes_at_the_end_are_told_as_such(tmp_path: Path) -> None:
+    for rows in (3, 20_000):
+        text = "time,a\n" + "".join(f"{k},1\n" for k in range(rows))
+        with pytest.raises(TraceError, match=f"zero bytes from byte {len(text)} on"):
+            read(written(tmp_path, text + "\0" * 4096))
 
 
 def test_flags_are_numbers_and_words_are_left_out_and_told(tmp_path: Path) -> None:
