@@ -24,11 +24,15 @@ class Part:
     Attributes:
         step: its communication step [s]; None takes the run's.
         feed_through: whether its outputs react to inputs within a step: as the FMU declares, never, or all of them.
+        carried: its variables that a bus sees to.
+        carries: of a bus, the components on it: it steps after them, as often as any.
     """
 
     interface: Interface
     step: Fraction | None = None
     feed_through: FeedThrough = "declared"
+    carried: frozenset[str] = frozenset()
+    carries: tuple[str, ...] = ()
 
     def instant_outputs(self) -> frozenset[str]:
         """Outputs that must be passed on within the step they are computed in: all of a component's, or none.
@@ -113,6 +117,11 @@ class System:
     def links(self) -> tuple[Connection | ClockLink | TextLink, ...]:
         """All by which a component acts on another: with numbers, ticks or texts."""
         return (*self.connections, *self.clocks, *self.texts)
+
+    @property
+    def carried(self) -> frozenset[Endpoint]:
+        """What buses see to."""
+        return frozenset(Endpoint(name, variable) for name, part in self.parts.items() for variable in part.carried)
 
     @property
     def crossings(self) -> list[Crossing]:

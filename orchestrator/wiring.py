@@ -35,7 +35,7 @@ def wire(parts: Mapping[str, Part], connections: Iterable[tuple[str, str]], stim
     driven = [Endpoint.parse(name) for name in stimulated]
     for endpoint in driven:
         drivable(bare, endpoint, "can be stimulated")
-    _one_source_each([*links, *clocks, *texts], driven)
+    _one_source_each([*links, *clocks, *texts], driven, bare.carried)
     system = System(dict(parts), tuple(links), frozenset(driven), tuple(clocks), tuple(texts))
     _every_input_set(system)
     return system
@@ -134,8 +134,10 @@ def _link(system: System, source: Endpoint, target: Endpoint, given: Given) -> C
     return Connection(source, target, passed.conversion.factor, passed.conversion.offset, passed)
 
 
-def _one_source_each(links: Iterable[Connection | ClockLink | TextLink], driven: Iterable[Endpoint]) -> None:
-    source_of: dict[Endpoint, str] = {}
+def _one_source_each(
+    links: Iterable[Connection | ClockLink | TextLink], driven: Iterable[Endpoint], carried: Iterable[Endpoint]
+) -> None:
+    source_of = dict.fromkeys(carried, "a bus")
     for target, source in [(link.target, str(link.source)) for link in links] + [(e, "a stimulus") for e in driven]:
         if target in source_of:
             raise WiringError(str(target), f"has two sources, {source_of[target]} and {source}", "remove one")
@@ -143,7 +145,7 @@ def _one_source_each(links: Iterable[Connection | ClockLink | TextLink], driven:
 
 
 def _every_input_set(system: System) -> None:
-    sources = {link.target for link in system.links} | system.stimulated
+    sources = {link.target for link in system.links} | system.stimulated | system.carried
     for name, part in system.parts.items():
         for port in part.interface.of("input"):
             given = port.start is not None or port.array is not None or port.alone

@@ -30,6 +30,9 @@ from orchestrator.fmi.interface import Value, Written
 from orchestrator.fmi.isolation import IsolatedSlave, Isolation
 from orchestrator.fmi.isolation_worker import Make
 from orchestrator.fmi.slave import Slave
+from orchestrator.network.bus_spec import BusSpec
+from orchestrator.network.carriers import interface
+from orchestrator.network.joining import Joined, exchanged, have_exchange, joined
 from orchestrator.rational import seconds
 from orchestrator.solvers.base import SolverSettings
 from orchestrator.system import Endpoint, FeedThrough, Part, System
@@ -83,10 +86,11 @@ class ComponentSpec:
 
 @dataclass(frozen=True)
 class SystemSpec:
-    """Components by name, and what is connected: (source, target), each component.variable."""
+    """Components by name, what is connected: (source, target), each component.variable; and the buses between them."""
 
     components: Mapping[str, ComponentSpec]
     connections: tuple[tuple[str, str], ...] = ()
+    buses: Mapping[str, BusSpec] = field(default_factory=dict)
 
     def values(self) -> dict[str, Value]:
         """component.variable -> value, of all components."""
@@ -182,6 +186,7 @@ class OpenSystem:
                 name: self._stack.enter_context(component.open(assembled.files[name]))
                 for name, component in assembled.system.components.items()
             }
+            self._buses = joined(self.assembled.system.buses, self._files)
             self.system: System = self._wire()
         except BaseException:
             self._stack.close()
@@ -204,10 +209,25 @@ class OpenSystem:
             else:
                 components[name] = IsolatedSlave(make, file, name, isolation)
             self._stack.callback(components[name].close)
+        carriers: dict[str, Component] = {
+            name: bus.carrier(name, self._nodes(bus, components)) for name, bus in self._buses.items()
+        }
         if profile is None:
-            return Simulation(self.system, components, timing)
+            return Simulation(self.system, components | carriers, timing)
         watched = {name: Watched(component, profile) for name, component in components.items()}
-        return Simulation(self.system, watched, replace(timing, engine=Engine.PYTHON))
+        return Simulation(self.system, {**watched, **carriers}, replace(timing, engine=Engine.PYTHON))
+
+    def _nodes(self, bus: Joined, components: Mapping[str, Component]) -> dict[str, ClockedSlave]:
+        """The instances on a bus, which exchange what it carries."""
+        slaves: dict[str, ClockedSlave] = {}
+        for name in bus.components:
+            slave = components[name]
+            if not isinstance(slave, ClockedSlave):
+                problem = "is on a bus, and can be neither isolated nor run by model exchange"
+                raise WiringError(name, problem, "remove --isolate, or its `solver`")
+            have_exchange(slave, exchanged(self._buses, name))
+            slaves[name] = slave
+        return slaves
 
     def run(
         self,
@@ -247,9 +267,15 @@ class OpenSystem:
     def _wire(self) -> System:
         components = self.assembled.system.components
         parts = {
-            name: Part(file.interface, components[name].step, components[name].feed_through)
+            name: Part(
+                file.interface,
+                components[name].step,
+                components[name].feed_through,
+                frozenset(one for terminal in exchanged(self._buses, name) for one in terminal.carried),
+            )
             for name, file in self._files.items()
         }
+        parts |= {name: Part(interface(bus.spec), carries=bus.components) for name, bus in self._buses.items()}
         system = wire(parts, self.assembled.system.connections, self.assembled.stimulated)
         for name, component in components.items():
             check_shapes(system, {f"{name}.{array}": shape for array, shape in component.arrays.items()})

@@ -11,14 +11,14 @@ from orchestrator.system import Endpoint, System
 def remarks(system: System, component: str, given: Container[str]) -> list[str]:
     """What is left to itself in a component that has these values."""
     interface = system.parts[component].interface
-    ticked = {link.target for link in system.clocks}
+    ticked = {link.target for link in system.clocks} | system.carried
     clocks = [
         clock.name
         for clock in interface.clocks.values()
         if clock.causality == "input" and Endpoint(component, clock.name) not in ticked
         if not (clock.timed and interface.event_mode)
     ]
-    told = {link.target for link in system.texts}
+    told = {link.target for link in system.texts} | system.carried
     binaries = [
         port.name
         for port in interface.of("input")

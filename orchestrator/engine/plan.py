@@ -71,6 +71,9 @@ def make_plan(system: System, step: Fraction, order: Order, cycles: CycleSetting
             feed-through that is not to be iterated or cannot be (the message prints its path).
     """
     steps = {name: step if part.step is None else part.step for name, part in system.parts.items()}
+    for name, part in system.parts.items():
+        if part.carries:
+            steps[name] = common_divisor([steps[other] for other in part.carries])
     for name, own in steps.items():
         if own <= 0:
             raise WiringError(f"{name}.step", f"{written(own)} s is not positive", "give a step")
@@ -128,6 +131,8 @@ def _predecessors(system: System, instant: Mapping[str, frozenset[str]]) -> dict
             before[link.target.component].append(link.source.component)
     for tick in system.clocks:
         before[tick.target.component].append(tick.source.component)
+    for name, part in system.parts.items():
+        before[name] += part.carries
     return before
 
 
@@ -173,6 +178,9 @@ def _check_iterated(system: System, steps: Mapping[str, Fraction], step: Fractio
     Raises:
         WiringError: one has a step of its own, cannot go back, or ticks another.
     """
+    if carrying := next((name for name, part in system.parts.items() if part.carries), None):
+        problem = "carries frames, which are not taken back, and iterated steps are"
+        raise WiringError(carrying, problem, "remove `order: iterated`")
     for name, part in system.parts.items():
         if steps[name] != step:
             problem = f"is {written(steps[name])} s, and iterated steps are those of all, {written(step)} s"

@@ -14,6 +14,7 @@ from orchestrator.engine.loop import Statistics
 from orchestrator.engine.plan import REFUSED, CycleSettings, Order
 from orchestrator.engine.tuned import Change
 from orchestrator.fmi.interface import Value
+from orchestrator.network.carriers import Carried
 from orchestrator.realtime.deadlines import Deadlines
 from orchestrator.trace import FloatArray, Trace
 
@@ -66,6 +67,7 @@ class Result:
         ended: what an FMU said that asked to stop before the run was over; nothing where none did.
         changes: what was changed between steps, in order.
         deadlines: how they were kept by a run in real time.
+        carried: bus -> what it has carried.
     """
 
     trace: Trace
@@ -76,6 +78,7 @@ class Result:
     ended: str = ""
     changes: Sequence[Change] = ()
     deadlines: Deadlines | None = None
+    carried: Mapping[str, Carried] = field(default_factory=dict)
 
 
 class Interrupted(KeyboardInterrupt):

@@ -25,6 +25,7 @@ from orchestrator.engine.tangents import NOTHING, Carried, Sensitivities, carrie
 from orchestrator.engine.tuned import Tuned
 from orchestrator.fmi.component import Component
 from orchestrator.fmi.interface import Value
+from orchestrator.network.carriers import CanBus
 from orchestrator.processes.interrupts import requested
 from orchestrator.rational import clock, multiples, written
 from orchestrator.settable import settable
@@ -71,6 +72,7 @@ class Simulation:
             if port.recordable and not port.numeric
         )
         self._every = multiples(timing.step, self.plan.tick, "step")  # ticks of a communication step
+        self._buses = {name: one for name, one in components.items() if isinstance(one, CanBus)}
         self._given = Given(system, self.stimuli)
         self._fresh = True
         self._counts: dict[tuple[int, int], int] = {}
@@ -324,6 +326,7 @@ class Simulation:
                 taken=loop.taken if isinstance(loop, IteratedLoop) and loop.iteration.control else None,
             ),
             done.ended,
+            carried={name: bus.carried() for name, bus in self._buses.items()},
         )
 
 

@@ -11,7 +11,7 @@ import dataclasses
 import math
 import sys
 from collections import deque
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Container, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
@@ -24,6 +24,7 @@ from orchestrator.fmi.instance import stepping
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.slave import Slave
 from orchestrator.fmi.ticking.inputs import Part, parts
+from orchestrator.fmi.ticking.mail import Mail, Post, Variables
 from orchestrator.fmi.ticking.ticker import Ticker
 
 _TOGETHER = 1e-9  # times that differ by less than this share of a step are one
@@ -58,12 +59,13 @@ class ClockedSlave(Slave):
 
     def __init__(self, fmu: FmuFile, name: str, *, debug_log: bool = False) -> None:
         self._ticker = Ticker(fmu.interface.clocks.values())
-        self._now, self._parts = _Moment(), list[Part]()
+        self._now, self._parts, self._mail = _Moment(), list[Part](), Mail()
         self._running = False
         super().__init__(fmu, name, debug_log=debug_log)
 
     def begin(self, start: float, stop: float | None, tolerance: float | None = None) -> None:
         self._now, self._start = _Moment(), start
+        self._mail.clear()
         super().begin(start, stop, tolerance)
         self._ticker.begin(start, self._fmi, self._check)
 
@@ -108,6 +110,19 @@ class ClockedSlave(Slave):
     def passed(self) -> Sequence[Tick]:
         return self._ticker.passed
 
+    def exchange(self, outgoing: Mapping[str, Variables], incoming: Mapping[str, Variables]) -> None:
+        """Have these variables go out when their clocks tick, and those come in with ticks; clock -> variables."""
+        self._mail = Mail(outgoing, incoming)
+
+    def fetched(self, clocks: Container[str]) -> list[Post]:
+        """What has gone out with these clocks since it was last fetched, in order."""
+        return self._mail.fetched(clocks)
+
+    def deliver(self, clock: str, values: Sequence[Value]) -> None:
+        """Have a clock tick when the next step begins, and its variables come in."""
+        self._mail.waiting.append((clock, values))
+        self._now.due = True
+
     def step(self, time: float, duration: float) -> None:
         if self._asked:
             raise FmuEnded(self.name, f"asked to stop at t = {time:g} s")
@@ -128,11 +143,12 @@ class ClockedSlave(Slave):
             now = self._advance(now, self._next_event if self._next_event < end - together else end)
 
     def save(self) -> Any:
-        return super().save(), dataclasses.replace(self._now), self._ticker.saved()
+        return super().save(), dataclasses.replace(self._now), self._ticker.saved(), self._mail.copy()
 
     def restore(self, state: Any) -> None:
-        memory, moment, ticker = state
+        memory, moment, ticker, mail = state
         super().restore(memory)
+        self._mail = mail.copy()
         self._now = dataclasses.replace(moment)
         self._ticker.restore(ticker)
 
@@ -241,13 +257,18 @@ class ClockedSlave(Slave):
         now = self._now
         now.due, now.next_event = False, math.inf
         values = [brought.get(place, value) for place, value in enumerate(now.wanted)]
+        arriving = self._mail.arriving()
+        ticking |= self._ticker.references(arriving)
         self._enter_event_mode()
         for _ in range(_MOST_TURNS):
             names = self._ticker.activate(ticking)
             for part in () if beginning else self._parts:  # then the initialisation has set them
                 if not part.clocks or part.clocks & names:
                     self._put(part, values)
-            self._ticker.tell(time, self.read)
+            for clock, given in arriving.items():
+                self._check(self._group(*self._mail.incoming[clock]).write(given), f"set what comes with {clock}")
+            arriving = {}
+            self._send(time, names | self._ticker.tell(time, self.read))
             status, news = self._fmi.update()
             if status:
                 self.updated(status, time)
@@ -260,9 +281,17 @@ class ClockedSlave(Slave):
                 break
         else:
             self.unsettled(time)
-        now.next_event = news.next_event
+        now.next_event, now.due = news.next_event, bool(self._mail.waiting)
         self.left(self._fmi.call("EnterStepMode"))
         now.in_event_mode = False
+
+    def _send(self, time: float, ticking: frozenset[str]) -> None:
+        """Have those variables go out whose clocks tick."""
+        for clock, variables in self._mail.outgoing.items():
+            if clock in ticking:
+                status, values = self._group(*variables).taken()
+                self._check(status, f"get what goes out with {clock}")
+                self._mail.sent.append(Post(time, clock, values))
 
     def _put(self, part: Part, values: Sequence[float]) -> None:
         """Set some of the bound inputs."""

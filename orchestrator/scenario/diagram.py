@@ -8,6 +8,7 @@ from pathlib import Path
 from fmus.modelling.model import Model
 from orchestrator.assembly.stimulus import Stimulus
 from orchestrator.display.titles import with_unit
+from orchestrator.network import carriers
 from orchestrator.rational import written
 from orchestrator.report.wiring import Box, Wire, Wiring
 from orchestrator.scenario.run import ScenarioResult
@@ -30,11 +31,17 @@ def wiring_of(result: ScenarioResult, system: System, received: Collection[str] 
     wires += [Wire(_ends(link.source), _ends(link.target), _conversion(link)) for link in system.connections]
     wires += [Wire(_ends(link.source), _ends(link.target), "ticks") for link in system.clocks]
     wires += [Wire(_ends(link.source), _ends(link.target), "") for link in system.texts]
+    buses = result.assembled.system.buses
+    wires += [
+        Wire(_ends(Endpoint.parse(node)), (name, node), "frames") for name, bus in buses.items() for node in bus.nodes
+    ]
     return Wiring([*sources, *(_box(result, system, name, wires) for name in system.parts)], wires)
 
 
 def source_of(result: ScenarioResult, component: str) -> str:
-    """What a component is made of: the name of a model or of a file."""
+    """What a component is made of: the name of a model or of a file; of a bus, what it is."""
+    if component in result.assembled.system.buses:
+        return carriers.interface(result.assembled.system.buses[component]).model_name
     source = result.scenario.system.components[component].source
     return source.name if isinstance(source, Model | Path) else str(source)
 
@@ -68,12 +75,14 @@ def _box(result: ScenarioResult, system: System, name: str, wires: list[Wire]) -
     given = {wire.source[1] for wire in wires if wire.source[0] == name}
     outputs = [port.name for port in part.interface.of("output")]
     step = result.scenario.timing.step if part.step is None else part.step
-    solver = result.assembled.system.components[name].solver
-    how = f"{solver.method} " if solver is not None else ""
+    component = result.assembled.system.components.get(name)
+    how = f"{component.solver.method} " if component is not None and component.solver is not None else ""
+    taken = [port.name for port in part.interface.of("input") if port.name in used]
+    shown = [one for one in outputs if one in given or len(outputs) <= 6]
     return Box(
         name,
         source_of(result, name),
-        f"{how}every {written(step)} s",
-        {port.name: with_unit(port.name, port.unit) for port in part.interface.of("input") if port.name in used},
-        {one: with_unit(one, ports[one].unit) for one in outputs if one in given or len(outputs) <= 6},
+        "when frames come" if part.carries else f"{how}every {written(step)} s",
+        {one: with_unit(one, ports[one].unit) for one in taken} | {node: node for node in used - ports.keys()},
+        {one: with_unit(one, ports[one].unit) for one in shown} | {one: one for one in given - ports.keys()},
     )

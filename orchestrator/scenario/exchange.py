@@ -53,6 +53,8 @@ def export(file: Path, out: Path, tool: Tool = Tool.ANY, version: Version = Vers
         known = f"what {tool} makes of an SSP is known for {Version.ONE} only"
         raise InputError(f"--ssp-version {version}", known, f"leave out --for, or write {Version.ONE}")
     scenario = load_scenario(file, references=False)
+    if scenario.system.buses:
+        raise InputError(f"{file}: buses", "an SSP has no buses between FMUs", "remove them, or hand on the scenario")
     with scratch(None) as folder:
         assembled = assemble(scenario.system, folder, scenario.driven)
         outline = replace(_outline(file, scenario, assembled), version=version)

@@ -78,8 +78,9 @@ def _refuse(file: Path, scenario: Scenario) -> None:
     """
     if not compiler.available():
         raise InputError(file, "needs a C compiler to become one FMU", f"install one, or {_INSTEAD}")
-    if scenario.can is not None:
-        raise InputError(f"{file}: can", "a bus cannot be inside an FMU", f"remove the block, or {_INSTEAD}")
+    for block in ("can", "buses"):
+        if scenario.can if block == "can" else scenario.system.buses:
+            raise InputError(f"{file}: {block}", "a bus cannot be inside an FMU", f"remove the block, or {_INSTEAD}")
     if scenario.timing.order is Order.ITERATED:
         problem = "iterated steps are taken back, which an FMU cannot do inside"
         raise InputError(f"{file}: run.order", problem, f"leave it out, or {_INSTEAD}")

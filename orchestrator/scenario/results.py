@@ -10,6 +10,7 @@ from typing import NotRequired, TypedDict
 
 from fmus.files import sha256
 from orchestrator import formats
+from orchestrator.can.logs import writing as logs
 from orchestrator.crossing import CrossingDocument, documents_of
 from orchestrator.engine import Change
 from orchestrator.fmi.interface import Value
@@ -39,6 +40,7 @@ class RunCaseDocument(CaseDocument):
     loop: NotRequired[dict[str, float]]
     deadlines: NotRequired[DeadlineFigures]
     changes: NotRequired[list[ChangeDocument]]
+    buses: NotRequired[dict[str, BusDocument]]
 
 
 class RecordingDocument(TypedDict):
@@ -61,6 +63,16 @@ class ChangeDocument(TypedDict):
     by: str
 
 
+class BusDocument(TypedDict):
+    """What a bus has carried: frames, the share of the time that they took, their log, and what was out of the
+    ordinary."""
+
+    frames: int
+    load: float
+    log: str
+    remarks: list[str]
+
+
 class RunDocument(FileDocument):
     """What ran and how it went, as manifest.json holds it."""
 
@@ -80,7 +92,7 @@ class RunDocument(FileDocument):
 
 def write_run(result: ScenarioResult, overrides: Mapping[str, Value], target: Path, shared: str | None = None) -> None:
     """Write the folder of a run: `<case>.parquet` (or, of a recorder, `<case>.csv`), manifest.json, report.html;
-    and profile.json where there is one.
+    and profile.json where there is one, and of each bus `<case>.<bus>.log`.
 
     Args:
         shared: the folder that the report takes its script from, as seen from its own; None has it in the report.
@@ -91,6 +103,8 @@ def write_run(result: ScenarioResult, overrides: Mapping[str, Value], target: Pa
                 shutil.move(case.file, folder / trace_file(result, case))
             elif case.result is not None:
                 formats.write(result.recorded(case), folder / trace_file(result, case))
+            for bus, carried in case.result.carried.items() if case.result is not None else ():
+                logs.write(folder / bus_log(result, case, bus), [carried.frames])
         if (log := said(result)) is not None:
             shutil.copyfile(log, folder / LOG_FILE)
         write_json(folder / "manifest.json", document_of(result, overrides, target))
@@ -110,6 +124,11 @@ def trace_file(result: ScenarioResult, case: CaseResult) -> str:
     """Name of the file that a case's trace is written to."""
     suffix = "csv" if result.scenario.logger else "parquet"
     return f"{file_stems([one.name for one in result.cases])[result.cases.index(case)]}.{suffix}"
+
+
+def bus_log(result: ScenarioResult, case: CaseResult, bus: str) -> str:
+    """Name of the file that the frames of a bus are written to."""
+    return f"{Path(trace_file(result, case)).stem}.{bus}.log"
 
 
 def document_of(result: ScenarioResult, overrides: Mapping[str, Value], folder: Path) -> RunDocument:
@@ -181,6 +200,16 @@ def _case(result: ScenarioResult, case: CaseResult) -> RunCaseDocument:
             document["nonfinite"] = counts
         if case.result.deadlines is not None:
             document["deadlines"] = case.result.deadlines.document()
+        if case.result.carried:
+            document["buses"] = {
+                name: {
+                    "frames": len(carried.frames),
+                    "load": round(carried.load, 6),
+                    "log": bus_log(result, case, name),
+                    "remarks": [*carried.remarks],
+                }
+                for name, carried in case.result.carried.items()
+            }
         if case.result.changes:
             document["changes"] = [_change(change) for change in case.result.changes]
         return {**document, **accounts.document_of(case.result)}

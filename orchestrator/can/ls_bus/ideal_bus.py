@@ -123,7 +123,7 @@ class IdealBus:
 
     def busy(self, until: float) -> float:
         """For how long frames have been on the bus up to a time that it has run to."""
-        return self._busy - max(0.0, min(self._free, math.inf) - until) if self._busy else 0.0
+        return self._busy - max(0.0, self._free - until)
 
     @property
     def waiting(self) -> int:

@@ -6,6 +6,7 @@ Each begins with its code and its whole length, 4 bytes each; numbers are little
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from enum import IntEnum
 from struct import Struct
 from typing import Any, NamedTuple
@@ -140,10 +141,11 @@ Operation = (
 )
 
 
-class _Layout(NamedTuple):
+@dataclass(frozen=True)
+class _Layout:
     """Where the fields of an operation lie; those with data end with its length and the data."""
 
-    kind: type[Any]
+    kind: Any
     code: int
     fields: Struct
     has_data: bool
@@ -165,13 +167,10 @@ _BY_KIND = {layout.kind: layout for layout in _LAYOUTS}
 _BY_CODE = {layout.code: layout for layout in _LAYOUTS}
 _SHORT_CONFIGURATION = Struct("<IIBB")
 _BOOLEAN = {  # fields that are 0 or 1
-    kind: [kind._fields.index(name) for name in names]
-    for kind, names in {
-        Transmit: ("extended", "remote"),
-        TransmitFd: ("extended", "switched", "error_state"),
-        TransmitXl: ("extended", "simple_extended"),
-        BusFault: ("is_sender",),
-    }.items()
+    Transmit: ("extended", "remote"),
+    TransmitFd: ("extended", "switched", "error_state"),
+    TransmitXl: ("extended", "simple_extended"),
+    BusFault: ("is_sender",),
 }
 
 
@@ -199,13 +198,11 @@ def decoded(data: bytes) -> list[Operation | Malformed]:
 
 
 def _encoded(operation: Operation) -> bytes:
-    layout = _BY_KIND[type(operation)]
-    if isinstance(operation, Transmit):
-        *plain, _ = operation
-        return layout.fields.pack(layout.code, layout.fields.size + len(operation.data), *plain) + operation.data
+    layout, fields = _BY_KIND[type(operation)], tuple[Any, ...](operation)
     if layout.has_data:
-        *plain, data = operation
-        return layout.fields.pack(layout.code, layout.fields.size + len(data), *plain, len(data)) + data
+        *plain, data = fields
+        plain += [] if isinstance(operation, Transmit) else [len(data)]
+        return layout.fields.pack(layout.code, layout.fields.size + len(data), *plain) + bytes(data)
     if isinstance(operation, Configuration) and operation.setting is Setting.ARBITRATION_LOST:
         return _SHORT_CONFIGURATION.pack(layout.code, _SHORT_CONFIGURATION.size, *operation)
     return layout.fields.pack(layout.code, layout.fields.size, *operation)
@@ -228,9 +225,10 @@ def _decoded(code: int, data: bytes) -> Operation | Malformed:
         if length != len(content) and not (layout.kind is Transmit and values[2] and not content):
             return Malformed(data, f"says that it has {length} data bytes and has {len(content)}")
         values.append(content)
-    for place in _BOOLEAN.get(layout.kind, ()):
+    for name in _BOOLEAN.get(layout.kind, ()):
+        place = layout.kind._fields.index(name)
         if values[place] > 1:
-            return Malformed(data, f"has {layout.kind._fields[place]} = {values[place]}, which is neither 0 nor 1")
+            return Malformed(data, f"has {name} = {values[place]}, which is neither 0 nor 1")
         values[place] = bool(values[place])
     try:
         problem = _misfit(made := _made(layout.kind, values))

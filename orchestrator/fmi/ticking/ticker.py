@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from orchestrator.fmi.clocks.declared import Clock
@@ -61,11 +61,15 @@ class Ticker:
         if not (self._arrivals and self._arrivals[0].time <= until):
             return ticking, {}
         arrival = self._arrivals.pop(0)
-        return ticking | {self._by_name[name].reference for name in arrival.clocks}, arrival.inputs
+        return ticking | self.references(arrival.clocks), arrival.inputs
 
     def at_once(self, time: float) -> frozenset[int]:
         """Which clocks tick in the next turn of an event, for their countdown was 0 s."""
         return self._schedule.due(time)
+
+    def references(self, names: Iterable[str]) -> frozenset[int]:
+        """Of clocks, by their names."""
+        return frozenset(self._by_name[name].reference for name in names)
 
     def activate(self, ticking: Collection[int]) -> frozenset[str]:
         """Have clocks tick, in event mode; their names."""
@@ -77,10 +81,11 @@ class Ticker:
         """Take note of how clocks could be ticked."""
         self._calls.ticked(status, ticking)
 
-    def tell(self, time: float, read: Callable[[], Sequence[float]]) -> None:
-        """Take note of the output clocks that tick at a time, with what `read` gives then."""
+    def tell(self, time: float, read: Callable[[], Sequence[float]]) -> frozenset[str]:
+        """Take note of the output clocks that tick at a time, with what `read` gives then; their names."""
         if active := self._calls.active():
             self.passed.append(Tick(time, active, [*read()]))
+        return active
 
     def learn(self, time: float, ticked: Collection[int], beginning: bool = False) -> str:
         """Ask for the intervals that may be new; what is wrong with one of them, or nothing."""

@@ -17,6 +17,7 @@ from orchestrator.assembly.assembly import SystemSpec
 from orchestrator.assembly.schema import RunBlock, SystemBlock
 from orchestrator.assembly.stimulus import Stimulus
 from orchestrator.assembly.whole_arrays import Values, elements, shapes
+from orchestrator.network.schema import BusBlock
 from orchestrator.scenario import parameter_sets
 from orchestrator.scenario.can_block import CanBlock
 from orchestrator.scenario.expectations.schema import ExpectationBlock
@@ -66,6 +67,7 @@ class ScenarioBlock(SystemBlock):
             not set, grows by 1000 from case to case.
         ssp: the description (`.ssd`) that it was imported from, whose annotations go along when it is exported.
         can: how it is coupled to a CAN bus; a plain run takes the safe values, as if nobody else were there.
+        buses: CAN buses between FMUs with bus terminals (FMI-LS-BUS), by name.
     """
 
     model_config = ConfigDict(json_schema_extra=_parts_may_have_the_rest)
@@ -80,6 +82,7 @@ class ScenarioBlock(SystemBlock):
     own_noise: bool = False
     ssp: Path | None = None
     can: CanBlock | None = None
+    buses: dict[str, BusBlock] = {}
     sets: dict[str, Values] = {}
     matrix: MatrixBlock | None = None
     cases: Annotated[list[CaseBlock], Field(min_length=1)] | None = None
@@ -113,6 +116,10 @@ class ScenarioBlock(SystemBlock):
         if twice:
             raise ValueError(f"{twice[0]} has two sources, a stimulus and a signal of the bus")
         return self
+
+    def system(self, base: Path, said: list[str] | None = None) -> SystemSpec:
+        buses = {name: block.spec(base) for name, block in self.buses.items()}
+        return replace(super().system(base, said), buses=buses)
 
     def with_fmus(self, fmus: Mapping[str, Path]) -> ScenarioBlock:
         """The same with these FMU files in place of components.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +41,8 @@ class VariantBlock(Block):
     def system(self, common: SystemSpec, base: Path, said: list[str]) -> SystemSpec:
         """Its system: the common one with what it adds; files are relative to `base`."""
         own = {name: block.spec(base, said) for name, block in self.components.items()}
-        return SystemSpec({**common.components, **own}, (*common.connections, *map(link, self.connections)))
+        connections = (*common.connections, *map(link, self.connections))
+        return replace(common, components={**common.components, **own}, connections=connections)
 
     def values(self, sets: Mapping[str, Values]) -> dict[str, Any]:
         """component.variable -> value, of the sets that it uses and its own.

@@ -198,9 +198,7 @@ def test_nodes_configure_the_bit_rate_that_the_bus_was_not_given() -> None:
 
 def test_bit_rates_that_contradict_each_other_name_who_wants_them() -> None:
     bus = a_bus(2)
-    with pytest.raises(
-        BusError, match=r"can0\.bitrate: is configured to 100000 bit/s by n1 and to 500000 .* by the bus"
-    ):
+    with pytest.raises(BusError, match=r"can0\.bitrate: .* 100000 bit/s by n1 and to 500000 .* by the bus"):
         give(bus, 1, 0.0, Configuration(Setting.BITRATE, 100_000))
     bus = a_bus(2, None)
     give(bus, 0, 0.0, Configuration(Setting.BITRATE, 250_000))

@@ -30,27 +30,30 @@ from orchestrator.can.ls_bus.operations import (
 EXTENDED = st.tuples(st.integers(0, 0x1FFF_FFFF), st.just(True))
 IDS = st.tuples(st.integers(0, 0x7FF), st.just(False)) | EXTENDED
 ANY_ID, BYTE = st.integers(0, 0x1FFF_FFFF), st.integers(0, 255)
-DATA = st.binary(max_size=8).map(lambda data: Transmit(0, False, False, len(data), data))
+FD_DATA = st.builds(lambda length, fill: bytes([fill]) * length, st.sampled_from(LENGTHS.tolist()), BYTE)
+WORD = st.integers(0, (1 << 32) - 1)
+
+
+def frames() -> st.SearchStrategy[Operation]:
+    """Frames of each kind, with identifiers that go with their length."""
+    plain = st.one_of(
+        st.builds(lambda data: Transmit(0, False, False, len(data), data), st.binary(max_size=8)),
+        st.builds(lambda length: Transmit(0, False, True, length, b""), st.integers(0, 8)),
+        st.builds(lambda brs, esi, data: TransmitFd(0, False, brs, esi, data), st.booleans(), st.booleans(), FD_DATA),
+        st.builds(
+            lambda sec, sdt, net, af, data: TransmitXl(0, False, sec, sdt, net, af, data),
+            st.booleans(),
+            BYTE,
+            BYTE,
+            WORD,
+            st.binary(min_size=1, max_size=70),
+        ),
+    )
+    return st.builds(lambda who, frame: frame._replace(id=who[0], extended=who[1]), IDS, plain)
+
+
 OPERATIONS = st.one_of(
-    st.builds(lambda who, frame: frame._replace(id=who[0], extended=who[1]), IDS, DATA),
-    st.builds(lambda who, length: Transmit(*who, True, length, b""), IDS, st.integers(0, 8)),
-    st.builds(
-        lambda who, brs, esi, length, fill: TransmitFd(*who, brs, esi, bytes([fill]) * length),
-        IDS,
-        st.booleans(),
-        st.booleans(),
-        st.sampled_from(LENGTHS.tolist()),
-        BYTE,
-    ),
-    st.builds(
-        lambda who, sec, sdt, net, af, data: TransmitXl(*who, sec, sdt, net, af, data),
-        IDS,
-        st.booleans(),
-        BYTE,
-        BYTE,
-        st.integers(0, (1 << 32) - 1),
-        st.binary(min_size=1, max_size=70),
-    ),
+    frames(),
     st.builds(FormatError, st.binary(max_size=40)),
     st.builds(Confirm, ANY_ID),
     st.builds(ArbitrationLost, ANY_ID),
@@ -58,7 +61,7 @@ OPERATIONS = st.one_of(
     st.builds(
         Configuration,
         st.sampled_from([Setting.BITRATE, Setting.DATA_BITRATE, Setting.XL_BITRATE]),
-        st.integers(0, (1 << 32) - 1),
+        WORD,
     ),
     st.builds(Configuration, st.just(Setting.ARBITRATION_LOST), st.sampled_from(list(WhenLost))),
     st.builds(Status, st.sampled_from(list(NodeState))),

@@ -1,0 +1,105 @@
+"""Network FMUs after FMI-LS-BUS, compiled from `bus_node.c`, where their behaviour is told."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import fmpy
+import pytest
+
+from fmus.packaging import archive
+
+PARAMETERS = ("period", "first", "id", "rate", "discard", "spoil", "triggered")
+OUTPUTS = ("received", "last_id", "last_time", "confirmed", "lost", "complaints")
+MIME = "application/org.fmi-standard.fmi-ls-bus.can; version=&quot;1.0.0&quot;"
+MEMBERS = ("Tx_Data", "Tx_Clock", "Rx_Data", "Rx_Clock")
+_STARTS = {"period": 0.1, "first": 0.1, "id": 256}
+_XML = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="3.0" modelName="bus_node" instantiationToken="bus_node">
+  <CoSimulation modelIdentifier="bus_node" hasEventMode="true" canHandleVariableCommunicationStepSize="true"/>
+  <ModelVariables>
+    <Float64 name="time" valueReference="0" causality="independent" variability="continuous"/>
+    <Binary name="Can.Rx_Data" valueReference="1" causality="input" variability="discrete" clocks="3" maxSize="64"
+      mimeType="{mime}"><Start value=""/></Binary>
+    <Binary name="Can.Tx_Data" valueReference="2" causality="output" variability="discrete" clocks="4" maxSize="4096"
+      mimeType="{mime}"/>
+    <Clock name="Can.Rx_Clock" valueReference="3" causality="input" intervalVariability="triggered"/>
+    <Clock name="Can.Tx_Clock" valueReference="4" {clock}/>
+    {variables}
+    <Boolean name="BusNotifications" valueReference="20" causality="parameter" variability="fixed" start="false"/>
+  </ModelVariables>
+  <ModelStructure>{outputs}</ModelStructure>
+</fmiModelDescription>
+"""
+_TERMINALS = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiTerminalsAndIcons fmiVersion="3.0"><Terminals>
+  <Terminal name="Can" terminalKind="org.fmi-ls-bus.network-terminal" matchingRule="org.fmi-ls-bus.transceiver">
+    {members}
+    <Terminal name="Configuration" terminalKind="org.fmi-ls-bus.network-terminal.configuration" matchingRule="bus">
+      <TerminalMemberVariable variableKind="signal" variableName="BusNotifications" memberName="BusNotifications"/>
+    </Terminal>
+  </Terminal>
+</Terminals></fmiTerminalsAndIcons>
+"""
+
+
+def build(folder: Path, *replacements: tuple[str, str], triggered: bool = False) -> Path:
+    """The FMU, in this folder, with these texts of its XML replaced by others."""
+    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+    if compiler is None:
+        pytest.skip("there is no C compiler to build a network FMU with")
+    folder.mkdir(exist_ok=True)
+    binary = folder / f"bus_node{fmpy.sharedLibraryExtension}"
+    if not binary.is_file():
+        headers, source = Path(str(fmpy.__file__)).parent / "c-code", Path(__file__).with_name("bus_node.c")
+        rest = folder / "rest.c"
+        rest.write_text(_rest(headers, source))
+        options = ["-w", "-shared", "-fPIC", "-O2", f"-I{headers}"]
+        subprocess.run([compiler, *options, str(source), str(rest), "-o", str(binary), "-lm"], check=True)
+    members = "".join(
+        f'<TerminalMemberVariable variableKind="signal" variableName="Can.{name}" memberName="{name}"/>'
+        for name in MEMBERS
+    )
+    texts = {
+        "modelDescription.xml": _description(triggered),
+        "terminalsAndIcons/terminalsAndIcons.xml": _TERMINALS.format(members=members),
+    }
+    for old, new in replacements:
+        assert any(old in text for text in texts.values()), old
+        texts = {name: text.replace(old, new) for name, text in texts.items()}
+    files = {name: text.encode() for name, text in texts.items()}
+    files[f"binaries/{fmpy.platform_tuple}/{binary.name}"] = binary.read_bytes()
+    path = folder / f"node{len(list(folder.glob('*.fmu')))}.fmu"
+    archive.write(path, files)
+    return path
+
+
+def _rest(headers: Path, source: Path) -> str:
+    """The functions that it does not have and that FMPy wants to be there: all of them fail."""
+    wanted = set(re.findall(r"define (fmi3\w+) +fmi3FullName", (headers / "fmi3Functions.h").read_text()))
+    there = set(re.findall(r"FMI3_Export .*?(fmi3\w+)\(", source.read_text()))
+    return "".join(f"int {name}(void) {{ return 3; }}\n" for name in sorted(wanted - there))
+
+
+def _description(triggered: bool) -> str:
+    starts = _STARTS | {"triggered": int(triggered)}
+    variables = [
+        f'<Float64 name="{name}" valueReference="{10 + n}" causality="parameter" variability="fixed" '
+        f'start="{starts.get(name, 0)}"/>'
+        for n, name in enumerate(PARAMETERS)
+    ]
+    variables += [
+        f'<Float64 name="{name}" valueReference="{30 + n}" causality="output" variability="discrete"/>'
+        for n, name in enumerate(OUTPUTS)
+    ]
+    kind = ("output", "triggered") if triggered else ("input", "countdown")
+    return _XML.format(
+        mime=MIME,
+        clock=f'causality="{kind[0]}" intervalVariability="{kind[1]}"',
+        variables="\n    ".join(variables),
+        outputs='<Output valueReference="2"/>'
+        + "".join(f'<Output valueReference="{30 + n}" dependencies=""/>' for n in range(len(OUTPUTS))),
+    )
