@@ -405,7 +405,8 @@ def provenance(section: Section, data: Iterable[TraceSummary], units: Sequence[C
         [trace["trace"], trace["role"], "; ".join([trace["stamps"], *trace.get("notes", [])]), trace["sha256"]]
         for trace in data
     ]
-    section.table(["trace", "role", "time stamps and notes", "SHA-256"], rows)
+    if rows:
+        section.table(["trace", "role", "time stamps and notes", "SHA-256"], rows)
     left_out: list[list[Cell]] = [
         [trace["trace"], WORDS[mark["kind"]], mark["start"], mark["stop"], ", ".join(mark["signals"]) or "all"]
         for trace in data

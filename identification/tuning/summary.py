@@ -204,7 +204,7 @@ def verdict(result: Outcome) -> VerdictSummary:
     count, lines = sum(len(rig.cases) for rig in result.rigs), not_held(result.rigs)
     said = f"MISSED in {len(lines)} of {count} cases on the rig: {'; '.join(lines)}"
     if not lines:
-        said = f"all {count} cases on the rig are held"
+        said = f"all {count} cases on the rig are held" if count > 1 else "the case on the rig is held"
     joined = "; ".join(part for part in (judged["said"], said) if part)
     return {**judged, "held": judged["held"] and not lines, "said": joined}
 

@@ -238,7 +238,7 @@
     }
 
     drawCurve(g, y, { tone, colour, style }, { drawn, samples }) {
-      g.setLineDash({ measured: [], reference: [5, 4] }[tone] ?? DASHES[colour % 6]);
+      g.setLineDash({ measured: [], reference: [5, 4] }[tone] ?? DASHES[(colour + Math.floor(colour / 6)) % 6]);
       g.strokeStyle = g.fillStyle = this.colour(tone === "data" ? `c${colour % 6}` : tone);
       [g.lineWidth, g.lineJoin] = [tone === "measured" ? 3.2 : 1.5, "round"];
       const joined = style === "line" || style === "steps";

@@ -38,6 +38,7 @@ Tone = Literal["data", "measured", "reference"]
 HEIGHT = 170  # of a panel [px]
 AXIS = 30  # of the horizontal axis [px]; chart.js has the same number
 COLOURS = 6  # that are told apart, also by dashes; chart.js and style.css have as many
+ONE_PLACE = 1e-5  # of its amount, by which signs at one place of the horizontal axis may differ
 MOST_SAID = 8  # panels, and curves of each, whose extremes are told to who cannot see them
 THINNED = f"Drawn by the extremes of every {STRETCH} samples, as there are too many for a page."
 
@@ -196,10 +197,10 @@ class Chart:
     def _extent(self) -> tuple[float, float]:
         """All of the horizontal axis that holds something, a little more in a plane and around signs."""
         low, high = _ends(self.panels, "x", self.log_x)
-        if low == high:
+        signs = any(curve.style not in ("line", "steps") for panel in self.panels for curve in panel.curves)
+        if high - low <= (ONE_PLACE * max(abs(low), abs(high)) if signs else 0.0):
             slack = max(abs(low), 1.0) / 2
             return (low / 2, high * 2) if self.log_x else (low - slack, high + slack)
-        signs = any(curve.style not in ("line", "steps") for panel in self.panels for curve in panel.curves)
         if self.log_x:
             return (low / (high / low) ** 0.03, high * (high / low) ** 0.03) if signs else (low, high)
         slack = (0.05 if self.equal else 0.03 if signs else 0.0) * (high - low)
@@ -222,8 +223,9 @@ def key_of(drawn: Curve | Band) -> str:
     if isinstance(drawn, Band):
         return '<i class="key band"></i>'
     number = drawn.colour % COLOURS
+    dash = (drawn.colour + drawn.colour // COLOURS) % COLOURS  # as in chart.js: colours come again with other dashes
     kind = {"line": "joined", "steps": "joined"}.get(drawn.style, drawn.style)
-    return f'<i class="key {kind} {f"k{number}" if drawn.tone == "data" else drawn.tone}"></i>'
+    return f'<i class="key {kind} {f"k{number} d{dash}" if drawn.tone == "data" else drawn.tone}"></i>'
 
 
 def _ends(panels: Sequence[Panel], axis: Literal["x", "y"], log: bool) -> tuple[float, float]:

@@ -51,7 +51,7 @@ _CHOICE = (
 
 
 def _row(entry: Entry, key: str, columns: Columns) -> str:
-    name = escape(entry.name)
+    name = escape(entry.name).replace("/", "/<wbr>")  # where a narrow window breaks a path
     linked = name if entry.page is None else f'<a href="{escape(quote(entry.page))}">{name}</a>'
     cells = "".join(map(_cell, entry.cells))
     row = f"<tr><td>{mark(entry.kind)}</td><td>{linked}</td>{cells}</tr>"

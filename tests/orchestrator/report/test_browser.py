@@ -177,6 +177,17 @@ def test_paper_shows_all_charts_in_dark_ink_on_white(browser: Browser, tmp_path:
         assert len(seen.page.pdf()) > 20_000
 
 
+def test_a_chart_of_many_panels_fits_a_page_of_paper_as_it_is_shaped(browser: Browser, tmp_path: Path) -> None:
+    many = Chart([Panel(f"signal {number}", [Curve("run", [0.0, 1.0], [0.0, 1.0])]) for number in range(12)])
+    with opened(browser, one_chart(many, tmp_path)) as seen:
+        seen.view()
+        seen.page.emulate_media(media="print")
+        frame, canvas = (seen.page.locator(place).bounding_box() for place in (".frame", ".frame canvas"))
+        assert frame is not None and canvas is not None
+        assert canvas["height"] <= 0.76 * 900 + 1 and frame["height"] <= canvas["height"] + 1
+        assert canvas["width"] / canvas["height"] == pytest.approx(frame["width"] / (12 * 170 + 30), rel=0.02)
+
+
 def test_a_list_shows_what_failed_alone_when_asked(browser: Browser, tmp_path: Path) -> None:
     page = Report("A suite")
     entries = [Entry("ok", "good", None, ("1 of 1",)), Entry("error", "bad", "bad/report.html", ("0 of 1",))]

@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from orchestrator.report.chart import COLOURS
+from orchestrator.report.chart import COLOURS, Curve, key_of
 from orchestrator.trace import FloatArray
 
 SHEET = (resources.files("orchestrator.report") / "style.css").read_text(encoding="utf-8")
@@ -75,3 +75,11 @@ def test_curves_of_different_colours_also_have_different_dashes() -> None:
     assert found is not None
     dashes = re.findall(r"\[[^\[\]]*\]", found[1])
     assert len(set(dashes)) == len(dashes) == COLOURS
+
+
+def test_curves_of_the_same_colour_have_different_dashes_in_charts_and_legends() -> None:
+    script = (resources.files("orchestrator.report") / "chart.js").read_text(encoding="utf-8")
+    assert "DASHES[(colour + Math.floor(colour / 6)) % 6]" in script
+    keys = [key_of(Curve("one", [0.0], [0.0], colour=number)) for number in range(3 * COLOURS)]
+    assert len(set(keys)) == len(keys)
+    assert re.findall(r"(k\d) (d\d)", keys[0] + keys[COLOURS]) == [("k0", "d0"), ("k0", "d1")]
