@@ -247,7 +247,7 @@ def load_scenario(path: str | Path, references: bool = True, fmus: Mapping[str, 
     block, parts = load_joined(file, ScenarioBlock)
     with naming(file):
         scenario = block.with_fmus(fmus or {}).scenario(file, references and not fmus)
-    return replace(_of_others(scenario) if fmus else scenario, parts=parts)
+    return replace(_of_others(scenario) if fmus and references else scenario, parts=parts)
 
 
 def _of_others(scenario: Scenario) -> Scenario:

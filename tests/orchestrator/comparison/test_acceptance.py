@@ -349,3 +349,4 @@ def test_references_of_a_scenarios_own_components_are_not_asked_of_other_fmus_an
     assert [case.checks for case in other.cases] == [(), ()]
     told = "not asked of other FMUs than its own: hand.angle follows its reference within 0.001"
     assert told in other.scenario.notes
+    assert not load_scenario(swing, references=False, fmus={"hand": heavy}).notes
