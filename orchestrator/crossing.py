@@ -67,7 +67,7 @@ class Basis(StrEnum):
 
 
 @dataclass(frozen=True)
-class Given:
+class GivenConversion:
     """What somebody wrote to convert by, over the units; None leaves it to them."""
 
     factor: float | None = None
@@ -77,7 +77,7 @@ class Given:
         return self.factor is not None or self.offset is not None
 
 
-NOTHING_GIVEN = Given()
+NOTHING_GIVEN = GivenConversion()
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class Crossing:
         return f", {verdict} {self.source} to {self.target} ({_words(self.by_units)})"
 
 
-def crossing(place: str, source: NamedUnit, target: NamedUnit, given: Given = NOTHING_GIVEN) -> Crossing:
+def crossing(place: str, source: NamedUnit, target: NamedUnit, given: GivenConversion = NOTHING_GIVEN) -> Crossing:
     """How a value in one unit becomes one in another.
 
     A `given` factor or offset stands over the units. Without a unit on one side nothing is converted; one that is not
@@ -199,7 +199,7 @@ def _unconverted(source: NamedUnit, target: NamedUnit) -> Basis:
     return Basis.ASSUMED if target.name else Basis.NO_UNIT
 
 
-def _by_hand(place: str, source: NamedUnit, target: NamedUnit, given: Given) -> Crossing:
+def _by_hand(place: str, source: NamedUnit, target: NamedUnit, given: GivenConversion) -> Crossing:
     try:
         by_units = crossing(place, source, target)
     except WiringError:

@@ -9,7 +9,7 @@ from dataclasses import replace
 from fmus.errors import WiringError
 from fmus.modelling.model import element_names
 from fmus.words import with_article
-from orchestrator.crossing import NOTHING_GIVEN, Given, crossing
+from orchestrator.crossing import NOTHING_GIVEN, GivenConversion, crossing
 from orchestrator.system import REAL, ClockLink, Connection, Endpoint, Part, System, TextLink, drivable, require
 
 _TEXTS = ("String", "Binary")
@@ -41,7 +41,7 @@ def wire(parts: Mapping[str, Part], connections: Iterable[tuple[str, str]], stim
     return system
 
 
-def scaled(text: str) -> tuple[Endpoint, Given]:
+def scaled(text: str) -> tuple[Endpoint, GivenConversion]:
     """The source of a connection, written `component.variable` or `2.5 * component.variable + 1`, and what it is
     converted by over its unit.
 
@@ -55,7 +55,7 @@ def scaled(text: str) -> tuple[Endpoint, Given]:
     if factor is None and offset is None:
         return Endpoint.parse(name), NOTHING_GIVEN
     signed = 0.0 if offset is None else float(offset) * (-1 if sign == "-" else 1)
-    return Endpoint.parse(name), Given(1.0 if factor is None else float(factor), signed)
+    return Endpoint.parse(name), GivenConversion(1.0 if factor is None else float(factor), signed)
 
 
 def _pairs(system: System, source: Endpoint, target: Endpoint) -> Iterable[tuple[Endpoint, Endpoint]]:
@@ -71,7 +71,7 @@ def _pairs(system: System, source: Endpoint, target: Endpoint) -> Iterable[tuple
     return [(replace(source, variable=y), replace(target, variable=u)) for y, u in zip(*names, strict=True)]
 
 
-def _kind(system: System, pair: tuple[Endpoint, Endpoint, Given]) -> str:
+def _kind(system: System, pair: tuple[Endpoint, Endpoint, GivenConversion]) -> str:
     """The type of both ends where it is one whose values are no numbers, else nothing; what is wrong is told later."""
     parts = [system.parts.get(end.component) for end in pair[:2]]
     ports = [part and part.interface.ports.get(end.variable) for part, end in zip(parts, pair[:2], strict=True)]
@@ -79,7 +79,7 @@ def _kind(system: System, pair: tuple[Endpoint, Endpoint, Given]) -> str:
     return kinds.pop() if kinds in ({"Clock"}, *({kind} for kind in _TEXTS)) else ""
 
 
-def _text_link(system: System, source: Endpoint, target: Endpoint, given: Given) -> TextLink:
+def _text_link(system: System, source: Endpoint, target: Endpoint, given: GivenConversion) -> TextLink:
     place = f"{source} -> {target}"
     kind = require(system, source, "output", "can be a source", place).type
     require(system, target, "input", "can be a target", place)
@@ -90,7 +90,7 @@ def _text_link(system: System, source: Endpoint, target: Endpoint, given: Given)
     return TextLink(source, target)
 
 
-def _clock_link(system: System, source: Endpoint, target: Endpoint, given: Given) -> ClockLink:
+def _clock_link(system: System, source: Endpoint, target: Endpoint, given: GivenConversion) -> ClockLink:
     place = f"{source} -> {target}"
     require(system, source, "output", "can be a source", place)
     require(system, target, "input", "can be a target", place)
@@ -108,7 +108,7 @@ def _clock_link(system: System, source: Endpoint, target: Endpoint, given: Given
     return ClockLink(source, target)
 
 
-def _link(system: System, source: Endpoint, target: Endpoint, given: Given) -> Connection:
+def _link(system: System, source: Endpoint, target: Endpoint, given: GivenConversion) -> Connection:
     place = f"{source} -> {target}"
     output = require(system, source, "output", "can be a source", place)
     input_ = require(system, target, "input", "can be a target", place)

@@ -21,7 +21,7 @@ from fmus.packaging import cache, defaults, values
 from fmus.packaging.fingerprint import NoFingerprintError, fingerprint
 from fmus.packaging.native import compiler, sources
 from fmus.packaging.python import runtime
-from fmus.packaging.system.fused import FusedSystem, Part
+from fmus.packaging.system.fused import FusedPart, FusedSystem
 
 LOG = logging.getLogger("servotwin.build")
 NAMES = ("native", "python")
@@ -163,7 +163,7 @@ class _SystemOrder:
         return _key(f"system {system.name}", "system", parts, wires, times, shown, native)
 
 
-def _starts_of(part: Part) -> tuple[str, dict[str, bytes]]:
+def _starts_of(part: FusedPart) -> tuple[str, dict[str, bytes]]:
     """A part's values and tables as they travel in an FMU."""
     starts = defaults.dump(values.checked(part.model, part.values, part.tables))
     return starts, {name: values.csv(table) for name, table in part.tables.items()}

@@ -12,7 +12,7 @@ from fmus import units
 from fmus.errors import ScenarioError
 from identification.design.bench import Bench, information, roughly
 from identification.design.criteria import figure, half_widths
-from identification.design.search import Candidate, Found, search
+from identification.design.search import Candidate, FoundExperiments, search
 from identification.design.study import DesignStudy, Trial
 from identification.estimation.arrow_least_squares import LEAST_SQUARES
 from identification.estimation.threads import single_threaded
@@ -41,7 +41,7 @@ class Design:
     """
 
     study: DesignStudy
-    found: Found
+    found: FoundExperiments
     experiments: Mapping[str, Candidate]
     before: FloatArray | None
     after: FloatArray
@@ -194,7 +194,7 @@ def _number(rule: FileField, digits: str) -> float | None:
         return None
 
 
-def _remarks(study: DesignStudy, found: Found, bench: Bench) -> tuple[str, ...]:
+def _remarks(study: DesignStudy, found: FoundExperiments, bench: Bench) -> tuple[str, ...]:
     remarks = []
     if bench.elsewhere:
         remarks.append(f"not in the rig's scenario, which runs without them: {', '.join(bench.elsewhere)}")

@@ -40,7 +40,7 @@ class Candidate:
 
 
 @dataclass(eq=False)
-class Found:
+class FoundExperiments:
     """What a search found.
 
     Attributes:
@@ -60,7 +60,7 @@ class Found:
     runs: int = 0
 
 
-def search(study: DesignStudy, bench: Bench, progress: Progress) -> Found:
+def search(study: DesignStudy, bench: Bench, progress: Progress) -> FoundExperiments:
     """The experiments whose intervals are smallest.
 
     Raises:
@@ -74,14 +74,14 @@ class _Search:
         self.study, self.bench, self.progress = study, bench, progress
         free = [parameter.name for parameter in study.calibration.parameters.free]
         self.rng = np.random.default_rng(study.search.seed)
-        self.result = Found()
+        self.result = FoundExperiments()
         self.chosen = [free.index(name) for name in study.parameters]
         self.known = np.zeros((len(free), len(free))) if study.known is None else study.known
         spec = study.search
         self._whole = len(study.families) * spec.candidates + spec.rounds * spec.neighbours * study.count
         self._done = 0
 
-    def found(self) -> Found:
+    def found(self) -> FoundExperiments:
         """The result."""
         result = self.result
         for family in self.study.families:

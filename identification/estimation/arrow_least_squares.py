@@ -233,7 +233,7 @@ class ArrowSystem(Protocol):
 
 
 @dataclass(frozen=True)
-class Limits:
+class SearchLimits:
     """When to stop.
 
     Attributes:
@@ -279,7 +279,7 @@ def minimise(
     box: Box,
     loss: Loss,
     *,
-    limits: Limits,
+    limits: SearchLimits,
     report: Callable[[int, Iterate], None],
 ) -> Minimum:
     """The nearest local minimum within the box; `report` is told iteration and point after every step.
@@ -309,7 +309,7 @@ def minimise(
 class _Search:
     """The damping (the more, the shorter the step), and what is left of the evaluations."""
 
-    def __init__(self, system: ArrowSystem, box: Box, loss: Loss, limits: Limits) -> None:
+    def __init__(self, system: ArrowSystem, box: Box, loss: Loss, limits: SearchLimits) -> None:
         self.system, self.box, self.loss, self.limits = system, box, loss, limits
         self.left, self.damping, self.failed = limits.evaluations, 1e-3, 0
 

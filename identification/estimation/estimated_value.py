@@ -42,7 +42,7 @@ class EstimatedValue:
         return (self.ci95[1] - self.ci95[0]) / 2 if self.known else None
 
 
-def estimate(value: float, std: float, dof: float = math.inf, unit: str = "") -> EstimatedValue:
+def with_interval(value: float, std: float, dof: float = math.inf, unit: str = "") -> EstimatedValue:
     """The estimate with 95 % interval value +- t(0.975, dof) * std; normal when `dof` is infinite."""
     if not (dof > 0 and math.isfinite(std)):
         return EstimatedValue(float(value), math.inf, (-math.inf, math.inf), unit)
@@ -56,7 +56,7 @@ def estimates(
     """Name -> estimate for `values` (n,) with `covariance` (n, n); `units` names them in their order."""
     stds = np.sqrt(np.diag(covariance))
     return {
-        name: estimate(value, std, dof, unit)
+        name: with_interval(value, std, dof, unit)
         for (name, unit), value, std in zip(units.items(), values, stds, strict=True)
     }
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from fmus.errors import IdentificationError
 from identification.built_system import BuiltSystem
-from identification.estimation.estimated_value import EstimatedValue, estimate
+from identification.estimation.estimated_value import EstimatedValue, with_interval
 from identification.estimation.validation import fit
 from identification.inverse_dynamics.regression import Regression, Rows, regress
-from identification.inverse_dynamics.rows import AxisRecord, Prepared, prepared, with_instruments
+from identification.inverse_dynamics.rows import AxisRecord, FilteredRecord, prepared, with_instruments
 from identification.inverse_dynamics.study import InverseDynamicsStudy, Way
 from identification.inverse_dynamics.system import Checked, checked
 from identification.inverse_dynamics.terms import PASSIVE, Term
@@ -31,7 +31,7 @@ SETTLED = 1e-4  # of a standard deviation, by which a round may change a value
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class Regressed:
     """What one way gave.
 
     Attributes:
@@ -65,28 +65,28 @@ class InverseCalibration:
     system: BuiltSystem
     recorded: tuple[StudyTrace, ...]
     before: Mapping[Term, float]
-    found: Mapping[Way, Found]
-    rows: tuple[Prepared, ...]
+    found: Mapping[Way, Regressed]
+    rows: tuple[FilteredRecord, ...]
 
     @property
-    def taken(self) -> Found:
+    def taken(self) -> Regressed:
         """What is written."""
         return self.found[self.study.take]
 
-    def predicted(self, one: Prepared) -> FloatArray:
+    def predicted(self, one: FilteredRecord) -> FloatArray:
         """(K,) force on a record's rows by what is written."""
         return np.asarray(one.x @ np.array([self.taken.values[term] for term in self.study.write]))
 
     def fits(self, *, aside: bool) -> dict[str, float]:
         """Recording -> FIT of its force, of those kept aside or of the others."""
         held_out = self.study.traces.hold_out
-        by_trace: dict[str, list[Prepared]] = {}
+        by_trace: dict[str, list[FilteredRecord]] = {}
         for one in self.rows:
             if (one.record.trace in held_out) == aside:
                 by_trace.setdefault(one.record.trace, []).append(one)
         return {trace: self._fit(own) for trace, own in by_trace.items()}
 
-    def _fit(self, rows: Sequence[Prepared]) -> float:
+    def _fit(self, rows: Sequence[FilteredRecord]) -> float:
         explained = np.concatenate([self.predicted(one) for one in rows])
         return float(fit(np.concatenate([one.y for one in rows]), explained)[0])
 
@@ -123,7 +123,7 @@ def calibrate(
     fitted = {trace.trace.name for trace in split(list(recorded), study.traces.hold_out)[0]}
     train = [one for one in rows if one.record.trace in fitted]
     progress(0.7, "least squares")
-    found: dict[Way, Found] = {"least-squares": _least_squares(train, terms, known)}
+    found: dict[Way, Regressed] = {"least-squares": _least_squares(train, terms, known)}
     if study.loop is not None:
         found["instrumental"] = _instrumental(study, train, found["least-squares"], known, progress)
     return InverseCalibration(study, system, tuple(recorded), known.before, found, rows)
@@ -158,14 +158,14 @@ def _least(terms: Sequence[Term]) -> FloatArray:
     return np.array([0.0 if term in PASSIVE or term == "inertia" else -np.inf for term in terms])
 
 
-def _least_squares(rows: Sequence[Prepared], terms: Sequence[Term], known: Checked) -> Found:
+def _least_squares(rows: Sequence[FilteredRecord], terms: Sequence[Term], known: Checked) -> Regressed:
     found = regress([Rows(one.y, one.x, one.x) for one in rows], _least(terms))
-    return Found(_estimates(found, terms, known))
+    return Regressed(_estimates(found, terms, known))
 
 
 def _instrumental(
-    study: InverseDynamicsStudy, rows: Sequence[Prepared], start: Found, known: Checked, progress: Progress
-) -> Found:
+    study: InverseDynamicsStudy, rows: Sequence[FilteredRecord], start: Regressed, known: Checked, progress: Progress
+) -> Regressed:
     """Rounds of running the axis in its loop by the values found, and regressing with that as instruments."""
     assert study.loop is not None
     terms, values = list(study.write), start.values
@@ -179,7 +179,7 @@ def _instrumental(
         settled = bool(np.all(change <= SETTLED * np.sqrt(np.diag(found.covariance))))
         if settled:
             break
-    return Found(estimated, number, settled)
+    return Regressed(estimated, number, settled)
 
 
 def _estimates(found: Regression, terms: Sequence[Term], known: Checked) -> dict[Term, EstimatedValue]:
@@ -190,7 +190,7 @@ def _estimates(found: Regression, terms: Sequence[Term], known: Checked) -> dict
     """
     stds = np.where(found.bound, np.inf, np.sqrt(np.diag(found.covariance)))
     estimates = {
-        term: estimate(float(value), float(std), found.freedom, known.parameter_units[term])
+        term: with_interval(float(value), float(std), found.freedom, known.parameter_units[term])
         for term, value, std in zip(terms, found.values, stds, strict=True)
     }
     if not estimates["inertia"].value > 0:

@@ -8,7 +8,7 @@ import numpy as np
 from typing_extensions import TypedDict
 
 from identification.fits import FitSummary, fit_summary
-from identification.inverse_dynamics.calibration import Found, InverseCalibration
+from identification.inverse_dynamics.calibration import InverseCalibration, Regressed
 from identification.method import Calibrated
 from identification.recordings.units import unit_documents
 from identification.results import ParameterSummary, Summary, VerdictSummary, data_summary, parameter_summary, verdict
@@ -73,7 +73,7 @@ def calibrated(result: InverseCalibration, folder: Path) -> Calibrated:
     return Calibrated(result.system.calibrated(values), values, units)
 
 
-def _parameters(result: InverseCalibration, found: Found) -> dict[str, ParameterSummary]:
+def _parameters(result: InverseCalibration, found: Regressed) -> dict[str, ParameterSummary]:
     names, truth = result.study.write, result.study.truth
     return {
         names[term]: parameter_summary(one, result.before[term], truth.get(names[term]))

@@ -43,7 +43,7 @@ class AxisRecord:
 
 
 @dataclass(frozen=True, eq=False)
-class Prepared:
+class FilteredRecord:
     """The rows of a record: forces (K,), columns (K, n), and which of the record's rows they are.
 
     Attributes:
@@ -59,7 +59,7 @@ class Prepared:
     motion: Motion
 
 
-def prepared(record: AxisRecord, how: Filtering, terms: Sequence[Term]) -> Prepared:
+def prepared(record: AxisRecord, how: Filtering, terms: Sequence[Term]) -> FilteredRecord:
     """What a record says of these terms.
 
     Raises:
@@ -69,11 +69,11 @@ def prepared(record: AxisRecord, how: Filtering, terms: Sequence[Term]) -> Prepa
     kept = _kept(record, how, motion)
     y, x = (_thinned(record, how, values)[kept] for values in (record.force, motion.columns(terms)))
     time = np.asarray(record.start + record.step * _stride(record, how) * kept, np.float64)
-    return Prepared(record, time, y, x, kept, motion)
+    return FilteredRecord(record, time, y, x, kept, motion)
 
 
 def with_instruments(
-    one: Prepared, how: Filtering, loop: Loop, values: Mapping[Term, float], terms: Sequence[Term], gain: float
+    one: FilteredRecord, how: Filtering, loop: Loop, values: Mapping[Term, float], terms: Sequence[Term], gain: float
 ) -> Rows:
     """The rows of a record with what the axis does in its loop by these values as instruments.
 

@@ -14,7 +14,7 @@ from fmus.errors import IdentificationError, ScenarioError
 from identification.linear.model import UNIT_CIRCLE
 from identification.linearisation.parts import Parts
 from identification.linearisation.periodic import Joint, over_a_period
-from identification.linearisation.point import Point, checked, reached
+from identification.linearisation.point import OperatingPoint, checked, reached
 from identification.linearisation.result import Linearised, Signal
 from identification.linearisation.slopes import SLOW
 from orchestrator.assembly.assembly import ComponentSpec, OpenSystem, SystemSpec, assemble
@@ -109,7 +109,9 @@ def _alone(path: Path) -> Scenario:
     return Scenario(path, path.stem, "", SystemSpec({name: spec}), timing, {}, None, None, (Case("alone"),))
 
 
-def _parts(system: SystemSpec, files: Mapping[str, FmuDescription], values: Mapping[str, Value], point: Point) -> Parts:
+def _parts(
+    system: SystemSpec, files: Mapping[str, FmuDescription], values: Mapping[str, Value], point: OperatingPoint
+) -> Parts:
     found = Parts()
     for name, spec in system.components.items():
         own = {key.partition(".")[2]: value for key, value in values.items() if key.partition(".")[0] == name}
@@ -124,7 +126,7 @@ def _joined(
     system: System,
     simulation: Simulation,
     parts: Parts,
-    point: Point,
+    point: OperatingPoint,
 ) -> Linearised:
     place, step = "system", _period(parts, scenario.timing, point)
     links = [link for link in system.connections if _in_model(system, link)]
@@ -148,7 +150,7 @@ def _joined(
     return Linearised(whole.title, joint.model, driving, seen, float(point.time), where, case.name, parts.by, remarks)
 
 
-def _period(parts: Parts, timing: Timing, point: Point) -> float:
+def _period(parts: Parts, timing: Timing, point: OperatingPoint) -> float:
     """Over which the model goes: the sample period, or the run's step where nothing samples [s].
 
     Raises:
@@ -238,19 +240,19 @@ def _name(end: Endpoint, single: bool) -> str:
     return re.sub(r"\W+", "_", end.variable if single else f"{end.component}_{end.variable}").strip("_")
 
 
-def _signal(name: str, end: Endpoint, system: System, point: Point) -> Signal:
+def _signal(name: str, end: Endpoint, system: System, point: OperatingPoint) -> Signal:
     unit = system.port(end).unit or ""
     return Signal(name, str(end), unit, point.after[str(end)])
 
 
-def _where(scenario: Scenario, parts: Parts, point: Point) -> str:
+def _where(scenario: Scenario, parts: Parts, point: OperatingPoint) -> str:
     """The point in words."""
     rests = all(part.moving <= SLOW for part in parts.between.values())
     name = "the start of the run" if point.time == scenario.timing.start else "a point of the run"
     return f"{name}, {written(point.time)} s, where it {'rests' if rests else 'moves'}"
 
 
-def _remarks(whole: Scenario, case: Case, parts: Parts, point: Point, joint: Joint) -> list[str]:
+def _remarks(whole: Scenario, case: Case, parts: Parts, point: OperatingPoint, joint: Joint) -> list[str]:
     moving = {name: part.moving for name, part in parts.between.items() if part.moving > SLOW}
     found = []
     if len(whole.cases) > 1:

@@ -18,7 +18,7 @@ from identification.linear.fmu import model_in
 from identification.linearisation import equations
 from identification.linearisation.fmu_sampling import Stopped, fmu_gains, fmu_sampling
 from identification.linearisation.fmu_slopes import fmu_slopes
-from identification.linearisation.point import Point
+from identification.linearisation.point import OperatingPoint
 from identification.linearisation.slopes import MATRICES, Sampling, Slopes, Standing
 from orchestrator.assembly.assembly import ComponentSpec
 from orchestrator.fmi.file import FmuDescription, Kind
@@ -47,7 +47,9 @@ class Parts:
         """component -> sample period, of those that have one [s]."""
         return {name: part.period for name, part in self.at_instants.items() if part.period > 0}
 
-    def add(self, name: str, spec: ComponentSpec, file: FmuDescription, values: Mapping[str, Value], at: Point) -> None:
+    def add(
+        self, name: str, spec: ComponentSpec, file: FmuDescription, values: Mapping[str, Value], at: OperatingPoint
+    ) -> None:
         """Take a component in.
 
         Args:
@@ -80,7 +82,7 @@ class Parts:
 
 
 def _stepped(
-    name: str, spec: ComponentSpec, interface: Interface, standing: Standing, at: Point
+    name: str, spec: ComponentSpec, interface: Interface, standing: Standing, at: OperatingPoint
 ) -> tuple[Slopes | None, Sampling | None]:
     """What a component without Model Exchange does."""
     _require_prompt(name, spec, interface, at)
@@ -115,7 +117,7 @@ def _model(spec: ComponentSpec) -> Model:
     return library.of_size(source if isinstance(source, Model) else library.find(str(source)), spec.arrays)
 
 
-def _require_prompt(name: str, spec: ComponentSpec, interface: Interface, at: Point) -> None:
+def _require_prompt(name: str, spec: ComponentSpec, interface: Interface, at: OperatingPoint) -> None:
     """See that no input acts late, which takes more states than there are."""
     known = library.find(interface.model_name) if interface.model_name in library.names() else None
     model = _model(spec) if spec.fmu is None else known
@@ -125,7 +127,7 @@ def _require_prompt(name: str, spec: ComponentSpec, interface: Interface, at: Po
             raise IdentificationError(f"{name}.{delay.seconds}", problem, "set it to 0 here, and add it by a margin")
 
 
-def _standing(name: str, interface: Interface, at: Point) -> Standing:
+def _standing(name: str, interface: Interface, at: OperatingPoint) -> Standing:
     """Where a component is: the numbers that it had before the step, and the inputs of the step."""
     own = {port: at.before[f"{name}.{port}"] for port in interface.ports if f"{name}.{port}" in at.before}
     inputs = {port.name: at.after[f"{name}.{port.name}"] for port in interface.of("input") if port.real}
@@ -151,7 +153,7 @@ def _require_seen(name: str, file: FmuDescription, standing: Standing) -> None:
         raise IdentificationError(name, problem, "ask its supplier for one whose states are variables")
 
 
-def _require_shown(name: str, model: Model, interface: Interface, at: Point) -> None:
+def _require_shown(name: str, model: Model, interface: Interface, at: OperatingPoint) -> None:
     """See that all states can be read, or are where they start."""
     hidden = [state.name for state in model.states if state.name not in interface.ports]
     if hidden and at.steps:

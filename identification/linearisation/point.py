@@ -19,7 +19,7 @@ from orchestrator.scenario.scenario import Scenario
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
+class OperatingPoint:
     """A run that was stopped at an instant, and what it takes and gives there.
 
     Attributes:
@@ -56,7 +56,7 @@ def checked(scenario: Scenario, at: Fraction) -> Fraction:
 @contextmanager
 def reached(
     scenario: Scenario, simulation: Simulation, values: Mapping[str, Value], at: Fraction, progress: Progress
-) -> Iterator[Point]:
+) -> Iterator[OperatingPoint]:
     """The point that a scenario's run with these values comes to at an instant.
 
     Raises:
@@ -83,7 +83,7 @@ def reached(
         step(steps)
         after = dict(_numbers(simulation, ("input",)))
         after |= dict(zip(live.names, live.outputs, strict=True))
-        yield Point(at, steps, simulation.components, saved, before, after)
+        yield OperatingPoint(at, steps, simulation.components, saved, before, after)
     finally:
         for name, state in saved.items():
             simulation.components[name].drop(state)

@@ -26,7 +26,7 @@ from typing import Literal
 import numpy as np
 
 from fmus.errors import IdentificationError
-from identification.estimation.estimated_value import EstimatedValue, estimate, propagated
+from identification.estimation.estimated_value import EstimatedValue, propagated, with_interval
 from identification.motion.motion import Motion
 from identification.motion.stretches import (
     BACK,
@@ -180,8 +180,8 @@ class _Known(ReadOnlyArrays):
         relative = (fold.T @ gradient) * self.scales
         lost = np.linalg.norm(self.blurred.T @ relative) > MIXED * np.linalg.norm(relative)
         if lost or not np.all(np.isfinite(self.covariance)):
-            return estimate(value, inf, unit=unit)
-        return estimate(value, propagated(relative, self.covariance), self.freedom, unit)
+            return with_interval(value, inf, unit=unit)
+        return with_interval(value, propagated(relative, self.covariance), self.freedom, unit)
 
     def sentences(self, fold: FloatArray) -> tuple[str, ...]:
         """One a blurred direction that is left when dry friction is folded: what it mixes, and what to do."""

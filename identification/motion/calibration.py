@@ -11,7 +11,7 @@ import numpy as np
 from fmus.errors import IdentificationError, TraceError, WiringError
 from identification.built_system import BuiltSystem
 from identification.motion.balance import UNITS, Balance, Lumped, Values, energy_balance
-from identification.motion.found import Found, Orbit, as_published, by_balance, by_invariant
+from identification.motion.found import Orbit, Recalibrated, as_published, by_balance, by_invariant
 from identification.motion.motion import Motion, recorded_motion
 from identification.motion.stretches import PERIODS
 from identification.motion.study import MotionStudy, Way
@@ -49,7 +49,7 @@ class MotionCalibration:
     recorded: tuple[StudyTrace, ...]
     motions: tuple[Motion, ...]
     generic: Values
-    found: Mapping[Way, Found]
+    found: Mapping[Way, Recalibrated]
     refused: Mapping[str, str]
     balance: Balance | None
     orbit: Orbit | None
@@ -57,7 +57,7 @@ class MotionCalibration:
     still: int = 0
 
     @property
-    def taken(self) -> Found:
+    def taken(self) -> Recalibrated:
         """What is written."""
         return self.found[self.study.take]
 
@@ -150,18 +150,18 @@ def _motions(study: MotionStudy, recorded: StudyTrace, equilibrium: float) -> tu
 
 def _ways(
     study: MotionStudy, motions: Sequence[Motion], balance: Balance | None, orbit: Orbit | None
-) -> tuple[dict[Way, Found], dict[str, str]]:
+) -> tuple[dict[Way, Recalibrated], dict[str, str]]:
     """All ways that can be gone.
 
     Raises:
         IdentificationError: the one that is taken cannot.
     """
-    found: dict[Way, Found] = {}
+    found: dict[Way, Recalibrated] = {}
     refused: dict[str, str] = {}
     if balance is not None:
         found["balance"] = by_balance(balance, study.held)
     if orbit is not None:
-        ways: dict[Way, Callable[[Sequence[Motion], Orbit], Found]] = {
+        ways: dict[Way, Callable[[Sequence[Motion], Orbit], Recalibrated]] = {
             "invariant": by_invariant,
             "published": as_published,
         }
@@ -175,7 +175,7 @@ def _ways(
     return found, refused
 
 
-def _models(study: MotionStudy, generic: Values, found: Mapping[Way, Found]) -> dict[str, dict[str, float]]:
+def _models(study: MotionStudy, generic: Values, found: Mapping[Way, Recalibrated]) -> dict[str, dict[str, float]]:
     """Name of a model -> component.parameter -> value: the generic one, and one a way."""
     before = {target: generic[name] for name, targets in study.write.items() for target in targets}
     models = {"generic": before}

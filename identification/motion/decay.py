@@ -22,7 +22,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from fmus.errors import IdentificationError
-from identification.estimation.estimated_value import EstimatedValue, estimate, propagated
+from identification.estimation.estimated_value import EstimatedValue, propagated, with_interval
 from identification.estimation.validation import whiteness
 from identification.motion.motion import HALF_WIDTH, UNITS, Motion, positive
 from orchestrator.trace import FloatArray
@@ -93,7 +93,7 @@ def recalibrate(motion: Motion, gain: float, target: float) -> Recalibration:
     gradients[4, :2] = scale, -ratio * scale / level
     gradients[5, 2] = 1 / gain
     named = {
-        name: estimate(value, propagated(row, fit.covariance), fit.dof, UNITS[name])
+        name: with_interval(value, propagated(row, fit.covariance), fit.dof, UNITS[name])
         for (name, value), row in zip(values.items(), gradients, strict=True)
     }
     parameters = {name: named.pop(name) for name in ("p1", "p3", "p4")}

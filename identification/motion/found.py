@@ -9,7 +9,7 @@ from math import inf
 import numpy as np
 
 from fmus.errors import IdentificationError
-from identification.estimation.estimated_value import EstimatedValue, estimate
+from identification.estimation.estimated_value import EstimatedValue, with_interval
 from identification.motion.balance import RATIOS, UNITS, Balance, Lumped, Values
 from identification.motion.decay import recalibrate
 from identification.motion.motion import Motion
@@ -29,7 +29,7 @@ class Orbit:
 
 
 @dataclass(frozen=True)
-class Found:
+class Recalibrated:
     """What one way gave.
 
     Attributes:
@@ -48,17 +48,17 @@ class Found:
         return {name: one.value for name, one in self.parameters.items()}
 
 
-def by_balance(balance: Balance, held: Lumped) -> Found:
+def by_balance(balance: Balance, held: Lumped) -> Recalibrated:
     """What the energy balance gave; the held parameter has no interval."""
-    kept = estimate(balance.values[held], inf, unit=UNITS[held])
+    kept = with_interval(balance.values[held], inf, unit=UNITS[held])
     order = [name for name in UNITS if name == held or name in balance.parameters]
     remark = f"a motion tells its parameters only up to a common factor: {held} is held at {kept.value:.6g} {kept.unit}"
-    return Found(
+    return Recalibrated(
         {name: balance.parameters.get(name, kept) for name in order}, balance.ratios, (remark, *balance.indistinct)
     )
 
 
-def by_invariant(motions: Sequence[Motion], orbit: Orbit) -> Found:
+def by_invariant(motions: Sequence[Motion], orbit: Orbit) -> Recalibrated:
     """Eq. 114 over each motion, their estimates weighed by their precision.
 
     Raises:
@@ -74,10 +74,10 @@ def by_invariant(motions: Sequence[Motion], orbit: Orbit) -> Found:
         "Eq. 103 leaves over is in p1 and p3"
     )
     ratios = {"p3/p1": _pooled([one.ratio for one in each])}
-    return Found(parameters, ratios, (remark,))
+    return Recalibrated(parameters, ratios, (remark,))
 
 
-def as_published(motions: Sequence[Motion], orbit: Orbit) -> Found:
+def as_published(motions: Sequence[Motion], orbit: Orbit) -> Recalibrated:
     """Eq. 118 over all motions; without intervals.
 
     Raises:
@@ -95,16 +95,18 @@ def as_published(motions: Sequence[Motion], orbit: Orbit) -> Found:
     remarks = ["Eq. 118 is 0 for p1 = p3 = p4 = 0, too, and noise pulls towards that: it has no honest intervals"]
     if at_bounds:
         remarks.append(f"{', '.join(at_bounds)} ended at the bounds, {FACTOR:g} times from the generic model")
-    parameters = {name: estimate(float(value), inf, unit=UNITS[name]) for name, value in zip(names, found, strict=True)}
-    ratio = estimate(float(found[1] / found[0]), inf, unit=RATIOS["p3/p1"])
-    return Found(parameters, {"p3/p1": ratio}, tuple(remarks))
+    parameters = {
+        name: with_interval(float(value), inf, unit=UNITS[name]) for name, value in zip(names, found, strict=True)
+    }
+    ratio = with_interval(float(found[1] / found[0]), inf, unit=RATIOS["p3/p1"])
+    return Recalibrated(parameters, {"p3/p1": ratio}, tuple(remarks))
 
 
 def _pooled(values: Sequence[EstimatedValue]) -> EstimatedValue:
     """The mean weighed by precision."""
     weights = np.array([one.std**-2 for one in values])
     mean = float(weights @ [one.value for one in values] / weights.sum())
-    return estimate(mean, float(weights.sum() ** -0.5), unit=values[0].unit)
+    return with_interval(mean, float(weights.sum() ** -0.5), unit=values[0].unit)
 
 
 def _check_controller(motions: Sequence[Motion], orbit: Orbit) -> None:

@@ -9,7 +9,7 @@ from typing_extensions import TypedDict
 from identification.method import Calibrated
 from identification.motion.balance import UNITS
 from identification.motion.calibration import MotionCalibration
-from identification.motion.found import Found
+from identification.motion.found import Recalibrated
 from identification.motion.tube import Tube
 from identification.recordings.units import unit_documents
 from identification.results import ParameterSummary, Summary, VerdictSummary, data_summary, finite, parameter_summary
@@ -100,7 +100,7 @@ def summary(result: MotionCalibration) -> MotionSummary:
     }
 
 
-def _found(found: Found, result: MotionCalibration) -> FoundSummary:
+def _found(found: Recalibrated, result: MotionCalibration) -> FoundSummary:
     return {
         "parameters": {name: parameter_summary(one, result.generic[name]) for name, one in found.parameters.items()},
         "ratios": {name: parameter_summary(one) for name, one in found.ratios.items()},

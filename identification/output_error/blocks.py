@@ -16,7 +16,7 @@ from identification.output_error.study import AutoWindows, StartSpec, WindowSpec
 from identification.output_error.times.spans import SpanEntry, WidthEntry, amount
 from orchestrator.assembly.schema import ComponentBlock, Connections
 from orchestrator.assembly.whole_arrays import Values
-from orchestrator.crossing import Given, quantity
+from orchestrator.crossing import GivenConversion, quantity
 from orchestrator.fmi.interface import Value
 from orchestrator.yaml_file import Block, Quantity, exact
 
@@ -76,7 +76,7 @@ class InitialBlock(Block):
     estimated: bool = StartSpec.estimated
 
     def spec(self) -> StartSpec:
-        given = Given(self.factor, self.offset)
+        given = GivenConversion(self.factor, self.offset)
         return StartSpec(self.signal, given, self.derivative, self.half_width, self.degree, self.estimated)
 
     @model_validator(mode="after")

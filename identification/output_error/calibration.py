@@ -146,7 +146,7 @@ def _of_groups(calibration: Calibration) -> Iterator[str]:
 
 
 @dataclass(frozen=True, eq=False)
-class Prepared:
+class PreparedStudy:
     """A study whose parts fit together, before anything is simulated.
 
     Attributes:
@@ -168,7 +168,7 @@ class Prepared:
     picked: PickedWindows | None = None
 
     @classmethod
-    def of(cls, study: OutputErrorStudy, recorded: Sequence[StudyTrace]) -> Prepared:
+    def of(cls, study: OutputErrorStudy, recorded: Sequence[StudyTrace]) -> PreparedStudy:
         """The study with its traces.
 
         Raises:
@@ -247,7 +247,7 @@ def calibrate(
     recorded = load_campaign(
         study.traces, data, lambda fraction, doing: progress(LOADED * fraction, doing), study.options.isolation
     )
-    return Prepared.of(study, recorded).calibrated(progress)
+    return PreparedStudy.of(study, recorded).calibrated(progress)
 
 
 def isolated(study: OutputErrorStudy, isolation: Isolation | None) -> OutputErrorStudy:

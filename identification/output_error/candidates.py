@@ -10,7 +10,7 @@ import numpy as np
 
 from fmus.errors import FmuError, IdentificationError, InputError
 from identification.estimation.stopped import stopped
-from identification.output_error.calibration import Calibration, Judged, Prepared, isolated, weighed
+from identification.output_error.calibration import Calibration, Judged, PreparedStudy, isolated, weighed
 from identification.output_error.choice.choice import Choice, Outcome
 from identification.output_error.choice.criteria import Misfit
 from identification.output_error.choice.ranking import ranked
@@ -60,10 +60,12 @@ def choose(
     return _with_intervals(tried.best(), studies, progress)
 
 
-def _prepared(studies: Mapping[str, OutputErrorStudy], data: Path | None, progress: Progress) -> dict[str, Prepared]:
+def _prepared(
+    studies: Mapping[str, OutputErrorStudy], data: Path | None, progress: Progress
+) -> dict[str, PreparedStudy]:
     """Each candidate with windows at the same instants."""
     runs = {name: study.run for name, study in studies.items()}
-    made, loaded = dict[str, Prepared](), list[tuple[TraceSource, Sequence[StudyTrace]]]()
+    made, loaded = dict[str, PreparedStudy](), list[tuple[TraceSource, Sequence[StudyTrace]]]()
     for number, (name, study) in enumerate(studies.items()):
         progress(_PREPARED * number / len(studies), name)
         beside = tuple(run for other, run in runs.items() if other != name)
@@ -74,7 +76,7 @@ def _prepared(studies: Mapping[str, OutputErrorStudy], data: Path | None, progre
                 recorded = load_campaign(study.traces, data, isolation=study.options.isolation)
                 loaded.append((study.traces, recorded))
             asked = replace(study, run=replace(study.run, beside=beside), options=brief)
-            made[name] = Prepared.of(asked, recorded)
+            made[name] = PreparedStudy.of(asked, recorded)
         except InputError as error:
             raise error.within(f"candidates.{name}") from error
     return made
@@ -92,7 +94,7 @@ def _with_intervals(best: Calibration, studies: Mapping[str, OutputErrorStudy], 
     if asked.by == "local":
         return best
     study = replace(best.study, options=replace(best.study.options, intervals=asked))
-    again = Prepared.of(study, best.recorded).calibrated(progress)
+    again = PreparedStudy.of(study, best.recorded).calibrated(progress)
     return replace(again, choice=best.choice)
 
 
@@ -105,7 +107,7 @@ class _Tried:
         failed: name -> why.
     """
 
-    prepared: Mapping[str, Prepared]
+    prepared: Mapping[str, PreparedStudy]
     found: dict[str, Calibration] = field(default_factory=dict)
     failed: dict[str, str] = field(default_factory=dict)
 

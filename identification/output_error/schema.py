@@ -38,7 +38,7 @@ from identification.recordings.campaign import TraceSource
 from identification.recordings.schema import RecordedStudyBlock, UsedSignals
 from orchestrator.assembly.assembly import SystemSpec
 from orchestrator.assembly.schema import SystemBlock
-from orchestrator.crossing import Given
+from orchestrator.crossing import GivenConversion
 from orchestrator.fmi.interface import Value
 from orchestrator.yaml_file import Quantity, Seconds
 
@@ -309,7 +309,7 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
 
     def _signal_specs(self, blocks: Mapping[str, SignalBlock]) -> dict[str, TraceSignal]:
         return {
-            name: TraceSignal(block.signal, Given(block.factor, block.offset), self._delay(block.delay))
+            name: TraceSignal(block.signal, GivenConversion(block.factor, block.offset), self._delay(block.delay))
             for name, block in blocks.items()
         }
 

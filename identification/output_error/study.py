@@ -17,7 +17,7 @@ from identification.output_error.times.delays import Delay, Estimated, Known
 from identification.output_error.times.spans import Samples, Span, lasting, on_raster
 from identification.recordings.campaign import TraceSource
 from orchestrator.assembly.assembly import SystemSpec
-from orchestrator.crossing import NOTHING_GIVEN, Crossing, Given, crossing
+from orchestrator.crossing import NOTHING_GIVEN, Crossing, GivenConversion, crossing
 from orchestrator.engine import Timing
 from orchestrator.fmi.interface import Port
 from orchestrator.trace import Trace
@@ -40,7 +40,7 @@ class TraceSignal:
     """
 
     signal: str
-    given: Given = NOTHING_GIVEN
+    given: GivenConversion = NOTHING_GIVEN
     delay: Delay | None = None
     linear: bool = False
     conversion: Conversion = SAME
@@ -69,7 +69,7 @@ class StartSpec:
     """
 
     signal: str
-    given: Given = NOTHING_GIVEN
+    given: GivenConversion = NOTHING_GIVEN
     derivative: int = 0
     half_width: float | Samples = HALF_WIDTH
     degree: int = 2

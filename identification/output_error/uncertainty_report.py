@@ -11,7 +11,7 @@ from identification.output_error.search.profile_curve import Profile
 from orchestrator.display.table import Cell
 from orchestrator.display.titles import with_unit
 from orchestrator.report import Chart, Curve, Mark, Panel, Section, figures
-from orchestrator.report.drawings import Grid
+from orchestrator.report.drawings import ChartGrid
 from orchestrator.trace import FloatArray
 
 HOW = {
@@ -75,7 +75,7 @@ def _other_intervals(section: Section, found: Estimate, calibration: Calibration
     ]
     if charts:
         section.figure(
-            Grid(charts),
+            ChartGrid(charts),
             "Profiles: how the least cost rises beside each estimate; the interval is where it is below the line. "
             "A parabola is what local intervals take it for.",
         )

@@ -16,7 +16,7 @@ from fmus.files import sha256
 from fmus.units import ONE
 from identification.recordings.bridged import safe_stretches
 from identification.recordings.marks import MUCH, Exclusion, covered, excluded, of_stamps
-from identification.recordings.parts import Part, parted
+from identification.recordings.parts import RecordingPart, parted
 from orchestrator import formats
 from orchestrator.can.log_suffixes import is_log
 from orchestrator.crossing import Crossing, noted
@@ -100,7 +100,7 @@ class TraceSource:
     file_name: FileName | None = None
     values: Mapping[str, str] = field(default_factory=dict)
     hold_out: tuple[str, ...] = ()
-    parts: tuple[Part, ...] = ()
+    parts: tuple[RecordingPart, ...] = ()
     exclude: tuple[Exclusion, ...] = ()
     keep: frozenset[Kind] = frozenset()
     used: frozenset[str] = frozenset()
@@ -192,7 +192,7 @@ def load_campaign(
     return sorted(_with_parts(known, source.parts, foreign), key=lambda trace: trace.trace.name)
 
 
-def _with_parts(known: list[StudyTrace], parts: Sequence[Part], foreign: bool) -> Iterator[StudyTrace]:
+def _with_parts(known: list[StudyTrace], parts: Sequence[RecordingPart], foreign: bool) -> Iterator[StudyTrace]:
     """The traces, those that have parts to be held out followed by these."""
     names = {trace.trace.name for trace in known}
     missing = [part.trace for part in parts if part.trace not in names]

@@ -12,7 +12,7 @@ from orchestrator.trace import Trace
 
 
 @dataclass(frozen=True)
-class Part:
+class RecordingPart:
     """A time range of a trace.
 
     Attributes:
@@ -31,7 +31,7 @@ class Part:
         return self.trace + begin + (f" to {self.stop:g}" if math.isfinite(self.stop) else "") + " s"
 
 
-def parted(trace: Trace, parts: Sequence[Part]) -> Iterator[tuple[Trace, tuple[Mark, ...]]]:
+def parted(trace: Trace, parts: Sequence[RecordingPart]) -> Iterator[tuple[Trace, tuple[Mark, ...]]]:
     """What is left of a trace, with marks where a part lies within it; then each part, by its name.
 
     Raises:

@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from fmus import units
 from identification.recordings.campaign import DecimalPoint, FileField, FileName, TraceSource
 from identification.recordings.marks import Exclusion
-from identification.recordings.parts import Part
+from identification.recordings.parts import RecordingPart
 from orchestrator.can.database.sources import paths
 from orchestrator.formats import Layout
 from orchestrator.formats.schema import LayoutBlock
@@ -142,10 +142,10 @@ class PartBlock(Block):
             raise ValueError("give `from`, `to` or both, `from` before `to`")
         return self
 
-    def part(self) -> Part:
+    def part(self) -> RecordingPart:
         """As a plain value."""
         given = {"start": self.from_, "stop": self.to}
-        return Part(self.trace, **{key: end for key, end in given.items() if end is not None})
+        return RecordingPart(self.trace, **{key: end for key, end in given.items() if end is not None})
 
 
 class TracesBlock(Block):

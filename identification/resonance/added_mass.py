@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from scipy import optimize
 
 from fmus.errors import IdentificationError
-from identification.estimation.estimated_value import EstimatedValue, estimate
+from identification.estimation.estimated_value import EstimatedValue, with_interval
 from identification.resonance.resonance import GRAVITY
 from orchestrator.trace import FloatArray, ReadOnlyArrays
 
@@ -104,7 +104,7 @@ def _result(
         inverse = np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale)
         stds.update(zip(free, np.sqrt(np.diag(inverse) * variance), strict=True))
     spread = math.inf if data.squared_std is not None else dof
-    named = {name: estimate(value, stds[name], spread, UNITS[name]) for name, value in values.items()}
+    named = {name: with_interval(value, stds[name], spread, UNITS[name]) for name, value in values.items()}
     return AddedMassFit(named, at_bound, float(gap @ gap), dof)
 
 

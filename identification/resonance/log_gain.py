@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import optimize
 
 from fmus.errors import IdentificationError
-from identification.estimation.estimated_value import EstimatedValue, estimate, estimates, propagated
+from identification.estimation.estimated_value import EstimatedValue, estimates, propagated, with_interval
 from identification.resonance.resonance import GRAVITY
 from orchestrator.trace import FloatArray, ReadOnlyArrays
 
@@ -124,7 +124,7 @@ def fit_magnitude(frequency: ArrayLike, gain: ArrayLike, gain_std: ArrayLike | N
     std = propagated(np.array([1.0, -a1, 0.0]) / (2 * omega), covariance)
     named = estimates(values, covariance, {"a0": "1/s^2", "a1": "1/s", "b0": "1/s^2"}, dof)
     return MagnitudeFit(
-        estimate(omega, std, dof, "rad/s"), **named, covariance=covariance, model_error=model_error, dof=dof
+        with_interval(omega, std, dof, "rad/s"), **named, covariance=covariance, model_error=model_error, dof=dof
     )
 
 

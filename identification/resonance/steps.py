@@ -14,7 +14,7 @@ from itertools import groupby
 import numpy as np
 
 from fmus.errors import IdentificationError
-from identification.estimation.estimated_value import EstimatedValue, estimate
+from identification.estimation.estimated_value import EstimatedValue, with_interval
 from identification.resonance.added_mass import AddedMassFit, Bounds, Resonances, fit_damped, resonances
 from identification.resonance.log_gain import (
     GainData,
@@ -229,7 +229,7 @@ def _load_as_published(group: Sequence[Experiment], processing: Processing, sign
         frequency,
         gain,
         np.zeros_like(gain),
-        estimate(resonance, math.inf, unit="rad/s"),
+        with_interval(resonance, math.inf, unit="rad/s"),
         None,
     )
 

@@ -17,7 +17,7 @@ from identification.tuning.asked import goal, quantity_in, step_test
 from identification.tuning.bench import Bench
 from identification.tuning.loops.plants import PlantSet, alike, delayed
 from identification.tuning.loops.wiring import Path, Wiring
-from identification.tuning.procedures.problem import Controller, Problem
+from identification.tuning.procedures.problem import Controller, TuningProblem
 from identification.tuning.procedures.riccati import unreached, unseen
 from identification.tuning.sources.calibrated_model import CalibratedPlant
 from identification.tuning.sources.fmu_controller import FmuController
@@ -47,7 +47,7 @@ class Assembled:
         between: what lies between plants that differ in one parameter, and the name of that; None where they do not.
     """
 
-    problem: Problem
+    problem: TuningProblem
     built: BuiltSystem
     interface: Interface
     remarks: tuple[str, ...]
@@ -88,7 +88,7 @@ def assembled(study: TuningStudy) -> Assembled:
     goals = tuple(goal(asked, study.step, system, wiring, first.model) for asked in study.goals)
     taken = alike(models | drawn)
     nominal, sought, unseen = _parted(PlantSet.of(taken), len(models))
-    problem = Problem(
+    problem = TuningProblem(
         plants=nominal,
         controller=controller,
         wiring=wiring,

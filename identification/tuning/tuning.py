@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from identification.estimation.threads import single_threaded
 from identification.method import CalibratedFmu
 from identification.tuning.assembled import Assembled, assembled
-from identification.tuning.procedures.problem import Judgement, Problem
+from identification.tuning.procedures.problem import Judgement, TuningProblem
 from identification.tuning.procedures.procedure import Found
 from identification.tuning.study import CONTROLLER, TuningStudy
 from orchestrator.fmi.interface import Interface
@@ -32,7 +32,7 @@ class Tuning:
     rigs: tuple[ScenarioResult, ...] = ()
 
     @property
-    def problem(self) -> Problem:
+    def problem(self) -> TuningProblem:
         """Plants, controller and goals."""
         return self.parts.problem
 

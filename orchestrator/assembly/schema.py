@@ -16,7 +16,7 @@ from fmus.modelling.model import Table
 from orchestrator import formats
 from orchestrator.assembly.assembly import ComponentSpec, SystemSpec, link
 from orchestrator.assembly.whole_arrays import Values, elements, shapes
-from orchestrator.crossing import Given
+from orchestrator.crossing import GivenConversion
 from orchestrator.engine import CycleSettings, Order, StepControl, Timing
 from orchestrator.fmi.interface import Value
 from orchestrator.formats.schema import LayoutBlock
@@ -45,9 +45,9 @@ class SignalFileBlock(Block):
     layout: LayoutBlock = LayoutBlock()
 
     @property
-    def given(self) -> Given:
+    def given(self) -> GivenConversion:
         """What it is converted by, over its unit."""
-        return Given(self.factor, self.offset)
+        return GivenConversion(self.factor, self.offset)
 
     def trace(self, base: Path, said: list[str] | None = None) -> Trace:
         """The signal alone; the file is relative to `base`. What is to be known of it is logged and added to `said`."""

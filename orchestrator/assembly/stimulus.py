@@ -9,7 +9,7 @@ import numpy as np
 
 from fmus.errors import TraceError, WiringError
 from fmus.units import SAME
-from orchestrator.crossing import NOTHING_GIVEN, Crossing, Given, crossing
+from orchestrator.crossing import NOTHING_GIVEN, Crossing, GivenConversion, crossing
 from orchestrator.fmi.interface import Port
 from orchestrator.trace import FloatArray, Trace
 
@@ -33,7 +33,7 @@ class Stimulus:
 
     source: float | str | Trace
     hold: bool | None = None
-    given: Given = NOTHING_GIVEN
+    given: GivenConversion = NOTHING_GIVEN
     ends_held: bool = False
     file: Path | None = None
 
@@ -111,7 +111,7 @@ def _held_over(trace: Trace, start: float, stop: float) -> Trace:
     return Trace(time, signals, trace.units, trace.name)
 
 
-def brought(trace: Trace, place: str, port: Port, given: Given = NOTHING_GIVEN) -> tuple[Trace, Crossing]:
+def brought(trace: Trace, place: str, port: Port, given: GivenConversion = NOTHING_GIVEN) -> tuple[Trace, Crossing]:
     """A trace with one signal in the unit of a variable, and how it got there; `place` is named.
 
     Raises:

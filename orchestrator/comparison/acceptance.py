@@ -11,7 +11,7 @@ from typing_extensions import TypedDict
 from fmus.errors import InputError
 from fmus.files import atomic_writes
 from orchestrator.comparison.documents import PartingDocument, documents_of
-from orchestrator.comparison.proposal import Change, NewReference, Proposal
+from orchestrator.comparison.proposal import ChangeKind, NewReference, Proposal
 from orchestrator.display import characters
 from orchestrator.display.titles import with_unit
 from orchestrator.processes.interrupts import whole
@@ -64,7 +64,7 @@ def accept_proposals(
     """
     _check_owners(proposals)
     made = [new for proposal in proposals for new in proposal.references]
-    chosen = [new for new in made if every or new.change is not Change.SAME]
+    chosen = [new for new in made if every or new.change is not ChangeKind.SAME]
     _leave(out, proposals, chosen if write else [])
     if not write:
         return chosen
@@ -147,7 +147,7 @@ def size(new: NewReference) -> str:
 def drawn(new: NewReference) -> Iterator[str]:
     """A drawing, in characters, of each signal that parts from the old reference."""
     for one in new.partings:
-        if one.beyond and new.old is not None and new.change is not Change.SAME:
+        if one.beyond and new.old is not None and new.change is not ChangeKind.SAME:
             old, run, name = new.old, new.run, one.signal
             title = f"{new.case}: {name} [{one.unit or '1'}]"
             yield characters.plot(title, (old.time, old[name]), (run.time, run[name]))
@@ -170,7 +170,7 @@ def page(proposals: Sequence[Proposal], written: Collection[Path]) -> Report:
 
 
 def _show(section: Section, new: NewReference, written: bool) -> None:
-    kind: CalloutKind = "warning" if new.change in (Change.OTHER, Change.UNFIT) else "ok"
+    kind: CalloutKind = "warning" if new.change in (ChangeKind.OTHER, ChangeKind.UNFIT) else "ok"
     done = "written" if written else "not written"
     section.callout(kind, f"Case {new.case}: {new.change}{f', {new.why}' if new.why else ''}; {done}.")
     section.paragraph(f"{new.file}: {size(new)}.")

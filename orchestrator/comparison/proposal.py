@@ -36,7 +36,7 @@ OFF = 0.04  # of a tolerance, that lines between the samples of a reference may 
 ROUND = 0.01  # of a tolerance, that a sample may be rounded by
 
 
-class Change(StrEnum):
+class ChangeKind(StrEnum):
     """What a new reference is to the old one."""
 
     NEW = "new"
@@ -65,7 +65,7 @@ class NewReference:
     run: Trace
     kept: Trace
     old: Trace | None
-    change: Change
+    change: ChangeKind
     partings: Sequence[Parting]
     why: str
     content: bytes
@@ -172,11 +172,11 @@ def _made(scenario: Scenario, case: Case, result: CaseResult, hashes: Mapping[st
         content = references.content(
             kept, _provenance(scenario.path, case, file, run, tolerances, hashes, scenario.timing.step)
         )
-        change = Change.OTHER
+        change = ChangeKind.OTHER
         if old is None:
-            change = Change.UNFIT if file.exists() else Change.NEW
+            change = ChangeKind.UNFIT if file.exists() else ChangeKind.NEW
         elif not why and _holds(case, result.trace, file, old):
-            change = Change.SAME
+            change = ChangeKind.SAME
         yield NewReference(scenario.path, case.name, file, run, kept, old, change, found, why, content)
 
 

@@ -13,7 +13,7 @@ from orchestrator.system import System
 from orchestrator.trace import FloatArray
 
 
-class Given:
+class GivenValues:
     """What runs of one system are given, checked: values by name, and stimuli side by side.
 
     Args:

@@ -10,7 +10,7 @@ from orchestrator.engine.compiled import Steppers
 from orchestrator.engine.iterated import IteratedLoop, Iteration
 from orchestrator.engine.loop import Loop, Node, Ticks
 from orchestrator.engine.plan import Plan
-from orchestrator.engine.recording import Columns
+from orchestrator.engine.recording import RecordColumns
 from orchestrator.engine.run import Timing
 from orchestrator.engine.tangents import NOTHING, Carried
 from orchestrator.fmi.component import Component
@@ -20,7 +20,7 @@ from orchestrator.system import Connection, Endpoint, System, recordable
 
 
 @dataclass(frozen=True)
-class Prepared:
+class PreparedLoop:
     """What runs share that record the same.
 
     Attributes:
@@ -31,7 +31,7 @@ class Prepared:
 
     key: tuple[object, ...]
     loop: Loop
-    columns: Columns
+    columns: RecordColumns
     outputs: Mapping[str, Sequence[str]]
     inputs: Mapping[str, Sequence[str]]
     steppers: Steppers
@@ -69,7 +69,7 @@ class Preparation:
         for target in [link.target for link in system.connections] + [Endpoint.parse(name) for name in self.stimuli]:
             self._inputs[target.component].append(target.variable)
         self._driven_inputs = frozenset(f"{name}.{one}" for name, inputs in self._inputs.items() for one in inputs)
-        self._prepared: list[Prepared] = []  # that of the latest run, which the components are bound to, comes last
+        self._prepared: list[PreparedLoop] = []  # that of the latest run, which the components are bound to, comes last
 
     def clear(self) -> None:
         """Forget what is prepared: a component was loaded anew."""
@@ -86,7 +86,7 @@ class Preparation:
 
     def loop(
         self, record: Iterable[str] | None, read: Sequence[str], hold: int, carried: Carried = NOTHING
-    ) -> Prepared:
+    ) -> PreparedLoop:
         """A loop that records these, and their tangents, and reads those outputs too; that of one of the two runs
         before where it asked for the same."""
         chosen = self.outputs if record is None else tuple(dict.fromkeys(record))
@@ -101,7 +101,7 @@ class Preparation:
 
     def _newly_prepared(
         self, key: tuple[object, ...], chosen: tuple[str, ...], read: Sequence[str], hold: int, carried: Carried
-    ) -> Prepared:
+    ) -> PreparedLoop:
         self.check_record([*chosen, *read])
         values, links = self._read([*chosen, *read]), carried.links(self._system.connections)
         outputs = {name: [*of, *carried.of_component(name, of)] for name, of in values.items()}
@@ -117,8 +117,8 @@ class Preparation:
         for name, component in self._components.items():
             component.bind(inputs[name], outputs[name])
         steppers = Steppers(loop, self._timing.engine)
-        return Prepared(
-            key, loop, Columns(names, columns, units, partial(self._texts, texts)), outputs, inputs, steppers
+        return PreparedLoop(
+            key, loop, RecordColumns(names, columns, units, partial(self._texts, texts)), outputs, inputs, steppers
         )
 
     def _texts(self, recorded: Iterable[Endpoint]) -> dict[str, tuple[str, ...]]:

@@ -18,7 +18,7 @@ Sink = Callable[[Trace], None]
 ROWS, VALUES = 4096, 1 << 15  # most rows and values of a block
 
 
-class Columns:
+class RecordColumns:
     """What is recorded.
 
     Args:
@@ -60,7 +60,7 @@ class Recorder:
         base: number of the row that belongs into rows[0].
     """
 
-    def __init__(self, columns: Columns, clock: Clock, every: int, count: int, sink: Sink | None) -> None:
+    def __init__(self, columns: RecordColumns, clock: Clock, every: int, count: int, sink: Sink | None) -> None:
         self.every, self.base = every, 0
         width = len(columns.places)
         size = min(count, ROWS, max(1, VALUES // max(1, width))) if sink else count + 1  # never full

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from fmus.errors import FmuEnded, FmuError, ServotwinError, WiringError
 from orchestrator.engine.account import Account
 from orchestrator.engine.compiled import Engine
-from orchestrator.engine.given import Given
+from orchestrator.engine.given import GivenValues
 from orchestrator.engine.initialisation import initialise
 from orchestrator.engine.iterated import IteratedLoop, check_control
 from orchestrator.engine.live import FARTHEST, HELD, LiveRun
@@ -73,7 +73,7 @@ class Simulation:
         )
         self._every = multiples(timing.step, self.plan.tick, "step")  # ticks of a communication step
         self._buses = {name: one for name, one in components.items() if isinstance(one, CanBus)}
-        self._given = Given(system, self.stimuli)
+        self._given = GivenValues(system, self.stimuli)
         self._fresh = True
         self._counts: dict[tuple[int, int], int] = {}
         self._carried = NOTHING  # of the latest run that carried tangents

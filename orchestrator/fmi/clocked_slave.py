@@ -23,7 +23,7 @@ from orchestrator.fmi.functions.co_simulation import EventFmi3, Fmi2, Stop
 from orchestrator.fmi.instance import stepping
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.slave import Slave
-from orchestrator.fmi.ticking.inputs import Part, parts
+from orchestrator.fmi.ticking.inputs import InputPart, parts
 from orchestrator.fmi.ticking.mail import Mail, Post, Variables
 from orchestrator.fmi.ticking.ticker import Ticker
 
@@ -59,7 +59,7 @@ class ClockedSlave(Slave):
 
     def __init__(self, fmu: FmuFile, name: str, *, debug_log: bool = False) -> None:
         self._ticker = Ticker(fmu.interface.clocks.values())
-        self._now, self._parts, self._mail = _Moment(), list[Part](), Mail()
+        self._now, self._parts, self._mail = _Moment(), list[InputPart](), Mail()
         self._running = False
         super().__init__(fmu, name, debug_log=debug_log)
 
@@ -160,7 +160,7 @@ class ClockedSlave(Slave):
         return super().reset()
 
     @property
-    def parts(self) -> Sequence[Part]:
+    def parts(self) -> Sequence[InputPart]:
         """Its bound inputs by when they are set."""
         return self._parts
 
@@ -293,7 +293,7 @@ class ClockedSlave(Slave):
                 self._check(status, f"get what goes out with {clock}")
                 self._mail.sent.append(Post(time, clock, values))
 
-    def _put(self, part: Part, values: Sequence[float]) -> None:
+    def _put(self, part: InputPart, values: Sequence[float]) -> None:
         """Set some of the bound inputs."""
         try:
             status = part.write(values)

@@ -24,7 +24,7 @@ from orchestrator.fmi.functions.co_simulation import Stop
 from orchestrator.fmi.functions.model_exchange import Exchange2, Exchange3, ModelExchange
 from orchestrator.fmi.instance import FmuInstance, stepping
 from orchestrator.fmi.interface import Value
-from orchestrator.fmi.ticking.inputs import Part, parts
+from orchestrator.fmi.ticking.inputs import InputPart, parts
 from orchestrator.fmi.ticking.ticker import Ticker
 from orchestrator.solvers.base import Solver, SolverSettings, Stateless
 from orchestrator.solvers.choice import solver_type
@@ -72,7 +72,7 @@ class ExchangeSlave(FmuInstance[ModelExchange]):
         self, fmu: FmuFile, name: str, settings: SolverSettings | None = None, *, debug_log: bool = False
     ) -> None:
         self._ticker = Ticker(fmu.interface.clocks.values())
-        self._parts: list[Part] = []
+        self._parts: list[InputPart] = []
         self._settings = settings or SolverSettings()
         self._type = solver_type(self._settings.method, name)
         self._solver: Solver = Stateless(self._rates, 0, self._settings)

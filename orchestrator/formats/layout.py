@@ -1,4 +1,4 @@
-"""Which column of a file is which signal. A `Layout` is what the user says, `Columns` what the file says, and
+"""Which column of a file is which signal. A `Layout` is what the user says, `FileColumns` what the file says, and
 `choose` brings the two together before any sample is read. What nobody said is seen in the file, and told.
 """
 
@@ -92,7 +92,7 @@ def spelled(layout: Layout, asked: Layout) -> dict[str, object]:
 
 
 @dataclass(frozen=True)
-class Columns:
+class FileColumns:
     """The columns a file holds: how many, and what it tells of them.
 
     Attributes:
@@ -217,7 +217,7 @@ def _check_scale(stamps: FloatArray, place: Path) -> None:
             raise TraceError(place, seen, f"say `units: {{time: {unit}}}`, or s")
 
 
-def choose(layout: Layout, columns: Columns, place: Path) -> Choice:
+def choose(layout: Layout, columns: FileColumns, place: Path) -> Choice:
     """The columns of the file at `place` that `layout` asks for.
 
     Raises:
@@ -251,7 +251,7 @@ def choose(layout: Layout, columns: Columns, place: Path) -> Choice:
     return Choice(place, time, signals, units, SECONDS[unit], seen, tuple(notes), texts=texts)
 
 
-def _time(layout: Layout, columns: Columns, place: Path) -> tuple[int, list[str]]:
+def _time(layout: Layout, columns: FileColumns, place: Path) -> tuple[int, list[str]]:
     """The column with the stamps, and what was seen of it."""
     if layout.time is not None:
         return _number(layout.time, columns, place), []
@@ -274,7 +274,7 @@ def _time(layout: Layout, columns: Columns, place: Path) -> tuple[int, list[str]
     ]
 
 
-def _unknown_time(columns: Columns, found: list[int], place: Path) -> TraceError:
+def _unknown_time(columns: FileColumns, found: list[int], place: Path) -> TraceError:
     fix = "say which one is `time` in the layout (--time), or `time: {step: 0.001}` where it has none"
     if len(found) > 1:
         which = ", ".join(_quoted(columns.label(number)) for number in found[:6])
@@ -284,14 +284,14 @@ def _unknown_time(columns: Columns, found: list[int], place: Path) -> TraceError
     return TraceError(place, f"has no column 'time'; it holds {_listed(columns.names)}", fix)
 
 
-def _rises(columns: Columns, number: int) -> bool:
+def _rises(columns: FileColumns, number: int) -> bool:
     if number in columns.useless or columns.head is None:
         return number in columns.stamped
     head = np.asarray(columns.head(number), dtype=float)
     return number in columns.stamped or (len(head) >= SURE and bool(np.all(np.diff(head) > 0)))
 
 
-def _number(column: int | str, columns: Columns, place: Path) -> int:
+def _number(column: int | str, columns: FileColumns, place: Path) -> int:
     if isinstance(column, int):
         if not 0 <= column < columns.count:
             raise TraceError(place, f"has no column {column}", f"it has {columns.count}, counted from 0")
@@ -310,7 +310,7 @@ def _number(column: int | str, columns: Columns, place: Path) -> int:
     raise TraceError(place, f"has no column '{column}'", f"it holds {_listed(columns.names)}")
 
 
-def _signals(layout: Layout, columns: Columns, time: int | None, place: Path, notes: list[str]) -> dict[str, int]:
+def _signals(layout: Layout, columns: FileColumns, time: int | None, place: Path, notes: list[str]) -> dict[str, int]:
     if layout.columns is None:
         return _all(columns, time, notes)
     signals = {name: _number(column, columns, place) for name, column in layout.columns.items()}
@@ -321,7 +321,7 @@ def _signals(layout: Layout, columns: Columns, time: int | None, place: Path, no
     return signals
 
 
-def _all(columns: Columns, time: int | None, notes: list[str]) -> dict[str, int]:
+def _all(columns: FileColumns, time: int | None, notes: list[str]) -> dict[str, int]:
     """Every column that holds numbers, each under a name of its own."""
     names = columns.names or ("",) * columns.count
     signals: dict[str, int] = {}
@@ -346,7 +346,9 @@ def _own_name(name: str, taken: Collection[str]) -> str:
     return next(one for one in tries if one not in taken)
 
 
-def _unit_of_time(layout: Layout, columns: Columns, time: int, time_name: str, place: Path, notes: list[str]) -> str:
+def _unit_of_time(
+    layout: Layout, columns: FileColumns, time: int, time_name: str, place: Path, notes: list[str]
+) -> str:
     said = layout.units.get("time", layout.units.get(time_name))
     unit = columns.unit(time) if said is None else said
     if not unit and said is None and (unit := time_unit(time_name)):

@@ -14,7 +14,7 @@ from pyarrow import parquet
 
 from fmus.errors import InputError, TraceError
 from orchestrator.formats.arrow import arrays, is_text, numbers, texts
-from orchestrator.formats.layout import MAX_VALUES, Columns, Layout, choose
+from orchestrator.formats.layout import MAX_VALUES, FileColumns, Layout, choose
 from orchestrator.formats.recording import Recording, excerpt
 from orchestrator.formats.stamps import Stamps, since_first
 from orchestrator.processes.interrupts import whole
@@ -115,7 +115,7 @@ def _recording(file: parquet.ParquetFile, layout: Layout, path: Path) -> Recordi
     worded = {n: _text(f.metadata, b"holds") == "text" for n, f in enumerate(schema) if is_text(f.type)}
     stamped = [number for number, field in enumerate(schema) if pa.types.is_timestamp(field.type)]
     useless = {number: what for number, what in odd.items() if number not in stamped}
-    columns = Columns(len(schema), tuple(schema.names), units, useless, stamped, _head(file), worded)
+    columns = FileColumns(len(schema), tuple(schema.names), units, useless, stamped, _head(file), worded)
     choice = choose(layout, columns, path)
     if file.metadata.num_rows * len(choice.wanted) > MAX_VALUES:
         raise TraceError(path, f"claims {file.metadata.num_rows:,} samples", "cut the recording")

@@ -6,7 +6,7 @@ A chart is plain data: panels with curves, bands and marks over one horizontal a
     phase = Panel("phase [deg]", [Curve("loop", omega, phase)], [Mark(-180.0, "y")])
     section.figure(Chart([gain, phase], x="frequency [rad/s]", log_x=True), "Bode plot of the open loop")
 
-    nyquist = Panel("imaginary part", [Curve("loop", response.real, response.imag)], [Point(-1.0, 0.0, "-1")])
+    nyquist = Panel("imaginary part", [Curve("loop", response.real, response.imag)], [ChartPoint(-1.0, 0.0, "-1")])
     section.figure(Chart([nyquist], x="real part", equal=True))
 
     contours = [Curve(f"pole {k}", path.real, path.imag, colour=k) for k, path in enumerate(paths)]
@@ -89,7 +89,7 @@ class Mark:
 
 
 @dataclass(frozen=True)
-class Point:
+class ChartPoint:
     """A single point with a word at it.
 
     Attributes:
@@ -113,7 +113,7 @@ class Panel:
 
     title: str
     curves: Sequence[Curve] = ()
-    marks: Sequence[Mark | Point] = ()
+    marks: Sequence[Mark | ChartPoint] = ()
     bands: Sequence[Band] = ()
     log: bool = False
     range: tuple[float, float] | None = None
@@ -234,7 +234,7 @@ def _ends(panels: Sequence[Panel], axis: Literal["x", "y"], log: bool) -> tuple[
     for panel in panels:
         drawn = [getattr(curve, axis) for curve in panel.curves]
         drawn += [band.x for band in panel.bands] if axis == "x" else []
-        drawn += [[getattr(mark, axis)] for mark in panel.marks if isinstance(mark, Point)]
+        drawn += [[getattr(mark, axis)] for mark in panel.marks if isinstance(mark, ChartPoint)]
         for values in drawn:
             array = np.asarray(values, dtype=float)
             array = array[np.isfinite(array) & (array > 0)] if log else array[np.isfinite(array)]
@@ -278,9 +278,9 @@ def _band(band: Band, columns: Columns) -> dict[str, Any]:
     return {"label": band.label, "x": columns.add(x, True), "lower": columns.add(lower), "upper": columns.add(upper)}
 
 
-def _mark(mark: Mark | Point) -> dict[str, Any]:
+def _mark(mark: Mark | ChartPoint) -> dict[str, Any]:
     kind = {"label": mark.label, "wrong": mark.wrong}
-    if isinstance(mark, Point):
+    if isinstance(mark, ChartPoint):
         return {**kind, "x": mark.x, "y": mark.y}
     return {**kind, mark.axis: mark.value, "span": mark.span}
 

@@ -14,7 +14,7 @@ INDENT = 1.4  # of what a question is made of [em]
 
 
 @dataclass(frozen=True)
-class Row:
+class CheckRow:
     """A question and its answer.
 
     Attributes:
@@ -36,7 +36,7 @@ class Checks:
     """Rows in their order; a group is named once."""
 
     headers: tuple[str, str, str, str]
-    rows: Sequence[Row]
+    rows: Sequence[CheckRow]
 
     def html(self, key: str, columns: Columns) -> str:
         head = "".join(f"<th>{escape(header)}</th>" for header in (self.headers[0], "", *self.headers[1:]))

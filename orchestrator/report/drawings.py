@@ -26,7 +26,7 @@ class Stack:
 
 
 @dataclass(frozen=True)
-class Grid:
+class ChartGrid:
     """Small charts side by side, each below a title, with one legend."""
 
     charts: Sequence[tuple[str, Chart]]

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from orchestrator.display.titles import with_unit
 from orchestrator.report.chart import HEIGHT, Band, Chart, Curve, Mark, Panel
-from orchestrator.report.drawings import Bars, Correlations, Grid, Stack
+from orchestrator.report.drawings import Bars, ChartGrid, Correlations, Stack
 from orchestrator.report.intervals import Interval, Intervals
 from orchestrator.trace import FloatArray, Trace
 
@@ -26,9 +26,9 @@ def overlay(measured: Trace, simulated: Sequence[tuple[str, Trace]] = (), signal
     return Chart(panels, legend=bool(simulated))
 
 
-def overlays_grid(windows: Sequence[tuple[str, Trace, Sequence[tuple[str, Trace]]]], signal: str) -> Grid:
+def overlays_grid(windows: Sequence[tuple[str, Trace, Sequence[tuple[str, Trace]]]], signal: str) -> ChartGrid:
     """One signal in many small windows: (title, measured, [(label, simulated)]) each."""
-    return Grid(
+    return ChartGrid(
         [
             (
                 title,

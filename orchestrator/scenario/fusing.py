@@ -14,7 +14,7 @@ from fmus.errors import InputError, WiringError
 from fmus.modelling.model import Number, element
 from fmus.packaging import targets
 from fmus.packaging.native import compiler
-from fmus.packaging.system.fused import FusedSystem, Part, Wire
+from fmus.packaging.system.fused import FusedPart, FusedSystem, Wire
 from fmus.words import nearest
 from orchestrator.assembly.assembly import ComponentSpec, OpenSystem, assemble, model_of
 from orchestrator.engine.plan import Order, Plan, make_plan
@@ -141,11 +141,11 @@ def _fused(
     )
 
 
-def _part(name: str, component: ComponentSpec, plan: Plan, values: Mapping[str, Number]) -> Part:
+def _part(name: str, component: ComponentSpec, plan: Plan, values: Mapping[str, Number]) -> FusedPart:
     start = f"{name}."
     own = {key.removeprefix(start): value for key, value in values.items() if key.startswith(start)}
     tables = {table.name: table for table in component.tables}
-    return Part(model_of(component), own, tables, plan.every[name], bool(plan.instant[name]))
+    return FusedPart(model_of(component), own, tables, plan.every[name], bool(plan.instant[name]))
 
 
 def _identifier(stem: str) -> str:
@@ -154,7 +154,7 @@ def _identifier(stem: str) -> str:
     return plain if re.match("[A-Za-z]", plain) else f"system_{plain}"
 
 
-def _shown(scenario: Scenario, system: System, parts: Mapping[str, Part]) -> tuple[str, ...]:
+def _shown(scenario: Scenario, system: System, parts: Mapping[str, FusedPart]) -> tuple[str, ...]:
     """Outputs that are connected or recorded, and states that are recorded."""
     outputs = [f"{name}.{variable.name}" for name, part in parts.items() for variable in part.model.of("output")]
     states = [f"{name}.{state.name}" for name, part in parts.items() for state in part.model.states]
@@ -163,7 +163,7 @@ def _shown(scenario: Scenario, system: System, parts: Mapping[str, Part]) -> tup
     return tuple(name for name in dict.fromkeys([*outputs, *states]) if name in wanted)
 
 
-def _exposed(parts: Mapping[str, Part], expose: Sequence[str]) -> tuple[str, ...]:
+def _exposed(parts: Mapping[str, FusedPart], expose: Sequence[str]) -> tuple[str, ...]:
     """The parameters that are shown, arrays whole.
 
     Raises:

@@ -15,7 +15,7 @@ from orchestrator.display.titles import with_unit
 from orchestrator.fmi.interface import Port
 from orchestrator.report import Band, Chart, Curve, Mark, Panel, Report, Section, figures
 from orchestrator.report.chart import Style
-from orchestrator.report.checks import Checks, Row
+from orchestrator.report.checks import CheckRow, Checks
 from orchestrator.report.content import CalloutKind
 from orchestrator.results import versions
 from orchestrator.scenario import accounts
@@ -82,18 +82,18 @@ def _verdict(section: Section, result: ScenarioResult) -> None:
                 section.callout("warning", f"Case {case.name}: {check.text}: {check.doubt}.")
 
 
-def _checks(case: CaseResult) -> Iterator[Row]:
+def _checks(case: CaseResult) -> Iterator[CheckRow]:
     """A row a check, its parts below it; one that says how far the case came where it has none."""
     if not case.checks:
-        yield Row("ok" if case.passed else "error", case.name, "–", case.how_far)
+        yield CheckRow("ok" if case.passed else "error", case.name, "–", case.how_far)
     for check in case.checks:
         yield from _check(case.name, check, 0)
 
 
-def _check(case: str, check: Check, depth: int) -> Iterator[Row]:
+def _check(case: str, check: Check, depth: int) -> Iterator[CheckRow]:
     kind: CalloutKind = "ok" if check.held else "error" if check.needed else "warning"
     margin = None if check.margin is None else f"{text(float(f'{check.margin:.3g}'))} {check.unit}".strip()
-    yield Row(kind, case, check.text, check.found, margin, depth)
+    yield CheckRow(kind, case, check.text, check.found, margin, depth)
     for part in check.parts:
         yield from _check(case, part, depth + 1)
 

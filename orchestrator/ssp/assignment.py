@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from fmus.units import Unit
 from orchestrator.fmi.interface import Interface
-from orchestrator.ssp.description import Binding, Component, Element, MappingEntry, Parameter, System
+from orchestrator.ssp.description import Binding, Component, Element, MappingEntry, Parameter, SystemElement
 from orchestrator.ssp.flattening import Flat, Node, Path
 from orchestrator.ssp.passage import NO_UNIT, Passage, meaning
 
@@ -47,7 +47,7 @@ class Assignment:
 
     def gather(self, path: Path, element: Element) -> None:
         """Take up the values of an element and all in it; those of the element itself count."""
-        if isinstance(element, System):
+        if isinstance(element, SystemElement):
             for name, child in element.elements.items():
                 self.gather((*path, name), child)
         for binding in element.bindings:
@@ -78,7 +78,7 @@ class Assignment:
             return (path, name) if name in interface.ports or interface.shape(name) else None
         if name in element.connectors:
             return path, name
-        if not isinstance(element, System):
+        if not isinstance(element, SystemElement):
             return None
         for index in (at for at, letter in enumerate(name) if letter == "."):
             child = element.elements.get(name[:index])

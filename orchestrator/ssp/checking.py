@@ -27,7 +27,7 @@ _SUFFIXES = (".ssd", ".ssv", ".ssm", ".ssb")
 
 
 @dataclass(frozen=True)
-class Problem:
+class Flaw:
     """Something that is wrong in a file of an SSP."""
 
     file: str
@@ -43,7 +43,7 @@ class Checked:
     """
 
     version: str
-    problems: tuple[Problem, ...]
+    problems: tuple[Flaw, ...]
     notes: tuple[str, ...]
 
 
@@ -53,16 +53,16 @@ def check(path: Path) -> Checked:
     Raises:
         FmuFileError: it is no SSP at all.
     """
-    problems: list[Problem] = []
+    problems: list[Flaw] = []
     with Package(path) as package:
         roots = {name: package.xml(name) for name in package.names if name.lower().endswith(_SUFFIXES)}
     for name, root in roots.items():
-        problems += [Problem(name, line) for line in _complaints(root)]
+        problems += [Flaw(name, line) for line in _complaints(root)]
     notes: tuple[str, ...] = ()
     try:
         notes = tuple(imported(path).notes)
     except InputError as error:
-        problems.append(Problem(path.name, str(error)))
+        problems.append(Flaw(path.name, str(error)))
     return Checked(roots[SYSTEM].get("version", ""), tuple(problems), notes)
 
 

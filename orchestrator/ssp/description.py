@@ -126,7 +126,7 @@ class DictionaryReference(Element):
 
 
 @dataclass(frozen=True)
-class System(Element):
+class SystemElement(Element):
     """A system: elements by name, and what is connected.
 
     Attributes:
@@ -152,7 +152,7 @@ class Description:
 
     name: str
     version: str
-    system: System
+    system: SystemElement
     start: str | None = None
     stop: str | None = None
     step: str | None = None

@@ -16,7 +16,7 @@ from orchestrator.ssp.description import (
     Description,
     DictionaryReference,
     Element,
-    System,
+    SystemElement,
 )
 
 Path = tuple[str, ...]
@@ -54,7 +54,7 @@ class Flat:
 
     place: str
     components: dict[Path, Component] = field(default_factory=dict)
-    systems: dict[Path, System] = field(default_factory=dict)
+    systems: dict[Path, SystemElement] = field(default_factory=dict)
     units: dict[Path, Mapping[str, Unit]] = field(default_factory=dict)
     incoming: dict[Node, Hop] = field(default_factory=dict)
     entries: dict[Node, Connector] = field(default_factory=dict)
@@ -115,10 +115,10 @@ def component_names(paths: Iterator[Path] | list[Path]) -> dict[Path, str]:
     return names
 
 
-Scopes = tuple[tuple[Path, System], ...]
+Scopes = tuple[tuple[Path, SystemElement], ...]
 
 
-def _gather(flat: Flat, path: Path, system: System, units: Mapping[str, Unit], outer: Scopes) -> None:
+def _gather(flat: Flat, path: Path, system: SystemElement, units: Mapping[str, Unit], outer: Scopes) -> None:
     """Take up a system and all in it; `outer` are the systems around it, the nearest first."""
     known = {**units, **system.units}
     scopes = ((path, system), *outer)
@@ -126,7 +126,7 @@ def _gather(flat: Flat, path: Path, system: System, units: Mapping[str, Unit], o
     for dictionary, entries in system.dictionaries.items():
         flat.entries |= {_entry(path, dictionary, name): connector for name, connector in entries.items()}
     for name, element in system.elements.items():
-        if isinstance(element, System):
+        if isinstance(element, SystemElement):
             _gather(flat, (*path, name), element, known, scopes)
         elif isinstance(element, Component):
             flat.components[*path, name] = element
@@ -138,7 +138,7 @@ def _gather(flat: Flat, path: Path, system: System, units: Mapping[str, Unit], o
         flat.incoming[end] = Hop(start, link, place, known)
 
 
-def _node(end: tuple[str, str], path: Path, system: System, scopes: Scopes, place: str) -> Node:
+def _node(end: tuple[str, str], path: Path, system: SystemElement, scopes: Scopes, place: str) -> Node:
     """The node at an end of a connection.
 
     Raises:
@@ -150,7 +150,7 @@ def _node(end: tuple[str, str], path: Path, system: System, scopes: Scopes, plac
         raise WiringError(place, f"there is no element '{name}'", nearest(name, system.elements))
     if isinstance(element, DictionaryReference):
         return _in_dictionary(element, connector, scopes, place)
-    if isinstance(element, System) and connector.partition("[")[0] not in element.connectors:
+    if isinstance(element, SystemElement) and connector.partition("[")[0] not in element.connectors:
         problem = f"there is no connector '{connector}' of {name or 'the system'}"
         raise WiringError(place, problem, nearest(connector, element.connectors))
     return ((*path, name) if name else path), connector

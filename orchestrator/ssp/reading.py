@@ -17,7 +17,7 @@ from orchestrator.ssp.description import (
     Description,
     DictionaryReference,
     Element,
-    System,
+    SystemElement,
 )
 from orchestrator.ssp.names import (
     DEFINITION,
@@ -93,13 +93,13 @@ class _File:
             tuple(f"annotations of {kind} are kept and not used" for kind in others),
         )
 
-    def system(self, entry: etree._Element) -> System:
+    def system(self, entry: etree._Element) -> SystemElement:
         """A system with all that is in it."""
         element, scope = self.element(entry), f"{SSD}SignalDictionaries/{SSD}SignalDictionary"
         elements = [self.child(child) for child in entry.iterfind(f"{SSD}Elements/*")]
         dictionaries = {required(d, "name", self.place): self.dictionary(d) for d in entry.iterfind(scope)}
         links = entry.iterfind(f"{SSD}Connections/{SSD}Connection")
-        return System(
+        return SystemElement(
             element.name,
             element.connectors,
             element.bindings,
@@ -137,7 +137,7 @@ class _File:
         file = self.package.unpacked(name)
         return Component(element.name, element.connectors, element.bindings, str(file), way == "ModelExchange")
 
-    def included(self, kind: str, name: str, element: Element) -> System:
+    def included(self, kind: str, name: str, element: Element) -> SystemElement:
         """The system of another file; the component's own bindings come after those that it has."""
         inside = (*self.inside, self.place)
         if kind == DEFINITION:

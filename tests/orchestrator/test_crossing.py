@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from fmus import units
 from fmus.errors import WiringError
 from fmus.units import BASES, Conversion, Unit
-from orchestrator.crossing import Basis, Given, NamedUnit, crossing, documents_of, named, noted, quantity
+from orchestrator.crossing import Basis, GivenConversion, NamedUnit, crossing, documents_of, named, noted, quantity
 
 ALIKE = [  # units of one quantity, as people write them and as pint does
     {"mNm": "mN*m", "N·m": "N*m", "kN m": "kN*m", "Ncm": "N*cm", "J": "J", "kWh": "kWh", "lbf-ft": "lbf*ft"},
@@ -119,10 +119,15 @@ def test_a_unit_that_is_not_known_is_taken_for_the_other_and_said() -> None:
 @pytest.mark.parametrize(
     ("given_", "conversion", "doubtful", "words"),
     [
-        (Given(0.01745), Conversion(0.01745), False, "p: times 0.01745 as given, which is deg to rad " + TRUE),
-        (Given(2.0, 1.0), Conversion(2.0, 1.0), True, "p: times 2 + 1 as given, not deg to rad " + TRUE),
         (
-            Given(offset=-1.0),
+            GivenConversion(0.01745),
+            Conversion(0.01745),
+            False,
+            "p: times 0.01745 as given, which is deg to rad " + TRUE,
+        ),
+        (GivenConversion(2.0, 1.0), Conversion(2.0, 1.0), True, "p: times 2 + 1 as given, not deg to rad " + TRUE),
+        (
+            GivenConversion(offset=-1.0),
             Conversion(math.pi / 180, -1.0),
             True,
             "p: times 0.0174533 - 1 as given, not deg to rad " + TRUE,
@@ -130,11 +135,11 @@ def test_a_unit_that_is_not_known_is_taken_for_the_other_and_said() -> None:
     ],
 )
 def test_a_factor_or_offset_by_hand_stands_over_the_units(
-    given_: Given, conversion: Conversion, doubtful: bool, words: str
+    given_: GivenConversion, conversion: Conversion, doubtful: bool, words: str
 ) -> None:
     found = crossing("p", named("deg"), named("rad"), given_)
     assert (found.conversion, found.doubtful, str(found)) == (conversion, doubtful, words)
-    assert crossing("p", named("V"), named("rad"), Given(3.0)).conversion == Conversion(3.0)
+    assert crossing("p", named("V"), named("rad"), GivenConversion(3.0)).conversion == Conversion(3.0)
 
 
 def test_a_derivative_has_no_offset() -> None:

@@ -10,7 +10,7 @@ from fmus.modelling.model import Model, Number, Table
 
 
 @dataclass(frozen=True)
-class Part:
+class FusedPart:
     """A model in a system.
 
     Attributes:
@@ -52,7 +52,7 @@ class FusedSystem:
 
     name: str
     description: str
-    parts: Mapping[str, Part]
+    parts: Mapping[str, FusedPart]
     wires: tuple[Wire, ...]
     base: Fraction
     start: Fraction

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from identification.estimation.arrow_least_squares import ROUGH, Iterate, Limits, Minimum, minimise
+from identification.estimation.arrow_least_squares import ROUGH, Iterate, Minimum, SearchLimits, minimise
 from identification.estimation.workers import Pool
 from identification.output_error.search.estimate import Reached
 from identification.output_error.search.free_run import FreeRun, Tally
@@ -60,9 +60,9 @@ class Work:
         watch = self.watch
         return replace(self, watch=lambda state: watch(replace(state, share=share))) if watch else self
 
-    def limits(self, iterations: int) -> Limits:
+    def limits(self, iterations: int) -> SearchLimits:
         options = self.options
-        return Limits(options.max_evaluations, iterations, options.cost_tolerance, options.step_tolerance)
+        return SearchLimits(options.max_evaluations, iterations, options.cost_tolerance, options.step_tolerance)
 
 
 def search(work: Work, windows: tuple[int, ...], begin: Iterate, stage: str, iterations: int) -> Minimum:

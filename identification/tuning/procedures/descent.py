@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 from scipy.optimize import OptimizeResult, minimize
 
-from identification.tuning.procedures.problem import Judgement, Problem
+from identification.tuning.procedures.problem import Judgement, TuningProblem
 from identification.tuning.procedures.procedure import HELD, Descent
 from identification.tuning.procedures.unknowns import Span
 from orchestrator.trace import FloatArray
@@ -28,7 +28,7 @@ def rank(judged: Judgement) -> tuple[float, float]:
     return (0.0, judged.objective) if judged.most_missed <= HELD else (judged.most_missed, judged.objective)
 
 
-def descent(problem: Problem, unknowns: Sequence[Span], point: FloatArray, evaluations: int) -> Descent:
+def descent(problem: TuningProblem, unknowns: Sequence[Span], point: FloatArray, evaluations: int) -> Descent:
     """From one start to its end."""
     seen = Seen(problem, unknowns)
     start = seen(point)

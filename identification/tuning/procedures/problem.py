@@ -147,7 +147,7 @@ class Judgement:
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class TuningProblem:
     """Plants, the controller, how they are wired, and what is asked.
 
     Attributes:
@@ -168,12 +168,12 @@ class Problem:
     models: Mapping[str, LinearModel] = field(default_factory=dict)
     bench: StepBench | None = None
 
-    def with_draws(self, numbers: Sequence[int]) -> Problem:
+    def with_draws(self, numbers: Sequence[int]) -> TuningProblem:
         """The same with some of the draws beside the plants, which have to hold hard goals, too."""
         assert self.draws is not None
         return replace(self, plants=self.plants.joined(self.draws.only(numbers)), counted=len(self.plants))
 
-    def on(self, plants: PlantSet) -> Problem:
+    def on(self, plants: PlantSet) -> TuningProblem:
         """The same for other plants alone."""
         return replace(self, plants=plants, draws=None, counted=None)
 

@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from identification.linear.model import LinearModel
-from identification.tuning.procedures.problem import Judgement, Problem
+from identification.tuning.procedures.problem import Judgement, TuningProblem
 from orchestrator.assembly.assembly import ComponentSpec
 from orchestrator.fmi.interface import Interface
 from orchestrator.progress import Progress
@@ -106,5 +106,5 @@ class Procedure(Protocol):
             InputError: it has not.
         """
 
-    def run(self, problem: Problem, interface: Interface, progress: Progress) -> Found:
+    def run(self, problem: TuningProblem, interface: Interface, progress: Progress) -> Found:
         """The values that it comes to, judged."""

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from identification.estimation.parameters import Scale
-from identification.tuning.procedures.given import Given
+from identification.tuning.procedures.given import GivenProcedure
 from identification.tuning.procedures.search import Search
 from identification.tuning.procedures.state_feedback import StateFeedback
 from identification.tuning.procedures.unknowns import Unknown
@@ -129,9 +129,9 @@ class GivenBlock(Block):
 
     by: Literal["given"]
 
-    def procedure(self) -> Given:
+    def procedure(self) -> GivenProcedure:
         """As a plain value."""
-        return Given()
+        return GivenProcedure()
 
 
 def _by(value: Any) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from fmus.errors import IdentificationError
 from identification.linear.model import LinearModel
 from identification.tuning.procedures.descent import descent, rank
-from identification.tuning.procedures.problem import Judgement, Problem
+from identification.tuning.procedures.problem import Judgement, TuningProblem
 from identification.tuning.procedures.procedure import HELD, Descent, Found
 from identification.tuning.procedures.trade_off import trades
 from identification.tuning.procedures.unknowns import Span, Unknown, parts
@@ -56,7 +56,7 @@ class Search:
         """
         self.points(interface)
 
-    def run(self, problem: Problem, interface: Interface, progress: Progress) -> Found:
+    def run(self, problem: TuningProblem, interface: Interface, progress: Progress) -> Found:
         """The best of where all starts lead."""
         spans, points = self.begun(interface)
         found = led(spans, points, lambda point: descent(problem, spans, point, self.evaluations), progress)
@@ -103,13 +103,13 @@ def _port(interface: Interface, name: str) -> Port:
 
 
 def _with_draws(
-    problem: Problem,
+    problem: TuningProblem,
     spans: Sequence[Span],
     best: Judgement,
     points: Sequence[FloatArray],
     evaluations: int,
     tell: Progress,
-) -> tuple[Judgement, Judgement, Problem]:
+) -> tuple[Judgement, Judgement, TuningProblem]:
     """The best values with which enough draws hold the hard goals, too, and what all draws do to these goals.
 
     Only those draws stand in the search that have spoilt an earlier round's values: a handful decides. It goes on from

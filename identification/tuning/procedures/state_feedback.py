@@ -15,7 +15,7 @@ from fmus.errors import IdentificationError
 from fmus.library import find
 from fmus.modelling.model import Model
 from identification.linear.model import UNIT_CIRCLE, LinearModel
-from identification.tuning.procedures.problem import Held, Problem
+from identification.tuning.procedures.problem import Held, TuningProblem
 from identification.tuning.procedures.procedure import Found
 from identification.tuning.procedures.riccati import observer, regulator, unreached, unseen
 from identification.tuning.procedures.search import Search
@@ -74,7 +74,7 @@ class StateFeedback:
         if self.integral is not None:
             self.integral.check(interface)
 
-    def run(self, problem: Problem, interface: Interface, progress: Progress) -> Found:
+    def run(self, problem: TuningProblem, interface: Interface, progress: Progress) -> Found:
         """The gains, and how they do with all plants."""
         name, model = self._chosen(problem.models)
         progress(0.0, "gains")
@@ -146,7 +146,7 @@ class _Loop:
         return self.model.a
 
     @classmethod
-    def of(cls, name: str, model: LinearModel, problem: Problem) -> _Loop:
+    def of(cls, name: str, model: LinearModel, problem: TuningProblem) -> _Loop:
         """The plant of this name.
 
         Raises:
@@ -229,7 +229,9 @@ def _feed_forward(name: str, loop: _Loop, k: FloatArray) -> float:
     return 1.0 / gain
 
 
-def _measured(problem: Problem, model: LinearModel, values: Mapping[str, float], rates: tuple[float, float]) -> float:
+def _measured(
+    problem: TuningProblem, model: LinearModel, values: Mapping[str, float], rates: tuple[float, float]
+) -> float:
     """kp of a run: a step of 1 with kp 1 and ki 0, over where it ends (Section 4.4, step 3)."""
     assert problem.bench is not None
     samples = min(int(np.log(1 / SETTLED) / min(rates)) + 2 * model.order + 2, LONGEST)

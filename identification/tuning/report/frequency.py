@@ -16,7 +16,7 @@ from identification.tuning.report.shown import Shown
 from identification.tuning.tuning import Tuning
 from orchestrator.display.table import Cell
 from orchestrator.report import Section
-from orchestrator.report.chart import HEIGHT, Chart, Curve, Mark, Panel, Point
+from orchestrator.report.chart import HEIGHT, Chart, ChartPoint, Curve, Mark, Panel
 from orchestrator.trace import ComplexArray, FloatArray
 
 PLANE = 50  # of loops that are not drawn one by one, that are drawn in planes: those nearest to -1
@@ -128,7 +128,7 @@ def _nyquist(every: Shown, alone: Lines, others: Lines | None, circle: ComplexAr
         curves.append(Curve("disk", circle.real, circle.imag, tone="reference"))
     rows = enumerate(zip(every.names, alone.value, strict=True))
     curves += [Curve(name, value.real, value.imag, colour=number) for number, (name, value) in rows]
-    panel = Panel("imaginary part", curves, [Point(-1.0, 0.0, "-1")])
+    panel = Panel("imaginary part", curves, [ChartPoint(-1.0, 0.0, "-1")])
     return Chart([panel], x="real part", equal=True, height=3 * HEIGHT, x_range=AROUND, legend=True)
 
 
@@ -141,7 +141,7 @@ def _nichols(
         curves.append(Curve("disk", turned, 20 * np.log10(np.abs(circle)), tone="reference"))
     rows = enumerate(zip(every.names, alone.phase, alone.decibel, strict=True))
     curves += [Curve(name, phase, level, colour=number) for number, (name, phase, level) in rows]
-    marks: list[Mark | Point] = [Point(-180.0, 0.0, "-1")]
+    marks: list[Mark | ChartPoint] = [ChartPoint(-180.0, 0.0, "-1")]
     for goal in goals:
         asked = goal.lower or 0.0
         if goal.measure == "gain margin":

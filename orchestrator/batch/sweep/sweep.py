@@ -9,7 +9,7 @@ from orchestrator.batch.sweep.runs import rows
 from orchestrator.batch.sweep.runs.cluster import Cluster
 from orchestrator.batch.sweep.runs.folder import Folder
 from orchestrator.batch.sweep.runs.local import Local
-from orchestrator.batch.sweep.runs.preparation import Prepared, prepared
+from orchestrator.batch.sweep.runs.preparation import PreparedSweep, prepared
 from orchestrator.batch.sweep.runs.queue import Queue, Runner
 from orchestrator.batch.sweep.runs.same import SamePoints
 from orchestrator.batch.sweep.told.report import PAGE, report
@@ -61,7 +61,7 @@ def _how_far(folder: Folder) -> tuple[float, str]:
     return done / count, f"{done:,} of {count:,} runs{failed}"
 
 
-def _samples(ready: Prepared) -> int:
+def _samples(ready: PreparedSweep) -> int:
     """Samples that a row keeps of signals."""
     kept = ready.setup.kept
     if kept is None:

@@ -39,7 +39,7 @@ class Sorted:
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class RoutingTable:
     """Numbers of messages by identifier: of standard ones, and of extended ones, the most exact first."""
 
     standard: Numbers
@@ -75,7 +75,7 @@ class Router:
         count = sum(len(database.messages) for database in log.databases)
         # NumPy sorts short ones faster.
         self._kind: type[np.signedinteger[Any]] = np.int16 if count < np.iinfo(np.int16).max else np.int32
-        self._tables: dict[int, Table] = {}
+        self._tables: dict[int, RoutingTable] = {}
         for database in log.databases:
             self._tables[id(database)] = self._table(database.messages)
             self.messages += database.messages
@@ -99,7 +99,7 @@ class Router:
             return np.full(len(frames), -1, dtype=self._kind)
         return self._tables[id(database)].numbers(frames)
 
-    def _table(self, messages: Sequence[MessageSpec]) -> Table:
+    def _table(self, messages: Sequence[MessageSpec]) -> RoutingTable:
         numbered = list(enumerate(messages, len(self.messages)))
         standard: Numbers = np.full(STANDARD + 1, -1, dtype=self._kind)
         for number, message in numbered:
@@ -109,7 +109,7 @@ class Router:
             if not message.extended:
                 standard[message.id] = number
         extended = [(number, message) for number, message in numbered if message.extended]
-        return Table(standard, tuple(self._sorted(mask, found) for mask, found in _matches(extended).items()))
+        return RoutingTable(standard, tuple(self._sorted(mask, found) for mask, found in _matches(extended).items()))
 
     def _sorted(self, mask: int, found: Mapping[int, int]) -> Sorted:
         identifiers, numbers = zip(*sorted(found.items()), (np.iinfo(np.uint32).max, -1), strict=True)

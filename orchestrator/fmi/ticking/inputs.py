@@ -10,7 +10,7 @@ from orchestrator.fmi.interface import Interface
 
 
 @dataclass(frozen=True)
-class Part:
+class InputPart:
     """Inputs that are set together.
 
     Attributes:
@@ -33,7 +33,7 @@ class Part:
         return any(one[place] != other[place] for place in self.places)
 
 
-def parts(interface: Interface, inputs: Sequence[str], group: Callable[..., VariableGroup]) -> list[Part]:
+def parts(interface: Interface, inputs: Sequence[str], group: Callable[..., VariableGroup]) -> list[InputPart]:
     """The bound inputs by when they are set; `group` binds variables."""
     kinds: dict[tuple[frozenset[str], bool], list[int]] = {}
     for place, name in enumerate(inputs):
@@ -42,6 +42,6 @@ def parts(interface: Interface, inputs: Sequence[str], group: Callable[..., Vari
         discrete = port is not None and (port.variability != "continuous" or not port.real)
         kinds.setdefault((clocks, discrete), []).append(place)
     return [
-        Part(clocks, discrete, places, group(*(inputs[place] for place in places)))
+        InputPart(clocks, discrete, places, group(*(inputs[place] for place in places)))
         for (clocks, discrete), places in kinds.items()
     ]

@@ -12,13 +12,13 @@ from numpy.typing import ArrayLike
 
 from fmus.errors import TraceError
 from orchestrator.formats.headings import names_time
-from orchestrator.formats.layout import MAX_VALUES, Columns, Layout, choose
+from orchestrator.formats.layout import MAX_VALUES, FileColumns, Layout, choose
 from orchestrator.formats.recording import Recording
 from orchestrator.formats.stamps import since_first
 
 
 @dataclass(frozen=True)
-class Channel:
+class ArrayChannel:
     """Samples under a name.
 
     Attributes:
@@ -41,7 +41,7 @@ class Channel:
     start: float | None = None
 
 
-def recording(path: Path, layout: Layout, channels: Sequence[Channel], notes: Sequence[str] = ()) -> Recording:
+def recording(path: Path, layout: Layout, channels: Sequence[ArrayChannel], notes: Sequence[str] = ()) -> Recording:
     """The recording of the channels that go with the time that the layout chooses.
 
     Raises:
@@ -50,7 +50,7 @@ def recording(path: Path, layout: Layout, channels: Sequence[Channel], notes: Se
     names = tuple(channel.name for channel in channels)
     clock = _clock(layout, channels)
     count = clock.count if clock else Counter(c.count for c in channels if c.count > 1).most_common(1)[0][0]
-    columns = Columns(
+    columns = FileColumns(
         len(channels),
         names,
         tuple(channel.unit for channel in channels),
@@ -69,7 +69,7 @@ def recording(path: Path, layout: Layout, channels: Sequence[Channel], notes: Se
     return found if stamps else replace(found, start=channels[choice.time].start)
 
 
-def _clock(layout: Layout, channels: Sequence[Channel]) -> Channel | None:
+def _clock(layout: Layout, channels: Sequence[ArrayChannel]) -> ArrayChannel | None:
     """The channel with the stamps, as far as names tell."""
     if isinstance(layout.time, int):
         return channels[layout.time] if 0 <= layout.time < len(channels) else None
@@ -80,7 +80,7 @@ def _clock(layout: Layout, channels: Sequence[Channel]) -> Channel | None:
     return found[0] if len(found) == 1 else None
 
 
-def _useless(channel: Channel, clock: Channel | None, count: int) -> str:
+def _useless(channel: ArrayChannel, clock: ArrayChannel | None, count: int) -> str:
     if channel.problem:
         return channel.problem
     if channel.count != count:
@@ -90,7 +90,7 @@ def _useless(channel: Channel, clock: Channel | None, count: int) -> str:
     return ""
 
 
-def distinct(channels: Sequence[Channel]) -> list[Channel]:
+def distinct(channels: Sequence[ArrayChannel]) -> list[ArrayChannel]:
     """The channels, each under a name of its own: those of one name get numbers."""
     counts = Counter(channel.name for channel in channels)
     seen = Counter[str]()

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from fmus.errors import TraceError
-from orchestrator.formats.arrays.channels import Channel, distinct, recording
+from orchestrator.formats.arrays.channels import ArrayChannel, distinct, recording
 from orchestrator.formats.layout import Layout
 from orchestrator.formats.recording import Recording
 from orchestrator.trace import FloatArray
@@ -53,9 +53,9 @@ def read(path: Path, layout: Layout) -> Recording:
     return replace(read, start=told["start"])
 
 
-def _channel(name: str, unit: str, values: Any, clock: str) -> Channel:
+def _channel(name: str, unit: str, values: Any, clock: str) -> ArrayChannel:
     problem = "" if values.dtype.kind in "biuf" and values.ndim == 1 else "text or arrays"
-    return Channel(name, unit, len(values), lambda: values, clock, problem=problem)
+    return ArrayChannel(name, unit, len(values), lambda: values, clock, problem=problem)
 
 
 def _served(path: Path) -> tuple[dict[str, Any], Any]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fmus.errors import TraceError
-from orchestrator.formats.arrays.channels import Channel, distinct, recording
+from orchestrator.formats.arrays.channels import ArrayChannel, distinct, recording
 from orchestrator.formats.layout import Layout
 from orchestrator.formats.recording import Recording, excerpt
 
@@ -59,7 +59,7 @@ def _groups(file: nptdms.TdmsFile, layout: Layout, path: Path) -> Sequence[nptdm
     return [groups[layout.variable]]
 
 
-def _of_group(group: nptdms.TdmsGroup) -> Iterator[Channel]:
+def _of_group(group: nptdms.TdmsGroup) -> Iterator[ArrayChannel]:
     """The channels of a group; those of a waveform bring their time along."""
     clocks: dict[tuple[int, float, float, float | None], str] = {}
     for channel in group.channels():
@@ -71,7 +71,7 @@ def _of_group(group: nptdms.TdmsGroup) -> Iterator[Channel]:
             clock = clocks.setdefault(key, "time" if not clocks else f"time_{len(clocks) + 1}")
         yield _channel(channel, unit, clock)
     for (count, step, offset, start), name in clocks.items():
-        yield Channel(name, "s", count, _even(count, step, offset), clock=name, start=start)
+        yield ArrayChannel(name, "s", count, _even(count, step, offset), clock=name, start=start)
 
 
 def _start(channel: nptdms.TdmsChannel) -> float | None:
@@ -87,8 +87,8 @@ def _even(count: int, step: float, offset: float) -> Any:
     return lambda: offset + step * np.arange(count)
 
 
-def _channel(channel: nptdms.TdmsChannel, unit: str, clock: str) -> Channel:
+def _channel(channel: nptdms.TdmsChannel, unit: str, clock: str) -> ArrayChannel:
     kind = np.dtype(channel.dtype).kind if channel.dtype is not None else "O"
     stamped = kind == "M"
     problem = "" if kind in NUMBERS or stamped else "text"
-    return Channel(channel.name, unit, len(channel), lambda: channel[:], clock, stamped, problem)
+    return ArrayChannel(channel.name, unit, len(channel), lambda: channel[:], clock, stamped, problem)

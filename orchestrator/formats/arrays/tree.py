@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import TypeAlias
 
 from fmus.errors import TraceError
-from orchestrator.formats.arrays.channels import Channel, distinct, recording
-from orchestrator.formats.layout import MAX_VALUES, Columns, Layout, choose
+from orchestrator.formats.arrays.channels import ArrayChannel, distinct, recording
+from orchestrator.formats.layout import MAX_VALUES, FileColumns, Layout, choose
 from orchestrator.formats.recording import Recording
 from orchestrator.trace import FloatArray
 
@@ -106,7 +106,7 @@ def _of_matrix(path: Path, layout: Layout, name: str, node: Numbers, tree: Tree)
     if names is None and rows < count:
         raise TraceError(place, f"is {rows} x {count}, fewer samples than columns", "transpose it")
     matrix = node.read()
-    columns = Columns(count, names, units or (), head=lambda number: matrix[:, number])
+    columns = FileColumns(count, names, units or (), head=lambda number: matrix[:, number])
     choice = choose(replace(layout, variable=name), columns, path)
     return choice.recording(lambda number: matrix[:, number])
 
@@ -130,13 +130,13 @@ def _of_channels(path: Path, layout: Layout, tree: Tree) -> Recording:
     return recording(path, layout, channels)
 
 
-def _channels(name: str, node: Node, depth: int = 0) -> Iterator[Channel]:
+def _channels(name: str, node: Node, depth: int = 0) -> Iterator[ArrayChannel]:
     """The vectors in a node, the columns of its matrices, and what is in its structures."""
     if isinstance(node, Numbers) and node.is_vector:
-        yield Channel(name, node.unit, node.count, lambda: node.read().ravel(), stamped=node.stamped)
+        yield ArrayChannel(name, node.unit, node.count, lambda: node.read().ravel(), stamped=node.stamped)
     elif isinstance(node, Numbers) and node.is_matrix:
         yield from (
-            Channel(f"{name}_{number}", node.unit, node.shape[0], lambda number=number: node.read()[:, number])  # type: ignore[misc]
+            ArrayChannel(f"{name}_{number}", node.unit, node.shape[0], lambda number=number: node.read()[:, number])  # type: ignore[misc]
             for number in range(min(node.shape[1], 1000))
         )
     elif isinstance(node, Structure) and depth < DEEPEST:
@@ -145,7 +145,7 @@ def _channels(name: str, node: Node, depth: int = 0) -> Iterator[Channel]:
             yield from _of_element(f"{name}({number})" if several else name, element, depth + 1)
 
 
-def _of_element(name: str, element: Mapping[str, Node], depth: int) -> Iterator[Channel]:
+def _of_element(name: str, element: Mapping[str, Node], depth: int) -> Iterator[ArrayChannel]:
     values = next((node for key, node in element.items() if key.lower() in VALUES and isinstance(node, Numbers)), None)
     label = _text(element, NAMES)
     if values is not None and label:
@@ -159,7 +159,7 @@ def _of_element(name: str, element: Mapping[str, Node], depth: int) -> Iterator[
         yield from _channels(f"{name}.{key}" if name else key, node, depth)
 
 
-def _capture(axes: Structure, curves: Structure, depth: int) -> Iterator[Channel]:
+def _capture(axes: Structure, curves: Structure, depth: int) -> Iterator[ArrayChannel]:
     """Channels of a capture: curves, each over the axis with its index."""
     clocks = ["time" if number == 1 else f"time_{number}" for number in range(1, len(axes.elements) + 1)]
     for clock, axis in zip(clocks, axes.elements, strict=True):

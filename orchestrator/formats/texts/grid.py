@@ -23,7 +23,7 @@ NAME_WORDS = frozenset({"name", "names", "signal", "channel", "variable"})
 
 
 @dataclass(frozen=True)
-class Row:
+class GridRow:
     """The cells of a row and the number of its last line, from 1."""
 
     line: int
@@ -31,7 +31,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Grid:
+class TextGrid:
     """How a table of text is laid out.
 
     Attributes:
@@ -57,7 +57,7 @@ class Grid:
     notes: tuple[str, ...]
 
 
-def grid(lines: Sequence[str], layout: Layout, place: Path) -> Grid:
+def grid(lines: Sequence[str], layout: Layout, place: Path) -> TextGrid:
     """How a table that begins with these lines is laid out: as the layout says, else as it looks.
 
     Raises:
@@ -84,7 +84,7 @@ def grid(lines: Sequence[str], layout: Layout, place: Path) -> Grid:
     if decimal != "." and layout.decimal is None:
         notes.append("its numbers have decimal commas")
     told, split_units = _split(names, width)
-    return Grid(
+    return TextGrid(
         separator,
         decimal,
         names.line if names else 0,
@@ -98,16 +98,16 @@ def grid(lines: Sequence[str], layout: Layout, place: Path) -> Grid:
     )
 
 
-def _skipped(rows: Sequence[Row], lines: Sequence[str], most: int = 9) -> list[str]:
+def _skipped(rows: Sequence[GridRow], lines: Sequence[str], most: int = 9) -> list[str]:
     """A note about rows that are neither headings nor comments nor samples."""
     numbers = [row.line for row in rows if not lines[row.line - 1].startswith(("#", "%"))]
     some = ", ".join(map(str, numbers[:most])) + (", ..." if numbers[most:] else "")
     return [f"lines above the samples that are skipped: {some}"] if numbers else []
 
 
-def _rows(lines: Sequence[str], layout: Layout, place: Path) -> tuple[Separator, list[Row]]:
+def _rows(lines: Sequence[str], layout: Layout, place: Path) -> tuple[Separator, list[GridRow]]:
     """The separator, and the first rows."""
-    found: list[tuple[Separator, list[Row]]] = []
+    found: list[tuple[Separator, list[GridRow]]] = []
     problem = None
     for name in SEPARATORS if layout.separator is None else [layout.separator]:
         try:
@@ -122,11 +122,13 @@ def _rows(lines: Sequence[str], layout: Layout, place: Path) -> tuple[Separator,
     return best
 
 
-def _split_rows(lines: Sequence[str], mark: str) -> list[Row]:
+def _split_rows(lines: Sequence[str], mark: str) -> list[GridRow]:
     if mark == " ":
-        return [Row(number, _blank_cells(line)) for number, line in enumerate(lines[:ROWS], 1) if line.strip()]
+        return [GridRow(number, _blank_cells(line)) for number, line in enumerate(lines[:ROWS], 1) if line.strip()]
     reader = csv.reader((line + "\n" for line in lines[:ROWS]), delimiter=mark, strict=True)
-    return [Row(reader.line_num, [cell.strip() for cell in cells]) for cells in reader if any(map(str.strip, cells))]
+    return [
+        GridRow(reader.line_num, [cell.strip() for cell in cells]) for cells in reader if any(map(str.strip, cells))
+    ]
 
 
 def _blank_cells(line: str) -> list[str]:
@@ -136,7 +138,7 @@ def _blank_cells(line: str) -> list[str]:
     return text.split("\t") if "\t" in text else re.split(r"\s+(?![\[(])", text)
 
 
-def _worth(rows: Sequence[Row]) -> tuple[bool, float, int]:
+def _worth(rows: Sequence[GridRow]) -> tuple[bool, float, int]:
     """How much of a table the rows are: whether it has columns, the share of samples, the number of columns."""
     body = _body(rows)
     width = _width(rows)
@@ -145,12 +147,12 @@ def _worth(rows: Sequence[Row]) -> tuple[bool, float, int]:
     return width > 1 and share > 0, round(share, 3), width
 
 
-def _width(rows: Sequence[Row]) -> int:
+def _width(rows: Sequence[GridRow]) -> int:
     body = _body(rows)
     return Counter(len(row.cells) for row in body).most_common(1)[0][0] if body else 0
 
 
-def _body(rows: Sequence[Row]) -> Sequence[Row]:
+def _body(rows: Sequence[GridRow]) -> Sequence[GridRow]:
     """The rows behind the first quarter that may be samples."""
     return [row for row in rows[len(rows) // 4 :] if any(cell and is_value(cell) for cell in row.cells)]
 
@@ -170,7 +172,7 @@ def _final(kinds: Sequence[Kind]) -> Kind:
     return _typical(kinds)
 
 
-def _start(rows: Sequence[Row], typical: Sequence[Kind], decimal: Decimal, layout: Layout, place: Path) -> int:
+def _start(rows: Sequence[GridRow], typical: Sequence[Kind], decimal: Decimal, layout: Layout, place: Path) -> int:
     """The first row of samples."""
     first = max(layout.header or 0, layout.units_line or 0)
     for number, row in enumerate(rows):
@@ -187,9 +189,9 @@ def _is_label(cells: Sequence[str], typical: Sequence[Kind], decimal: Decimal) -
     return not sampled or sampled[0][0] == "text" or 2 * len(words) > len(sampled)
 
 
-def _labels(rows: Sequence[Row], width: int) -> list[Row]:
+def _labels(rows: Sequence[GridRow], width: int) -> list[GridRow]:
     """The rows that may name columns or units: those directly above the samples that are about as wide."""
-    found: list[Row] = []
+    found: list[GridRow] = []
     for row in reversed(rows):
         filled = sum(map(bool, row.cells))
         if len(row.cells) < width - 1 or (2 * filled < width and not _are_units(row.cells)):
@@ -198,7 +200,7 @@ def _labels(rows: Sequence[Row], width: int) -> list[Row]:
     return found
 
 
-def _fitted(row: Row, width: int, closed: bool) -> Row:
+def _fitted(row: GridRow, width: int, closed: bool) -> GridRow:
     """A cell for each column: names of rows have no heading, nor what is behind a mark that closes each row.
 
     Columns of remarks that LabVIEW names at the end have no samples.
@@ -208,7 +210,7 @@ def _fitted(row: Row, width: int, closed: bool) -> Row:
     return replace(row, cells=cells)
 
 
-def _heading(labels: list[Row], layout: Layout, place: Path) -> tuple[Row | None, Row | None, list[str]]:
+def _heading(labels: list[GridRow], layout: Layout, place: Path) -> tuple[GridRow | None, GridRow | None, list[str]]:
     """The rows with names and units of the columns, and notes."""
     by_line = {row.line: row for row in labels}
     notes: list[str] = []
@@ -241,14 +243,14 @@ def _are_units(cells: Sequence[str]) -> bool:
     return 2 * sum(map(headings.is_unit, filled)) >= len(filled) > 0
 
 
-def _split(names: Row | None, width: int) -> tuple[tuple[str, ...] | None, tuple[str, ...]]:
+def _split(names: GridRow | None, width: int) -> tuple[tuple[str, ...] | None, tuple[str, ...]]:
     if names is None:
         return None, ("",) * width
     pairs = [headings.split(cell) for cell in (names.cells[0].lstrip("#").strip(), *names.cells[1:])]
     return tuple(name for name, _ in pairs), tuple(unit for _, unit in pairs)
 
 
-def _units(row: Row | None, told: Sequence[str]) -> tuple[str, ...]:
+def _units(row: GridRow | None, told: Sequence[str]) -> tuple[str, ...]:
     if row is None:
         return tuple(told)
     first = "" if _UNIT_WORDS.search(row.cells[0]) else row.cells[0]

@@ -15,10 +15,10 @@ from pyarrow import compute, csv
 from fmus.encodings import SAMPLE, decoded, encoding_of
 from fmus.errors import TraceError
 from orchestrator.formats.arrow import numbers, texts
-from orchestrator.formats.layout import Choice, Columns, Decimal, Layout, choose
+from orchestrator.formats.layout import Choice, Decimal, FileColumns, Layout, choose
 from orchestrator.formats.recording import Recording, excerpt
 from orchestrator.formats.texts.cells import GROUPS, MINUS, MISSING, is_time_of_day, kind
-from orchestrator.formats.texts.grid import SEPARATORS, Grid, grid
+from orchestrator.formats.texts.grid import SEPARATORS, TextGrid, grid
 from orchestrator.formats.texts.stamps import seconds
 from orchestrator.trace import FloatArray
 
@@ -104,14 +104,14 @@ def _first_lines(file: BinaryIO, encoding: str | None, path: Path) -> tuple[list
     return lines[:-1] if not whole or not lines[-1] else lines, known
 
 
-def _dates_beside(seen: Grid, time: int) -> int | None:
+def _dates_beside(seen: TextGrid, time: int) -> int | None:
     """The column with the dates of times of day; None where they have theirs, or it is not sure which it is."""
     dates = [number for number, held in enumerate(seen.kinds) if held == "date"]
     times = [row[time] for row in seen.head if kind(row[time], seen.decimal) == "stamp"]
     return dates[0] if len(dates) == 1 and all(map(is_time_of_day, times)) else None
 
 
-def _columns(seen: Grid) -> Columns:
+def _columns(seen: TextGrid) -> FileColumns:
     def head(number: int) -> list[float]:
         cells = [row[number] for row in seen.head]
         return [
@@ -125,10 +125,10 @@ def _columns(seen: Grid) -> Columns:
     if seen.names:
         useless |= {n: "" for n, held in enumerate(seen.kinds) if held == "missing" and not seen.names[n]}
     worded = dict.fromkeys((number for number, held in enumerate(seen.kinds) if held == "text"), False)
-    return Columns(len(seen.kinds), seen.names, seen.units, useless, stamped, head, worded)
+    return FileColumns(len(seen.kinds), seen.names, seen.units, useless, stamped, head, worded)
 
 
-def _table(file: BinaryIO, seen: Grid, encoding: str, choice: Choice, dates: int | None) -> Any:
+def _table(file: BinaryIO, seen: TextGrid, encoding: str, choice: Choice, dates: int | None) -> Any:
     names = [str(number) for number in range(len(seen.kinds))]
     wanted = [names[number] for number in sorted({*choice.wanted, *([] if dates is None else [dates])})]
     reading = csv.ReadOptions(
@@ -152,7 +152,7 @@ def _table(file: BinaryIO, seen: Grid, encoding: str, choice: Choice, dates: int
         raise _bad_row(str(problem), text, seen, choice.place) from None
 
 
-def _bad_row(problem: str, text: str, seen: Grid, place: Path) -> TraceError:
+def _bad_row(problem: str, text: str, seen: TextGrid, place: Path) -> TraceError:
     """What Arrow cannot read, with the line of the file: Arrow counts no empty ones."""
     fix = "correct or cut that row"
     if "\0" in text:

@@ -13,7 +13,7 @@ import numpy as np
 from fmus.errors import ScenarioError, TraceError
 from orchestrator.assembly.schema import SignalFileBlock
 from orchestrator.assembly.stimulus import brought as trace_brought
-from orchestrator.crossing import NOTHING_GIVEN, Given
+from orchestrator.crossing import NOTHING_GIVEN, GivenConversion
 from orchestrator.fmi.interface import Port
 from orchestrator.formats.schema import LayoutBlock
 from orchestrator.scenario.expectations.base import Condition, Judgement, Tube, Wiring
@@ -68,7 +68,7 @@ class Reference:
     trace: Trace | None
     name: str
     file: Path
-    given: Given = NOTHING_GIVEN
+    given: GivenConversion = NOTHING_GIVEN
     accepted: bool = False
     missing: str = ""
     step: float = 0.0

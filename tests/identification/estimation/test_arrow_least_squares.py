@@ -13,11 +13,11 @@ from fmus.errors import IdentificationError
 from identification.estimation.arrow_least_squares import (
     ArrowModel,
     Box,
-    Limits,
     Loss,
     LossKind,
     Minimum,
     Point,
+    SearchLimits,
     WindowBlock,
     evaluated,
     minimise,
@@ -46,7 +46,7 @@ def at(x: float) -> Point:
     return Point(np.array([x]), np.zeros((1, 0)))
 
 
-def search(system: Bent, limits: Limits, largest: float = 10.0) -> Minimum:
+def search(system: Bent, limits: SearchLimits, largest: float = 10.0) -> Minimum:
     start = evaluated(system, at(0.0), Loss())
     assert start is not None
     box = Box(at(-10.0), at(largest))
@@ -54,7 +54,7 @@ def search(system: Bent, limits: Limits, largest: float = 10.0) -> Minimum:
 
 
 def one_step(system: Bent) -> Minimum:
-    return search(system, Limits(iterations=1))
+    return search(system, SearchLimits(iterations=1))
 
 
 @pytest.mark.parametrize("share", [0.1, 0.01, 0.001])
@@ -77,7 +77,7 @@ def test_damping_falls_after_a_step_that_keeps_its_promise_and_grows_after_one_t
 ) -> None:
     """Gains of 0.84, 0.51 and 0.10 of what was promised; the next step tells the damping it was made with."""
     system = Bent(bend)
-    search(system, Limits(iterations=2))
+    search(system, SearchLimits(iterations=2))
     start, first, second = system.tried[:3]
     assert first - start == pytest.approx(1 / (1 + 1e-3), rel=1e-12)
     undamped = (1 - first - bend * first**2) / (1 + 2 * bend * first)
@@ -86,7 +86,7 @@ def test_damping_falls_after_a_step_that_keeps_its_promise_and_grows_after_one_t
 
 def test_a_search_ends_at_the_minimum_within_the_bounds() -> None:
     root = (np.sqrt(1 + 4 * 0.3) - 1) / 0.6
-    free, held = search(Bent(0.3), Limits()), search(Bent(0.3), Limits(), largest=0.5)
+    free, held = search(Bent(0.3), SearchLimits()), search(Bent(0.3), SearchLimits(), largest=0.5)
     assert free.converged and free.at.point.parameters == pytest.approx([root], rel=1e-7)
     assert held.converged and held.at.point.parameters == [0.5]
 
@@ -94,11 +94,11 @@ def test_a_search_ends_at_the_minimum_within_the_bounds() -> None:
 @pytest.mark.parametrize(
     ("bend", "limits", "end"),
     [
-        (0.7, Limits(), "steps have become negligible"),
-        (0.95, Limits(cost=0.5), "the cost no longer falls"),
+        (0.7, SearchLimits(), "steps have become negligible"),
+        (0.95, SearchLimits(cost=0.5), "the cost no longer falls"),
     ],
 )
-def test_every_step_is_reported_with_its_number_and_a_lower_cost(bend: float, limits: Limits, end: str) -> None:
+def test_every_step_is_reported_with_its_number_and_a_lower_cost(bend: float, limits: SearchLimits, end: str) -> None:
     system, told = Bent(bend), []
     start = evaluated(system, at(0.0), Loss())
     assert start is not None
@@ -112,7 +112,10 @@ def test_every_step_is_reported_with_its_number_and_a_lower_cost(bend: float, li
 
 
 def test_a_search_that_is_cut_short_says_so() -> None:
-    cut, spent = search(Bent(0.7), Limits(iterations=2)), search(hopeless := Bent(1.5), Limits(evaluations=3))
+    cut, spent = (
+        search(Bent(0.7), SearchLimits(iterations=2)),
+        search(hopeless := Bent(1.5), SearchLimits(evaluations=3)),
+    )
     assert (cut.converged, cut.iterations, cut.message) == (False, 2, "stopped after 2 iterations")
     assert (spent.converged, spent.iterations, spent.message) == (False, 0, "stopped: no evaluations left")
     assert spent.at.point.parameters == [0.0] and len(hopeless.tried) == 1 + 3
@@ -153,7 +156,9 @@ def test_a_search_without_a_better_point_is_judged_by_what_is_still_promised(
 ) -> None:
     start = evaluated(system, at(0.0), Loss())
     assert start is not None
-    found = minimise(system, start, Box(at(-9.0), at(9.0)), Loss(), limits=Limits(cost=1e-5), report=lambda *step: None)
+    found = minimise(
+        system, start, Box(at(-9.0), at(9.0)), Loss(), limits=SearchLimits(cost=1e-5), report=lambda *step: None
+    )
     assert found.converged is converged and re.fullmatch(end, found.message)
 
 

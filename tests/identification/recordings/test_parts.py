@@ -10,7 +10,7 @@ import pytest
 
 from fmus.errors import ScenarioError
 from identification.calibrate import calibrate
-from identification.recordings.parts import Part, parted
+from identification.recordings.parts import RecordingPart, parted
 from orchestrator import formats
 from orchestrator.trace import Trace
 from tests.support.identification.linear_fits import STEP, eigenvalue, model_of, white
@@ -19,17 +19,23 @@ TRACE = Trace(np.arange(100) * 0.1, {"y": np.arange(100.0)}, {}, "rig")
 
 
 @pytest.mark.parametrize(
-    "part", [Part("rig", 5.05), Part("rig", stop=2.05), Part("rig", 3.05, 6.05), Part("rig", -math.inf, 0.15)]
+    "part",
+    [
+        RecordingPart("rig", 5.05),
+        RecordingPart("rig", stop=2.05),
+        RecordingPart("rig", 3.05, 6.05),
+        RecordingPart("rig", -math.inf, 0.15),
+    ],
 )
-def test_every_sample_is_fitted_or_held_out(part: Part) -> None:
+def test_every_sample_is_fitted_or_held_out(part: RecordingPart) -> None:
     (left, marks), (own, _) = parted(TRACE, [part])
     fitted = {float(t) for t in left.time if not any(m.start < t < m.stop for m in marks)}
     assert fitted | {float(t) for t in own.time} == {float(t) for t in TRACE.time}
     assert not fitted & {float(t) for t in own.time} and own.name == part.name and left.name == "rig"
 
 
-@pytest.mark.parametrize("part", [Part("rig", 20.0), Part("rig", -1.0)])
-def test_a_part_that_is_empty_or_all_is_refused(part: Part) -> None:
+@pytest.mark.parametrize("part", [RecordingPart("rig", 20.0), RecordingPart("rig", -1.0)])
+def test_a_part_that_is_empty_or_all_is_refused(part: RecordingPart) -> None:
     with pytest.raises(ScenarioError, match=r"traces\.hold_out"):
         list(parted(TRACE, [part]))
 

@@ -14,7 +14,7 @@ from fmus.errors import WiringError
 from orchestrator.engine import (
     Engine,
 )
-from orchestrator.engine.recording import Columns, Recorder
+from orchestrator.engine.recording import RecordColumns, Recorder
 from orchestrator.rational import clock
 from orchestrator.trace import Trace
 from tests.support.simulation.both_loops import STEP, Case, Shelf, bits, needs_loop
@@ -66,13 +66,13 @@ def test_the_pieces_a_sink_is_given_are_the_record(shelf: Shelf, engine: Engine,
 
 @pytest.mark.parametrize("count", [1, 8, 20_000, 20_479])
 def test_columns_of_a_record_do_not_push_each_other_out_of_the_cache(count: int) -> None:
-    recorder = Recorder(Columns(["a", "b"], ["b", "a"], {}), clock(Fraction(0), STEP), 1, count, None)
+    recorder = Recorder(RecordColumns(["a", "b"], ["b", "a"], {}), clock(Fraction(0), STEP), 1, count, None)
     assert recorder.rows.strides[1] // 64 % 2 == 1
     assert recorder.rows.strides[1] % 64 == 0
 
 
 def test_a_record_is_kept_where_it_was_written() -> None:
-    recorder = Recorder(Columns(["a", "b"], ["b", "a"], {}), clock(Fraction(0), STEP), 1, 3, None)
+    recorder = Recorder(RecordColumns(["a", "b"], ["b", "a"], {}), clock(Fraction(0), STEP), 1, 3, None)
     for number in range(3):
         recorder.row(number)[:] = [number, 10 + number]
     recorder.empty(3)

@@ -19,7 +19,7 @@ from orchestrator.display.thinning import thin
 from orchestrator.formats import read, write
 from orchestrator.report import Chart, Report, document, figures
 from orchestrator.report.document import write_shared
-from orchestrator.report.drawings import Grid
+from orchestrator.report.drawings import ChartGrid
 from orchestrator.report.plot import plot_traces
 from orchestrator.trace import Trace
 from tests.support.tools.reports import EVIL, Page, full_report
@@ -169,7 +169,7 @@ def test_overlay_names_every_curve_once_in_its_legend() -> None:
     assert legend_of(chart) == ["measured", "a", "b"]
 
 
-def legend_of(chart: Chart | Grid) -> list[str]:
+def legend_of(chart: Chart | ChartGrid) -> list[str]:
     report = Report("t")
     report.section("s").figure(chart)
     [legend] = re.findall(r'<div class="legend">(.*?)</div>', report.render())

@@ -34,7 +34,7 @@ from orchestrator.system import Endpoint, recordable
 
 
 @dataclass(frozen=True)
-class Prepared:
+class PreparedSweep:
     """A study that can be run.
 
     Attributes:
@@ -62,7 +62,7 @@ class Prepared:
 
 
 @contextmanager
-def prepared(file: Path) -> Iterator[Prepared]:
+def prepared(file: Path) -> Iterator[PreparedSweep]:
     """A study that can be run while the block lasts; its FMUs are built for that.
 
     Raises:
@@ -75,7 +75,7 @@ def prepared(file: Path) -> Iterator[Prepared]:
         places = [Place(file, one.scenario, one.system) for one in systems]
         found = chosen(block, places)
         setup = _setup(block, file, found.space, systems)
-        study = Prepared(file, block, setup, found.design, _identity(block, file, systems), _notes(systems))
+        study = PreparedSweep(file, block, setup, found.design, _identity(block, file, systems), _notes(systems))
         _check_size(study)
         _check_seen(study, systems)
         yield study
@@ -167,7 +167,7 @@ def _check_seed(name: str, file: Path, systems: Sequence[Wired]) -> None:
             raise ScenarioError(f"{file}: noise: {name}", error.problem, "name components that have a `seed`") from None
 
 
-def _check_size(study: Prepared) -> None:
+def _check_size(study: PreparedSweep) -> None:
     if study.runs > MOST_RUNS:
         cases = f" in {len(study.setup.cases)} cases" if len(study.setup.cases) > 1 else ""
         problem = f"asks for {study.runs:,} runs, {study.design.count:,} points{cases}; {MOST_RUNS:,} are the most"
@@ -176,7 +176,7 @@ def _check_size(study: Prepared) -> None:
         raise ScenarioError(f"{study.file}: design", "has no points", "give some")
 
 
-def _check_seen(study: Prepared, systems: Sequence[Wired]) -> None:
+def _check_seen(study: PreparedSweep, systems: Sequence[Wired]) -> None:
     """See that what varies can be noticed, with one of the systems at least."""
     kept = study.setup.kept.signals if study.setup.kept else ()
     names = [*study.setup.space.names, *(f"{name}.seed" for name in study.setup.noise)]

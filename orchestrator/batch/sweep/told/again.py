@@ -10,7 +10,7 @@ from fmus.errors import InputError
 from orchestrator.assembly.stimulus import Stimulus
 from orchestrator.batch.sweep.points.designs import seed_of
 from orchestrator.batch.sweep.points.factors import Target
-from orchestrator.batch.sweep.runs.preparation import Prepared
+from orchestrator.batch.sweep.runs.preparation import PreparedSweep
 from orchestrator.scenario.scenario import Scenario
 from orchestrator.trace import FloatArray
 
@@ -20,7 +20,7 @@ def command(study: Path, run: int) -> str:
     return f"servotwin sweep {shlex.quote(str(study))} --run {run}"
 
 
-def alone(study: Prepared, run: int) -> Scenario:
+def alone(study: PreparedSweep, run: int) -> Scenario:
     """The scenario of a run, in the units of its system.
 
     Raises:
@@ -47,7 +47,7 @@ def alone(study: Prepared, run: int) -> Scenario:
     return replace(scenario, cases=(one,), stimuli=stimuli, record=recorded)
 
 
-def _stimuli(study: Prepared, point: FloatArray) -> dict[str, Stimulus]:
+def _stimuli(study: PreparedSweep, point: FloatArray) -> dict[str, Stimulus]:
     """What drives inputs otherwise than the scenario says."""
     found = {}
     for place, factor in enumerate(study.setup.space.factors):

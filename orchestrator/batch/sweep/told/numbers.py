@@ -9,7 +9,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from orchestrator.batch.sweep.points.factors import Factor
-from orchestrator.batch.sweep.runs.preparation import Prepared
+from orchestrator.batch.sweep.runs.preparation import PreparedSweep
 from orchestrator.batch.sweep.runs.rows import FAILED, HELD
 from orchestrator.batch.sweep.told.result import SweepResult
 from orchestrator.batch.sweep.told.sensitivity import rank_correlations
@@ -60,7 +60,7 @@ class Numbers:
         return first, second
 
 
-def numbers_of(study: Prepared, result: SweepResult) -> Numbers:
+def numbers_of(study: PreparedSweep, result: SweepResult) -> Numbers:
     """The arrays of a sweep."""
     factors, asked = study.setup.space.factors, [one.name for one in study.setup.asked]
     names = [factor.name for factor in factors]

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from orchestrator.batch.sweep.points.designs import Morris, SobolIndices
-from orchestrator.batch.sweep.runs.preparation import Prepared
+from orchestrator.batch.sweep.runs.preparation import PreparedSweep
 from orchestrator.batch.sweep.runs.rows import MARGIN, TIME
 from orchestrator.batch.sweep.told.again import command
 from orchestrator.batch.sweep.told.numbers import Numbers, numbers_of
@@ -19,8 +19,8 @@ from orchestrator.batch.sweep.told.sensitivity import MISSING, Indices, indices
 from orchestrator.display.table import Cell
 from orchestrator.display.titles import with_unit
 from orchestrator.report import Band, Chart, Curve, Mark, Panel, Report, Section, figures
-from orchestrator.report.chart import Point
-from orchestrator.report.drawings import Grid
+from orchestrator.report.chart import ChartPoint
+from orchestrator.report.drawings import ChartGrid
 from orchestrator.results import versions
 from orchestrator.trace import FloatArray
 
@@ -32,7 +32,7 @@ ENVELOPES = 1000  # runs that an envelope is made of
 FACTORS, FIGURES = 6, 4  # of a scatter matrix
 
 
-def report(study: Prepared, result: SweepResult) -> Report:
+def report(study: PreparedSweep, result: SweepResult) -> Report:
     """The whole page."""
     document = result.document
     page = Report(document["title"], study.block.description)
@@ -88,7 +88,7 @@ def _interval(asked: AskedDocument) -> str:
     return f"{100 * low:.4g} … {100 * high:.4g}"
 
 
-def _worst(section: Section, study: Prepared, result: SweepResult, numbers: Numbers) -> None:
+def _worst(section: Section, study: PreparedSweep, result: SweepResult, numbers: Numbers) -> None:
     """The runs with the smallest margins, with what runs each again."""
     rows: list[list[Cell]] = []
     for asked in result.document["asked"]:
@@ -100,7 +100,7 @@ def _worst(section: Section, study: Prepared, result: SweepResult, numbers: Numb
     section.table(["column", "run", "figure", "margin", "again, with its whole record"], rows)
 
 
-def _failures(section: Section, study: Prepared, result: SweepResult) -> None:
+def _failures(section: Section, study: PreparedSweep, result: SweepResult) -> None:
     failed = result.failed
     reasons = result.table(["reason"])["reason"].take(failed).to_pylist()
     first = {reason: int(run) for reason, run in reversed(list(zip(reasons, failed, strict=True)))}
@@ -120,7 +120,7 @@ def _spread(section: Section, result: SweepResult) -> None:
         if len(known := values[np.isfinite(values)]):
             charts.append((asked["text"], figures.distribution(known, asked["column"], asked["unit"])))
     if charts:
-        section.figure(Grid(charts), "Histograms of the figures")
+        section.figure(ChartGrid(charts), "Histograms of the figures")
     headers = ["column", "unit", "lowest", "5 %", "median", "mean", "95 %", "highest"]
     keys = ("lowest", "q05", "median", "mean", "q95", "highest")
     asked_of = [one for one in result.document["asked"] if one["figure"] is not None]
@@ -130,7 +130,7 @@ def _spread(section: Section, result: SweepResult) -> None:
     section.table(headers, rows)
 
 
-def _dependence(page: Report, study: Prepared, result: SweepResult, numbers: Numbers) -> None:
+def _dependence(page: Report, study: PreparedSweep, result: SweepResult, numbers: Numbers) -> None:
     section = page.section("What figures depend on")
     titles = [asked["column"] for asked in result.document["asked"]]
     section.table(
@@ -143,7 +143,7 @@ def _dependence(page: Report, study: Prepared, result: SweepResult, numbers: Num
     _indices(section, study, result)
 
 
-def _scatter(numbers: Numbers, result: SweepResult) -> Grid:
+def _scatter(numbers: Numbers, result: SweepResult) -> ChartGrid:
     """The figures over the factors, those that matter most."""
     charts = []
     for place, asked in list(enumerate(result.document["asked"]))[:FIGURES]:
@@ -152,7 +152,7 @@ def _scatter(numbers: Numbers, result: SweepResult) -> Grid:
             title = with_unit(asked["column"], asked["unit"])
             chart = Chart([Panel(title, _groups(x, y, held))], x=numbers.titles[factor], legend=False)
             charts.append((f"{asked['column']} over {numbers.names[factor]}", chart))
-    return Grid(charts)
+    return ChartGrid(charts)
 
 
 def _groups(x: FloatArray, y: FloatArray, held: FloatArray) -> list[Curve]:
@@ -177,7 +177,7 @@ def _map(section: Section, numbers: Numbers, result: SweepResult) -> None:
     section.figure(chart, f"Runs over the two factors that decide most{numbers.told}")
 
 
-def _indices(section: Section, study: Prepared, result: SweepResult) -> None:
+def _indices(section: Section, study: PreparedSweep, result: SweepResult) -> None:
     """Sensitivity indices of each figure and case, where the points were chosen for them."""
     if not isinstance(study.design, SobolIndices | Morris):
         return
@@ -209,7 +209,7 @@ def _draw_indices(section: Section, title: str, found: Indices) -> None:
     section.figure(figures.bars(groups, quantity="index"), f"{title}: from {found.groups} groups of points{left_out}")
 
 
-def _envelopes(section: Section, study: Prepared, result: SweepResult) -> None:
+def _envelopes(section: Section, study: PreparedSweep, result: SweepResult) -> None:
     """Between which bounds the signals of each case lie."""
     kept = study.setup.kept
     assert kept is not None
@@ -229,7 +229,9 @@ def _envelopes(section: Section, study: Prepared, result: SweepResult) -> None:
         section.figure(Chart(panels), f"{case}: median, 5 to 95 %, and all of {told}")
 
 
-def _bands(time: FloatArray, samples: Sequence[Sequence[float]]) -> tuple[list[Curve], list[Mark | Point], list[Band]]:
+def _bands(
+    time: FloatArray, samples: Sequence[Sequence[float]]
+) -> tuple[list[Curve], list[Mark | ChartPoint], list[Band]]:
     """Median and bands of samples that may end early."""
     padded = np.full((len(samples), len(time)), np.nan)
     for row, values in enumerate(samples):
@@ -238,7 +240,7 @@ def _bands(time: FloatArray, samples: Sequence[Sequence[float]]) -> tuple[list[C
     return [Curve("median", time, median)], [], [Band("all", time, low, high), Band("5 to 95 %", time, q05, q95)]
 
 
-def _provenance(section: Section, study: Prepared, result: SweepResult) -> None:
+def _provenance(section: Section, study: PreparedSweep, result: SweepResult) -> None:
     document = result.document
     told = {key: str(value) for key, value in document["design"].items()}
     section.provenance(

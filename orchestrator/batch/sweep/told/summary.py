@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from fmus.files import atomic_write
-from orchestrator.batch.sweep.runs.preparation import Prepared
+from orchestrator.batch.sweep.runs.preparation import PreparedSweep
 from orchestrator.batch.sweep.runs.rows import HELD, MARGIN
 from orchestrator.batch.sweep.runs.setup import Asked
 from orchestrator.batch.sweep.told.result import SUMMARY, AskedDocument, SweepDocument, SweepResult, text_of
@@ -20,7 +20,7 @@ QUANTILES = {"q05": 0.05, "median": 0.5, "q95": 0.95}
 PASSED = Asked("passed", "passes: all that its case expects holds")
 
 
-def write_summary(study: Prepared, folder: Path) -> SweepResult:
+def write_summary(study: PreparedSweep, folder: Path) -> SweepResult:
     """The result of a study that is done, with its `summary.json`."""
     found = SweepResult(folder, {})  # type: ignore[typeddict-item]
     document = _document(study, found)
@@ -28,7 +28,7 @@ def write_summary(study: Prepared, folder: Path) -> SweepResult:
     return SweepResult(folder, document)
 
 
-def _document(study: Prepared, found: SweepResult) -> SweepDocument:
+def _document(study: PreparedSweep, found: SweepResult) -> SweepDocument:
     setup, block = study.setup, study.block
     passed = verdicts(found, "passed")
     passing = asked_of(PASSED, passed, None, None)

@@ -14,9 +14,9 @@ from orchestrator.can.logs.text.form import Reading, State, TextFormat
 from orchestrator.can.logs.text.lines import Field, Lines
 from orchestrator.can.logs.text.rows import (
     DIRECTIONS,
-    Found,
+    FoundRows,
+    LogRow,
     NoFrameError,
-    Row,
     checked,
     data_row,
     event,
@@ -61,7 +61,7 @@ def _header(line: str, state: AscState, reading: Reading) -> AscState | None:
     return replace(state, start=begin.time)
 
 
-def _one(line: str, state: AscState, reading: Reading) -> Row | None:
+def _one(line: str, state: AscState, reading: Reading) -> LogRow | None:
     if NOTHING.match(line) or BEGUN.match(line):
         return None
     words = line.split()
@@ -73,7 +73,7 @@ def _one(line: str, state: AscState, reading: Reading) -> Row | None:
         return event(time)
     name, channel = word(words, 2, "identifier"), int(kind) - 1
     if name.lower() == "errorframe":
-        return checked(Row(time, 0, Flag.ERROR | Flag.EXTENDED, channel))
+        return checked(LogRow(time, 0, Flag.ERROR | Flag.EXTENDED, channel))
     direction = words[3].lower() if len(words) > 3 else ""
     if direction == "txrq" or (direction not in DIRECTIONS and not IDENTIFIER.match(name)):
         return event(time)
@@ -81,11 +81,11 @@ def _one(line: str, state: AscState, reading: Reading) -> Row | None:
     return _classic(words, time, identifier, flags | _extended(name), channel, state.base)
 
 
-def _classic(words: list[str], time: float, identifier: int, flags: int, channel: int, base: int) -> Row:
+def _classic(words: list[str], time: float, identifier: int, flags: int, channel: int, base: int) -> LogRow:
     kind = word(words, 4, "type").lower()
     if kind == "r":
         told = whole(words[5], base, "length") if len(words) > 5 and words[5][0] in "0123456789" else 0
-        return checked(Row(time, identifier, flags | Flag.REMOTE, channel, told))
+        return checked(LogRow(time, identifier, flags | Flag.REMOTE, channel, told))
     if kind != "d":
         raise NoFrameError(f"'{kind}' is neither data nor a remote frame")
     code = whole(word(words, 5, "length"), base, "length")
@@ -101,13 +101,13 @@ def _classic(words: list[str], time: float, identifier: int, flags: int, channel
     return data_row(time, identifier, flags, channel, told, octets(there[:told], base))
 
 
-def _fd(words: list[str], time: float, state: AscState) -> Row:
+def _fd(words: list[str], time: float, state: AscState) -> LogRow:
     channel = whole(word(words, 2, "channel"), 10, "channel") - 1
     direction, name = word(words, 3, "direction").lower(), word(words, 4, "identifier")
     if direction == "txrq":
         return event(time)
     if name.lower() == "errorframe":
-        return checked(Row(time, 0, Flag.ERROR | Flag.EXTENDED | Flag.FD | _sent(direction), channel))
+        return checked(LogRow(time, 0, Flag.ERROR | Flag.EXTENDED | Flag.FD | _sent(direction), channel))
     flags = Flag.FD | _sent(direction) | _extended(name)
     rest = words[5:] if word(words, 5, "bit rate switch") in ("0", "1") else words[6:]  # behind a symbolic name
     flags |= Flag.BITRATE_SWITCH * (word(rest, 0, "bit rate switch") == "1")
@@ -118,7 +118,7 @@ def _fd(words: list[str], time: float, state: AscState) -> Row:
     )
     identifier, bits = _identifier(name, state.base), _bits(rest[told + 6 : told + 7])
     if told == 0 and not bits & LONG:
-        return checked(Row(time, identifier, flags | Flag.REMOTE, channel, code))
+        return checked(LogRow(time, identifier, flags | Flag.REMOTE, channel, code))
     if bits and not bits & LONG and told <= CLASSIC:  # a classic frame on a channel of CAN FD
         flags &= ~Flag.FD
     return data_row(time, identifier, flags, channel, told, octets(rest[4 : 4 + told], state.base))
@@ -153,7 +153,7 @@ def _sent(direction: str) -> int:
     return Flag.SENT * (direction == "tx")
 
 
-def _many(lines: Lines, state: AscState, reading: Reading) -> Found:
+def _many(lines: Lines, state: AscState, reading: Reading) -> FoundRows:
     words = lines.words
     fd = lines.equal(words[1], "canfd")
     time, right = lines.decimals(words[0])

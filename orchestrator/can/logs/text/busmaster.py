@@ -14,9 +14,9 @@ from orchestrator.can.logs.text.form import Reading, State, TextFormat
 from orchestrator.can.logs.text.lines import Field, Lines
 from orchestrator.can.logs.text.rows import (
     DIRECTIONS,
-    Found,
+    FoundRows,
+    LogRow,
     NoFrameError,
-    Row,
     checked,
     data_row,
     found,
@@ -66,7 +66,7 @@ def _header(line: str, state: BusmasterState, reading: Reading) -> BusmasterStat
     return replace(state, day=name.startswith("SYSTEM"), relative=name.startswith("RELATIVE"))
 
 
-def _one(line: str, state: BusmasterState, reading: Reading) -> Row | None:
+def _one(line: str, state: BusmasterState, reading: Reading) -> LogRow | None:
     words = line.split()
     time = clock(words[0])
     direction, kind = word(words, 1, "direction").lower(), word(words, 4, "type").lower()
@@ -77,7 +77,7 @@ def _one(line: str, state: BusmasterState, reading: Reading) -> Row | None:
     flags = Flag.SENT * (direction == "tx") | Flag.EXTENDED * ("x" in kind)
     length = whole(word(words, 5, "length"), 10, "length")
     if "r" in kind:
-        return checked(Row(time, identifier, flags | Flag.REMOTE, channel, length))
+        return checked(LogRow(time, identifier, flags | Flag.REMOTE, channel, length))
     if not re.fullmatch(r"[sx](-?fd)?", kind):
         raise NoFrameError(f"'{kind}' is neither s nor x, with r or fd")
     flags |= Flag.FD * ("fd" in kind or length > CLASSIC)
@@ -93,7 +93,7 @@ def clock(text: str) -> float:
     return 3600.0 * hours + 60.0 * minutes + stamp(f"{seconds}.{whole(parts[3], 10, 'time stamp'):0{len(parts[3])}d}")
 
 
-def _many(lines: Lines, state: BusmasterState, reading: Reading) -> Found:
+def _many(lines: Lines, state: BusmasterState, reading: Reading) -> FoundRows:
     words = lines.words
     time, timed = _clocks(lines, words[0])
     sent, extended = lines.equal(words[1], "tx"), lines.equal(words[4], "x")

@@ -15,9 +15,9 @@ from orchestrator.can.logs.text.form import Reading, State, TextFormat
 from orchestrator.can.logs.text.lines import Field, Lines
 from orchestrator.can.logs.text.rows import (
     DIRECTIONS,
-    Found,
+    FoundRows,
+    LogRow,
     NoFrameError,
-    Row,
     checked,
     data_row,
     found,
@@ -63,7 +63,7 @@ def _header(line: str, state: CandumpState, reading: Reading) -> None:
     return None
 
 
-def _one(line: str, state: CandumpState, reading: Reading) -> Row | None:
+def _one(line: str, state: CandumpState, reading: Reading) -> LogRow | None:
     told = STAMP.match(line)
     time = _time(told[1], reading) if told else state.step
     words = line[told.end() if told else 0 :].split()
@@ -87,14 +87,14 @@ def _time(text: str, reading: Reading) -> float:
     return date.time
 
 
-def _logged(time: float, frame: str, behind: list[str]) -> Row:
+def _logged(time: float, frame: str, behind: list[str]) -> LogRow:
     """`123#0011`, `123#R4`, `12345678##3AABB`, with `_C` for a length code above 8."""
     name, _, content = frame.partition("#")
     identifier, flags = _identifier(name)
     flags |= Flag.SENT * (bool(behind) and behind[0].lower() == "t")
     content, _, _ = content.partition("_")
     if content[:1].lower() == "r":
-        return checked(Row(time, identifier, flags | Flag.REMOTE, 0, whole(content[1:] or "0", 16, "length")))
+        return checked(LogRow(time, identifier, flags | Flag.REMOTE, 0, whole(content[1:] or "0", 16, "length")))
     if content[:1] == "#":
         bits = whole(content[1:2], 16, "flags")
         flags |= Flag.FD | Flag.BITRATE_SWITCH * bool(bits & 1) | Flag.ERROR_STATE * bool(bits & 2)
@@ -103,7 +103,7 @@ def _logged(time: float, frame: str, behind: list[str]) -> Row:
     return _row(time, identifier, flags, len(data), data)
 
 
-def _printed(time: float, words: list[str]) -> Row:
+def _printed(time: float, words: list[str]) -> LogRow:
     """`can0  123   [8]  00 11`; with -x direction and two flags before that, with -8 the length code in braces."""
     lengths = [place for place, text in enumerate(words[:7]) if LENGTH.match(text)]
     if lengths[:1] not in ([2], [5]) or (lengths[0] == 5 and words[1].lower() not in DIRECTIONS):
@@ -118,13 +118,13 @@ def _printed(time: float, words: list[str]) -> Row:
     if len(bracket) == 4 and bracket[0] == "[":  # two digits: CAN FD
         flags |= Flag.FD
     if told[:1] == ["remote"]:
-        return checked(Row(time, identifier, flags | Flag.REMOTE, 0, length))
+        return checked(LogRow(time, identifier, flags | Flag.REMOTE, 0, length))
     if bracket[0] == "{":
         length = min(length, CLASSIC)
     return _row(time, identifier, flags, length, octets(told[:length]))
 
 
-def _row(time: float, identifier: int, flags: int, length: int, data: bytes) -> Row:
+def _row(time: float, identifier: int, flags: int, length: int, data: bytes) -> LogRow:
     if flags & Flag.ERROR:
         identifier, flags = 0, Flag.ERROR | Flag.EXTENDED
     return data_row(time, identifier, flags, 0, length, data)
@@ -137,7 +137,7 @@ def _identifier(name: str) -> tuple[int, int]:
     return (number & IDENTIFIER if flags & Flag.EXTENDED else number), flags
 
 
-def _many(lines: Lines, state: CandumpState, reading: Reading) -> Found:
+def _many(lines: Lines, state: CandumpState, reading: Reading) -> FoundRows:
     words = lines.words
     stamped = words[0]
     time, timed = lines.decimals(stamped.without(1, 1))
@@ -167,7 +167,7 @@ def _many(lines: Lines, state: CandumpState, reading: Reading) -> Found:
     return found((time, timed), identifier, flags, channel, count, data, right)
 
 
-def _many_printed(lines: Lines, state: CandumpState, reading: Reading) -> Found:
+def _many_printed(lines: Lines, state: CandumpState, reading: Reading) -> FoundRows:
     """As the terminal shows them with a stamp that is a number, or without one."""
     words = lines.words
     stamped = (lines.starts(words[0]) == ord("(")) & (lines.octets[words[0].end - 1] == ord(")"))

@@ -10,7 +10,7 @@ import numpy as np
 
 from orchestrator.can.logs.findings import Findings
 from orchestrator.can.logs.text.lines import Field, Lines, Positions
-from orchestrator.can.logs.text.rows import Found, NoFrameError, Row
+from orchestrator.can.logs.text.rows import FoundRows, LogRow, NoFrameError
 from orchestrator.trace import BoolArray
 
 MOST = 256  # interfaces
@@ -98,5 +98,5 @@ class TextFormat(Generic[S]):
     state: Callable[[Sequence[str], Reading], S]
     first: bytes
     header: Callable[[str, S, Reading], S | None]
-    one: Callable[[str, S, Reading], Row | None]
-    many: Callable[[Lines, S, Reading], Found]
+    one: Callable[[str, S, Reading], LogRow | None]
+    many: Callable[[Lines, S, Reading], FoundRows]

@@ -15,7 +15,7 @@ from orchestrator.can.log_suffixes import first_lines, opened
 from orchestrator.can.logs.findings import Findings
 from orchestrator.can.logs.text.form import Channels, Reading, State, TextFormat
 from orchestrator.can.logs.text.lines import Lines, lines_of
-from orchestrator.can.logs.text.rows import Found, NoFrameError, Row, nothing, with_rows
+from orchestrator.can.logs.text.rows import FoundRows, LogRow, NoFrameError, nothing, with_rows
 from orchestrator.trace import BoolArray
 
 MAX_LINE = 1 << 12  # bytes
@@ -24,7 +24,7 @@ FEW = 16  # lines, for which it does not pay
 INFLATED, UNSUSPICIOUS = 250, 1 << 26  # times a packed log may grow; bytes that need no such check
 
 
-class Block(NamedTuple):
+class LineBlock(NamedTuple):
     """Whole lines of the file.
 
     Attributes:
@@ -55,7 +55,7 @@ class _Reader:
         self._clock = 0.0  # the sum of stamps that count from the line before
         self._firsts = np.isin(np.arange(256), list(text_format.first))
 
-    def read(self, block: Block) -> Frames:
+    def read(self, block: LineBlock) -> Frames:
         """The frames of the next lines."""
         lines = lines_of(block.text)
         parts: list[Frames] = []
@@ -79,13 +79,13 @@ class _Reader:
         """(n,) which lines begin as those of frames do."""
         return np.asarray(self._firsts[lines.starts(lines.trimmed(lines.whole, 8))])
 
-    def _part(self, block: Block, lines: Lines, begin: int, behind: int, heads: set[int]) -> Frames:
+    def _part(self, block: LineBlock, lines: Lines, begin: int, behind: int, heads: set[int]) -> Frames:
         """The frames of lines that one header is valid for."""
         part = lines[begin:behind]
         many = nothing(len(part)) if len(part) < FEW else self._format.many(part, self._state, self._reading)
         if b"\0" in block.text:  # NumPy's texts end before zeros
-            many = Found(many.frames, many.sound & ~_with_zeros(block, lines)[begin:behind])
-        rows: dict[int, Row] = {}
+            many = FoundRows(many.frames, many.sound & ~_with_zeros(block, lines)[begin:behind])
+        rows: dict[int, LogRow] = {}
         for place in np.flatnonzero(~many.sound).tolist():
             row = None if begin + place in heads else self._row(block, lines, begin + place)
             if row is not None:
@@ -96,24 +96,24 @@ class _Reader:
         frames, origin = with_rows(many, rows), self._state.origin
         return replace(frames, time=stamps(origin, frames.time)) if origin else frames
 
-    def _row(self, block: Block, lines: Lines, place: int) -> Row | None:
+    def _row(self, block: LineBlock, lines: Lines, place: int) -> LogRow | None:
         length = int(lines.whole.length[place])
         if length > MAX_LINE:
             self._complain(block, lines, place, f"a line of {length + 1} bytes is no frame")
             return None
         text = lines.text(place)
         try:
-            row: Row | None = self._format.one(text, self._state, self._reading) if text else None
+            row: LogRow | None = self._format.one(text, self._state, self._reading) if text else None
         except NoFrameError as problem:
             self._complain(block, lines, place, f"this line is no frame: {problem}")
             return None
         return row
 
-    def _complain(self, block: Block, lines: Lines, place: int, problem: str) -> None:
+    def _complain(self, block: LineBlock, lines: Lines, place: int, problem: str) -> None:
         offset = block.offset + int(lines.whole.begin[place] - lines.whole.begin[0])
         self._reading.findings.add(offset, problem, block.number + place)
 
-    def _added_up(self, many: Found, rows: dict[int, Row]) -> tuple[Found, dict[int, Row]]:
+    def _added_up(self, many: FoundRows, rows: dict[int, LogRow]) -> tuple[FoundRows, dict[int, LogRow]]:
         """Stamps from the start where they count from the line before."""
         steps = np.where(many.sound, many.frames.time, 0.0)
         for place, row in rows.items():
@@ -121,10 +121,10 @@ class _Reader:
         time = np.round(self._clock + np.cumsum(steps), 9)
         self._clock = float(time[-1]) if len(time) else self._clock
         moved = {place: replace(row, time=float(time[place])) for place, row in rows.items()}
-        return Found(replace(many.frames, time=time), many.sound), moved
+        return FoundRows(replace(many.frames, time=time), many.sound), moved
 
 
-def _with_zeros(block: Block, lines: Lines) -> BoolArray:
+def _with_zeros(block: LineBlock, lines: Lines) -> BoolArray:
     """(n,) which lines have a zero byte."""
     places = np.flatnonzero(np.frombuffer(block.text, dtype=np.uint8) == 0) + lines.whole.begin[0]
     found = np.zeros(len(lines), dtype=bool)
@@ -132,7 +132,7 @@ def _with_zeros(block: Block, lines: Lines) -> BoolArray:
     return found
 
 
-def _blocks(file: BinaryIO, raw: BinaryIO, findings: Findings) -> Iterator[Block]:
+def _blocks(file: BinaryIO, raw: BinaryIO, findings: Findings) -> Iterator[LineBlock]:
     """The file in whole lines; a line that does not end for long is passed over."""
     offset, number, rest, passed = 0, 1, b"", 0
     while chunk := _chunk(file, raw, offset, findings):
@@ -147,13 +147,13 @@ def _blocks(file: BinaryIO, raw: BinaryIO, findings: Findings) -> Iterator[Block
         cut = text.rfind(b"\n") + 1
         text, rest = text[:cut], text[cut:]
         if text:
-            yield Block(offset, number, text)
+            yield LineBlock(offset, number, text)
             offset, number = offset + cut, number + text.count(b"\n")
     if passed:
         findings.add(offset, f"a line of {passed} bytes is no frame", number)
     elif rest.strip():
         findings.add(offset, "the last line has no end, what it says may be cut", number)
-        yield Block(offset, number, rest + b"\n")
+        yield LineBlock(offset, number, rest + b"\n")
 
 
 def _chunk(file: BinaryIO, raw: BinaryIO, offset: int, findings: Findings) -> bytes:

@@ -22,7 +22,7 @@ class NoFrameError(Exception):
 
 
 @dataclass(frozen=True)
-class Row:
+class LogRow:
     """The frame of a line; an event that is none where `frame` is not set.
 
     Attributes:
@@ -39,19 +39,19 @@ class Row:
     frame: bool = True
 
 
-class Found(NamedTuple):
+class FoundRows(NamedTuple):
     """What many lines hold: frames (of any content where it is not `sound`)."""
 
     frames: Frames
     sound: BoolArray
 
 
-def event(time: float = 0.0) -> Row:
+def event(time: float = 0.0) -> LogRow:
     """What a line tells besides frames."""
-    return Row(time, frame=False)
+    return LogRow(time, frame=False)
 
 
-def data_row(time: float, identifier: int, flags: int, channel: int, told: int, data: bytes) -> Row:
+def data_row(time: float, identifier: int, flags: int, channel: int, told: int, data: bytes) -> LogRow:
     """A frame with data, of which the line tells the length.
 
     Raises:
@@ -63,10 +63,10 @@ def data_row(time: float, identifier: int, flags: int, channel: int, told: int, 
         raise NoFrameError(f"has {told} data bytes, and is not of CAN FD")
     if told not in LENGTHS:
         raise NoFrameError(f"has {told} data bytes, which no frame has")
-    return checked(Row(time, identifier, flags, channel, told, data))
+    return checked(LogRow(time, identifier, flags, channel, told, data))
 
 
-def checked(row: Row) -> Row:
+def checked(row: LogRow) -> LogRow:
     """The row.
 
     Raises:
@@ -138,11 +138,11 @@ def shown(text: str, most: int = 24) -> str:
     return text if len(text) <= most else text[: most - 3] + "..."
 
 
-def nothing(count: int) -> Found:
+def nothing(count: int) -> FoundRows:
     """Of so many lines none is understood."""
     zero = np.zeros(count, np.uint8)
     frames = Frames(np.zeros(count), zero.astype(np.uint32), zero, zero, zero, np.zeros((count, CLASSIC), np.uint8))
-    return Found(frames, np.zeros(count, bool))
+    return FoundRows(frames, np.zeros(count, bool))
 
 
 def found(
@@ -153,7 +153,7 @@ def found(
     length: Numbers,
     data: tuple[Bytes, BoolArray],
     *sound: BoolArray,
-) -> Found:
+) -> FoundRows:
     """The lines' frames; sound where each part is, and can be that of a frame."""
     most = np.where(flags & Flag.EXTENDED, EXTENDED_IDS, STANDARD_IDS)
     right = time[1] & data[1] & (np.abs(time[0]) <= LATEST) & (identifier < most) & (channel >= 0) & (channel < 256)
@@ -161,10 +161,10 @@ def found(
     for each in sound:
         right &= each
     small = [np.where(right, column, 0).astype(np.uint8) for column in (flags, channel, length)]
-    return Found(Frames(time[0], identifier.astype(np.uint32), small[0], small[1], small[2], data[0]), right)
+    return FoundRows(Frames(time[0], identifier.astype(np.uint32), small[0], small[1], small[2], data[0]), right)
 
 
-def with_rows(found: Found, rows: dict[int, Row]) -> Frames:
+def with_rows(found: FoundRows, rows: dict[int, LogRow]) -> Frames:
     """All frames in the order of their lines, those that were read one by one in their places."""
     frames, taken = found.frames, found.sound.copy()
     width = max([frames.data.shape[1], *(LONGEST for row in rows.values() if len(row.data) > CLASSIC)])

@@ -15,9 +15,9 @@ from orchestrator.can.logs.text.form import Reading, State, TextFormat
 from orchestrator.can.logs.text.lines import BLANK, Field, Lines, Pieces, Positions
 from orchestrator.can.logs.text.rows import (
     STANDARD_IDS,
-    Found,
+    FoundRows,
+    LogRow,
     NoFrameError,
-    Row,
     checked,
     data_row,
     event,
@@ -92,7 +92,7 @@ def _cells(line: str, head: TableHead) -> list[str]:
     return [cell.strip(' "') for cell in line.split(head.separator)]
 
 
-def _one(line: str, state: TableState, reading: Reading) -> Row | None:
+def _one(line: str, state: TableState, reading: Reading) -> LogRow | None:
     head = state.head
     if head is None:
         raise NoFrameError("there are no names of columns before it")
@@ -114,7 +114,7 @@ def _one(line: str, state: TableState, reading: Reading) -> Row | None:
     time = _time(cell("time"), state)
     told = whole(cell("length") or cell("code") or "0", 10, "length")
     if flags & Flag.REMOTE and not flags & Flag.ERROR:
-        return checked(Row(time, identifier, flags, channel, told))
+        return checked(LogRow(time, identifier, flags, channel, told))
     data = _data(cells, head, told)
     if (
         len(data) == LENGTHS[min(told, 15)]
@@ -167,7 +167,7 @@ def _data(cells: list[str], head: TableHead, told: int) -> bytes:
         raise NoFrameError(f"'{shown(text)}' are no data in base 64") from None
 
 
-def _many(lines: Lines, state: TableState, reading: Reading) -> Found:
+def _many(lines: Lines, state: TableState, reading: Reading) -> FoundRows:
     head, count = state.head, len(lines)
     if head is None:
         return nothing(count)

@@ -12,9 +12,9 @@ from orchestrator.can.logs.text.form import Reading, State, TextFormat
 from orchestrator.can.logs.text.lines import Field, Lines
 from orchestrator.can.logs.text.rows import (
     DIRECTIONS,
-    Found,
+    FoundRows,
+    LogRow,
     NoFrameError,
-    Row,
     checked,
     data_row,
     event,
@@ -68,7 +68,7 @@ def _header(line: str, state: TrcState, reading: Reading) -> TrcState | None:
     return None
 
 
-def _one(line: str, state: TrcState, reading: Reading) -> Row | None:
+def _one(line: str, state: TrcState, reading: Reading) -> LogRow | None:
     if line.startswith(";"):
         return None
     words, columns = line.split(), state.columns
@@ -82,7 +82,7 @@ def _one(line: str, state: TrcState, reading: Reading) -> Row | None:
         return event(time)
     channel = whole(bus, 10, "bus") - 1 if (bus := cell("B", "bus")) not in ("", "-") else 0
     if kind in ERRORS or direction in ERRORS:
-        return checked(Row(time, 0, Flag.ERROR | Flag.EXTENDED, channel))
+        return checked(LogRow(time, 0, Flag.ERROR | Flag.EXTENDED, channel))
     if name.lower() == BUS_INFO:
         return event(time)
     if (kind and kind not in KINDS) or (direction and direction not in DIRECTIONS):
@@ -94,11 +94,11 @@ def _one(line: str, state: TrcState, reading: Reading) -> Row | None:
         length = int(LENGTHS[length]) if flags & Flag.FD and length < len(LENGTHS) else CLASSIC
     identifier = whole(name, 16, "identifier")
     if flags & Flag.REMOTE or there[:1] == ["RTR"]:
-        return checked(Row(time, identifier, flags | Flag.REMOTE, channel, length))
+        return checked(LogRow(time, identifier, flags | Flag.REMOTE, channel, length))
     return data_row(time, identifier, flags, channel, length, octets(there[:length]))
 
 
-def _many(lines: Lines, state: TrcState, reading: Reading) -> Found:
+def _many(lines: Lines, state: TrcState, reading: Reading) -> FoundRows:
     words, columns, nothing = lines.words, state.columns, np.zeros(len(lines), np.int64)
     every = np.ones(len(lines), bool)
 

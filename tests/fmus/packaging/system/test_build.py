@@ -15,7 +15,7 @@ from fmus import library
 from fmus.errors import ModelError
 from fmus.packaging import archive, targets
 from fmus.packaging.native import compiler
-from fmus.packaging.system.fused import FusedSystem, Part, Wire
+from fmus.packaging.system.fused import FusedPart, FusedSystem, Wire
 from tests.support.fmus.either import opened
 from tests.support.fmus.moving import moving
 from tests.support.fmus.natives import NAMES
@@ -32,8 +32,8 @@ SYSTEM = FusedSystem(
     name="chain",
     description="Two filters",
     parts={
-        "a": Part(SMALL, PERIOD | {"A[1,1]": 0.5, "B[1,1]": 1.0, "C[1,1]": 2.0}, {}, 1, False),
-        "b": Part(LARGE, TWICE | {"A[3,3]": 0.25, "B[3,1]": 1.0, "C[1,3]": 1.0, "x_start[3]": 4.0}, {}, 2, False),
+        "a": FusedPart(SMALL, PERIOD | {"A[1,1]": 0.5, "B[1,1]": 1.0, "C[1,1]": 2.0}, {}, 1, False),
+        "b": FusedPart(LARGE, TWICE | {"A[3,3]": 0.25, "B[3,1]": 1.0, "C[1,3]": 1.0, "x_start[3]": 4.0}, {}, 2, False),
     },
     wires=(Wire("a.y", "b.u", 3.0, 1.0),),
     base=Fraction(1, 100),
@@ -105,7 +105,7 @@ def test_every_model_of_the_library_moves_inside_as_it_does_alone(tmp_path: Path
         SYSTEM,
         name="everything",
         base=Fraction(1, 64),
-        parts={name: Part(model, moving(name), {}, 1, False) for name, model in models.items()},
+        parts={name: FusedPart(model, moving(name), {}, 1, False) for name, model in models.items()},
         wires=(),
         outputs=tuple(f"{name}.{output.name}" for name, model in models.items() for output in model.of("output")),
         parameters=(),

@@ -15,7 +15,7 @@ from fmus.errors import FmuError, ScenarioError, WiringError
 from fmus.parameters.ssv import read_values
 from identification.calibrate import calibrate_study, validate_result
 from identification.estimation.stopped import EstimationInterrupted
-from identification.output_error.calibration import Prepared
+from identification.output_error.calibration import PreparedStudy
 from identification.output_error.choice.change import of_candidate
 from identification.output_error.windows import cut_windows
 from identification.recordings.campaign import load_campaign
@@ -190,16 +190,16 @@ def test_a_variable_that_a_model_has_not_ends_all_before_anything_runs(data: Pat
 def test_an_interrupt_leaves_the_best_of_those_that_were_done(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    fitted: Callable[..., Any] = Prepared.calibrated
+    fitted: Callable[..., Any] = PreparedStudy.calibrated
     done: list[str] = []
 
-    def until_the_third(self: Prepared, *given: Any) -> Any:
+    def until_the_third(self: PreparedStudy, *given: Any) -> Any:
         if len(done) == 2:
             raise KeyboardInterrupt
         done.append("one more")
         return fitted(self, *given)
 
-    monkeypatch.setattr(Prepared, "calibrated", until_the_third)
+    monkeypatch.setattr(PreparedStudy, "calibrated", until_the_third)
     file = write_study(tmp_path / "s.yaml", candidates={"free": FREE, "viscous": {}, "dry": {"parameters": DRY}})
     with pytest.raises(EstimationInterrupted):
         calibrate_study(file, data, tmp_path / "out", silent)
