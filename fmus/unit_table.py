@@ -78,6 +78,8 @@ OFFSETS = {"degC": (1.0, 273.15), "degF": (5 / 9, 459.67 * 5 / 9)}
 
 WORDS = {
     "sec": "s",
+    "msec": "ms",
+    "usec": "us",
     "second": "s",
     "seconds": "s",
     "minute": "min",
@@ -116,6 +118,7 @@ WORDS = {
     "degf": "degF",
     "ohm": "Ohm",
     "ohms": "Ohm",
+    "inch": "in",
     "percent": "%",
     "rpm": "rpm",
     "hz": "Hz",
@@ -138,13 +141,16 @@ WHOLE = {
     "dps": "deg/s",
     "deg C": "degC",
     "deg F": "degF",
-    "oz-in": "ozf.in",
-    "lb-in": "lbf.in",
-    "lb-ft": "lbf.ft",
+    **dict.fromkeys(("oz-in", "oz.in", "in-oz", "in.oz", "ozin"), "ozf.in"),
+    **dict.fromkeys(("lb-in", "lb.in", "in-lb", "in.lb"), "lbf.in"),
+    **dict.fromkeys(("lb-ft", "lb.ft", "ft-lb", "ft.lb"), "lbf.ft"),
     "kph": "km/h",
     "kmh": "km/h",
 }
 """Names that mean something else than their parts, or nothing by them: turns a minute above all."""
+
+UNSURE = frozenset({"Grad", "grad"})
+"""Neither thousand millions of radians nor surely degrees (German) or gon (French)."""
 
 SIGNS = {"°C": "degC", "°F": "degF", "°": "deg", "Ω": "Ohm", "−": "-", "**": "^"} | dict.fromkeys("·⋅∙•×*", ".")
 """Signs and what they are written by here."""

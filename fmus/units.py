@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, TypeVar
 
-from fmus.unit_table import HEADS, OFFSETS, PLAIN, PREFIXED, PREFIXES, SIGNS, TAILS, WHOLE, WORDS
+from fmus.unit_table import HEADS, OFFSETS, PLAIN, PREFIXED, PREFIXES, SIGNS, TAILS, UNSURE, WHOLE, WORDS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -118,7 +118,7 @@ def spelt_as_in_fmi(name: str) -> bool:
 def _quotient(text: str) -> Unit | None:
     tight = re.sub(r"\s*([./])\s*", r"\1", text.strip())
     joined = re.sub(r"(?<=[A-Za-z])-(?=[A-Za-z])", ".", tight).replace(" ", ".").replace("^", "")
-    numerator, *denominators = joined.split("/")
+    numerator, *denominators = _apart(joined, "/")
     if len(denominators) > 1 and not all(denominators):
         return None
     unit = _product(numerator)
@@ -132,15 +132,33 @@ def _quotient(text: str) -> Unit | None:
 
 def _product(text: str) -> Unit | None:
     unit = ONE
-    for term in text.strip("()").split("."):
-        match = re.fullmatch(r"([A-Za-zμ%]+|1)(-?[0-9]{1,2})?", term)
+    for term in _apart(text, "."):
+        within = re.fullmatch(r"\((.*)\)(-?[0-9]{1,2})?", term)
+        match = within or re.fullmatch(r"([A-Za-zμ%]+|1)(-?[0-9]{1,2})?", term)
         if match is None:
             return None
-        one = ONE if match[1] == "1" else _power(match[1], int(match[2] or 1))
+        power = int(match[2] or 1)
+        if within:
+            whole = _quotient(WHOLE.get(match[1], match[1]))
+            one = whole and ONE.times(whole, power)
+        else:
+            one = ONE if match[1] == "1" else _power(match[1], power)
         if one is None:
             return None
         unit = unit.times(one)
     return unit
+
+
+def _apart(text: str, mark: str) -> list[str]:
+    """What is between marks that are not in parentheses."""
+    parts, depth = [""], 0
+    for letter in text:
+        depth += (letter == "(") - (letter == ")")
+        if letter == mark and depth == 0:
+            parts.append("")
+        else:
+            parts[-1] += letter
+    return parts
 
 
 def _power(symbol: str, power: int) -> Unit | None:
@@ -151,6 +169,8 @@ def _power(symbol: str, power: int) -> Unit | None:
 
 
 def _defined(symbol: str) -> Unit | None:
+    if symbol in UNSURE:
+        return None
     if symbol in BASES:
         return Unit(1.0, _power_of(symbol))
     if symbol in OFFSETS:
