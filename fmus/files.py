@@ -5,8 +5,8 @@ from __future__ import annotations
 import hashlib
 import os
 import secrets
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -36,24 +36,70 @@ def atomic_writes(contents: Mapping[Path, bytes | Callable[[BinaryIO], object]])
         contents: file -> as of `atomic_write`.
 
     Raises:
-        InputError: a place cannot be written; then what was there before stays.
+        InputError: a place cannot be written, or is no file; then what was there before stays.
     """
-    parts = {target: target.with_name(f".{target.name}.{secrets.token_hex(4)}.part") for target in contents}
-    target = Path()
+    with _beside(contents) as parts:
+        for target, part in parts.items():
+            try:
+                part.replace(os.path.realpath(target))  # a link stays one
+            except OSError as problem:
+                raise _unwritable(target, problem) from problem
+
+
+def check_place(path: Path) -> None:
+    """See that a file may be written there, before the work for it is done.
+
+    Raises:
+        InputError: it may not, or what is there is no file.
+    """
+    with _beside({path: b""}):
+        pass
+
+
+def add_text(path: Path, text: str) -> None:
+    """Add to the end of a file; it and its folder are made where they are not there.
+
+    Raises:
+        InputError: the place cannot be written, or is no file.
+    """
+    _refuse_other(path)
     try:
-        for target, part in parts.items():
-            target.parent.mkdir(parents=True, exist_ok=True)
-            owned.sweep_files(target.parent, f".{target.name}.", ".part")
-            _write(part, contents[target])
-        for target, part in parts.items():
-            part.replace(target)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("a", encoding="utf-8") as file:
+            file.write(text)
     except OSError as problem:
-        reason = problem.strerror or str(problem)
-        raise InputError(target, f"cannot be written ({reason})", "choose another place") from problem
+        raise _unwritable(path, problem) from problem
+
+
+@contextmanager
+def _beside(contents: Mapping[Path, bytes | Callable[[BinaryIO], object]]) -> Iterator[dict[Path, Path]]:
+    """File -> one beside it that holds its content, for a while."""
+    parts: dict[Path, Path] = {}
+    try:
+        for target, content in contents.items():
+            _refuse_other(target)
+            place = Path(os.path.realpath(target))
+            parts[target] = place.with_name(f".{place.name}.{secrets.token_hex(4)}.part")
+            try:
+                place.parent.mkdir(parents=True, exist_ok=True)
+                owned.sweep_files(place.parent, f".{place.name}.", ".part")
+                _write(parts[target], content)
+            except OSError as problem:
+                raise _unwritable(target, problem) from problem
+        yield parts
     finally:
         for part in parts.values():
             with suppress(OSError):
                 part.unlink(missing_ok=True)
+
+
+def _refuse_other(path: Path) -> None:
+    if path.exists() and not path.is_file():
+        raise InputError(path, absence(path), "choose another place")
+
+
+def _unwritable(path: Path, problem: OSError) -> InputError:
+    return InputError(path, f"cannot be written ({problem.strerror or problem})", "choose another place")
 
 
 def absence(path: Path, missing: str = "no such file") -> str:

@@ -360,6 +360,7 @@ def validate_result(
     Raises:
         InputError, FmuError: as in `validate`, or the target holds something else.
     """
+    result_file(folder, STUDY)
     check_target(target, [folder, data])
     with aside(target) as near:
         with kept(near / LOG_FILE):

@@ -56,6 +56,14 @@ class Telling:
         bool, typer.Option("--github", help="Have GitHub show failures at their files, and the page with the job.")
     ] = False
 
+    def check(self) -> None:
+        """See that they may be written, before the suite runs."""
+        from fmus.files import check_place
+
+        if self.junit is not None:
+            check_place(self.junit)
+        self._add_to_pages("")
+
     def tell(self, told: Summary) -> None:
         """Write them."""
         from orchestrator.batch.junit import write_junit
@@ -63,14 +71,17 @@ class Telling:
 
         if self.junit is not None:
             write_junit(told.verdicts, self.junit)
-        page = os.environ.get("GITHUB_STEP_SUMMARY") if self.github else None
-        for file in [Path(one) for one in (self.summary, page) if one]:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            with file.open("a", encoding="utf-8") as opened:
-                opened.write(told.markdown())
+        self._add_to_pages(told.markdown())
         if self.github:
             for line in github_lines(told.verdicts, Path(os.environ.get("GITHUB_WORKSPACE", "."))):
                 print(line, file=sys.stderr, flush=True)
+
+    def _add_to_pages(self, text: str) -> None:
+        from fmus.files import add_text
+
+        page = os.environ.get("GITHUB_STEP_SUMMARY") if self.github else None
+        for file in [Path(one) for one in (self.summary, page) if one]:
+            add_text(file, text)
 
 
 @command(app)
@@ -108,6 +119,7 @@ def test(
         return _mutated(terminal, paths or [Path("scenarios")], jobs, folder, isolate)
     found = find_scenarios(paths or [Path("scenarios")], JUDGES, ScenarioJudge(isolate.isolation()))
     tasks = chosen.of(found, folder, terminal)
+    telling.check()
     index.prepare(folder)
     passed: dict[Path, bool] = {}
     begun = perf_counter()

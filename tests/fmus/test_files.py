@@ -43,6 +43,20 @@ def test_a_place_that_cannot_be_written_is_an_input_error(tmp_path: Path) -> Non
         sha256(tmp_path / "absent")
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="needs pipes and links")
+def test_a_pipe_is_not_replaced_and_a_link_stays_one(tmp_path: Path) -> None:
+    pipe, link, file = tmp_path / "pipe", tmp_path / "link", tmp_path / "folder" / "file"
+    os.mkfifo(pipe)
+    with pytest.raises(InputError, match="is a pipe, a device or a socket, not a file"):
+        atomic_write(pipe, b"new")
+    assert pipe.is_fifo()
+    link.symlink_to(file)
+    atomic_write(link, b"new")
+    assert link.is_symlink()
+    assert file.read_bytes() == b"new"
+    assert not list(tmp_path.rglob("*.part"))
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="needs locks of files")
 def test_parts_that_dead_processes_left_go_and_those_of_living_ones_stay(tmp_path: Path) -> None:
     left, young, held, other = (

@@ -65,6 +65,7 @@ def test_one_file_can_be_validated_and_lies_beside_the_result_by_default(
     ("spoil", "problem"),
     [
         (shutil.rmtree, "holds no study.yaml; give a folder that `servotwin calibrate` wrote"),
+        (lambda folder: (shutil.rmtree(folder), folder.touch()), "holds no study.yaml"),
         (lambda folder: (folder / "study.yaml").unlink(), "holds no study.yaml"),
         (lambda folder: (folder / "summary.json").unlink(), "holds no summary.json"),
         (lambda folder: (folder / "summary.json").write_text("{"), "is not a calibration's summary"),

@@ -107,3 +107,16 @@ def test_the_workflow_for_github_tests_and_keeps_the_reports_whatever_comes(tmp_
     steps = contents(tmp_path / ".github/workflows/scenarios.yaml")["jobs"]["scenarios"]["steps"]
     assert any(step.get("run", "").startswith("servotwin test scenarios ") for step in steps)
     assert steps[-1]["if"] == "always()" and steps[-1]["uses"].startswith("actions/upload-artifact@")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs pipes")
+@pytest.mark.parametrize("option", ["--junit", "--summary"])
+def test_a_place_that_cannot_be_written_is_refused_before_the_suite_runs(tmp_path: Path, option: str) -> None:
+    scenarios(tmp_path, 1.0)
+    os.mkfifo(tmp_path / "pipe")
+    for place in (tmp_path, tmp_path / "scenarios" / "swing.yaml" / "below", tmp_path / "pipe"):
+        answer = servotwin("test", tmp_path / "scenarios", option, place, "--out", tmp_path / "out")
+        assert answer.exit_code == 2
+        assert str(place) in answer.stderr
+        assert not (tmp_path / "out").exists()
+    assert (tmp_path / "pipe").is_fifo()
