@@ -105,7 +105,7 @@ def test_a_fault_of_ours_fails_its_file_and_is_the_exit_code_when_all_are_done(
     monkeypatch.setattr("orchestrator.cli.suite.JUDGES", {"claims": judge})
     files = written(tmp_path, a="claims: break", b="claims: pass")
     arguments = [str(tmp_path), "--out", str(tmp_path / "out"), "--json", "-vv"]
-    answer = servotwin(*arguments)
+    answer = servotwin("test", *arguments)
     document = json.loads(answer.stdout)
     assert answer.exit_code == 4 and [one["passed"] for one in document["scenarios"]] == [False, True]
     assert document["scenarios"][0]["error"].startswith("a fault of servotwin: KeyError: 'no such thing'; ")
