@@ -22,7 +22,7 @@ SECONDS = {
 
 _TIME = re.compile(
     r"(?:(?:rel|abs|elapsed|relative|absolute)[ _.]?)?"
-    r"(?:time|(?-i:t)|zeit|time[ _]?stamps?|zeitstempel|uhrzeit|date[ _]?time|x_value|x-?axis|temps|tiempo|tempo"
+    r"(?:time|tout|(?-i:t)|zeit|time[ _]?stamps?|zeitstempel|uhrzeit|date[ _]?time|x_value|x-?axis|temps|tiempo|tempo"
     r"|czas|čas|время|时间|時間)"
     r"(?:[ _](?P<unit>s|sec|ms|us|µs|ns|min|h))?",
     re.IGNORECASE,

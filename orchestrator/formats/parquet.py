@@ -113,7 +113,7 @@ def _recording(file: parquet.ParquetFile, layout: Layout, path: Path) -> Recordi
     units = tuple(_text(field.metadata, b"unit") for field in schema)
     odd = {number: str(field.type) for number, field in enumerate(schema) if not _is_numeric(field.type)}
     worded = {n: _text(f.metadata, b"holds") == "text" for n, f in enumerate(schema) if is_text(f.type)}
-    stamped = [number for number, field in enumerate(schema) if pa.types.is_timestamp(field.type)]
+    stamped = [n for n, f in enumerate(schema) if pa.types.is_timestamp(f.type) or pa.types.is_duration(f.type)]
     useless = {number: what for number, what in odd.items() if number not in stamped}
     columns = FileColumns(len(schema), tuple(schema.names), units, useless, stamped, _head(file), worded)
     choice = choose(layout, columns, path)
@@ -150,6 +150,8 @@ def _head(file: parquet.ParquetFile) -> Callable[[int], FloatArray]:
 def _stamps(column: pa.ChunkedArray, layout: Layout, path: Path) -> Stamps:
     if column.null_count:
         raise TraceError(path, f"{column.null_count} time stamps are missing", "drop those rows")
+    if pa.types.is_duration(column.type):
+        return Stamps(column.cast(pa.duration("ns")).cast(pa.int64()).to_numpy() / 1e9)
     instants = column.cast(pa.timestamp("ns", column.type.tz)).cast(pa.int64()).to_numpy()
     return since_first(instants, "UTC" if column.type.tz else layout.time_zone, path)
 

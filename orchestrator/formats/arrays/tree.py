@@ -23,6 +23,7 @@ VALUES = ("data", "values", "value")
 NAMES = ("name", "label", "title", "signalname")
 UNITS = ("unit", "units")
 DEEPEST = 20  # structures inside each other
+MOST = 1000  # columns of a matrix among channels
 ONE_MATRIX = "save one real matrix with a row a sample, or a vector a channel"
 
 
@@ -84,7 +85,12 @@ def read(path: Path, layout: Layout, tree: Tree) -> Recording:
         return _of_matrix(path, layout, layout.variable, node, tree)
     matrices = {name: node for name, node in tree.items() if isinstance(node, Numbers) and node.is_matrix}
     tables = {name: node for name, node in matrices.items() if not node.is_vector}
-    vectors = [node for node in matrices.values() if node.is_vector and node.count > 1]
+    rows = {node.shape[0] for node in tables.values()}
+    vectors = [
+        node
+        for node in tree.values()
+        if isinstance(node, Numbers) and node.is_vector and node.count > 1 and (node.is_matrix or node.count in rows)
+    ]
     if len(tables) == 1 and not vectors and not any(isinstance(node, Structure) for node in tree.values()):
         (found,) = tables.items()
         return _of_matrix(path, layout, *found, tree)
@@ -108,7 +114,9 @@ def _of_matrix(path: Path, layout: Layout, name: str, node: Numbers, tree: Tree)
     matrix = node.read()
     columns = FileColumns(count, names, units or (), head=lambda number: matrix[:, number])
     choice = choose(replace(layout, variable=name), columns, path)
-    return choice.recording(lambda number: matrix[:, number])
+    others = (channel for other, held in tree.items() if other != name for channel in _channels(other, held))
+    notes = [f"'{channel.name}' holds {channel.problem} and is left out" for channel in others if channel.problem]
+    return choice.recording(lambda number: matrix[:, number], notes=notes)
 
 
 def _labels(node: Node | None, count: int) -> tuple[str, ...] | None:
@@ -131,18 +139,33 @@ def _of_channels(path: Path, layout: Layout, tree: Tree) -> Recording:
 
 
 def _channels(name: str, node: Node, depth: int = 0) -> Iterator[ArrayChannel]:
-    """The vectors in a node, the columns of its matrices, and what is in its structures."""
+    """The vectors in a node, the columns of its matrices, what is in its structures; and what cannot be read."""
     if isinstance(node, Numbers) and node.is_vector:
         yield ArrayChannel(name, node.unit, node.count, lambda: node.read().ravel(), stamped=node.stamped)
     elif isinstance(node, Numbers) and node.is_matrix:
         yield from (
             ArrayChannel(f"{name}_{number}", node.unit, node.shape[0], lambda number=number: node.read()[:, number])  # type: ignore[misc]
-            for number in range(min(node.shape[1], 1000))
+            for number in range(min(node.shape[1], MOST))
         )
+        if node.shape[1] > MOST:
+            yield _unread(f"{name}_{MOST}", f"{node.shape[1] - MOST} columns more")
     elif isinstance(node, Structure) and depth < DEEPEST:
         several = len(node.elements) > 1
         for number, element in enumerate(node.elements, 1):
             yield from _of_element(f"{name}({number})" if several else name, element, depth + 1)
+    elif _may_be_meant(node):
+        yield _unread(name, _described(node))
+
+
+def _may_be_meant(node: Node) -> bool:
+    """Whether somebody may look for samples in what is no channel: in texts and single values nobody does."""
+    if isinstance(node, (Numbers, Other)):
+        return math.prod(node.shape) > 1 or node.kind in ("object", "opaque")
+    return isinstance(node, (list, tuple)) and any(isinstance(part, (Numbers, Structure)) for part in node)
+
+
+def _unread(name: str, problem: str) -> ArrayChannel:
+    return ArrayChannel(name, "", 0, list, problem=problem)
 
 
 def _of_element(name: str, element: Mapping[str, Node], depth: int) -> Iterator[ArrayChannel]:

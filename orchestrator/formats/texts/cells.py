@@ -20,7 +20,8 @@ MISSING = (
 BLANKS = " \u00a0\u2009\u202f"  # between thousands
 MINUS = "\u2212"  # as it is typeset
 STAMP = (
-    r"^\s*(?:(?P<a>\d{1,4})(?P<mark>[-/.])(?P<b>\d{1,2}|[A-Za-z]{3})[-/.](?P<c>\d{1,4})(?:[ T_]|, )\s*)?"
+    r"^\s*(?:(?P<a>\d{1,4})(?P<mark>[-/.])(?P<b>\d{1,2}|[A-Za-z]{3})[-/.](?P<c>\d{1,4})(?:[ T_]|, )\s*"
+    r"|(?P<days>\d{1,5}) days?,? +)?"
     r"(?P<hour>\d{1,2}):(?P<minute>\d{2})(?::(?P<second>\d{2})(?:[.,:](?P<fraction>\d{1,9})\d*)?)?"
     r"\s*(?P<half>[AaPp]\.?[Mm]\.?)?\s*(?P<zone>Z|UTC|[+-]\d{2}:?\d{2})?\s*$"
 )

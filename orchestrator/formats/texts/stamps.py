@@ -63,7 +63,7 @@ def _clock(found: Any, place: Path) -> Whole:
     if np.any((hour > 24) | (minute > 59) | (second > 60)):
         raise TraceError(place, "has a time that no clock shows", "check the time column")
     fraction = _whole(compute.utf8_rpad(found.field("fraction"), 9, "0"))
-    return ((hour * 60 + minute) * 60 + second) * 10**9 + fraction
+    return _whole(found.field("days")) * DAY + ((hour * 60 + minute) * 60 + second) * 10**9 + fraction
 
 
 def _going_on(clock: Whole, period: int) -> Stamps:

@@ -109,6 +109,26 @@ def test_a_structure_with_time_is_its_signals(tmp_path: Path, save: Callable[...
     assert trace["n"].tolist() == SPEED.tolist()
 
 
+def test_what_is_no_channel_is_left_out_and_told(tmp_path: Path) -> None:
+    odd = {"z": TIME + 1j, "cube": np.zeros((20, 2, 2)), "c": np.array([SPEED, 1.0], dtype=object), "name": "run 1"}
+    told = ("'z' holds 1 x 20 complex double", "'cube' holds 20 x 2 x 2 double", "'c' holds cell of 2")
+    savemat(tmp_path / "x.mat", {"time": TIME, "speed": SPEED, **odd})
+    savemat(tmp_path / "m.mat", {"D": np.column_stack([TIME, SPEED]), **odd})
+    for recording in (read(tmp_path / "x.mat"), read(tmp_path / "m.mat", Layout(time=0))):
+        (name,) = recording.trace.names
+        assert recording.trace[name].tolist() == SPEED.tolist()
+        for what in told:
+            assert any(f"{what} and is left out" in note for note in recording.notes)
+        assert not any("'name'" in note for note in recording.notes)
+
+
+@pytest.mark.parametrize("save", [*MATLAB, lambda file, content: np.savez(file.with_suffix(".npz"), **content)])
+def test_the_columns_of_a_matrix_beside_a_time_are_channels(tmp_path: Path, save: Callable[..., None]) -> None:
+    save(tmp_path / "x.mat", {"tout": TIME, "yout": np.column_stack([SPEED, -SPEED])})
+    (file,) = tmp_path.iterdir()
+    assert read(file).trace == Trace(TIME, {"yout_0": SPEED, "yout_1": -SPEED}, name="x")
+
+
 def test_structures_without_end_and_fields_that_are_not_there_are_refused(tmp_path: Path) -> None:
     deep: Any = TIME
     for _ in range(40):

@@ -261,6 +261,15 @@ def test_minutes_and_seconds_are_times_that_go_on_after_the_hour(tmp_path: Path)
     assert "its times pass the hour 1 times" in recording.notes
 
 
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_durations_that_pandas_has_as_index_are_times(tmp_path: Path, suffix: str) -> None:
+    index = pandas.to_timedelta([0.0, 0.25, 86400.5], unit="s")
+    getattr(pandas.DataFrame({"a": [1.0, 2.0, 3.0]}, index=index), f"to_{suffix}")(tmp_path / f"x.{suffix}")
+    trace = read(tmp_path / f"x.{suffix}").trace
+    assert trace.time.tolist() == [0.0, 0.25, 86400.5]
+    assert trace["a"].tolist() == [1.0, 2.0, 3.0]
+
+
 def test_what_excel_could_not_compute_is_missing(tmp_path: Path) -> None:
     trace = read(written(tmp_path, "time;a\n0;#DIV/0!\n1;1,5\n2;#WERT!\n")).trace
     assert np.array_equal(trace["a"], [np.nan, 1.5, np.nan], equal_nan=True)
