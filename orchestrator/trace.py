@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -179,6 +180,11 @@ class Trace:
     def duration(self) -> float:
         """From the first stamp to the last [s]."""
         return float(self.time[-1] - self.time[0]) if len(self) else 0.0
+
+    @cached_property
+    def interval(self) -> float:
+        """From one sample to the next [s], the median where they differ; NaN where there are less than two."""
+        return float(np.median(np.diff(self.time))) if len(self) > 1 else math.nan
 
     def unit(self, name: str) -> str | None:
         """Unit of a signal, None when it is not known."""

@@ -54,14 +54,29 @@ class Point:
 
 @dataclass(frozen=True)
 class Box:
-    """Bounds on every entry of a point."""
+    """Bounds on every entry of a point.
+
+    Attributes:
+        reach: (n,) how far one step may take each parameter; None where as far as the bounds.
+    """
 
     lower: Point
     upper: Point
+    reach: FloatArray | None = None
 
     def around(self, point: Point) -> Box:
         """The bounds on a step from this point."""
         return Box(self.lower - point, self.upper - point)
+
+    def within_reach(self, point: Point) -> Box:
+        """The bounds on a step that is tried from this point."""
+        room = self.around(point)
+        if self.reach is None:
+            return room
+        return Box(
+            replace(room.lower, parameters=np.maximum(room.lower.parameters, -self.reach)),
+            replace(room.upper, parameters=np.minimum(room.upper.parameters, self.reach)),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -317,7 +332,7 @@ class _Search:
         """The first better point, damping the step more and more; None when there is none."""
         growth, self.failed = 4.0, 0
         while self.left > 0 and self.damping < _MOST_DAMPING:
-            step = model.step(self.damping, scale, self.box.around(here.point))
+            step = model.step(self.damping, scale, self.box.within_reach(here.point))
             if _negligible(step, here.point, self.limits.step):
                 return None
             self.left -= 1

@@ -68,6 +68,11 @@ class Parameter:
         lower = math.log(self.lower / self.start) if self.lower > 0 else -math.inf
         return lower, math.log(self.upper / self.start) if self.upper < math.inf else math.inf
 
+    @property
+    def reach(self) -> float:
+        """The longest step in z: ten times the value, or a tenth; a slope says nothing of what is further."""
+        return math.inf if self.scale == "linear" else math.log(10)
+
     def value(self, z: float) -> float:
         """Value at z [unit], never outside the bounds by rounding."""
         return min(max(self.unbounded(z), self.lower), self.upper)
@@ -149,6 +154,11 @@ class ParameterSet:
         """Lower and upper bounds of z, (n,) each."""
         bounds = np.array([parameter.z_bounds for parameter in self.free]).reshape(-1, 2)
         return bounds[:, 0], bounds[:, 1]
+
+    @property
+    def reach(self) -> FloatArray:
+        """The longest steps in z, (n,)."""
+        return np.array([parameter.reach for parameter in self.free])
 
     def values(self, z: FloatArray) -> dict[str, float]:
         """name -> value [its unit] for all parameters and ties, at z (n,)."""

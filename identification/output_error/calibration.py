@@ -38,7 +38,8 @@ from orchestrator.system import Endpoint, System, must_be, recordable
 from orchestrator.trace import FloatArray, ReadOnlyArrays
 
 LOADED = 0.05  # of the whole when the traces are there, roughly
-_SHORT = 100_000  # steps of components, which are done here sooner than other processes are ready
+_SHORT = 3_000_000  # steps of components, which are done here sooner than other processes are ready
+_ROUNDS = 30  # of runs that a search takes, roughly
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,7 +287,8 @@ def _options(study: OutputErrorStudy, assembled: Assembled, problem: Problem) ->
     Others may crash or hang, and would take the command with them.
     """
     steps = len(assembled.files) * sum(len(window.measured) for window in problem.windows)
-    passes = study.options.starts * (1 + len(problem.parameters.free) + len(problem.estimated))
+    unknowns = len(problem.parameters.free) + len(problem.estimated)
+    passes = study.options.starts * _ROUNDS * (1 + unknowns) if unknowns else 1
     trusted = len(assembled.built) == len(assembled.files) and study.options.intervals.by == "local"
     return replace(study.options, processes=1 if trusted and steps * passes < _SHORT else processors())
 

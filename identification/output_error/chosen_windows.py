@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from fmus.errors import TraceError
 from identification.output_error.study import AutoWindows, FreeRunSpec, OutputErrorStudy, WindowSpec
-from identification.output_error.times.spans import interval, on_raster
+from identification.output_error.times.spans import on_raster
 from identification.output_error.windows import FreeRunWindow, cut_windows
 from identification.recordings.campaign import StudyTrace
 from identification.signals.excitation import STILL, Length, Picked, most_moving, motion, spreads, stretch_length
@@ -32,7 +32,7 @@ def chosen_length(study: OutputErrorStudy, fitted: Sequence[StudyTrace]) -> Leng
     if not asked:
         return None
     traces = [replace(one.trace, name=one.place).select(study.run.concerned) for one in fitted]
-    skips = [on_raster(spec.skip, interval(trace), study.run.step) for spec in asked for trace in traces]
+    skips = [on_raster(spec.skip, trace.interval, study.run.step) for spec in asked for trace in traces]
     return stretch_length(traces, study.run.compared, study.run.step, max(skips))
 
 

@@ -24,7 +24,7 @@ from identification.output_error.times.delays import (
     known,
     late_outputs,
 )
-from identification.output_error.times.spans import Samples, interval, lasting, on_raster, rounded, stated
+from identification.output_error.times.spans import Samples, lasting, on_raster, rounded, stated
 from identification.recordings.campaign import StudyTrace
 from identification.recordings.marks import nothing_left, sound
 from identification.signals.resolution import resolution
@@ -124,10 +124,10 @@ def cut_windows(
             continue
         usable(left, run.signals)
         trace = replace(named, name=recorded.trace.name)
-        placing = windows.sampled(interval(trace), run.step)
+        placing = windows.sampled(trace.interval, run.step)
         if isinstance(windows.length, Samples):
             _check_rows(run, placing.length)
-        own = (run.by_means() if recorded.held else run).sampled(interval(trace))
+        own = (run.by_means() if recorded.held else run).sampled(trace.interval)
         try:
             own, crossed = own.in_units_of(ports or {}, trace)
             constants = {name: _typed(name, value, (ports or {}).get(name)) for name, value in recorded.values.items()}
@@ -155,9 +155,9 @@ def length_warnings(step: Fraction, windows: WindowSpec, traces: Sequence[Trace]
     """
     said = []
     for key, span in {"length": windows.length, "every": windows.every, "skip": windows.skip}.items():
-        odd = [trace for trace in traces if span is not None and rounded(span, interval(trace), step)]
+        odd = [trace for trace in traces if span is not None and rounded(span, trace.interval, step)]
         if span is not None and odd:
-            between = interval(odd[0])
+            between = odd[0].interval
             steps, more = float(on_raster(span, between, step)), f" and {len(odd) - 1} more" if len(odd) > 1 else ""
             said.append(
                 f"{place}.{key}: {stated(span)} of {odd[0].name}{more} last {lasting(span, between):.6g} s, "
@@ -313,7 +313,7 @@ def start_curve(trace: Trace, start: float, spec: StartSpec) -> Polynomial:
     Raises:
         TraceError: fewer samples lie around `start` than it has coefficients.
     """
-    half_width = lasting(spec.half_width, interval(trace))
+    half_width = lasting(spec.half_width, trace.interval)
     near = trace.select([spec.signal]).between(start - half_width, start + half_width)
     if len(near) <= spec.degree:
         raise TraceError(

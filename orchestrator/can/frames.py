@@ -9,12 +9,15 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import IntFlag
+from typing import TYPE_CHECKING
 
-import can
 import numpy as np
 from numpy.typing import NDArray
 
 from orchestrator.trace import BoolArray, Bytes, FloatArray
+
+if TYPE_CHECKING:
+    import can
 
 CLASSIC, LONGEST = 8, 64  # data bytes of a classic and of a CAN FD frame
 MICRO = 6  # digits
@@ -80,6 +83,8 @@ class Frames:
 
     def messages(self) -> Iterator[can.Message]:
         """The frames one by one, as python-can has them."""
+        import can  # noqa: PLC0415 - brings along the readers of all its formats
+
         columns = (
             self.time.tolist(),
             self.id.tolist(),

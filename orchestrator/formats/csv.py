@@ -45,7 +45,7 @@ def _write_rows(trace: Trace, file: BinaryIO) -> None:
     broken = next((name for name, known in trace.texts.items() for text in known if len(text.splitlines()) > 1), None)
     if broken is not None:
         raise TraceError(broken, "has a text with a line break", "write .parquet")
-    columns = [c if is_text(c.type) else pc.if_else(pc.is_nan(c), None, c) for c in arrays(trace)]
+    columns = [c if is_text(c.type) else pc.if_else(pc.is_nan(c), pa.nulls(len(c), c.type), c) for c in arrays(trace)]
     table = pa.table(columns, names=headings.headings(trace))
     arrow.write_csv(table, file, arrow.WriteOptions(include_header=False))
 

@@ -164,13 +164,13 @@ class Problem:
         return Point(np.zeros(len(self.parameters.free)), np.zeros((len(windows), len(self.estimated))))
 
     def box(self, windows: Sequence[int]) -> Box:
-        """The bounds of these windows, in z."""
+        """The bounds of these windows, in z, and how far a step may go."""
         lower, upper = self.parameters.z_bounds
         shape = (len(self.estimated), len(self.windows))
         rows = list(windows)
         low = np.array([state.z_bounds[0] for state in self.estimated]).reshape(shape)
         high = np.array([state.z_bounds[1] for state in self.estimated]).reshape(shape)
-        return Box(Point(lower, low.T[rows]), Point(upper, high.T[rows]))
+        return Box(Point(lower, low.T[rows]), Point(upper, high.T[rows]), self.parameters.reach)
 
     def fixed_at(self, values: Mapping[str, float]) -> Problem:
         """The same question with all parameters fixed here: only initial states are left to fit."""

@@ -8,10 +8,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Annotated, Any
 
-import numpy as np
 from pydantic import BeforeValidator, PlainSerializer, StringConstraints
 
-from orchestrator.trace import Trace
 from orchestrator.yaml_file import Seconds, exact
 
 _ALIKE = 1e-6  # of a step
@@ -56,11 +54,6 @@ def _number(span: Span) -> float | Samples:
 def amount(span: Span | float) -> Fraction | float:
     """Its size, to be compared with 0."""
     return span.count if isinstance(span, Samples) else span
-
-
-def interval(trace: Trace) -> float:
-    """The time from one sample of a recording to the next [s], the median where they differ."""
-    return float(np.median(np.diff(trace.time)))
 
 
 def on_raster(span: Span, between: float, step: Fraction) -> Fraction:

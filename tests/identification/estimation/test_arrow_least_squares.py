@@ -91,6 +91,16 @@ def test_a_search_ends_at_the_minimum_within_the_bounds() -> None:
     assert held.converged and held.at.point.parameters == [0.5]
 
 
+def test_no_step_goes_further_than_its_reach_and_the_search_still_ends_at_the_minimum() -> None:
+    system, start = Bent(0.3), evaluated(Bent(0.3), at(-3.0), Loss())
+    assert start is not None
+    box = Box(at(-10.0), at(10.0), reach=np.array([0.4]))
+    found = minimise(system, start, box, Loss(), limits=SearchLimits(), report=lambda *step: None)
+    steps = np.diff([-3.0, *system.tried])
+    assert found.converged and abs(1 - found.at.point.parameters[0] - 0.3 * found.at.point.parameters[0] ** 2) < 1e-7
+    assert np.max(np.abs(steps)) <= 0.4 + 1e-12 and abs(steps[0]) == pytest.approx(0.4)
+
+
 @pytest.mark.parametrize(
     ("bend", "limits", "end"),
     [
