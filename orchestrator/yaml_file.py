@@ -76,7 +76,7 @@ def exact(value: Any) -> Fraction:
     try:
         return seconds(value)
     except WiringError as error:
-        raise ValueError(error.problem) from error
+        raise ValueError(f"{error.problem}; {error.fix}") from error
 
 
 _TIME = r"^\s*[+-]?(\d+\s?/\s?\d+|(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?)\s*$"

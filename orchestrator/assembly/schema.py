@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, ConfigDict, Field, model_validator
 
-from fmus.errors import WiringError
+from fmus.errors import TraceError, WiringError
 from fmus.modelling.model import Table
 from orchestrator import formats
 from orchestrator.assembly.assembly import ComponentSpec, SystemSpec, link
@@ -56,7 +56,10 @@ class SignalFileBlock(Block):
             LOG.warning("%s: %s", recording.path, note)
         if said is not None:
             said += [f"{self.file}: {note}" for note in recording.notes]
-        return recording.trace.select([self.signal])
+        try:
+            return recording.trace.select([self.signal])
+        except TraceError as error:
+            raise TraceError(recording.path, error.problem, error.fix) from None
 
     def table(self, name: str, base: Path, said: list[str] | None = None) -> Table:
         """The signal as a table that a model plays back."""

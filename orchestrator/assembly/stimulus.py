@@ -13,6 +13,8 @@ from orchestrator.crossing import NOTHING_GIVEN, Crossing, GivenConversion, cros
 from orchestrator.fmi.interface import Port
 from orchestrator.trace import FloatArray, Trace
 
+ROUNDING = 1e-9  # of numbers that are meant whole
+
 
 @dataclass(frozen=True)
 class Stimulus:
@@ -47,15 +49,17 @@ class Stimulus:
 
         Raises:
             WiringError: its unit does not fit, or there is a line through values of an input that has none between.
+            FmuFileError: a value is none of the input's type, such as 1.5 of an Integer's.
         """
-        if isinstance(self.source, str):
-            return replace(self, source=port.quantity(name, self.source)), None
         if not isinstance(self.source, Trace):
-            return self, None
+            value = port.typed(name, self.source) if port.numeric else port.quantity(name, str(self.source))
+            return replace(self, source=float(value)), None
         if self.hold is False and port.stepwise:
             kind = "discrete" if port.variability == "discrete" else port.type
             raise WiringError(name, f"is {kind} and has no values between samples", "leave out `interpolation: linear`")
         trace, crossed = brought(self.source, name, port, self.given)
+        if not port.real:
+            trace = _typed(trace, f"{name} from {self.file or trace.name}", port)
         return replace(self, source=trace, given=NOTHING_GIVEN, hold=self.hold or port.stepwise), crossed
 
     @property
@@ -89,7 +93,7 @@ class Stimulus:
         values = trace.resampled(time, hold=[signal] if self.hold else [])[signal]
         missing = np.flatnonzero(np.isnan(values))
         if len(missing):
-            place, problem = f"{self.source.name}.{signal}", f"has no value at t = {time[missing[0]]:g} s"
+            place, problem = f"{self.file or self.source.name}: {signal}", f"has no value at t = {time[missing[0]]:g} s"
             raise TraceError(place, problem, "cut the recording to where it has one, or fill it in")
         return values
 
@@ -109,6 +113,18 @@ def _held_over(trace: Trace, start: float, stop: float) -> Trace:
     time = np.concatenate([before, trace.time, after])
     signals = {name: np.pad(values, (len(before), len(after)), mode="edge") for name, values in trace.signals.items()}
     return Trace(time, signals, trace.units, trace.name)
+
+
+def _typed(trace: Trace, place: str, port: Port) -> Trace:
+    """The trace with whole numbers where its values are whole but for rounding; all have to be of the port's type."""
+    (name,) = trace.names
+    values, nearest = trace[name], np.rint(trace[name])
+    values = np.where(np.abs(values - nearest) <= ROUNDING * np.maximum(1, np.abs(nearest)), nearest, values)
+    known = np.unique(values[np.isfinite(values)])
+    few = port.items or port.type == "Boolean"
+    for value in known if few else (*known[:1], *known[-1:], *known[known != np.rint(known)][:1]):
+        port.typed(place, float(value))
+    return replace(trace, signals={name: values})
 
 
 def brought(trace: Trace, place: str, port: Port, given: GivenConversion = NOTHING_GIVEN) -> tuple[Trace, Crossing]:

@@ -11,7 +11,7 @@ from orchestrator.can.database.message import LeftOut
 
 STRINGS = re.compile(r'"[^"\\]*(?:\\.[^"\\]*)*"|//[^\n]*')  # and comments
 _STATEMENT = re.compile(r"^[ \t]*([A-Z]+(?:_[A-Z]+)*_|VERSION)(?!\w)", re.MULTILINE)
-_MESSAGE = re.compile(r"\s*BO_\s+(\d+)\s+(\w+)")
+_MESSAGE = re.compile(r"\s*BO_\s+(-?\d+)\s+(\w+)")
 _SIGNAL = re.compile(r"\s*SG_\s+(\w+)(?:\s+(\w+))?\s*:")
 _NUMBER = r"\s*[-+]?\d+(?:\.\d*)?(?:[eE][+-]?\d+)?\s*"
 _WHOLE_SIGNAL = re.compile(
@@ -19,7 +19,7 @@ _WHOLE_SIGNAL = re.compile(
     + rf"{_NUMBER}\|{_NUMBER}@{_NUMBER}[-+]\s*\({_NUMBER},{_NUMBER}\)\s*\[{_NUMBER}\|{_NUMBER}\]"
     + r'\s*"[^"]*"\s*\w+(?:\s*,\s*\w+)*\s*'
 )
-_ABOUT = re.compile(r"\s*(?:SG_MUL_VAL_|SIG_VALTYPE_|VAL_)\s+(\d+)\s+(\w+)")
+_ABOUT = re.compile(r"\s*(?:SG_MUL_VAL_|SIG_VALTYPE_|VAL_)\s+(-?\d+)\s+(\w+)")
 _ATTRIBUTE = re.compile(r'\s*BA_(?:DEF_)?\s*(?:BU_|BO_|SG_|EV_)?\s*"([^"]*)"')
 _ENDED = ("CM_", "BA_", "BA_DEF_", "BA_DEF_DEF_", "VAL_", "VAL_TABLE_", "SIG_VALTYPE_", "SG_MUL_VAL_", "BO_TX_BU_")
 _UNSENT = "VECTOR__INDEPENDENT_SIG_MSG"  # holds signals of no message
@@ -147,8 +147,11 @@ def _wrong_identifier(text: str) -> str:
     if match is None or match[2] == _UNSENT:
         return ""
     identifier = int(match[1][:12])
+    if -(1 << 31) <= identifier < 0:  # as tools write it that take it for a number with a sign
+        identifier &= 0xFFFFFFFF
     limit, bits = (0x9FFFFFFF, "29 bits") if identifier >> 31 else (0x7FF, "11 bits, and is not marked as extended")
-    return f"its identifier 0x{identifier & 0x7FFFFFFF:X} has more than {bits}" if identifier > limit else ""
+    wrong = identifier < 0 or identifier > limit
+    return f"its identifier 0x{identifier & 0x7FFFFFFF:X} has more than {bits}" if wrong else ""
 
 
 def _unended(text: str) -> str:

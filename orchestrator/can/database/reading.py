@@ -289,7 +289,7 @@ def _offset(suffix: str, text: str, problem: str) -> int | None:
 def _defined(suffix: str, kind: str) -> Callable[[str], str]:
     """Pattern of a definition by its name."""
     if suffix == ".dbc":
-        return (lambda name: rf"BO_\s+\d+\s+{name}\b") if kind == "message" else (lambda name: rf"SG_\s+{name}\b")
+        return (lambda name: rf"BO_\s+-?\d+\s+{name}\b") if kind == "message" else (lambda name: rf"SG_\s+{name}\b")
     return lambda name: rf"\b{name}\b"
 
 

@@ -22,7 +22,7 @@ MONTHS = (
     "dec dez dic",
 )
 NUMBERS = {name: number for number, names in enumerate(MONTHS, 1) for name in names.split()}
-CLOCK = re.compile(r"(\d{1,2}):(\d{2}):(\d{2})(?:[.,:](\d{1,9}))?\s*([ap]m\b)?", re.IGNORECASE)
+CLOCK = re.compile(r"(\d{1,2}):(\d{1,2}):(\d{1,2})(?:[.,:](\d{1,9}))?\s*([ap]m\b)?", re.IGNORECASE)
 ISO = re.compile(r"(\d{4})-(\d\d)-(\d\d)[T ](\d\d:\d\d:\d\d(?:[.,]\d+)?)\s*(Z|[+-]\d\d:?\d\d)?", re.IGNORECASE)
 DAY_FIRST = re.compile(r"(\d{1,2})[.:/](\d{1,2})[.:/](\d{4})\s+(.*)")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from base64 import b64decode
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -74,7 +75,7 @@ def _with(head: TableHead, lines: Sequence[str], reading: Reading) -> TableState
             reading.findings.note("stamps are whole numbers and count as microseconds")
     first = 0
     if "channel" in head.columns:
-        channels = {row[head.columns["channel"]] for row in rows if len(row) > head.columns["channel"]}
+        channels = {_bare(row[head.columns["channel"]]) for row in rows if len(row) > head.columns["channel"]}
         first = 0 if "0" in channels else 1
         if not first:
             reading.findings.note("channels are counted from 0 in this file")
@@ -136,10 +137,15 @@ def _looks_extended(name: str, digits: str, identifier: int) -> bool:
 
 
 def _channel(bus: str, channel: str, state: TableState, reading: Reading) -> int:
-    name, first = (bus, 0) if bus else (channel, state.first_channel)
+    name, first = (bus, 0) if bus else (_bare(channel), state.first_channel)
     if not name:
         return 0
     return int(name) - first if name.isdecimal() and name.isascii() and len(name) < 4 else reading.channels.of(name)
+
+
+def _bare(channel: str) -> str:
+    """The number of a channel as Vector's tables name it, `CAN 1`."""
+    return re.sub(r"^can +(?=\d+$)", "", channel, flags=re.IGNORECASE)
 
 
 def _time(text: str, state: TableState) -> float:

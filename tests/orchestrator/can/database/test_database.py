@@ -270,6 +270,8 @@ LENIENT = {
         "angle",
         "Status is left out: its identifier 0x1337 has more than 11",
     ),
+    "negative": (DBC.replace("BO_ 102 ", "BO_ -5 "), "angle", "Status is left out: its identifier 0x7FFFFFFB has more"),
+    "with a sign": (DBC.replace("_ 102 ", f"_ {0x80000102 - (1 << 32)} "), "angle Status.status", ""),
     "bad pages": (
         PAGES + "SG_MUL_VAL_ 1 first page 0-0\n" + DBC[DBC.index("BO_ 100") :],
         "angle",

@@ -6,6 +6,7 @@ import gzip
 from base64 import b64encode
 from collections.abc import Sequence
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import can
@@ -122,6 +123,11 @@ KINDS = {
         ".csv",
         '"Time[ms]","Chn","ID","Name","Dir","DLC","Data"\n',
         ['"{t:.3f}","1","{s:X}","Rig","Rx","3","{a:02X} 0A 00"', "{t:.3f},2,{i:X}x,Rig,Tx,2,{a:02X} 0B"],
+    ),
+    "vector": (
+        ".csv",
+        "Time;Chn;ID;Name;Dir;DLC;Data length;Data\n",
+        ["{t:.6f};CAN 1;{s:X};Rig;Rx;2;2;{a:02X} 0A", "{t:.6f};CAN 2;{i:X}x;;Tx;1;1;{a:02X}"],
     ),
     "busmaster": (
         ".log",
@@ -369,3 +375,17 @@ def test_differences_of_stamps_come_out_as_they_were_written(tmp_path: Path, suf
     assert since(float(time[0]), time).tolist() == [
         round(0.001 * number + late, 6) for number in range(30) for late in (0.0, 0.0002)
     ]
+
+
+def test_channels_that_vectors_tables_name_count_from_0_as_elsewhere(tmp_path: Path) -> None:
+    path = tmp_path / "x.csv"
+    path.write_text("Time;Chn;ID;Dir;DLC;Data\n0.1;CAN 1;123;Rx;1;0A\n0.2;CAN 2;123;Rx;1;0B\n")
+    assert all_of(logs.read(path)).channel.tolist() == [0, 1]
+
+
+def test_the_date_of_busmaster_may_have_single_digits(tmp_path: Path) -> None:
+    path = tmp_path / "x.log"
+    path.write_text(BUSMASTER.replace("9:20:11:250", "9:2:1:250") + "9:2:1:2500 Rx 1 0x123 s 1 0A\n")
+    log = logs.read(path)
+    assert all_of(log).time.tolist() == [datetime(2024, 3, 7, 9, 2, 1, 250_000, UTC).timestamp()]
+    assert not log.damage
