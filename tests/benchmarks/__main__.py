@@ -6,6 +6,7 @@ With --endurance what takes long instead: many draws, many lives of an FMU, long
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
@@ -27,6 +28,7 @@ BENCH = {
     "coverage_motion": "how often those of a recalibration near a motion do",
     "subspace_speed": "subspace identification beside other tools",
     "calibration_speed": "the calibration from the real recordings; a step of a Python FMU",
+    "calibration_peer": "the same on few windows beside FMPy with SciPy's least squares",
     "window_overhead": "a window of a calibration beside its stepping",
     "sensitivities": "the exact Jacobian of a run beside forward differences",
     "design_speed": "the shipped design of experiments, beside sweeps",
@@ -66,6 +68,7 @@ ENDURANCE = {
 def main(arguments: Sequence[str]) -> int:
     """Measure what is asked for; 1 where a claim that no machine changes does not hold, 2 for an unknown module."""
     endurance, names = chosen(arguments)
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # commands find the project compiled, as they do where it is used
     modules = ENDURANCE if endurance else BENCH
     groups: dict[str, Sequence[Figure]] = {}
     for number, name in enumerate(names, 1):

@@ -13,6 +13,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 
@@ -26,8 +27,8 @@ from ..figure import Figure
 
 ROOT = Path(__file__).parents[3]
 STUDY = ROOT / "scenarios" / "butterfly" / "calibration.yaml"
-CALIBRATION_LIMIT = 600.0  # [s]
-MEMORY_LIMIT = 2**30  # [B]
+LIMIT, STARTS, MANY_LIMIT = 4.0, 20, 15.0  # [s], and with so many starts
+MEMORY_LIMIT = 500e6  # [B]
 FIT = 0.94
 STEP = 0.005  # [s]
 SHORT, LONG, REPEATS = 500, 4500, 3
@@ -39,48 +40,67 @@ def figures() -> list[Figure]:
 
 
 def calibration() -> list[Figure]:
-    """The whole `servotwin calibrate` on the real recordings."""
+    """The whole `servotwin calibrate` on the real recordings, FMUs from the cache; from one start and from many."""
     data = Path(os.environ.get("SERVOTWIN_DATA", ROOT.parent / "shared" / "data")) / "butterfly"
     if not data.is_dir():
         return [Figure("real calibration", "recordings", f"none in {data} (set SERVOTWIN_DATA)")]
-    with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder) / "result"
-        begun = time.perf_counter()
-        code, peak = _watched(["calibrate", str(STUDY), "--data", str(data), "--out", str(out), "-q"])
-        elapsed = time.perf_counter() - begun
-        if code:
-            return [Figure("real calibration", "exit code 0", f"exit code {code}", False)]
-        fit = json.loads((out / "summary.json").read_text())["fit"]["validation"]["median"]
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        many = folder / "many.yaml"
+        many.write_text(f"{STUDY.read_text(encoding='utf-8')}options: {{starts: {STARTS}}}\n", encoding="utf-8")
+        _calibrated(STUDY, data, folder / "built")  # the FMUs are in the cache from here on
+        one, several = _calibrated(STUDY, data, folder / "one"), _calibrated(many, data, folder / "many")
     processors = os.cpu_count() or 1
     return [
         Figure(
-            "real calibration: wall time",
-            f"under {CALIBRATION_LIMIT:.0f} s on 2 processors",
-            f"{elapsed:.0f} s on {processors}",
-            elapsed < CALIBRATION_LIMIT,
+            f"real calibration, report included: wall time on {processors} processors",
+            f"at most {LIMIT:g} s",
+            f"{one.seconds:.1f} s",
+            one.seconds <= LIMIT,
+        ),
+        Figure(
+            f"with {STARTS} starts",
+            f"at most {MANY_LIMIT:g} s",
+            f"{several.seconds:.1f} s",
+            several.seconds <= MANY_LIMIT,
         ),
         Figure(
             "real calibration: peak memory, all processes",
             f"under {MEMORY_LIMIT / 1e6:.0f} MB",
-            f"{peak / 1e6:.0f} MB",
-            peak < MEMORY_LIMIT,
+            f"{one.peak / 1e6:.0f} MB",
+            one.peak < MEMORY_LIMIT,
         ),
-        Figure("real calibration: median FIT, unseen recordings", f"{FIT} or more", f"{fit:.3f}", fit >= FIT),
+        Figure("real calibration: median FIT, unseen recordings", f"{FIT} or more", f"{one.fit:.3f}", one.fit >= FIT),
     ]
 
 
-def _watched(arguments: list[str]) -> tuple[int, int]:
-    """Exit code of a servotwin process, and the largest sum of its and its workers' resident memory [B].
+@dataclass(frozen=True)
+class Calibrated:
+    """A calibration by command: wall time [s], most memory of all its processes [B], and FIT on unseen recordings."""
 
-    Pages that processes share count in each, so this is an upper bound; Linux only.
+    seconds: float
+    peak: int
+    fit: float
+
+
+def _calibrated(study: Path, data: Path, out: Path) -> Calibrated:
+    """A calibration by a process of its own.
+
+    Raises:
+        CalledProcessError: it failed.
     """
-    command = [sys.executable, "-c", "from identification.cli import main; main()", *arguments]
-    peak = 0
+    command = [sys.executable, "-c", "from identification.cli import main; main()"]
+    command += ["calibrate", str(study), "--data", str(data), "--out", str(out), "-q"]
+    begun, peak = time.perf_counter(), 0
     with subprocess.Popen(command, cwd=ROOT) as process:
         while process.poll() is None:
-            peak = max(peak, sum(_resident(pid) for pid in _family(process.pid)))
-            time.sleep(0.2)
-    return process.returncode, peak
+            peak = max(peak, sum(_memory(pid) for pid in _family(process.pid)))
+            time.sleep(0.1)
+    elapsed = time.perf_counter() - begun
+    if process.returncode:
+        raise subprocess.CalledProcessError(process.returncode, command)
+    fit = json.loads((out / "summary.json").read_text(encoding="utf-8"))["fit"]["validation"]["median"]
+    return Calibrated(elapsed, peak, fit)
 
 
 def _family(pid: int) -> list[int]:
@@ -92,11 +112,13 @@ def _family(pid: int) -> list[int]:
     return [pid, *(below for child in children for below in _family(int(child)))]
 
 
-def _resident(pid: int) -> int:
+def _memory(pid: int) -> int:
+    """Resident memory of a process, what it shares with others by its share of that [B]; Linux only."""
     try:
-        return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-    except (OSError, IndexError):
+        rollup = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
+    except OSError:
         return 0
+    return 1024 * sum(int(line.split()[1]) for line in rollup if line.startswith("Pss:"))
 
 
 def step_cost() -> list[Figure]:
