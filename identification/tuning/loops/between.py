@@ -11,6 +11,7 @@ from identification.tuning.loops.open_loop import OpenLoop
 from orchestrator.trace import BoolArray, ComplexArray, FloatArray
 
 PLACES = 4  # at which a minimum is sought
+BEFORE = 1 - 1e-6  # times half the sampling frequency: there itself L is real, and its imaginary part rounding
 TURNS = 60  # of the search for a zero or a minimum
 FINE = 1e-9  # step of a search for a zero, of the frequency, at which it ends; the next would be far smaller
 GOLDEN = (np.sqrt(5) - 1) / 2
@@ -54,12 +55,14 @@ class _Brackets:
 
 def crossings(loop: OpenLoop, measured: Measured, counts: Callable[[ComplexArray], BoolArray]) -> Crossings:
     """Where what is measured changes its sign, of those places that count."""
-    omega, values = loop.frequencies, measured(loop.values)
+    omega, values = loop.frequencies.copy(), measured(loop.values)
+    omega[:, -1] *= BEFORE
+    values[:, -1] = measured(loop.at(np.arange(len(omega)), omega[:, -1]))
     number, column = np.nonzero((values[:, :-1] > 0) != (values[:, 1:] > 0))
     ends = (omega[number, column], omega[number, column + 1], values[number, column], values[number, column + 1])
     brackets = _Brackets(number, *ends)
     for sign in (1.0, -1.0):
-        dips = _dips(loop, measured, values, sign)
+        dips = _dips(loop, measured, omega, values, sign)
         brackets = brackets if dips is None else brackets.joined(dips)
     found = _zeros(lambda point: measured(loop.at(brackets.number, point)), brackets)
     value = loop.at(brackets.number, found)
@@ -72,6 +75,8 @@ def least(loop: OpenLoop, measured: Measured) -> FloatArray:
     omega, values = loop.frequencies, measured(loop.values)
     count, last = len(values), omega.shape[1] - 1
     _, low = _vertices(omega, values)
+    padded = np.pad(values, ((0, 0), (1, 1)), constant_values=np.inf)
+    low = np.where((values <= padded[:, :-2]) & (values <= padded[:, 2:]), low, np.inf)  # one place a minimum
     column = np.argsort(low, axis=1)[:, :PLACES].ravel()
     number = np.repeat(np.arange(count), PLACES)
     left, right = omega[number, np.maximum(column - 1, 0)], omega[number, np.minimum(column + 1, last)]
@@ -90,9 +95,8 @@ def least(loop: OpenLoop, measured: Measured) -> FloatArray:
     return np.asarray(np.minimum(found, values.min(axis=1)))
 
 
-def _dips(loop: OpenLoop, measured: Measured, values: FloatArray, sign: float) -> _Brackets | None:
+def _dips(loop: OpenLoop, measured: Measured, omega: FloatArray, values: FloatArray, sign: float) -> _Brackets | None:
     """Pairs of crossings between two neighbours: where a parabola goes below zero (`sign` 1) and back."""
-    omega = loop.frequencies
     at, low = _vertices(omega, sign * values)
     number, column = np.nonzero((sign * values > 0) & (low <= 0))
     if not len(number):

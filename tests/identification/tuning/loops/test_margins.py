@@ -35,6 +35,8 @@ def alike(found: float, wanted: float) -> bool:
 
 @pytest.mark.slow
 @given(seed=SEEDS, gain=GAINS)
+@example(seed=1384, gain=2.0)  # the lowest |1 + L| on the grid is around another minimum, five points wide
+@example(seed=1115, gain=1.0)  # a crossing between the last frequency of the grid and half the sampling frequency
 @settings(deadline=None, max_examples=40)
 def test_margins_are_those_of_python_control(seed: int, gain: float) -> None:
     model = plant(seed)
@@ -45,6 +47,7 @@ def test_margins_are_those_of_python_control(seed: int, gain: float) -> None:
     assert alike(margins.modulus_margins(loop)[0], wanted.modulus)
 
 
+@pytest.mark.slow
 @given(seed=SEEDS, gain=GAINS)
 @settings(deadline=None, max_examples=25)
 def test_a_stable_loop_becomes_unstable_at_its_gain_margin_and_not_before(seed: int, gain: float) -> None:
