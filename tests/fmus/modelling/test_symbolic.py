@@ -127,6 +127,7 @@ def test_feed_through_names_the_inputs_that_act_at_once(name: str, expected: Map
     assert symbolic.feed_through(library.find(name)) == expected
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", library.names())
 @given(data=st.data())
 def test_an_input_outside_the_feed_through_has_no_effect_on_the_output(name: str, data: st.DataObject) -> None:

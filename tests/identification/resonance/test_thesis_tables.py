@@ -194,6 +194,7 @@ def test_table_4_comes_out_of_the_real_recordings(butterfly_data: Path) -> None:
     assert "p2 ended on its bound" in result.warnings
 
 
+@pytest.mark.slow
 def test_the_corrected_study_on_the_real_recordings_owns_up_to_dry_friction(butterfly_data: Path) -> None:
     result = study(recordings(butterfly_data), 30.0)
     assert result.parameters["p1"].value == pytest.approx(2.13e-3, rel=0.1)

@@ -92,6 +92,7 @@ def test_irregular_stamps_are_refused_and_put_on_a_grid_where_one_is_given(study
     assert calibrated(study, f"sample: {STEP}\n")["models"]
 
 
+@pytest.mark.slow
 def test_modes_of_the_refined_model_come_with_their_uncertainty(study: Path) -> None:
     document = calibrated(study, "refine: true\n")
     modes = document["models"]["refined"]["modes"]  # type: ignore[index]
@@ -100,6 +101,7 @@ def test_modes_of_the_refined_model_come_with_their_uncertainty(study: Path) -> 
     assert all(mode["frequency_std"] >= 0 for mode in modes if mode["frequency_std"] is not None)
 
 
+@pytest.mark.slow
 def test_a_report_is_drawn_where_models_of_high_order_are_unstable(study: Path) -> None:
     for number, name in enumerate(("first", "second", "third")):
         file = study.parent / f"{name}.csv"
@@ -240,6 +242,7 @@ def test_a_controller_is_tuned_for_draws_of_an_identified_model(study: Path) -> 
     assert least < found["goals"][0]["figures"]["identified"] < most
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("more", ["", "refine: true\ntake: reduced\nreduce: {order: 4, by: msv, update: output}\n"])
 def test_a_model_that_is_not_refined_last_has_no_draws(study: Path, more: str) -> None:
     calibrated(study, more)

@@ -120,6 +120,7 @@ def test_the_error_is_of_the_size_that_was_asked_for(tolerance: float) -> None:
     assert result.trace.time.tolist() == [0.5 * number for number in range(5)]
 
 
+@pytest.mark.slow
 def test_fewer_steps_are_taken_where_a_system_is_at_rest() -> None:
     damped = [spring(100.0, 4.0), mass()]
     beginning = run(damped, OSCILLATOR, "1", "2", control(1e-4)).account.taken

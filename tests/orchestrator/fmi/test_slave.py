@@ -180,6 +180,7 @@ def test_maplesims_coupled_clutches_run() -> None:
     assert speeds[1][late] == pytest.approx(speeds[2][late], abs=0.1)  # the second clutch has locked
 
 
+@pytest.mark.slow
 def test_openmodelicas_fmi3_model_counts() -> None:
     path = third_party.fmi3_model()
     trace = run({"fmu": path}, step=Fraction(1, 10), stop=Fraction(1), values={"fmu.increment": 2.5})

@@ -86,6 +86,7 @@ def test_the_first_three_modes_are_those_of_finite_elements(payload: float) -> N
     assert found[:3] == pytest.approx(beam.finite_element_modes(Arm(payload=payload), 3), rel=0.006)
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(arms)
 def test_three_modes_are_those_of_finite_elements_whatever_the_constants(arm: Arm) -> None:

@@ -185,6 +185,7 @@ def test_an_element_that_is_not_there_is_refused(tmp_path: Path, target: str, fm
         write_back.write_back(path, {name: 1.0}, tmp_path / "w.fmu", {})
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not compiler.available(), reason="no C compiler here")
 def test_in_fmi_3_a_matrix_is_one_variable_with_dimensions(tmp_path: Path) -> None:
     system = random_linear(3, 5)

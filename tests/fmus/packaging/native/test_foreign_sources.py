@@ -106,6 +106,7 @@ def test_a_list_of_sources_that_cannot_be_true_is_refused(text: str, problem: st
     assert problem in str(refused.value)
 
 
+@pytest.mark.slow
 def test_definitions_folders_and_language_are_the_fmus_own() -> None:
     text = """language="C99" compiler="gcc" compilerOptions="-mavx"><SourceFile name="./model.c"/>
       <PreprocessorDefinition name="A"/><PreprocessorDefinition name="B" value="1 2"/>

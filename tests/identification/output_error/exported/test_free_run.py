@@ -182,6 +182,7 @@ def test_fmus_that_cannot_hold_values_are_given_them_by_the_scenario(tmp_path: P
         assert apart(result / f"free_run.{form}") == {"hand_angle_delay.late": pytest.approx(0, abs=1e-12)}
 
 
+@pytest.mark.slow
 def test_a_component_keeps_its_own_step_and_solver(tmp_path: Path) -> None:
     solved = {"model": "pendulum", "parameters": {"added_length": 0.1}, "solver": {"relative_tolerance": 1e-8}}
     slow = {"model": "dc_motor", "step": 0.002}

@@ -149,6 +149,7 @@ def test_fractional_delays_are_found_inside_narrow_intervals(result: Path) -> No
         assert parameters[name]["ci95"][1] - parameters[name]["ci95"][0] < 0.1 * STEP
 
 
+@pytest.mark.slow
 def test_a_clock_that_is_ahead_is_a_negative_delay(tmp_path: Path) -> None:
     data = record(tmp_path / "data", reading=-0.0048)
     parameters = calibrated(late_study(tmp_path / "study.yaml"), data)["parameters"]

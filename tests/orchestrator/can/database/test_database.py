@@ -384,6 +384,7 @@ def test_what_is_no_file_of_a_database_is_refused(tmp_path: Path) -> None:
         database.load(tmp_path / "large.dbc")
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.integers(0, len(DBC) - 1), st.integers(0, 40), st.text('0123456789 |@+-()[],:;"\nSG_BOM', max_size=12))
 def test_a_damaged_file_is_read_or_refused_but_never_crashes(tmp_path: Path, at: int, cut: int, put: str) -> None:
