@@ -55,9 +55,9 @@ class _Brackets:
 
 def crossings(loop: OpenLoop, measured: Measured, counts: Callable[[ComplexArray], BoolArray]) -> Crossings:
     """Where what is measured changes its sign, of those places that count."""
-    omega, values = loop.frequencies.copy(), measured(loop.values)
-    omega[:, -1] *= BEFORE
-    values[:, -1] = measured(loop.at(np.arange(len(omega)), omega[:, -1]))
+    omega, values = np.minimum(loop.frequencies, BEFORE * loop.frequencies[:, -1:]), measured(loop.values)
+    last = np.nonzero(omega < loop.frequencies)
+    values[last] = measured(loop.at(last[0], omega[last]))
     number, column = np.nonzero((values[:, :-1] > 0) != (values[:, 1:] > 0))
     ends = (omega[number, column], omega[number, column + 1], values[number, column], values[number, column + 1])
     brackets = _Brackets(number, *ends)

@@ -16,6 +16,7 @@ from orchestrator.trace import ComplexArray, FloatArray
 DECADES = ((1e-6, 1e-3, 20), (1e-3, 1.0, 120))  # from and to, of half the sampling frequency: frequencies a decade
 AROUND = (0.25, 0.6, 1.0, 1.7, 3.0, 6.0)  # of a mode's half width, where it is looked at on either side
 NARROWEST = 1e-4  # half width of a mode, of its frequency
+SAME = 1e-9  # share of a frequency by which another one is no other
 CHUNK = 20_000  # linear systems that are solved at once
 
 
@@ -82,7 +83,9 @@ class PlantSet:
         width = np.maximum(np.abs(rates.real), NARROWEST * omega)
         around = np.concatenate([omega + sign * part * width for part in AROUND for sign in (-1, 1)], axis=1)
         inside = np.clip(around, base[0], base[-1])
-        return np.sort(np.concatenate([np.broadcast_to(base, (len(self), len(base))), inside], axis=1), axis=1)
+        return _distinct(
+            np.sort(np.concatenate([np.broadcast_to(base, (len(self), len(base))), inside], axis=1), axis=1)
+        )
 
     @cached_property
     def responses(self) -> ComplexArray:
@@ -213,3 +216,17 @@ def _held(model: LinearModel, whole: int, columns: Sequence[int], new: FloatArra
     c[:, last] += d[:, columns]  # what is seen is what acted until now
     d[:, columns] = 0.0
     return LinearModel(a, b, c, d, model.step, model.inputs, model.outputs)
+
+
+def _distinct(rising: FloatArray) -> FloatArray:
+    """Rows (N, F) in which nothing stands twice, as modes that are a pair do: the widest gaps are halved instead.
+
+    What is sought between neighbours, a minimum or a crossing, would not be found between two that are the same.
+    """
+    rows = []
+    for row in rising:
+        kept = row[np.append(True, np.diff(row) > SAME * row[1:])]
+        kept[-1] = row[-1]
+        wide = np.argsort(np.diff(np.log(kept)))[2 * len(kept) - 1 - len(row) :]
+        rows.append(np.sort(np.append(kept, np.sqrt(kept[wide] * kept[wide + 1]))))
+    return np.array(rows)
