@@ -20,6 +20,7 @@ from fmus.modelling.model import Model, Number, Table
 from fmus.packaging import cache, defaults, values
 from fmus.packaging.fingerprint import NoFingerprintError, fingerprint
 from fmus.packaging.native import compiler, sources
+from fmus.packaging.native.network import Network
 from fmus.packaging.python import runtime
 from fmus.packaging.system.fused import FusedPart, FusedSystem
 
@@ -44,6 +45,7 @@ def build(
     parameters: Mapping[str, Number] | None = None,
     tables: Mapping[str, Table] | None = None,
     platforms: Sequence[str] = ("host",),
+    network: Network | None = None,
 ) -> Path:
     """Write the FMU of a model; the path comes back. One that was built before comes from the cache.
 
@@ -55,6 +57,7 @@ def build(
         parameters: values of parameters and inputs in place of the model's own, in the units that it declares.
         tables: samples of the tables that the model plays back.
         platforms: of native FMUs "host", "all", or names as x86_64-windows.
+        network: the bus that it is on, of native FMUs for FMI 3.
 
     Raises:
         InputError: the packaging is not known or does not offer what is asked for, or the path cannot be written.
@@ -63,11 +66,12 @@ def build(
     """
     order = _Order(
         model if isinstance(model, Model) else library.find(str(model)),
-        _offered(target or preferred(), fmi, platforms),
+        _offered(target or preferred(), fmi, platforms, network is not None),
         fmi,
         parameters or {},
         tables or {},
         tuple(platforms),
+        network,
     )
     return _built(order, Path(path))
 
@@ -119,13 +123,15 @@ class _Order:
     parameters: Mapping[str, Number]
     tables: Mapping[str, Table]
     platforms: tuple[str, ...]
+    network: Network | None = None
 
     def build(self, path: Path) -> Path:
         """Trace the model, compile where the packaging is native, and write the FMU."""
         if self.target == "native":
             from fmus.packaging.native import build as native  # noqa: PLC0415 (it brings SymPy along)
 
-            return native.build(self.model, path, self.parameters, self.tables, self.fmi, self.platforms)
+            given = self.parameters, self.tables, self.fmi, self.platforms, self.network
+            return native.build(self.model, path, *given)
         from fmus.packaging.python import build as python  # noqa: PLC0415 (it brings SymPy along)
 
         return python.build(self.model, path, self.parameters, self.tables)
@@ -134,7 +140,7 @@ class _Order:
         starts = defaults.dump(values.checked(self.model, self.parameters, self.tables))
         tables = {name: values.csv(table) for name, table in self.tables.items()}
         if self.target == "native":
-            parts = _native_parts(self.fmi, self.platforms)
+            parts = _native_parts(self.fmi, self.platforms, self.network)
         else:
             parts = [library.source_file(self.model).read_bytes(), runtime.files(self.model.name)]
         return _key(f"model {self.model.name}", self.target, self.model, starts, tables, parts)
@@ -169,9 +175,10 @@ def _starts_of(part: FusedPart) -> tuple[str, dict[str, bytes]]:
     return starts, {name: values.csv(table) for name, table in part.tables.items()}
 
 
-def _native_parts(fmi: int, platforms: Sequence[str]) -> list[object]:
+def _native_parts(fmi: int, platforms: Sequence[str], network: Network | None = None) -> list[object]:
     """What native FMUs are made of beside their models."""
-    return [sources.fixed(fmi), [(machine.name, compiler.identity(machine)) for machine in compiler.find(platforms)]]
+    machines = [(machine.name, compiler.identity(machine)) for machine in compiler.find(platforms)]
+    return [sources.fixed(fmi, network is not None), machines, network]
 
 
 def _key(what: str, *parts: object) -> str | None:
@@ -216,8 +223,10 @@ def _code(stamps: tuple[tuple[Path, int, int], ...]) -> tuple[tuple[str, bytes],
     return tuple((str(file.relative_to(_ROOT)), file.read_bytes()) for file, _, _ in stamps)
 
 
-def _offered(target: str, fmi: int, platforms: Sequence[str]) -> str:
+def _offered(target: str, fmi: int, platforms: Sequence[str], networked: bool = False) -> str:
     """The packaging, once it is seen to offer what is asked for."""
+    if networked and (target, fmi) != ("native", 3):
+        raise InputError("a network FMU", f"is not FMI {fmi} by target '{target}'", "use --target native --fmi 3")
     if target not in NAMES:
         raise InputError(f"target '{target}'", "is not known", f"choose {' or '.join(NAMES)}")
     if target == "python" and (fmi != 2 or tuple(platforms) != ("host",)):

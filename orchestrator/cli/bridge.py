@@ -12,7 +12,7 @@ import typer
 
 from fmus.errors import InputError
 from orchestrator.cli.can import Adapter, Channels, Interfaces
-from orchestrator.cli.scenarios import Fmus, LiveOptions, Overrides, files, overrides
+from orchestrator.cli.scenarios import Fmus, LiveOptions, Overrides, Running, files, overrides, run_and_write
 from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 from orchestrator.processes.interrupts import whole
 
@@ -20,12 +20,13 @@ if TYPE_CHECKING:
     from orchestrator.bridge.bridge import BridgeResult
     from orchestrator.bridge.preparation import BridgeJob
     from orchestrator.can.live.bus import BusSettings
+    from orchestrator.scenario.scenario import Scenario
 
 app = typer.Typer()
 
 RESERVE = 1 << 19  # bytes
 
-ScenarioFile = Annotated[Path, typer.Argument(help="A scenario file with a `can` block.")]
+ScenarioFile = Annotated[Path, typer.Argument(help="A scenario file with a `can` block, or with `buses`.")]
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,25 @@ class CouplingOptions:
         values, fmus = overrides(self.set_), files(self.fmu)
         return BridgeJob(scenario, bus, endless, self.case, values, duration, self.stride, fmus, tuple(others))
 
+    def networked(self, scenario: Path) -> Scenario | None:
+        """The scenario where network FMUs of its own are on the bus, with the case that is wanted; else None.
+
+        Raises:
+            InputError: there is no such case, or how long it goes on is not the scenario's.
+        """
+        from orchestrator.scenario.schema import load_scenario
+
+        loaded = load_scenario(scenario, fmus=files(self.fmu))
+        if loaded.can is not None or not loaded.system.buses:
+            return None
+        if self.duration is not None:
+            raise InputError("--duration", "is the scenario's where network FMUs are on its buses", "leave it out")
+        cases = tuple(case for case in loaded.cases if self.case in (None, case.name))[:1]
+        if not cases:
+            known = ", ".join(case.name for case in loaded.cases)
+            raise InputError(f"--case {self.case}", "there is no such case", f"choose {known}")
+        return replace(loaded, cases=cases)
+
 
 @command(app)
 def bridge(
@@ -68,9 +88,33 @@ def bridge(
 
     live.check()
     folder = out or default_folder(scenario)
+    if (networked := coupling.networked(scenario)) is not None:
+        return _on_buses(terminal, networked, adapter.buses(interface, channel), folder, coupling, live)
     job = coupling.job(scenario, adapter.buses(interface, channel), endless=False)
     coupled, folder = _coupled(job, folder, terminal, live)
     return _answer(coupled, folder, coupled.ending.stopped)
+
+
+def _on_buses(
+    terminal: Terminal,
+    scenario: Scenario,
+    buses: Sequence[BusSettings],
+    folder: Path,
+    coupling: CouplingOptions,
+    live: LiveOptions,
+) -> Answer:
+    """A scenario of network FMUs in real time, its buses coupled to these."""
+    from orchestrator.bridge.coupled_bus import Coupled
+    from orchestrator.live.paced import Paced
+    from orchestrator.progress import silent
+    from orchestrator.results import check_target
+
+    check_target(folder)
+    with live.steered(terminal, scenario.path.stem) as steering:
+        execute = Coupled(Paced(steering), tuple(buses)).execute
+        how = Running(overrides(coupling.set_), coupling.stride, execute=execute)
+        answer, _ = run_and_write(terminal, scenario, folder, how, silent)
+    return answer
 
 
 @command(app)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,11 +16,14 @@ from orchestrator.cli.traces import described
 from orchestrator.processes.interrupts import whole
 
 if TYPE_CHECKING:
+    from fmus.modelling.model import Model
     from orchestrator.bridge.preparation import BridgeJob
+    from orchestrator.engine import Profile
     from orchestrator.fmi.interface import Value
     from orchestrator.fmi.isolation import Isolation
     from orchestrator.live.panel import Panel
     from orchestrator.live.steering import Steering
+    from orchestrator.network.export import Exported
     from orchestrator.progress import Progress
     from orchestrator.scenario.run import Execute, ScenarioResult
     from orchestrator.scenario.scenario import Scenario
@@ -104,6 +107,18 @@ class LiveOptions:
         with terminal.panel(job.scenario.stem) as panel:
             yield replace(job, steering=self.steering(panel)), panel.move
 
+    @contextmanager
+    def steered(self, terminal: Terminal, label: str) -> Iterator[Steering]:
+        """What may be changed of a run in real time, which is shown as it goes."""
+        from orchestrator.live.steering import Steering
+
+        if not self.live:
+            with terminal.live(label) as move:
+                yield Steering(progress=move)
+            return
+        with terminal.panel(label) as panel:
+            yield self.steering(panel)
+
     def check(self) -> None:
         """See that the options go together.
 
@@ -141,12 +156,18 @@ def build(
             "--expose", metavar="COMP.PARAM", help="With --system: parameters to show, * and ? allowed; all by default."
         ),
     ] = None,
+    bus: Annotated[
+        Path | None,
+        typer.Option("--bus", metavar="FILE.dbc", help="With --fmi 3: as network FMUs (FMI-LS-BUS) on this CAN bus."),
+    ] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Folder for the FMUs.")] = None,
 ) -> Answer:
     """Build FMUs from model files, from the sources that FMUs bring along, or of a whole system."""
     from fmus import library
     from fmus.packaging import targets
 
+    if bus is not None and (system is not None or from_sources or not models):
+        raise InputError("--bus", "is for models that are named", "servotwin build MODEL --fmi 3 --bus FILE.dbc")
     if system is not None:
         if models or from_sources or target == "python":
             other = "--from-sources" if from_sources else "--target python" if target else models and models[0]
@@ -161,13 +182,30 @@ def build(
     chosen = [library.find(name) for name in models or library.names()]
     packaging = target or targets.preferred()
     files = {model.name: (out or Path("out/fmus")) / f"{model.name}.fmu" for model in chosen}
+    buses = {} if bus is None else _on_bus(chosen, bus)
     with terminal.bar("building") as move:
         for number, model in enumerate(chosen):
             move(number / len(chosen), model.name)
-            targets.build(model, files[model.name], target=packaging, fmi=fmi, platforms=platform or ("host",))
+            network = buses[model.name].network if buses else None
+            targets.build(
+                model, files[model.name], target=packaging, fmi=fmi, platforms=platform or ("host",), network=network
+            )
     rows = [(model.name, str(files[model.name]), model.description) for model in chosen]
     document = {"fmus": {name: str(file) for name, file in files.items()}, "target": packaging, "fmi": fmi}
-    return Answer(document, [Listing(("model", "FMU", "description"), rows)])
+    notes = [f"{name}: {note}" for name, found in buses.items() for note in found.notes]
+    if buses:
+        document["buses"] = {name: found.document() for name, found in buses.items()}
+    return Answer(document, [Listing(("model", "FMU", "description"), rows), *notes])
+
+
+def _on_bus(models: Sequence[Model], bus: Path) -> dict[str, Exported]:
+    """What each model exchanges over a bus."""
+    from orchestrator.crossing import logged
+    from orchestrator.network.export import exported
+
+    found = {model.name: exported(model, bus) for model in models}
+    logged([one for each in found.values() for one in each.crossings])
+    return found
 
 
 def _of_system(
@@ -236,13 +274,8 @@ def run(
     live: LiveOptions,
 ) -> Answer:
     """Run one scenario; exit code 1 when an expectation fails."""
-    from orchestrator.crossing import notes
     from orchestrator.engine import Profile
-    from orchestrator.fmi.said import LOG_FILE
-    from orchestrator.results import aside, check_target, default_folder
-    from orchestrator.scenario.report import interruption
-    from orchestrator.scenario.results import document_of, write_run
-    from orchestrator.scenario.run import HEADERS, Keeping, ScenarioFailed, ScenarioInterrupted, run_scenario
+    from orchestrator.results import check_target, default_folder
     from orchestrator.scenario.schema import load_scenario
 
     values, isolation, folder = overrides(set_), isolate.isolation(), out or default_folder(scenario)
@@ -250,13 +283,42 @@ def run(
     if check_step and live.live:
         raise InputError("--check-step", "is not for runs in real time", "leave --live out")
     check_target(folder)
+    with live.progress(terminal, scenario.stem) as (move, execute):
+        how = Running(values, stride, stream, Profile() if profile else None, execute, isolation)
+        loaded = load_scenario(scenario, fmus=files(fmu))
+        answer, result = run_and_write(terminal, loaded, folder, how, move)
+    whole_run = not result.interrupted and answer.failure is None
+    return _with_step_errors(answer, terminal, loaded, result, isolation) if check_step and whole_run else answer
+
+
+@dataclass(frozen=True)
+class Running:
+    """How a scenario is run, and what is kept of it; see `Keeping` and `run_scenario`."""
+
+    values: Mapping[str, Any]
+    stride: int = 1
+    stream: bool = False
+    profile: Profile | None = None
+    execute: Execute | None = None
+    isolation: Isolation | None = None
+
+
+def run_and_write(
+    terminal: Terminal, loaded: Scenario, folder: Path, how: Running, move: Progress
+) -> tuple[Answer, ScenarioResult]:
+    """What came of a scenario, written to a folder that may be written to, and the answer to whoever asked."""
+    from orchestrator.crossing import notes
+    from orchestrator.fmi.said import LOG_FILE
+    from orchestrator.results import aside
+    from orchestrator.scenario.report import interruption
+    from orchestrator.scenario.results import document_of, write_run
+    from orchestrator.scenario.run import HEADERS, Keeping, ScenarioFailed, ScenarioInterrupted, run_scenario
+
     failure: ScenarioFailed | None = None
-    with live.progress(terminal, scenario.stem) as (move, execute), aside(folder) as near:
-        profiled = Profile() if profile else None
-        keeping = Keeping(stride, near if stream else None, near / LOG_FILE, profiled, execute)
+    with aside(folder) as near:
+        keeping = Keeping(how.stride, near if how.stream else None, near / LOG_FILE, how.profile, how.execute)
         try:
-            loaded = load_scenario(scenario, fmus=files(fmu))
-            result = run_scenario(loaded, values, move, keeping=keeping, isolation=isolation)
+            result = run_scenario(loaded, how.values, move, keeping=keeping, isolation=how.isolation)
         except ScenarioInterrupted as stop:
             result = stop.result
         except ScenarioFailed as error:
@@ -270,13 +332,12 @@ def run(
         terminal.say(line)
     if result.interrupted:
         line = f"{interruption(result)}; the result up to there is in {folder}"
-        return Answer(document, held=False, interrupted=line)
+        return Answer(document, held=False, interrupted=line), result
     checks = Listing(HEADERS, result.rows(), result.scenario.title)
     shown: list[Listing | str] = [checks, f"results in {folder}"]
     if terminal.verbose:
         shown[1:1] = _step_statistics(result)
-    answer = Answer(document, shown, result.passed, failure=failure)
-    return _with_step_errors(answer, terminal, loaded, result, isolation) if check_step and failure is None else answer
+    return Answer(document, shown, result.passed, failure=failure), result
 
 
 def _step_statistics(result: ScenarioResult) -> list[Listing | str]:

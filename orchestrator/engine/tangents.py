@@ -106,6 +106,8 @@ def carried(system: System, plan: Plan, by: Sequence[str]) -> Carried:
         raise TangentsMissing(
             "order", "iterated steps are taken back, and those that carry tangents cannot be", "take differences"
         )
+    if carrying := next((name for name, part in system.parts.items() if part.carries), None):
+        raise TangentsMissing(carrying, "carries frames, which have no tangents", "take differences")
     for group in plan.groups:
         feeds = (link for link in system.connections if link.source.component == link.target.component == group[0])
         if len(group) > 1 or any(link.source.variable in plan.instant[group[0]] for link in feeds):

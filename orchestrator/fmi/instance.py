@@ -99,6 +99,11 @@ class FmuInstance(Generic[A]):
         if status:
             self._check(status, f"set {', '.join(self._given)}")
 
+    def begins_with(self, name: str) -> Value | None:
+        """The value that a variable was given, or else is declared to start from; some FMUs give none when asked."""
+        port = self._port(name)
+        return self._given.get(name, None if port.start is None else port.parsed(port.start))
+
     def get(self, name: str) -> Value:
         """Present value of any variable."""
         status, (value,) = self._group(name).taken()

@@ -7,7 +7,8 @@ that has arrived, too.
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -57,7 +58,7 @@ class Carrier:
     warnings = 0
 
     def __init__(self, name: str, spec: BusSpec, nodes: Sequence[BusNode]) -> None:
-        self.name, self.interface, self._nodes = name, interface(spec), tuple(nodes)
+        self.name, self.interface, self._spec, self._nodes = name, interface(spec), spec, tuple(nodes)
         self._outputs: Sequence[str] = ()
         self._values: dict[str, float] = {}
         self._start = 0.0
@@ -117,7 +118,21 @@ class CanBus(Carrier):
 
     def __init__(self, name: str, spec: BusSpec, nodes: Sequence[BusNode]) -> None:
         super().__init__(name, spec, nodes)
-        self._bus = IdealBus(name, [node.name for node in nodes], spec.bitrate, spec.data_bitrate)
+        self._bus = self._between(self._nodes)
+
+    def _between(self, nodes: Sequence[BusNode]) -> IdealBus:
+        return IdealBus(self.name, [node.name for node in nodes], self._spec.bitrate, self._spec.data_bitrate)
+
+    @contextmanager
+    def joined(self, node: BusNode) -> Iterator[None]:
+        """Have one more node on the bus, between runs."""
+        before = self._nodes
+        self._nodes = (*before, node)
+        self._bus = self._between(self._nodes)
+        try:
+            yield
+        finally:
+            self._nodes = before
 
     def begin(self, start: float, stop: float | None, tolerance: float | None = None) -> None:
         super().begin(start, stop, tolerance)
@@ -128,7 +143,7 @@ class CanBus(Carrier):
         bus, end = self._bus, time + duration
         for number, node in enumerate(self._nodes):
             bus.nodes[number].notified = node.notified
-            for stamp, data in node.sent():
+            for stamp, data in node.sent(time):
                 bus.take(number, stamp, data)
         before = bus.busy(time)
         bus.run(end)
@@ -162,7 +177,7 @@ class Wire(Carrier):
 
     def step(self, time: float, duration: float) -> None:
         one, other = self._nodes
-        sent = [data for _, data in one.sent()], [data for _, data in other.sent()]
+        sent = [data for _, data in one.sent(time)], [data for _, data in other.sent(time)]
         for node, received in ((other, sent[0]), (one, sent[1])):
             if received:
                 node.deliver(received)

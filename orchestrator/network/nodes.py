@@ -27,8 +27,8 @@ class BusNode(Protocol):
     def notified(self) -> bool:
         """Whether it is told what becomes of its frames."""
 
-    def sent(self) -> Iterable[tuple[float, bytes]]:
-        """Times [s] and operations of what it has sent since the last call."""
+    def sent(self, time: float) -> Iterable[tuple[float, bytes]]:
+        """Times [s] and operations of what it has sent since the last call, for the step that begins at a time."""
 
     def deliver(self, operations: Sequence[bytes]) -> None:
         """Have it receive operations when its next step begins."""
@@ -45,9 +45,9 @@ class LowCutNode:
 
     @property
     def notified(self) -> bool:
-        return bool(self._terminal.notifications and self._slave.get(self._terminal.notifications))
+        return bool(self._terminal.notifications and self._slave.begins_with(self._terminal.notifications))
 
-    def sent(self) -> Iterable[tuple[float, bytes]]:
+    def sent(self, time: float) -> Iterable[tuple[float, bytes]]:
         posts = self._slave.fetched((self._terminal.tx_clock,))
         return [(post.time, bytes.fromhex(str(post.values[0]))) for post in posts if post.values[0]]
 
@@ -74,7 +74,7 @@ class HighCutNode:
         self._decoder, self._database = SingleDecoder(terminal.database), terminal.database
         self._latest: dict[str, Value] = {}  # of multiplexed signals, which are not in every frame
 
-    def sent(self) -> Iterable[tuple[float, bytes]]:
+    def sent(self, time: float) -> Iterable[tuple[float, bytes]]:
         for post in self._slave.fetched(self._encoders):
             frame, encoder = self._encoders[post.clock]
             odd = [one.signal.name for one, value in zip(frame.signals, post.values, strict=True) if not _finite(value)]

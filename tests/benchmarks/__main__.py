@@ -41,6 +41,7 @@ BENCH = {
     "can_codec": "CAN frames to a trace and back, beside cantools",
     "can_logs": "BLF and text logs to frames and traces beside python-can and cantools, and memory",
     "can_wire": "frames over serial ports, relayed, received and recorded",
+    "ls_bus": "frames a second over a simulated CAN bus, between nodes alone and between FMUs",
     "loop_speed": "a step in our loops, in C and in other tools",
     "fused_speed": "a step of a system in one FMU, beside a C program and the wired system",
     "loop_scaling": "time and memory over components and steps",

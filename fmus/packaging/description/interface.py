@@ -5,8 +5,8 @@ The XML descriptions of both FMI versions and the generated C are written from i
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -68,13 +68,33 @@ class Interface(Protocol):
 
 @dataclass(frozen=True)
 class ModelInterface:
-    """The interface of an FMU that is a single model."""
+    """The interface of an FMU that is a single model; `networked` where it is on a bus."""
 
     model: Model
     variables: tuple[Exposed, ...]
     outputs: Mapping[str, tuple[str, ...]]
     rates: Mapping[str, tuple[str, ...]]
     initial_unknowns: Mapping[str, tuple[str, ...]]
+    networked: bool = False
+
+    def on_a_bus(self, received: Collection[str]) -> ModelInterface:
+        """The same with inputs that frames set: they are no inputs of the FMU any more."""
+        variables = tuple(
+            replace(one, causality="local", variability="discrete", initial="exact") if one.name in received else one
+            for one in self.variables
+        )
+
+        def without(unknowns: Mapping[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
+            return {name: tuple(one for one in known if one not in received) for name, known in unknowns.items()}
+
+        return replace(
+            self,
+            variables=variables,
+            outputs=without(self.outputs),
+            rates=without(self.rates),
+            initial_unknowns=without(self.initial_unknowns),
+            networked=True,
+        )
 
     @property
     def name(self) -> str:

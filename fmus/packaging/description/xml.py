@@ -38,12 +38,15 @@ class Extras:
     Attributes:
         log_categories: with their meaning.
         start, stop, step: of the default experiment [s].
+        variables: elements of others, which FMI 3.0 has after the time; `outputs` are the references of those.
     """
 
     log_categories: Mapping[str, str]
     step: float | None = None
     start: float = 0.0
     stop: float = STOP_TIME
+    variables: Sequence[ET.Element] = ()
+    outputs: Sequence[int] = ()
 
 
 PLAIN = Extras(LOG_CATEGORIES)
@@ -103,6 +106,7 @@ def fmi3(interface: Interface, token: str, offers: Sequence[Offer], extras: Extr
             "unit": TIME_UNIT,
         },
     )
+    parent.extend(extras.variables)
     structure = ET.SubElement(root, "ModelStructure")
     sections = (
         ("Output", interface.outputs),
@@ -111,6 +115,8 @@ def fmi3(interface: Interface, token: str, offers: Sequence[Offer], extras: Extr
     )
     for name, unknowns in sections:
         _unknowns(structure, name, "valueReference", unknowns, _reference(interface))
+        for reference in extras.outputs if name == "Output" else ():
+            ET.SubElement(structure, name, valueReference=str(reference))
     return document(root)
 
 

@@ -7,7 +7,7 @@ defaults it was built with, so that FMUs of one model with other values are not 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -18,34 +18,12 @@ from fmus.packaging import archive, defaults, licenses, values
 from fmus.packaging.description import documentation, exposure, interface, xml
 from fmus.packaging.description.interface import ModelInterface
 from fmus.packaging.description.xml import Extras, Offer
-from fmus.packaging.native import c_model, compiler, sources
+from fmus.packaging.native import c_model, c_network, compiler, network_files, sources
+from fmus.packaging.native.capabilities import CAPABILITIES, NETWORKED
 from fmus.packaging.native.compiler import Platform
+from fmus.packaging.native.network import Network
 
 LOG_CATEGORIES = {"logStatusError": "What went wrong", "logEvents": "What was read, and how the model is stepped"}
-
-
-@dataclass(frozen=True)
-class Capabilities:
-    """Flags by their names in one version of FMI."""
-
-    common: dict[str, bool]
-    derivatives: tuple[str, ...]
-    exchange: dict[str, bool]
-
-
-CAPABILITIES = {
-    2: Capabilities(
-        dict.fromkeys(("canGetAndSetFMUstate", "canSerializeFMUstate", "canNotUseMemoryManagementFunctions"), True)
-        | {"needsExecutionTool": False},
-        ("providesDirectionalDerivative",),
-        {"completedIntegratorStepNotNeeded": False},
-    ),
-    3: Capabilities(
-        {"needsExecutionTool": False, "canGetAndSetFMUState": True, "canSerializeFMUState": True},
-        ("providesDirectionalDerivatives", "providesAdjointDerivatives"),
-        {"needsCompletedIntegratorStep": True},
-    ),
-}
 
 
 def build(
@@ -55,29 +33,36 @@ def build(
     tables: Mapping[str, Table] | None = None,
     fmi: int = 2,
     platforms: Sequence[str] = ("host",),
+    network: Network | None = None,
 ) -> Path:
     """Write the FMU of a model with these defaults and tables; the path comes back.
 
-    Co-simulation for every model, model exchange too for those with continuous states and no sampled ones.
+    Co-simulation for every model, model exchange too for those with continuous states and no sampled ones, and no
+    network.
 
     Args:
         fmi: 2 or 3.
         platforms: names of `compiler.PLATFORMS`, "host" or "all".
+        network: the bus that it is on, with FMI 3.
 
     Raises:
         ModelError: a parameter or table the model does not have, a value of the wrong type or out of bounds, a model
             that cannot be turned into C, no compiler, or one that failed.
     """
+    model = model if network is None else network_files.notified(model)
     starts = values.checked(model, parameters or {}, tables or {})
-    shown = exposure.complete(model, starts)
-    code = _code(model, fmi)
+    shown = _shown(model, starts, network)
+    code = _code(model, fmi, network)
     resources = {f"resources/{name}.csv": values.csv(table) for name, table in (tables or {}).items()}
     resources[defaults.RESOURCE] = defaults.dump(starts).encode()
     files = resources | {f"sources/{name}": text.encode() for name, text in code.sources.items()}
     files |= binaries(model.name, code, fmi, compiler.find(platforms))
-    files["modelDescription.xml"] = _description(shown, f"{code.token}-{archive.digest(resources)[:16]}", fmi, code)
+    files["modelDescription.xml"] = _description(
+        shown, f"{code.token}-{archive.digest(resources)[:16]}", fmi, code, network
+    )
     files["documentation/index.html"] = documentation.page(shown)
     files[licenses.NAME] = licenses.native()
+    files |= {} if network is None else network_files.files(network)
     if fmi == 3:
         files["sources/buildDescription.xml"] = build_description(model.name, code)
     archive.write(path, files)
@@ -97,15 +82,24 @@ class Code:
 
 
 @cache
-def _code(model: Model, fmi: int) -> Code:
+def _code(model: Model, fmi: int, network: Network | None = None) -> Code:
     """Generated sources, runtime and FMI headers; what they are does not depend on parameters."""
-    fixed = sources.fixed(fmi)
+    fixed = sources.fixed(fmi, network is not None)
     require_agreement(model)
-    shown = exposure.complete(model, {})
+    shown = _shown(model, {}, network)
     generated = c_model.generate(shown, "")
+    if network is not None:
+        references = {variable.name: variable.reference for variable in shown.variables}
+        generated[c_network.HEADER] = c_network.tables(network, references, shown.time_reference + 1)
     digest = archive.digest({name: text.encode() for name, text in (fixed | generated).items()})
     token = f"{model.name}-{digest[:32]}"
     return Code(fixed | generated | {"layout.h": c_model.layout(shown, token)}, token)
+
+
+def _shown(model: Model, starts: Mapping[str, Number], network: Network | None) -> ModelInterface:
+    """What the FMU shows."""
+    shown = exposure.complete(model, starts)
+    return shown if network is None else shown.on_a_bus(network.received)
 
 
 def binaries(
@@ -123,17 +117,21 @@ def binaries(
     }
 
 
-def _description(shown: ModelInterface, token: str, fmi: int, code: Code) -> bytes:
+def _description(shown: ModelInterface, token: str, fmi: int, code: Code, network: Network | None) -> bytes:
     model = shown.model
-    flags = CAPABILITIES[fmi]
-    exchangeable = interface.exchangeable(model)
+    flags = CAPABILITIES[fmi] if network is None else NETWORKED
+    exchangeable = interface.exchangeable(model) and network is None
     common = {**flags.common, **dict.fromkeys(flags.derivatives, exchangeable)}
     listed = code.units if fmi == 2 else []
     stepping = {"canHandleVariableCommunicationStepSize": True}
+    stepping |= {} if network is None else {"hasEventMode": True}
     offers = [Offer("ModelExchange", model.name, common | flags.exchange, listed)] if exchangeable else []
     offers.append(Offer("CoSimulation", model.name, common | stepping, listed))
     starts = {v.name: v.start for v in shown.variables if v.start is not None}
     extras = Extras(LOG_CATEGORIES, interface.default_step(model, starts))
+    if network is not None:
+        first = shown.time_reference + 1
+        extras = replace(extras, variables=network_files.variables(network, first), outputs=[first + 1])
     return (xml.fmi2 if fmi == 2 else xml.fmi3)(shown, token, offers, extras)
 
 

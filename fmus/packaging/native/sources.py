@@ -14,20 +14,23 @@ _COMMON = tuple(
     for name in ("derivatives", "files", "instance", "late", "ops", "resources")
     for suffix in (".c", ".h")
 )
-_ADAPTERS: dict[int, tuple[str, ...]] = {2: ("fmi2.c",), 3: ("fmi3.c", "fmi3_absent.c")}
+_ADAPTERS: dict[int, tuple[str, ...]] = {2: ("fmi2.c",), 3: ("fmi3.c", "fmi3_absent.c", "fmi3_component.h")}
+_CLOCKLESS, _NETWORK = ("fmi3_unclocked.c",), ("fmi3_network.c", "network.c", "network.h")
 _HEADERS = {
     2: ("fmi2FunctionTypes.h", "fmi2Functions.h", "fmi2TypesPlatform.h"),
     3: ("fmi3FunctionTypes.h", "fmi3Functions.h", "fmi3PlatformTypes.h"),
 }
 
 
-def fixed(fmi: int) -> dict[str, str]:
-    """File name -> text, for one version of FMI."""
-    return dict(_fixed(fmi))
+def fixed(fmi: int, networked: bool = False) -> dict[str, str]:
+    """File name -> text, for one version of FMI; `networked` with the bus of a network FMU, which FMI 3 has."""
+    return dict(_fixed(fmi, networked))
 
 
 @cache
-def _fixed(fmi: int) -> dict[str, str]:
-    runtime = {name: (_RUNTIME / name).read_text() for name in (*_COMMON, "model.h", "rules.c", *_ADAPTERS[fmi])}
+def _fixed(fmi: int, networked: bool) -> dict[str, str]:
+    clocks = () if fmi == 2 else _NETWORK if networked else _CLOCKLESS
+    names = (*_COMMON, "model.h", "rules.c", *_ADAPTERS[fmi], *clocks)
+    runtime = {name: (_RUNTIME / name).read_text() for name in names}
     headers = package_folder("fmpy") / "c-code"
     return runtime | {name: (headers / name).read_text() for name in _HEADERS[fmi]}

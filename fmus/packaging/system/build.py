@@ -10,7 +10,8 @@ from fmus.packaging import archive, defaults, licenses, values
 from fmus.packaging.description import xml
 from fmus.packaging.description.xml import Extras, Offer
 from fmus.packaging.native import compiler
-from fmus.packaging.native.build import CAPABILITIES, LOG_CATEGORIES, Code, binaries, build_description
+from fmus.packaging.native.build import LOG_CATEGORIES, Code, binaries, build_description
+from fmus.packaging.native.capabilities import CAPABILITIES
 from fmus.packaging.system import c_system, manifest, page
 from fmus.packaging.system.fused import FusedSystem
 from fmus.packaging.system.interface import SystemInterface, shown

@@ -33,8 +33,8 @@ from orchestrator.can.ls_bus.operations import (
     TransmitFd,
     Wakeup,
     WhenLost,
-    decoded,
     encoded,
+    taken_apart,
 )
 
 _GAP = 3  # bits between two frames
@@ -87,7 +87,7 @@ class IdealBus:
         self._rates = {what: (rate, "the bus") for what, rate in self._given.items() if rate}
         self._arrivals: list[Request] = []
         self._ready: list[tuple[bool, int, int, Request]] = []
-        self._number = 0
+        self._number, self._giving_back = 0, False
         self._under_way: Request | None = None
         self._origin = self._received = self._free = -math.inf  # of frames without a pause between, and of the latest
         self._bits = 0, 0  # since then, at the nominal and at the data bit rate
@@ -96,9 +96,9 @@ class IdealBus:
 
     def take(self, number: int, time: float, data: bytes) -> None:
         """Take what a node gave at a time."""
-        for operation in decoded(data):
+        for operation, own in taken_apart(data):
             if isinstance(operation, Transmit | TransmitFd):
-                self._request(number, time, operation)
+                self._request(number, time, operation, own)
             else:
                 self._obey(number, operation)
 
@@ -112,11 +112,11 @@ class IdealBus:
                 self._arrive(self._under_way)
             if not arrivals and not ready:
                 return
-            bit = 1.0 / self._rate
             begin = self._free if ready else max(self._free, arrivals[0][0])
-            if begin + bit > until:
+            bit_over = begin + 1.0 / self._rate
+            if bit_over > until:
                 return
-            while arrivals and arrivals[0][0] < begin + bit:
+            while arrivals and arrivals[0][0] < bit_over:
                 self._line_up(heappop(arrivals))
             self._begin(begin, heappop(ready)[-1])
             self._give_back(begin)
@@ -150,12 +150,12 @@ class IdealBus:
             raise BusError(self.name, "has no bit rate, and no node configures one", "give it a `bitrate`")
         return self._rates["bitrate"][0]
 
-    def _request(self, number: int, time: float, frame: Frame) -> None:
+    def _request(self, number: int, time: float, frame: Frame, operation: bytes) -> None:
         if self.nodes[number].state is NodeState.BUS_OFF:
             self.counts[f"frames of {self.nodes[number].name}, which is off the bus"] += 1
             return
         self._number += 1
-        heappush(self._arrivals, (time, self._number, number, frame, encoded([frame])))
+        heappush(self._arrivals, (time, self._number, number, frame, operation))
 
     def _line_up(self, request: Request) -> None:
         """Have a frame take part in arbitration; who is error passive comes after the others."""
@@ -195,7 +195,7 @@ class IdealBus:
 
     def _give_back(self, begin: float) -> None:
         """Give those frames back that have lost and are not to wait."""
-        if not self._ready or not any(node.discards for node in self.nodes):
+        if not (self._giving_back and self._ready):
             return
         lost = [entry for entry in self._ready if self.nodes[entry[-1][2]].discards]
         self._ready[:] = [entry for entry in self._ready if entry not in lost]
@@ -225,6 +225,7 @@ class IdealBus:
     def _configure(self, node: Node, wanted: Configuration) -> None:
         if wanted.setting is Setting.ARBITRATION_LOST:
             node.discards = wanted.value == WhenLost.DISCARD_AND_NOTIFY
+            self._giving_back = any(one.discards for one in self.nodes)
         elif (what := _RATES.get(wanted.setting)) is None:
             self.counts[f"configurations of {node.name} that the bus does not need: {wanted.setting.name}"] += 1
         elif wanted.value == 0 or self._rates.setdefault(what, (wanted.value, node.name))[0] != wanted.value:

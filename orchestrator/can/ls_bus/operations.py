@@ -165,6 +165,7 @@ _LAYOUTS = [
 ]
 _BY_KIND = {layout.kind: layout for layout in _LAYOUTS}
 _BY_CODE = {layout.code: layout for layout in _LAYOUTS}
+_CODE_OF_FRAME, _FRAME = 0x10, _BY_KIND[Transmit].fields
 _SHORT_CONFIGURATION = Struct("<IIBB")
 _BOOLEAN = {  # fields that are 0 or 1
     Transmit: ("extended", "remote"),
@@ -181,20 +182,39 @@ def encoded(operations: Iterable[Operation]) -> bytes:
 
 def decoded(data: bytes) -> list[Operation | Malformed]:
     """What lies in a binary variable; after an operation whose length is wrong nothing more can be made out."""
-    found: list[Operation | Malformed] = []
+    return [operation for operation, _ in taken_apart(data)]
+
+
+def taken_apart(data: bytes) -> list[tuple[Operation | Malformed, bytes]]:
+    """What lies in a binary variable, each with its bytes."""
+    found: list[tuple[Operation | Malformed, bytes]] = []
     place, end = 0, len(data)
     while place < end:
         if end - place < _HEADER.size:
-            found.append(Malformed(data[place:], f"ends after {end - place} of {_HEADER.size} bytes of its head"))
+            rest = data[place:]
+            found.append((Malformed(rest, f"ends after {end - place} of {_HEADER.size} bytes of its head"), rest))
             break
         code, length = _HEADER.unpack_from(data, place)
         if not _HEADER.size <= length <= end - place:
             problem = f"says that it has {length} bytes where there are {end - place}"
-            found.append(Malformed(data[place:], problem))
+            found.append((Malformed(data[place:], problem), data[place:]))
             break
-        found.append(_decoded(code, data[place : place + length]))
+        own = data[place : place + length]
+        frame = _plain(own) if code == _CODE_OF_FRAME else None
+        found.append((frame or _decoded(code, own), own))
         place += length
     return found
+
+
+def _plain(data: bytes) -> Transmit | None:
+    """The classic data frame that this is, None where it is something else; by far the most are."""
+    head = _FRAME.size
+    if len(data) < head:
+        return None
+    _, _, identifier, extended, remote, length = _FRAME.unpack_from(data)
+    if extended > 1 or remote or length > CLASSIC or length != len(data) - head or identifier > _TOP[extended == 1]:
+        return None
+    return Transmit(identifier, extended == 1, False, length, data[head:])
 
 
 def _encoded(operation: Operation) -> bytes:

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from fmus.modelling.model import Model, Table
 from fmus.packaging import cache, targets
 from fmus.packaging.cache import Cache
 from fmus.packaging.native import compiler, sources
+from fmus.packaging.native.network import Network
 
 needs_compiler = pytest.mark.skipif(not compiler.available(), reason="no C compiler here")
 EXCITATION = library.find("excitation")
@@ -137,6 +139,9 @@ def test_an_edited_model_file_is_built_again(tmp_path: Path, built: list[str]) -
     assert built == ["python", "python"]
 
 
+BUS = Network("lines", (), b"")
+
+
 def key(model: Model = EXCITATION, **changes: Any) -> str | None:
     order = {"target": "native", "fmi": 2, "parameters": {}, "tables": {}, "platforms": ("host",)} | changes
     return targets._Order(model, **order).key()
@@ -151,12 +156,13 @@ def test_whatever_a_native_fmu_is_made_of_is_in_its_key(tmp_path: Path, monkeypa
     wrapper.chmod(0o755)
     texts = sources.fixed(2)
     keys = {"as it is": key(), "FMI": key(fmi=3), "packaging": key(target="python"), "model": key(library.find("pd"))}
+    keys |= {"bus": key(fmi=3, network=BUS), "database": key(fmi=3, network=replace(BUS, database=b" "))}
     changes: dict[str, Callable[[pytest.MonkeyPatch], None]] = {
         "flags": lambda here: here.setattr(compiler, "FLAGS", (*compiler.FLAGS, "-O1")),
         "compiler": lambda here: here.setenv("CC", str(wrapper)),
         "a flag of the command": lambda here: here.setenv("CC", f"{wrapper} -m64"),
         "a folder of headers": lambda here: here.setenv("CPATH", str(tmp_path)),
-        "runtime": lambda here: here.setattr(sources, "fixed", lambda fmi: texts | {"ops.c": texts["ops.c"] + "\n"}),
+        "runtime": lambda here: here.setattr(sources, "fixed", lambda *_: texts | {"ops.c": texts["ops.c"] + "\n"}),
         "SymPy": lambda here: here.setattr(targets, "version", lambda name: f"{name} 0.1"),
         "Python": lambda here: here.setattr(sys, "version", "4.0"),
     }

@@ -1,16 +1,16 @@
 /* FMI 3.0 (co-simulation and model exchange) on top of instance.h. */
-#include "fmi3Functions.h"
+#include "fmi3_component.h"
 
 #include <stdlib.h>
 #include <string.h>
 
 #include "derivatives.h"
 
-typedef struct {
-    Instance instance; /* first, so that a pointer to it is one to the component */
-    fmi3LogMessageCallback log;
-    fmi3InstanceEnvironment environment;
-} Component;
+#ifdef NETWORK
+enum { BETWEEN_STEPS = STEP }; /* modes of co-simulation from which event mode is entered */
+#else
+enum { BETWEEN_STEPS = 0 };
+#endif
 
 /* Modes in which a function may be called (FMI 3.0, state machines in 2.3, 3.2 and 4.2). Getting is also allowed before
  * the initialisation: the values are there, and some importers look at them. */
@@ -20,7 +20,7 @@ enum {
     CAN_SetDebugLogging = ANY,
     CAN_EnterInitializationMode = INSTANTIATED,
     CAN_ExitInitializationMode = INITIALIZATION,
-    CAN_EnterEventMode = EVENT | CONTINUOUS_TIME,
+    CAN_EnterEventMode = EVENT | CONTINUOUS_TIME | BETWEEN_STEPS,
     CAN_Terminate = RUNNING,
     CAN_Reset = ANY,
     CAN_Get = ANY,
@@ -120,6 +120,12 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String instanceName, fmi3String ins
     (void)instanceName, (void)visible, (void)eventModeUsed, (void)earlyReturnAllowed;
     (void)requiredIntermediateVariables, (void)intermediateUpdate;
     Component *c = instantiate(instantiationToken, resourcePath, loggingOn, instanceEnvironment, logMessage, 0);
+#ifdef NETWORK
+    if (c)
+        c->network.events = eventModeUsed;
+    if (c && !eventModeUsed)
+        instance_warn(&c->instance, "exchanges nothing with its bus: the importer does not use event mode");
+#endif
     return unless(c, nRequiredIntermediateVariables > 0, "provides no intermediate variables");
 }
 
@@ -151,13 +157,21 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean tolera
     if (instance_begin(of(instance), startTime))
         return fmi3Error;
     of(instance)->now.mode = INITIALIZATION;
+#ifdef NETWORK
+    network_begin(&((Component *)instance)->network);
+#endif
     return fmi3OK;
 }
 
 fmi3Status fmi3ExitInitializationMode(fmi3Instance instance)
 {
     REQUIRE(instance, CAN_ExitInitializationMode);
-    of(instance)->now.mode = of(instance)->model_exchange ? EVENT : STEP;
+#ifdef NETWORK
+    const int events = ((Component *)instance)->network.events;
+#else
+    const int events = of(instance)->model_exchange;
+#endif
+    of(instance)->now.mode = events ? EVENT : STEP;
     return fmi3OK;
 }
 
@@ -374,6 +388,9 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, fmi3Boolean *discrete
     *discreteStatesNeedUpdate = *terminateSimulation = *nominalsOfContinuousStatesChanged = fmi3False;
     *valuesOfContinuousStatesChanged = *nextEventTimeDefined = fmi3False;
     *nextEventTime = 0.0;
+#ifdef NETWORK
+    network_update(&((Component *)instance)->network, of(instance));
+#endif
     return fmi3OK;
 }
 

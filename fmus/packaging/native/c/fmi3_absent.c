@@ -25,20 +25,6 @@ fmi3Status fmi3SetString(fmi3Instance instance, const fmi3ValueReference valueRe
     return none(instance, nValueReferences + nValues, "strings");
 }
 
-fmi3Status fmi3GetBinary(fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences,
-                         size_t valueSizes[], fmi3Binary values[], size_t nValues)
-{
-    (void)valueReferences, (void)valueSizes, (void)values;
-    return none(instance, nValueReferences + nValues, "binary variables");
-}
-
-fmi3Status fmi3SetBinary(fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences,
-                         const size_t valueSizes[], const fmi3Binary values[], size_t nValues)
-{
-    (void)valueReferences, (void)valueSizes, (void)values;
-    return none(instance, nValueReferences + nValues, "binary variables");
-}
-
 fmi3Status fmi3GetNumberOfVariableDependencies(fmi3Instance instance, fmi3ValueReference valueReference,
                                                size_t *nDependencies)
 {
@@ -64,35 +50,6 @@ fmi3Status fmi3EnterConfigurationMode(fmi3Instance instance)
 fmi3Status fmi3ExitConfigurationMode(fmi3Instance instance)
 {
     return none(instance, 1, "structural parameters");
-}
-
-fmi3Status fmi3GetClock(fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences,
-                        fmi3Clock values[])
-{
-    (void)valueReferences, (void)values;
-    return none(instance, nValueReferences, "clocks");
-}
-
-fmi3Status fmi3SetClock(fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences,
-                        const fmi3Clock values[])
-{
-    (void)valueReferences, (void)values;
-    return none(instance, nValueReferences, "clocks");
-}
-
-fmi3Status fmi3GetIntervalDecimal(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                                  size_t nValueReferences, fmi3Float64 intervals[], fmi3IntervalQualifier qualifiers[])
-{
-    (void)valueReferences, (void)intervals, (void)qualifiers;
-    return none(instance, nValueReferences, "clocks");
-}
-
-fmi3Status fmi3GetIntervalFraction(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                                   size_t nValueReferences, fmi3UInt64 counters[], fmi3UInt64 resolutions[],
-                                   fmi3IntervalQualifier qualifiers[])
-{
-    (void)valueReferences, (void)counters, (void)resolutions, (void)qualifiers;
-    return none(instance, nValueReferences, "clocks");
 }
 
 fmi3Status fmi3GetShiftDecimal(fmi3Instance instance, const fmi3ValueReference valueReferences[],
@@ -149,11 +106,6 @@ fmi3Status fmi3GetEventIndicators(fmi3Instance instance, fmi3Float64 eventIndica
 {
     (void)eventIndicators;
     return none(instance, nEventIndicators, "event indicators");
-}
-
-fmi3Status fmi3EnterStepMode(fmi3Instance instance)
-{
-    return none(instance, 1, "event mode in co-simulation");
 }
 
 fmi3Status fmi3GetOutputDerivatives(fmi3Instance instance, const fmi3ValueReference valueReferences[],

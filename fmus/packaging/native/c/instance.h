@@ -88,6 +88,9 @@ int instance_allows(Instance *it, int modes, const char *function);
 Status instance_error(Instance *it, const char *format, ...);
 void instance_event(Instance *it, const char *format, ...);
 
+/* Report something that is not as it should be, with which the instance goes on. */
+void instance_warn(Instance *it, const char *format, ...);
+
 /* Report an error after which the instance cannot go on. */
 Status instance_fail(Instance *it, const char *format, ...);
 

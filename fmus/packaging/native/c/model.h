@@ -9,13 +9,14 @@
 #include "ops.h"
 
 typedef enum { REAL = 1, INTEGER = 2, BOOLEAN = 4, ENUMERATION = 8 } Type;
-typedef enum { INPUT, PARAMETER, TUNABLE, STATE, OUTPUT, RATE, TIME } Role; /* TUNABLE: a parameter, at any time */
+/* TUNABLE: a parameter, at any time; RECEIVED: an input of the model that frames of a bus set */
+typedef enum { INPUT, PARAMETER, TUNABLE, RECEIVED, STATE, OUTPUT, RATE, TIME } Role;
 
 typedef struct {
     const char *name;
     Type type;
     Role role;
-    double start; /* of inputs and parameters */
+    double start; /* of inputs, parameters and what is received */
     int size;     /* how many values FMI 3.0 has behind it: all of an array behind its first element, none behind others */
 } Variable;
 

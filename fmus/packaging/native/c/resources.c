@@ -52,7 +52,7 @@ static int parse_number(const char *text, double *number)
 static int find_default(const char *name)
 {
     for (int i = 0; i < N_VARIABLES; i++)
-        if (model_variables[i].role <= TUNABLE && strcmp(model_variables[i].name, name) == 0)
+        if (model_variables[i].role <= RECEIVED && strcmp(model_variables[i].name, name) == 0)
             return i;
     return -1;
 }

@@ -34,6 +34,14 @@ Status instance_fail(Instance *it, const char *format, ...)
     return STATUS_ERROR;
 }
 
+void instance_warn(Instance *it, const char *format, ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    report(it, STATUS_WARNING, "logStatusError", format, arguments);
+    va_end(arguments);
+}
+
 void instance_event(Instance *it, const char *format, ...)
 {
     va_list arguments;
@@ -95,6 +103,8 @@ const char *instance_obstacle(const Instance *it, const Variable *variable)
 {
     if (variable->role == INPUT || variable->role == TUNABLE || (variable->role == STATE && it->model_exchange))
         return NULL;
+    if (variable->role == RECEIVED)
+        return it->now.mode & (INSTANTIATED | INITIALIZATION) ? NULL : "is set by frames of the bus alone";
     if (variable->role != PARAMETER)
         return "is computed and cannot be set";
     return it->now.mode & (INSTANTIATED | INITIALIZATION) ? NULL : "is fixed once the initialisation is over";

@@ -1,0 +1,175 @@
+"""From a model and the database of a bus to what the model's network FMU sends and receives.
+
+A signal is the variable of the model that has its name: a message with outputs is sent, one with inputs received.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from fmus.errors import DatabaseError, InputError
+from fmus.modelling.model import Model, Variable
+from fmus.packaging.native.network import Checksum, Frame, Network, Signal
+from orchestrator.can.codec.fields import check_sendable, longest, raw_limits, resting
+from orchestrator.can.database.database import Database, load
+from orchestrator.can.database.message import MessageSpec, SignalSpec, checksum_byte
+from orchestrator.can.database.protection import ALGORITHMS
+from orchestrator.crossing import Crossing, crossing, documents_of, named
+
+_FLOATS = (32, 64)
+_MOST = 256  # frames of one FMU
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What a model has on a bus.
+
+    Attributes:
+        notes: what is not on it, or not as somebody might think, a line each.
+        crossings: how values pass between units.
+    """
+
+    network: Network
+    notes: tuple[str, ...]
+    crossings: tuple[Crossing, ...]
+
+    def document(self) -> dict[str, Any]:
+        """Frames and their variables, for somebody to see."""
+        return {
+            "terminal": self.network.name,
+            "frames": [
+                {
+                    "name": frame.name,
+                    "id": frame.id,
+                    "period": frame.period * 1e-9 if frame.sent else None,
+                    "variables": [signal.variable for signal in frame.signals],
+                }
+                for frame in self.network.frames
+            ],
+            "units": documents_of(self.crossings),
+            "notes": [*self.notes],
+        }
+
+
+def exported(model: Model, file: Path) -> Exported:
+    """What the network FMU of a model exchanges.
+
+    Raises:
+        DatabaseError: the file cannot be read; or it does not fit the model: no signal has the name of a variable, a
+            message is both sent and received, has no period, or is of a kind that a network FMU does not write.
+        WiringError: a signal is of another quantity than its variable.
+    """
+    if file.suffix.lower() != ".dbc":
+        raise InputError(f"--bus {file}", "is no DBC", "give a file .dbc")
+    database = load(file)
+    found: list[Frame] = []
+    crossings: list[Crossing] = []
+    notes: list[str] = [*database.notes]
+    for message in database.messages:
+        frame = _frame(model, database, message, crossings, notes)
+        found += [] if frame is None else [frame]
+    if not found:
+        names = ", ".join(v.name for v in model.variables if v.causality in ("input", "output"))
+        raise DatabaseError(file, f"has no signal that is called as a variable of {model.name}", f"it has {names}")
+    if len(found) > _MOST:
+        raise DatabaseError(file, f"has {len(found)} frames of {model.name}", f"an FMU has at most {_MOST}")
+    _check_sources(file, found)
+    carried = {signal.variable for frame in found for signal in frame.signals}
+    left = [v.name for v in model.variables if v.causality in ("input", "output") and v.name not in carried]
+    notes += [f"{', '.join(left)}: in no frame, and as without a bus"] if left else []
+    return Exported(Network(file.stem, tuple(found), file.read_bytes()), tuple(notes), tuple(crossings))
+
+
+def _frame(
+    model: Model, database: Database, message: MessageSpec, crossings: list[Crossing], notes: list[str]
+) -> Frame | None:
+    """The frame of a message; None where it is nothing to the model."""
+    place = f"{database.path}: {message.name}"
+    named = {one.name: model.by_name[one.name] for one in message.signals if one.name in model.by_name}
+    causes = {variable.causality for variable in named.values()} & {"input", "output"}
+    if not causes:
+        return None
+    if len(causes) > 1:
+        one, other = (next(n for n, v in named.items() if v.causality == cause) for cause in ("output", "input"))
+        problem = f"has {one}, an output of {model.name}, and {other}, an input"
+        raise DatabaseError(place, problem, "a message has one sender: take them apart")
+    (causality,) = causes
+    taken = [signal for signal in message.signals if signal.name in named and named[signal.name].causality == causality]
+    _check_kind(place, message)
+    if causality == "output":
+        check_sendable(message)
+    signals = tuple(_signal(place, signal, named[signal.name], causality, crossings) for signal in taken)
+    frame = Frame(message.name, message.id, message.extended, message.fd, message.length, 0, signals)
+    return frame if causality == "input" else _sent(place, message, frame, notes)
+
+
+def _sent(place: str, message: MessageSpec, frame: Frame, notes: list[str]) -> Frame:
+    """The frame as it is sent."""
+    if not message.cycle:
+        raise DatabaseError(place, "has no period, by which a network FMU sends it", "give it a GenMsgCycleTime")
+    protection, counter, checksum = message.protection, None, None
+    if protection is not None and protection.counter:
+        counting = message.signal(protection.counter)
+        modulus = protection.modulus or 1 << counting.length
+        counter = Signal("", *_place(place, counting), 1.0, 0.0, 0.0, modulus - 1.0), modulus
+    if protection is not None and protection.checksum:
+        crc, byte = ALGORITHMS[protection.algorithm], checksum_byte(message.signal(protection.checksum))
+        assert byte is not None
+        checksum = Checksum(byte, crc.polynomial, crc.start, crc.mask, protection.data_id)
+    filled = {signal.variable for signal in frame.signals}
+    filled |= {protection.counter, protection.checksum} if protection else set()
+    others = [signal for signal in message.signals if signal.name not in filled]
+    if others:
+        notes.append(f"{message.name}: {', '.join(s.name for s in others)} rest at the initial value, or zero")
+    rest = {signal.name: resting(signal) for signal in message.signals}
+    data = message.raw.encode(rest, strict=False).ljust(longest(message), b"\0")
+    period = round(message.cycle * 1e9)
+    return replace(frame, length=len(data), period=period, rest=data, counter=counter, checksum=checksum)
+
+
+def _check_kind(place: str, message: MessageSpec) -> None:
+    """See that a message is of a kind that a network FMU writes and reads."""
+    if any(signal.is_multiplexer or signal.multiplexer for signal in message.signals):
+        raise DatabaseError(place, "is multiplexed, which network FMUs do not write or read", "take it apart")
+    if message.addressing is not None:
+        raise DatabaseError(place, "has its sender's address in its identifier", "give it one identifier of its own")
+    if message.left_out:
+        name, why = next(iter(message.left_out.items()))
+        raise DatabaseError(f"{place}.{name}", why, "correct the database")
+
+
+def _signal(place: str, signal: SignalSpec, variable: Variable, causality: str, crossings: list[Crossing]) -> Signal:
+    place = f"{place}.{signal.name}"
+    lies = _place(place, signal)
+    ends = named(signal.unit), named("" if variable.unit == "1" else variable.unit)
+    crossed = crossing(place, *(ends if causality == "input" else ends[::-1]))
+    crossings.append(crossed)
+    factor, offset = crossed.conversion.factor, crossed.conversion.offset
+    if causality == "output":  # from the variable to the signal: turned round
+        factor, offset = 1 / factor, -offset / factor
+    gain, bias = factor * signal.scale, factor * signal.offset + offset
+    if variable.type != "Real" and (gain != int(gain) or bias != int(bias) or signal.is_float):
+        problem = f"has values that are not whole, and {variable.name} is {variable.type}"
+        raise DatabaseError(place, problem, "see to its scale")
+    low, high = raw_limits(signal)
+    return Signal(variable.name, *lies, gain, bias, float(low), float(high))
+
+
+def _place(place: str, signal: SignalSpec) -> tuple[int, int, bool, bool, bool]:
+    """Where a signal lies in its frame, and what its bits stand for."""
+    if signal.is_float and signal.length not in _FLOATS:
+        raise DatabaseError(place, f"is a float of {signal.length} bits", "have it of 32 or 64 bits")
+    return signal.lowest, signal.length, signal.big_endian, signal.is_signed, signal.is_float
+
+
+def _check_sources(file: Path, frames: list[Frame]) -> None:
+    """See that an input is in one frame only."""
+    source: dict[str, str] = {}
+    for frame in frames:
+        for signal in frame.signals if not frame.sent else ():
+            if other := source.get(signal.variable):
+                problem = f"is in {other} and in {frame.name}, which would set one input"
+                raise DatabaseError(f"{file}: {signal.variable}", problem, "call one of them otherwise")
+            source[signal.variable] = frame.name
