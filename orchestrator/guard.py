@@ -20,6 +20,7 @@ from typing import NoReturn
 
 from fmus import owned
 from fmus.errors import ServotwinError
+from orchestrator.display.stdout import all_there
 from orchestrator.processes import interrupts, last_words
 from orchestrator.processes.last_words import KILLED, LITTER, SAVING, LastWords, culprits
 from orchestrator.results import put_back, rescue
@@ -40,6 +41,7 @@ def guarded(work: Callable[[], None]) -> None:
 
     Without effect where there is no `fork`, or threads that a child would lack.
     """
+    all_there()
     if sys.platform == "win32" or threading.active_count() > 1:
         work()
         return

@@ -7,7 +7,7 @@ import logging
 import math
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache, partial
 from inspect import Parameter, Signature, signature
@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TypeVar, get_type_hi
 
 import typer
 
-from fmus.errors import ServotwinError, ours
+from fmus.errors import InputError, ServotwinError, ours
 from orchestrator.display.plain import plain
-from orchestrator.display.stdout import stdout_kept
+from orchestrator.display.stdout import stdout_kept, unread
 from orchestrator.processes.interrupts import Interrupts, requested
 from orchestrator.progress import Figures, Progress, silent, tell_ready
 from orchestrator.results import Permission, permitted
@@ -195,8 +195,14 @@ def _answered(work: Callable[[], Answer], terminal: Terminal) -> NoReturn:
         if interrupts.requested or requested():  # whoever met the interrupt has made another error of it
             _interrupted()
         _fail(ours(error), terminal, error)
-    with suppress(BrokenPipeError):  # who reads has read enough
+    try:
         _tell(answer, terminal)
+    except BrokenPipeError:  # who reads has read enough
+        unread("stdout")
+    except OSError as problem:
+        unread("stdout")
+        reason = problem.strerror or str(problem)
+        _fail(InputError("standard output", f"cannot be written ({reason})", "send it elsewhere"), terminal, told=True)
     if answer.interrupted or interrupts.requested:
         _interrupted(answer.interrupted or "interrupted")
     if answer.failure is not None:
@@ -266,9 +272,8 @@ def _traceback(error: Exception) -> Traceback:
 def show(shown: Listing | str) -> None:
     """A line, or rows as a table, on standard output."""
     from rich import box, table
-    from rich.console import Console
 
-    console = Console(highlight=False, markup=False, emoji=False, width=None if sys.stdout.isatty() else WIDE)
+    console = _console(width=None if sys.stdout.isatty() else WIDE)
     if isinstance(shown, str):
         console.print(plain(shown), soft_wrap=True)
         return
@@ -286,9 +291,20 @@ def show(shown: Listing | str) -> None:
 
 @cache
 def _err() -> Console:
+    return _console(stderr=True)
+
+
+def _console(**options: Any) -> Console:
     from rich.console import Console
 
-    return Console(stderr=True, highlight=False, markup=False, emoji=False)
+    class Unending(Console):
+        """Goes on without its reader, where rich would end the command."""
+
+        def on_broken_pipe(self) -> None:
+            self.quiet = True
+            unread("stderr" if self.stderr else "stdout")
+
+    return Unending(highlight=False, markup=False, emoji=False, **options)
 
 
 def facts(document: Mapping[str, object]) -> Listing:

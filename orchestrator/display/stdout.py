@@ -1,4 +1,7 @@
-"""Standard output belongs to the command's answer: what FMUs print while it works goes to standard error."""
+"""Standard output belongs to the command's answer: what FMUs print while it works goes to standard error.
+
+Whoever reads a stream may have read enough, and may have given a command none.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ import ctypes
 import os
 import sys
 from collections.abc import Iterator
+from typing import IO, Any
 
 
 @contextlib.contextmanager
@@ -22,6 +26,24 @@ def stdout_kept() -> Iterator[None]:
         _flush_native()
         os.dup2(kept, 1)
         os.close(kept)
+
+
+def unread(name: str) -> None:
+    """Let what is said on this stream ("stdout", "stderr") from now on, and what is held back of it, go nowhere."""
+    setattr(sys, name, _nowhere("w"))
+
+
+def all_there() -> None:
+    """Have standard streams that are closed lead nowhere, lest what is opened next takes their numbers."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, _nowhere(mode))
+
+
+def _nowhere(mode: str) -> IO[Any]:
+    descriptor = os.open(os.devnull, os.O_RDWR)
+    os.set_inheritable(descriptor, True)
+    return os.fdopen(descriptor, mode)
 
 
 def _flush_native() -> None:

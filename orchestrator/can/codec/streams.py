@@ -101,12 +101,13 @@ class SignalNames:
         Raises:
             DatabaseError: there is no such signal, or the name is that of several.
         """
-        return [
+        found = (
             self.name(stream, asked.name)
             for asked in wanted(self._log, [text])
             for stream in self._streams.get(asked.name, ())
             if asked.fits(stream)
-        ]
+        )
+        return list(dict.fromkeys(found))  # databases of several channels may be one
 
     def chosen(self, signals: Iterable[str] | None, there: Collection[str], place: str) -> list[str]:
         """The names of these signals, by default of all, of which there are samples.

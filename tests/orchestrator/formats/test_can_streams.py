@@ -170,6 +170,11 @@ def test_the_option_dbc_repeats_and_takes_channels(twins: Path) -> None:
     assert result.exit_code == 0, result.output
     names = [signal["name"] for signal in json.loads(result.stdout)["traces"][0]["signals"]]
     assert names == ["speed", "rate"]
+    asked[4:7:2] = f"0={files[0]}", f"1={files[0]}"
+    result = servotwin(*asked)
+    assert result.exit_code == 0, result.output
+    names = [signal["name"] for signal in json.loads(result.stdout)["traces"][0]["signals"]]
+    assert names == ["can0.speed", "can1.speed"]
 
 
 @pytest.mark.parametrize("option", ["--dbc=0=", "--dbc==a.dbc", "--dbc=", "--source=x", "--source=256"])

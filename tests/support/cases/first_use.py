@@ -84,8 +84,8 @@ CASES = {
                 "servotwin calibrate studies/plain.yaml --data plain --out out/plain; code=$?; "
                 "cat out/plain/summary.json; exit $code",
                 (0, 1),
-                ["rpm"],
-                [r'"fit": -'],
+                ["rpm to rad/s", "deg to rad"],
+                [r"median FIT[^\n]*: -"],
             )
         ],
     ),

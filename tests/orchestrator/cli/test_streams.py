@@ -1,0 +1,61 @@
+"""Standard streams as shells give them: read in part, on a full disk, closed."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.support.commands import COMMAND, ROOT
+
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(sys.platform == "win32", reason="needs a shell")]
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    """One of which more is to be told than a pipe takes up."""
+    names = [f"s{number}" for number in range(1000)]
+    path = tmp_path / "log.csv"
+    path.write_text("".join(f"{','.join(row)}\n" for row in (["time", *names], ["0"] * 1001, ["1"] * 1001)))
+    return path
+
+
+def shell(line: str, recording: Path) -> tuple[int, str]:
+    """Exit code and standard error of a line, in which `info` tells of the recording."""
+    script = f'info() {{ {shlex.join(COMMAND)} trace info "$@"; }}\n{line}'
+    done = subprocess.run(
+        ["bash", "-c", script],
+        cwd=recording.parent,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        check=False,
+        text=True,
+    )
+    return done.returncode, done.stderr
+
+
+@pytest.mark.parametrize("options", ["", "--json"])
+def test_whoever_has_read_enough_is_no_failure(recording: Path, options: str) -> None:
+    assert shell(f"info log.csv {options} | head -n 1; exit ${{PIPESTATUS[0]}}", recording) == (0, "")
+
+
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&-", ">&- 2>&- <&-"])
+def test_closed_streams_change_no_exit_code(recording: Path, closed: str) -> None:
+    assert shell(f"info log.csv {closed}", recording) == (0, "")
+    code, said = shell(f"info none.csv {closed}", recording)
+    assert code == 2
+    assert ("none.csv: there is no such file" in said) == ("2" not in closed)
+
+
+@pytest.mark.parametrize("options", ["", "--json"])
+def test_output_that_cannot_be_written_is_told(recording: Path, options: str) -> None:
+    code, said = shell(f"info log.csv {options} > /dev/full", recording)
+    assert code == 2
+    assert said.splitlines() == [
+        "servotwin: standard output: cannot be written (No space left on device); send it elsewhere"
+    ]
