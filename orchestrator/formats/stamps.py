@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pyarrow as pa
@@ -13,6 +14,8 @@ from pyarrow import compute
 from fmus.errors import TraceError
 from orchestrator.formats.recording import excerpt
 from orchestrator.trace import FloatArray
+
+Instants = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -30,7 +33,7 @@ class Stamps:
     notes: tuple[str, ...] = ()
 
 
-def since_first(instants: NDArray[np.int64], zone: str | None, place: Path, notes: tuple[str, ...] = ()) -> Stamps:
+def since_first(instants: Instants, zone: str | None, place: Path, notes: tuple[str, ...] = ()) -> Stamps:
     """Instants (K,) [ns since 1970] on clocks of a time zone; without one they are taken as UTC.
 
     Raises:
@@ -39,13 +42,27 @@ def since_first(instants: NDArray[np.int64], zone: str | None, place: Path, note
     if zone is None:
         notes = (*notes, "its times name no zone and are taken as UTC (`time_zone` in the layout)")
     elif zone != "UTC":
-        instants = _utc(instants, zone, place)
+        instants, seen = _utc(instants, zone, place)
+        notes = (*notes, *seen)
     return Stamps((instants - instants[0]) / 1e9, float(instants[0] / 1e9), notes)
 
 
-def _utc(instants: NDArray[np.int64], zone: str, place: Path) -> NDArray[np.int64]:
+def _utc(local: Instants, zone: str, place: Path) -> tuple[Instants, tuple[str, ...]]:
+    """Instants in UTC, and what was seen: the order tells those apart that come twice as clocks are put back."""
+    early, late = (_assumed(local, zone, which, place) for which in ("earliest", "latest"))
+    if np.array_equal(early, late):
+        return early, ()
+    back = np.flatnonzero(np.diff(local) < 0)
+    if len(back) != 1 or not np.all((early != late)[[back[0], back[0] + 1]]):
+        problem = f"some of its times come twice in {zone}, as clocks are put back"
+        raise TraceError(place, problem, "write them with their offset, as 02:10:00+01:00")
+    known = np.where(np.arange(len(local)) > back[0], late, early)
+    return known, (f"clocks are put back at sample {back[0] + 1}",)
+
+
+def _assumed(local: Instants, zone: str, which: Literal["earliest", "latest"], place: Path) -> Instants:
     try:
-        known = compute.assume_timezone(pa.array(instants).cast(pa.timestamp("ns")), zone)
+        known = compute.assume_timezone(pa.array(local).cast(pa.timestamp("ns")), zone, ambiguous=which)
     except (pa.ArrowInvalid, OSError) as problem:
         raise TraceError(
             place, f"its times are none of `time_zone: {zone}` ({excerpt(problem)})", "say one such as Europe/Berlin"

@@ -144,9 +144,22 @@ def test_a_time_zone_says_when_the_clock_was_read(tmp_path: Path) -> None:
     assert recording.start == pandas.Timestamp("2026-10-25 01:59:59", tz="Europe/Berlin").timestamp()
     with pytest.raises(TraceError, match="none of `time_zone: Mars/Olympus`"):
         read(path, Layout(time_zone="Mars/Olympus"))
-    written(tmp_path, "time,a\n2026-10-25 02:30:00,1\n2026-10-25 02:30:01,2\n")
+    written(tmp_path, "time,a\n2026-03-29 02:30:00,1\n2026-03-29 02:30:01,2\n")
     with pytest.raises(TraceError, match="none of `time_zone: Europe/Berlin`"):
         read(path, Layout(time_zone="Europe/Berlin"))
+
+
+def test_times_that_come_twice_as_clocks_are_put_back_are_told_apart_by_their_order(tmp_path: Path) -> None:
+    hours = [f"2026-10-25 02:{minute:02}:00" for minute in (0, 20, 40)]
+    berlin = Layout(time_zone="Europe/Berlin")
+    twice = written(tmp_path, "time,a\n" + "".join(f"{stamp},{k}\n" for k, stamp in enumerate(hours + hours)))
+    recording = read(twice, berlin)
+    assert recording.trace.time.tolist() == [0.0, 1200.0, 2400.0, 3600.0, 4800.0, 6000.0]
+    assert recording.start == pandas.Timestamp("2026-10-25 00:00", tz="UTC").timestamp()
+    assert "clocks are put back at sample 3" in recording.notes
+    once = written(tmp_path, "time,a\n" + "".join(f"{stamp},{k}\n" for k, stamp in enumerate(hours)))
+    with pytest.raises(TraceError, match="come twice in Europe/Berlin, as clocks are put back; write them with their"):
+        read(once, berlin)
 
 
 def test_times_of_day_go_on_after_midnight(tmp_path: Path) -> None:
