@@ -94,7 +94,7 @@ class Delay:
 
 @dataclass(frozen=True)
 class Requirement:
-    """A condition on (t, x, u, p) that must hold when the first step begins, and the reason given when it does not."""
+    """A condition on (t, x, u, p) that must hold when the first step begins; the reason when it does not, and a fix."""
 
     holds: Callable[[Any, Any, Any, Any], Any]
     reason: str

@@ -56,7 +56,6 @@ ENDURANCE = {
     "coverage_frequency": "how often the intervals of the resonance study hold the truth, in 400 draws",
     "coverage_time": "how often those of output error do, in 200 draws",
     "can_codec": "a day of log in a stream",
-    "closed_loops": "what settles of 1,000 draws under each controller of the arm",
     "loop_scaling": "runs of 10,000,000 steps",
     "loop_endurance": "what 100,000 lives of an FMU and 1,000,000 resets leave behind",
     "can_bridge": "deadlines and lost frames in ten minutes",

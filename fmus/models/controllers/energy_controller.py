@@ -53,19 +53,19 @@ MODEL = Model(
     requirements=(
         Requirement(
             lambda t, x, u, p: apart(energy(u, p), 0.0, p),
-            "start energy is that of the downward equilibrium, where the feedback is zero (Lemma 8)",
+            "start energy is that of the downward equilibrium, where the feedback is zero (Lemma 8); start elsewhere",
         ),
         Requirement(
             lambda t, x, u, p: apart(energy(u, p), 2 * p.p3, p),
-            "start energy is that of the upright equilibrium, 2 p3 (Lemma 8)",
+            "start energy is that of the upright equilibrium, 2 p3 (Lemma 8); start elsewhere",
         ),
         Requirement(
             lambda t, x, u, p: apart(target_energy(p), 0.0, p),
-            "amplitude asks for the energy of the downward equilibrium (Lemma 8)",
+            "amplitude asks for the energy of the downward equilibrium (Lemma 8); give one between 0 and pi",
         ),
         Requirement(
             lambda t, x, u, p: apart(target_energy(p), 2 * p.p3, p),
-            "amplitude asks for the energy of the upright equilibrium, 2 p3 (Lemma 8)",
+            "amplitude asks for the energy of the upright equilibrium, 2 p3 (Lemma 8); give one between 0 and pi",
         ),
     ),
     references=("Angelchev Shiryaev, Umea University 2024, Eqs. 103, 105, 109, Lemma 8",),

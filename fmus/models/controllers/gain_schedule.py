@@ -78,7 +78,7 @@ def gain_schedule(points):
         ),
         update=update,
         sample_time="sample_time",
-        requirements=(Requirement(rising, "payloads do not rise from one to the next"),),
+        requirements=(Requirement(rising, "payloads do not rise from one to the next; sort the tables by them"),),
         call=f"gain_schedule({points})",
         sized=lambda shapes: gain_schedule(max(2, shapes["payloads"][0])),
         references=("The flexible-manipulator thesis, Section 4.3, Eqs. 4-6 to 4-8, with gains that vary",),

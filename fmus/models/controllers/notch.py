@@ -53,7 +53,7 @@ MODEL = Model(
     requirements=(
         Requirement(
             lambda t, x, u, p: 2 * p.frequency * p.sample_time < 1,
-            "frequency is not below half of the sampling rate, 1 / (2 sample_time)",
+            "frequency is not below half of the sampling rate, 1 / (2 sample_time); lower one of them",
         ),
     ),
 )
