@@ -227,8 +227,6 @@ def _triangular(matrices: FloatArray) -> FloatArray:
 
 
 def _bounded_least_squares(matrix: FloatArray, target: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
-    if matrix.shape[1] == 0:
-        return np.zeros(0)
     free = np.linalg.lstsq(matrix, target, rcond=None)[0]
     if np.all((free >= lower) & (free <= upper)):
         return np.asarray(free)

@@ -170,6 +170,29 @@ def test_a_search_without_a_better_point_is_judged_by_what_is_still_promised(
         system, start, Box(at(-9.0), at(9.0)), Loss(), limits=SearchLimits(cost=1e-5), report=lambda *step: None
     )
     assert found.converged is converged and re.fullmatch(end, found.message)
+    promised = 0.0 if "could not" in found.message else system.share
+    assert found.promised == pytest.approx(promised, rel=1e-3)
+
+
+@pytest.mark.parametrize(("tolerance", "tried"), [(0.99, 0), (0.97, 1)])
+def test_a_step_is_negligible_by_the_size_of_what_it_changes(tolerance: float, tried: int) -> None:
+    """From 100 to 1 it is 99 long, against a tolerance of 101 times the relative one."""
+    system, start = Bent(0.0), evaluated(Bent(0.0), at(100.0), Loss())
+    assert start is not None
+    limits = SearchLimits(iterations=1, step=tolerance)
+    box = Box(at(-200.0), at(200.0))
+    minimise(system, start, box, Loss(), limits=limits, report=lambda *step: None)
+    assert len(system.tried) == tried
+
+
+def test_states_alone_take_the_step_of_each_window() -> None:
+    blocks = blocks_of(9, 12, n=0)
+    step = ArrowModel(blocks).step(
+        1e-12, everywhere(1.0, 2, n=0), Box(everywhere(-9.0, 2, n=0), everywhere(9.0, 2, n=0))
+    )
+    wanted = [np.linalg.lstsq(block.states, -block.residual, rcond=None)[0] for block in blocks]
+    assert step.parameters.shape == (0,)
+    np.testing.assert_allclose(step.states, wanted, rtol=1e-6)
 
 
 def dense(blocks: list[WindowBlock]) -> tuple[FloatArray, FloatArray]:
