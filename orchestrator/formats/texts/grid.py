@@ -138,13 +138,13 @@ def _blank_cells(line: str) -> list[str]:
     return text.split("\t") if "\t" in text else re.split(r"\s+(?![\[(])", text)
 
 
-def _worth(rows: Sequence[GridRow]) -> tuple[bool, float, int]:
-    """How much of a table the rows are: whether it has columns, the share of samples, the number of columns."""
+def _worth(rows: Sequence[GridRow]) -> tuple[bool, bool, float, int]:
+    """How much of a table the rows are: whether it has columns, in the first row too, the share of samples, width."""
     body = _body(rows)
     width = _width(rows)
     values = sum(is_value(cell) for row in body for cell in row.cells if len(row.cells) == width)
     share = values / max(1, sum(len(row.cells) for row in body))
-    return width > 1 and share > 0, round(share, 3), width
+    return width > 1 and share > 0, bool(rows) and len(rows[0].cells) == width, round(share, 3), width
 
 
 def _width(rows: Sequence[GridRow]) -> int:
@@ -239,7 +239,9 @@ def _heading(labels: list[GridRow], layout: Layout, place: Path) -> tuple[GridRo
 def _are_units(cells: Sequence[str]) -> bool:
     if _UNIT_WORDS.search(cells[0]):
         return True
-    filled = [headings.bare(cell) for cell in cells if cell and kind(cell, ".") != "number"]
+    if any(kind(cell, ".") == "number" and cell != "1" for cell in cells):
+        return False
+    filled = [headings.bare(cell) for cell in cells if cell not in ("", "1")]
     return 2 * sum(map(headings.is_unit, filled)) >= len(filled) > 0
 
 

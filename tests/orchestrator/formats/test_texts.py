@@ -266,6 +266,14 @@ def test_rows_of_numbers_are_no_units_and_units_may_stand_above_names(tmp_path: 
     scope = "Vertical Units,V,A\nVertical Scale,1,1\nPosition,0,0\nTIME,CH1,CH2\n-1,2,3\n0,3,4\n1,5,6\n"
     assert read(written(tmp_path, scope)).trace.units == {"CH1": "V", "CH2": "A"}
     assert read(written(tmp_path, "ms,V\ntime,a\n500,1\n1500,2\n")).trace.time.tolist() == [0.5, 1.5]
+    limits = read(written(tmp_path, "time,a\nmin,0\nmax,5\n0,1\n1,2\n2,4\n"))
+    assert limits.trace.time.tolist() == [0.0, 1.0, 2.0] and limits.trace.units == {}
+
+
+def test_a_mark_that_the_headings_are_separated_by_as_well_is_the_separator(tmp_path: Path) -> None:
+    rows = "".join(f"Sat Nov 28 09:15:0{k} 2026,{k}\n" for k in range(5))
+    with pytest.raises(TraceError, match="column 'time': holds text, no times"):
+        read(written(tmp_path, "time,a\n" + rows))
 
 
 def test_minutes_and_seconds_are_times_that_go_on_after_the_hour(tmp_path: Path) -> None:
