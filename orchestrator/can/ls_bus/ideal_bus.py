@@ -33,6 +33,7 @@ from orchestrator.can.ls_bus.operations import (
     TransmitFd,
     Wakeup,
     WhenLost,
+    decoded,
     encoded,
     taken_apart,
 )
@@ -86,13 +87,13 @@ class IdealBus:
         self.counts, self.carried = Counter[str](), 0
         self._rates = {what: (rate, "the bus") for what, rate in self._given.items() if rate}
         self._arrivals: list[Request] = []
-        self._ready: list[tuple[bool, int, int, Request]] = []
+        self._ready: list[tuple[bool, int, Request]] = []
         self._number, self._giving_back = 0, False
         self._under_way: Request | None = None
         self._origin = self._received = self._free = -math.inf  # of frames without a pause between, and of the latest
         self._bits = 0, 0  # since then, at the nominal and at the data bit rate
         self._busy = 0.0
-        self._record: list[tuple[float, Frame]] = []
+        self._record: tuple[list[float], list[bytes]] = [], []  # stamps and operations
 
     def take(self, number: int, time: float, data: bytes) -> None:
         """Take what a node gave at a time."""
@@ -105,6 +106,7 @@ class IdealBus:
     def run(self, until: float) -> None:
         """Go on to a time, up to which all that nodes have given has been taken."""
         arrivals, ready = self._arrivals, self._ready
+        speed: tuple[int, int] | None = None
         while True:
             if self._under_way is not None:
                 if self._received > until:
@@ -112,13 +114,14 @@ class IdealBus:
                 self._arrive(self._under_way)
             if not arrivals and not ready:
                 return
+            rate, data_rate = speed = speed or self._speed()
             begin = self._free if ready else max(self._free, arrivals[0][0])
-            bit_over = begin + 1.0 / self._rate
+            bit_over = begin + 1.0 / rate
             if bit_over > until:
                 return
             while arrivals and arrivals[0][0] < bit_over:
                 self._line_up(heappop(arrivals))
-            self._begin(begin, heappop(ready)[-1])
+            self._begin(begin, heappop(ready)[-1], rate, data_rate)
             self._give_back(begin)
 
     def busy(self, until: float) -> float:
@@ -132,11 +135,12 @@ class IdealBus:
 
     def frames(self) -> Frames:
         """What got through; each frame is stamped when it had been received, its channel is 0."""
-        sent = [frame for _, frame in self._record]
+        stamps, operations = self._record
+        sent = [frame for frame in decoded(b"".join(operations)) if isinstance(frame, Transmit | TransmitFd)]
         width = LONGEST if any(len(frame.data) > CLASSIC for frame in sent) else CLASSIC
         data = b"".join(frame.data.ljust(width, b"\0") for frame in sent)
         return Frames(
-            np.array([time for time, _ in self._record], dtype=np.float64),
+            np.array(stamps, dtype=np.float64),
             np.array([frame.id for frame in sent], dtype=np.uint32),
             np.array([_flags(frame) for frame in sent], dtype=np.uint8),
             np.zeros(len(sent), dtype=np.uint8),
@@ -144,11 +148,11 @@ class IdealBus:
             np.frombuffer(data, dtype=np.uint8).reshape(len(sent), width).copy(),
         )
 
-    @property
-    def _rate(self) -> int:
+    def _speed(self) -> tuple[int, int]:
+        """The nominal and the data bit rate."""
         if "bitrate" not in self._rates:
             raise BusError(self.name, "has no bit rate, and no node configures one", "give it a `bitrate`")
-        return self._rates["bitrate"][0]
+        return self._rates["bitrate"][0], self._rates.get("data_bitrate", self._rates["bitrate"])[0]
 
     def _request(self, number: int, time: float, frame: Frame, operation: bytes) -> None:
         if self.nodes[number].state is NodeState.BUS_OFF:
@@ -159,22 +163,22 @@ class IdealBus:
 
     def _line_up(self, request: Request) -> None:
         """Have a frame take part in arbitration; who is error passive comes after the others."""
-        _, order, number, frame, _ = request
+        _, _, number, frame, _ = request
         passive = self.nodes[number].state is NodeState.ERROR_PASSIVE
         remote = isinstance(frame, Transmit) and frame.remote
-        heappush(self._ready, (passive, frame_time.priority(frame.id, frame.extended, remote), order, request))
+        field = frame_time.priority(frame.id, frame.extended, remote)
+        heappush(self._ready, (passive, field, request))  # of one identifier, who came first
 
-    def _begin(self, begin: float, request: Request) -> None:
-        """Have a frame on the wire from a time on."""
+    def _begin(self, begin: float, request: Request, rate: int, data_rate: int) -> None:
+        """Have a frame on the wire from a time on, not before the bus is free."""
         nominal, data = _bits(request[3])
-        rate, data_rate = self._rate, self._rates.get("data_bitrate", self._rates["bitrate"])[0]
         if begin > self._free:
             self._origin, self._bits = begin, (0, 0)
         nominal, data = self._bits[0] + nominal, self._bits[1] + data
-        self._bits, before = (nominal, data), max(begin, self._free)
+        self._bits = nominal, data
         self._received = self._origin + (nominal - _GAP) / rate + data / data_rate
         self._free = self._origin + nominal / rate + data / data_rate
-        self._busy += self._free - before
+        self._busy += self._free - begin
         self._under_way = request
 
     def _arrive(self, request: Request) -> None:
@@ -187,7 +191,8 @@ class IdealBus:
                 node.inbox.append(operation)
                 heard = True
         self.carried += 1
-        self._record.append((self._received, frame))
+        self._record[0].append(self._received)
+        self._record[1].append(operation)
         if not heard:
             self.counts[f"frames of {sender.name} that nobody acknowledged"] += 1
         elif sender.notified:
@@ -200,7 +205,7 @@ class IdealBus:
         lost = [entry for entry in self._ready if self.nodes[entry[-1][2]].discards]
         self._ready[:] = [entry for entry in self._ready if entry not in lost]
         heapify(self._ready)
-        for _, _, _, (_, _, number, frame, _) in sorted(lost):
+        for _, _, (_, _, number, frame, _) in sorted(lost):
             node = self.nodes[number]
             self.counts[f"frames of {node.name} that lost arbitration and were given back"] += 1
             if node.notified:

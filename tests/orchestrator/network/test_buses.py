@@ -8,17 +8,22 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from fractions import Fraction
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 import pytest
 
-from fmus.errors import BusError, FmuFileError, InputError, WiringError
+from fmus.errors import BusError, FmuFileError, InputError, TangentsMissing, WiringError
+from orchestrator.assembly.assembly import ComponentSpec, OpenSystem, SystemSpec, assemble
 from orchestrator.can import logs
 from orchestrator.can.ls_bus import stuffing
-from orchestrator.engine import Result
+from orchestrator.engine import Result, Timing
+from orchestrator.engine import Run as EngineRun
 from orchestrator.fmi.isolation import Isolation
+from orchestrator.network.bus_spec import BusSpec
 from orchestrator.scenario.exchange import export
 from orchestrator.scenario.results import write_run
 from orchestrator.scenario.run import run_scenario
@@ -196,3 +201,18 @@ def test_nodes_are_neither_isolated_nor_taken_back_nor_exported(node: Node, scen
     file.write_text(json.dumps(document))
     with pytest.raises(WiringError, match=r"can0: carries frames, which are not taken back"):
         run_scenario(file)
+
+
+def test_frames_carry_no_tangents(node: Node) -> None:
+    system = SystemSpec(
+        {name: ComponentSpec(node(), {"id": float(place)}) for place, name in enumerate("ab")},
+        buses={"can0": BusSpec(("a.Can", "b.Can"), 500_000)},
+    )
+    timing = Timing(Fraction(1), Fraction(1, 20))
+    with (
+        TemporaryDirectory() as folder,
+        OpenSystem(assemble(system, Path(folder))) as opened,
+        opened.simulation(timing) as simulation,
+        pytest.raises(TangentsMissing, match=r"can0: carries frames"),
+    ):
+        simulation.sensitivities(EngineRun(record=["b.received"]), ["a.period"])

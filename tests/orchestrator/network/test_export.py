@@ -16,6 +16,7 @@ import pytest
 from cantools.database import load_string
 from fmpy.fmi3 import FMU3Slave, fmi3Binary
 from fmpy.validation import validate_fmu
+from lxml import etree
 
 from fmus.errors import DatabaseError, InputError, ServotwinError
 from fmus.modelling import ops
@@ -27,6 +28,8 @@ from orchestrator.can.ls_bus.operations import Transmit, TransmitFd, decoded, en
 from orchestrator.engine import Result
 from orchestrator.network.export import exported
 from orchestrator.scenario.run import run_scenario
+from tests.support.commands import servotwin
+from tests.support.fmus.either import schema
 
 pytestmark = pytest.mark.skipif(not compiler.available(), reason="there is no C compiler")
 Run = Callable[..., Result]
@@ -125,6 +128,8 @@ def carried(built: dict[str, Path], run: Run) -> Result:
 def test_it_is_valid_and_says_what_it_is(built: dict[str, Path]) -> None:
     for path in built.values():
         assert validate_fmu(str(path)) == []
+        described = etree.fromstring(archive.read(path)["terminalsAndIcons/terminalsAndIcons.xml"])
+        etree.XMLSchema(etree.parse(schema(3).with_name("fmi3TerminalsAndIcons.xsd"))).assertValid(described)
     files = archive.read(built["giver"])
     assert files["extra/org.fmi-standard.fmi-ls-bus/lines.dbc"].decode() == LAYOUT
     assert b'isBusSimulationFMU="false"' in files["extra/org.fmi-standard.fmi-ls-bus/fmi-ls-manifest.xml"]
@@ -357,3 +362,17 @@ def test_only_native_fmus_for_fmi_3_are_on_a_bus(tmp_path: Path) -> None:
         targets.build(giver(), tmp_path / "g.fmu", target="native", network=network)
     with pytest.raises(InputError, match=r"is no DBC"):
         exported(giver(), tmp_path / "lines.sym")
+
+
+def test_the_command_builds_network_fmus_and_tells_what_is_in_no_frame(tmp_path: Path) -> None:
+    (tmp_path / "rig.dbc").write_text(LAYOUT.replace("SG_ a :", "SG_ voltage :"))
+    command = ["build", "pd", "--bus", str(tmp_path / "rig.dbc"), "--out", str(tmp_path), "--json"]
+    told = json.loads(servotwin(*command, "--fmi", "3").stdout)["buses"]["pd"]
+    assert told["terminal"] == "rig"
+    assert [(frame["name"], frame["variables"]) for frame in told["frames"]] == [("Mixed", ["voltage"])]
+    assert "reference, position, speed, effort, compensation: in no frame, and as without a bus" in told["notes"]
+    assert "Mixed: b, spare, c rest at the initial value, or zero" in told["notes"]
+    refused = servotwin(*command)
+    assert (refused.exit_code, "use --target native --fmi 3" in refused.stderr) == (2, True)
+    nobody = servotwin("build", "--fmi", "3", "--bus", str(tmp_path / "rig.dbc"))
+    assert (nobody.exit_code, "--bus: is for models that are named" in nobody.stderr) == (2, True)

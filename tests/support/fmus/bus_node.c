@@ -224,6 +224,8 @@ FMI3_Export fmi3Status fmi3SetBoolean(fmi3Instance c, const fmi3ValueReference r
 }
 FMI3_Export fmi3Status fmi3GetBoolean(fmi3Instance c, const fmi3ValueReference r[], size_t n, fmi3Boolean v[], size_t m)
 {
-    v[0] = ((Instance *)c)->notified;
+    Instance *it = c;
+    REQUIRE(it->notified || it->mode < EVENT); /* as some that say nothing of a parameter which nobody has set */
+    v[0] = it->notified;
     return fmi3OK;
 }
