@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from fmus.errors import InputError
 from orchestrator.can.live.bus import BusSettings, opened, send
 from orchestrator.can.live.receiver import Receiver
+from orchestrator.can.ls_bus.messages import message_of, operation_of
 from orchestrator.can.ls_bus.operations import Transmit, TransmitFd, decoded, encoded
 from orchestrator.engine import Result, Run, Simulation, Sink
 from orchestrator.live.paced import Paced
 from orchestrator.network.carriers import CanBus
-from orchestrator.network.nodes import message_of, operation_of
 
 _QUEUE = 4096  # frames that wait to be taken at most
 

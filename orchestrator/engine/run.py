@@ -14,7 +14,7 @@ from orchestrator.engine.loop import Statistics
 from orchestrator.engine.plan import REFUSED, CycleSettings, Order
 from orchestrator.engine.tuned import Change
 from orchestrator.fmi.interface import Value
-from orchestrator.network.carriers import Carried
+from orchestrator.network.carriers import BusRecord
 from orchestrator.realtime.deadlines import Deadlines
 from orchestrator.trace import FloatArray, Trace
 
@@ -78,7 +78,7 @@ class Result:
     ended: str = ""
     changes: Sequence[Change] = ()
     deadlines: Deadlines | None = None
-    carried: Mapping[str, Carried] = field(default_factory=dict)
+    carried: Mapping[str, BusRecord] = field(default_factory=dict)
 
 
 class Interrupted(KeyboardInterrupt):

@@ -39,7 +39,7 @@ def interface(spec: BusSpec) -> Interface:
 
 
 @dataclass(frozen=True)
-class Carried:
+class BusRecord:
     """What a bus has carried.
 
     Attributes:
@@ -158,14 +158,14 @@ class CanBus(Carrier):
             "waiting": float(bus.waiting),
         }
 
-    def carried(self) -> Carried:
+    def carried(self) -> BusRecord:
         """What it has carried until now."""
         span = self._reached - self._start
         remarks = [f"{count:,} {what}" for what, count in self._bus.counts.items()]
         remarks += [f"{self._bus.waiting:,} frames were still waiting at the end"] if self._bus.waiting else []
         own = [line for node in self._nodes for line in node.remarks()]
         load = self._bus.busy(self._reached) / span if span > 0 else 0.0
-        return Carried(self._bus.frames(), load, (*remarks, *own))
+        return BusRecord(self._bus.frames(), load, (*remarks, *own))
 
     def terminate(self) -> None:
         for line in self.carried().remarks:

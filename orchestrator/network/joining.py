@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from fmus.errors import WiringError
 from orchestrator.fmi.clocked_slave import ClockedSlave
@@ -11,9 +12,11 @@ from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.terminals import read
 from orchestrator.network.bus_spec import BusSpec
 from orchestrator.network.carriers import CanBus, Carrier, Wire
-from orchestrator.network.high_cut import HighCut, high_cut
 from orchestrator.network.low_cut import KIND, RULE, LowCut, low_cut
-from orchestrator.network.nodes import BusNode, HighCutNode, LowCutNode
+from orchestrator.network.nodes import BusNode, LowCutNode
+
+if TYPE_CHECKING:
+    from orchestrator.network.high_cut import HighCut
 
 
 @dataclass(frozen=True)
@@ -94,12 +97,14 @@ def _terminal(
     where = f"{fmu.path}: terminal {name}"
     if not fmu.interface.ticks:
         raise WiringError(f"{place}: {node}", "is of an FMU without event mode", "export it with hasEventMode")
-    found = (
-        low_cut(where, fmu, terminals[name])
-        if terminals[name].rule == RULE
-        else high_cut(where, fmu, terminals[name], spec.database)
-    )
-    if spec.direct and isinstance(found, HighCut):
+    found: LowCut | HighCut
+    if terminals[name].rule == RULE:
+        found = low_cut(where, fmu, terminals[name])
+    else:
+        from orchestrator.network.high_cut import high_cut  # noqa: PLC0415 - brings along what reads databases
+
+        found = high_cut(where, fmu, terminals[name], spec.database)
+    if spec.direct and not isinstance(found, LowCut):
         raise WiringError(
             f"{place}: {node}", "exchanges signals, which a direct wire does not carry", "remove `direct`"
         )
@@ -107,5 +112,8 @@ def _terminal(
 
 
 def _node(name: str, slave: ClockedSlave, terminal: LowCut | HighCut) -> BusNode:
-    kind = LowCutNode if isinstance(terminal, LowCut) else HighCutNode
-    return kind(name, slave, terminal)  # type: ignore[arg-type]
+    if isinstance(terminal, LowCut):
+        return LowCutNode(name, slave, terminal)
+    from orchestrator.network.signal_node import HighCutNode  # noqa: PLC0415 - brings along what reads databases
+
+    return HighCutNode(name, slave, terminal)
