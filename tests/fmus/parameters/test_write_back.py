@@ -21,6 +21,7 @@ from fmus import library
 from fmus.errors import FmuFileError
 from fmus.modelling.model import Model
 from fmus.packaging import archive, defaults, targets
+from fmus.packaging.native import compiler
 from fmus.parameters.ssv import Item, read_values
 from fmus.parameters.write_back import PROVENANCE, REFERENCES, write_back
 from tests.support.tools import third_party
@@ -279,6 +280,25 @@ def test_a_state_that_may_be_set_before_the_start_counts_as_a_start_value(tmp_pa
     assert read_values(tmp_path / "v.ssv") == {"x0": 1.5, "mu": 2.0}
     with pytest.raises(FmuFileError, match=r"der\(x0\): is a variable of causality local"):
         write_back(source, {"der(x0)": 1.0}, tmp_path / "w.fmu", PROVENANT)
+
+
+@pytest.mark.parametrize("initial", [b"exact", b"approx"])
+def test_a_start_value_that_is_only_about_right_can_be_set_too(initial: bytes, tmp_path: Path) -> None:
+    files = archive.read(third_party.reference(2, "VanDerPol"))
+    text = files["modelDescription.xml"].replace(b'initial="exact"', b'initial="' + initial + b'"')
+    archive.write(tmp_path / "source.fmu", files | {"modelDescription.xml": text})
+    write_back(tmp_path / "source.fmu", {"x0": 1.5}, tmp_path / "v.fmu", PROVENANT)
+    assert read_values(tmp_path / "v.ssv") == {"x0": 1.5}
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not compiler.available(), reason="no C compiler here")
+def test_an_element_of_an_array_is_written_in_its_place(tmp_path: Path) -> None:
+    source = targets.build("state_space", tmp_path / "source.fmu", target="native", fmi=3)
+    before = start_values(source)["A"].split()
+    write_back(source, {"A[2,1]": 0.25}, tmp_path / "out.fmu", PROVENANT)
+    size = math.isqrt(len(before))
+    assert start_values(tmp_path / "out.fmu")["A"].split() == [*before[:size], "0.25", *before[size + 1 :]]
 
 
 def test_an_item_that_an_enumeration_does_not_have_is_refused_by_name_and_number(tmp_path: Path) -> None:

@@ -308,3 +308,11 @@ def test_the_report_does_not_depend_on_the_unit_of_the_outputs():
     small, large = named(J * 1e-6), named(J * 1e6)
     assert [c.message for c in small.unseen] == [c.message for c in large.unseen] != []
     assert small.singular_values == pytest.approx(large.singular_values)
+
+
+@pytest.mark.parametrize(("free", "fewest"), [(2, 10), (8, 13)])
+def test_windows_are_judged_by_each_other_where_there_are_ten_and_five_more_than_parameters(free, fewest):
+    rng = np.random.default_rng(1)
+    blocks = [WindowBlock(rng.normal(size=20), rng.normal(size=(20, free)), np.zeros((20, 0))) for _ in range(fewest)]
+    assert "window" in covariance(blocks, Loss(), 1).matrices
+    assert "window" not in covariance(blocks[:-1], Loss(), 1).matrices
