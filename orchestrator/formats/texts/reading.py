@@ -160,13 +160,15 @@ def _bad_row(problem: str, text: str, seen: TextGrid, place: Path) -> TraceError
     row = re.search(r"Row #(\d+): (.*)", problem)
     if row is None:
         return TraceError(place, excerpt(problem), fix)
-    filled = [number for number, line in enumerate(re.split(r"\r\n|\n|\r", text), 1) if line.strip()]
-    line = [number for number in filled if number > seen.skipped][int(row[1]) - seen.skipped - 1]
+    filled = [number for number, line in enumerate(re.split(r"\r\n|\n|\r", text), 1) if line]
+    samples = [number for number in filled if number > seen.skipped]
+    nth = int(row[1]) - seen.skipped - 1
+    line = f"line {samples[nth]}" if 0 <= nth < len(samples) else f"row {row[1]}"  # cells may go over lines
     cell = re.search(r"column #(\d+): .*invalid value (.*)", problem)
     if cell is None:
-        return TraceError(place, f"line {line}: {excerpt(row[2])}", fix)
+        return TraceError(place, f"{line}: {excerpt(row[2])}", fix)
     column = seen.names[int(cell[1])] if seen.names else cell[1]
-    return TraceError(place, f"line {line}, column '{column}': {excerpt(cell[2])} is no number", fix)
+    return TraceError(place, f"{line}, column '{column}': {excerpt(cell[2])} is no number", fix)
 
 
 def _zeros(begin: int) -> str:

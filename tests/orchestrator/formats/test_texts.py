@@ -308,6 +308,8 @@ def test_a_bad_row_is_named_by_its_line_in_the_file(tmp_path: Path) -> None:
         read(written(tmp_path, text))
     with pytest.raises(TraceError, match="line 5: Expected 2 columns, got 3"):
         read(written(tmp_path, "time,a\n0,1\n1,2\n\n2,3,4\n"))
+    with pytest.raises(TraceError, match="line 5: Expected 2 columns, got 1"):
+        read(written(tmp_path, "time,a\n0,1\n1,2\n2,3\n\t"))
 
 
 def test_zero_bytes_at_the_end_are_told_as_such(tmp_path: Path) -> None:
