@@ -37,7 +37,7 @@ class BusAccount(TrafficReport):
     @property
     def counts(self) -> dict[str, int]:
         """What expectations may ask of it."""
-        lost = self.dropped + self.no_room + self.unsent + self.skipped
+        lost = self.dropped + self.late + self.no_room + self.unsent + self.skipped
         return {"frames lost": lost, "late steps": self.deadlines.late}
 
     def document(self) -> dict[str, Any]:
@@ -51,7 +51,7 @@ class BusAccount(TrafficReport):
                 "file": ", ".join(file.name for file in self.database),
                 "sha256": ", ".join(map(sha256, self.database)),
             },
-            "received": self.received.document() | {"dropped": self.dropped},
+            "received": self.received.document() | {"dropped": self.dropped, "late": self.late},
             "sent": self.sent.document()
             | {
                 "frames": self.frames,
@@ -68,7 +68,7 @@ class BusAccount(TrafficReport):
             "trouble": self.trouble,
             "over": self.over,
             "unconfirmed": list(self.unconfirmed),
-            "pending": self.pending,
+            "pending": bool(self.pending),
             "not_finite": self.odd,
             "sent_by_others": self.foreign,
             "notes": self.notes,
@@ -82,6 +82,7 @@ class BusAccount(TrafficReport):
         """What somebody should know about it, a line each; the deadlines first."""
         said = {
             f"{self.dropped:,} frames were dropped: they came faster than they could be taken": self.dropped,
+            f"{self.late:,} frames were dropped: they came while this computer did not look": self.late,
             f"{self.no_room:,} frames were not sent: the adapter had no room": self.no_room,
             f"{self.malformed:,} lines from the adapter were no frames": self.malformed,
             f"{self.skipped:,} frames were left out: steps were so late that only newer ones were sent": self.skipped,

@@ -19,6 +19,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from threading import Lock, Thread
@@ -81,8 +82,18 @@ class _Board:
 class _ProcessKeeper:
     """What the steps have of it."""
 
-    def __init__(self, place: str, board: _Board, steps: socket.socket, news: Connection, coupling: Coupling) -> None:
-        self._place, self._board, self._steps, self._news, self._coupling = place, board, steps, news, coupling
+    def __init__(
+        self,
+        buses: Sequence[BusSettings],
+        board: _Board,
+        steps: socket.socket,
+        news: Connection,
+        coupling: Coupling,
+        step: float,
+        process: int,
+    ) -> None:
+        self._buses, self._board, self._steps, self._news, self._process = buses, board, steps, news, process
+        self._coupling, self._step, self._place, self._taken = coupling, step, _place(buses), 0.0
         self._form = struct.Struct(f"qd{len(coupling.outputs)}d")
         self._report: TrafficReport | None = None
         self._status = Figures.of("", {})
@@ -106,7 +117,11 @@ class _ProcessKeeper:
         return self._board.read()
 
     def send(self, number: int, outputs: Sequence[float], now: float, deadline: float) -> None:
-        self._tell(number, deadline, outputs)
+        if self._tell(number, deadline, outputs):
+            self._taken = now
+        elif now - self._taken > self._coupling.rules.give_up:
+            problem = f"the process that has the bus has taken nothing for {now - self._taken:.3g} s"
+            raise BusError(self._place, problem, "see what keeps it")
 
     def ends(self, endures: bool) -> bool:
         if not self._thread.is_alive():
@@ -117,21 +132,39 @@ class _ProcessKeeper:
         return self._status
 
     def end(self) -> TrafficReport:
+        self._steps.settimeout(min(self._coupling.rules.give_up, _ENDING))  # it is to hear of it after all the rest
         with suppress(ServotwinError):
             self._tell(_END, 0.0, [0.0] * len(self._coupling.outputs))
-        self._thread.join(_ENDING)
-        return self._report or TrafficReport.of_nobody(self._coupling)
+            self._thread.join(_ENDING)
+        return self._report or self._in_its_place()
 
-    def _tell(self, number: int, stamp: float, values: Sequence[float]) -> None:
-        record = self._form.pack(number, stamp, *values)
+    def _in_its_place(self) -> TrafficReport:
+        """Send the safe values from here, where the process that has the bus is gone, or does not end."""
+        if sys.platform == "win32":
+            raise OSError("Windows does not fork")
+        os.kill(self._process, signal.SIGKILL)
+        self._thread.join()
+        nothing = TrafficReport.of_nobody(self._coupling)
         try:
-            whole = self._steps.send(record) == len(record)
+            with on_buses(self._buses, self._coupling, self._step, self._say) as traffic:
+                for _ in range(2):  # counters begin anew: one of two values is another than the last
+                    traffic.end(0.0)
+                report = traffic.report(0.0)
+        except ServotwinError:
+            return nothing
+        sent = report.doubt() if report.unconfirmed else "safe values were sent by the process that steps"
+        self._say(f"{self._place}: {sent}")
+        return replace(report, trouble=report.trouble or nothing.trouble)
+
+    def _tell(self, number: int, stamp: float, values: Sequence[float]) -> bool:
+        """Whether there was room for it; the latest that is there counts."""
+        try:
+            self._steps.send(self._form.pack(number, stamp, *values))
         except BlockingIOError:
-            whole = False
+            return False
         except OSError:
             raise self._gone() from None
-        if not whole:
-            raise BusError(self._place, "the process that has the bus takes nothing any more", "see what keeps it")
+        return True
 
     def _gone(self) -> BusError:
         return BusError(self._place, "the process that has the bus is gone", "stop the machine by hand")
@@ -180,7 +213,7 @@ def apart(
     told.close()
     steps.setblocking(False)
     try:
-        keeper = _ProcessKeeper(_place(buses), board, steps, news, coupling)
+        keeper = _ProcessKeeper(buses, board, steps, news, coupling, step, child)
         keeper.opened(say)
         yield keeper
     finally:

@@ -33,6 +33,8 @@ _PROMPT = 0.05  # for which they may wait behind what was sent before [s]
 _NAP = 0.005  # between two looks whether they have [s]
 _LINGERING = 0.05  # before the bus may be closed: adapters forget what they have not sent by then [s]
 _SILENCE = 0.1  # for which an adapter may refuse all frames where nothing is received [s]
+_FULL = "the bus is full, and the adapter sends them when it has room"
+_STOPPED = "the adapter has stopped to answer, and sends them when it goes on"
 QUEUE = 4096  # frames that wait to be taken at most; more are dropped and counted
 
 
@@ -61,7 +63,7 @@ class BusTraffic:
         self.inputs = np.zeros(coupling.width)
         self.over, self._stopped = "", False
         self._odd, self._foreign, self._unconfirmed = Counter[str](), Counter[str](), list[SentMessage]()
-        self._pending = False
+        self._pending = ""
         self._step, self._rules = step, coupling.rules
         self._status = {signal: Status() for message in coupling.sent for signal in message.guarded}
         self._home = {signal: self._line(message) for message in coupling.sent for signal in message.signals}
@@ -152,12 +154,17 @@ class BusTraffic:
             time.sleep(_NAP)
         doubtful = [message for message in self._coupling.sent if message.guarded]
         self._unconfirmed = [message for message in doubtful if self._line(message) in open_ or message not in taken]
-        waiting = [self._line(message) for message in self._unconfirmed]
-        staying = [line.waits and line.link.stay() for line in waiting]
-        self._pending = bool(staying) and all(staying)
+        left = [self._left(message, message in taken) for message in self._unconfirmed]
+        self._pending = " and ".join(dict.fromkeys(left)) if all(left) else ""
         for line in crowded:  # what is out is known by an estimate, which a paused computer deceives
             line.link.stay()
         time.sleep(_LINGERING)
+
+    def _left(self, message: SentMessage, taken: bool) -> str:
+        """Leave safe values that have not got out with the adapter; why, "" where it does not keep them."""
+        line = self._line(message)
+        kept = line.link.stay() if taken else all(map(line.link.insist, message.safe_frames()))
+        return (_FULL if line.waits else _STOPPED) if kept else ""
 
     def status(self, now: float) -> Figures:
         """How it goes, of the load since the last call; it is `now` since the beginning [s]."""
@@ -177,7 +184,13 @@ class BusTraffic:
         """Words for what is not as it should be -> how often it was."""
         lost = {
             "frames dropped": sum(line.receiver.dropped for line in self._lines),
+            "frames dropped that came in a pause": sum(line.receiver.late for line in self._lines),
             "frames without room": sum(line.link.no_room for line in self._lines),
+            "lines of the adapter that are no frames": sum(line.link.malformed for line in self._lines),
+            "frames and commands that the adapter refused": sum(line.link.refused for line in self._lines),
+            "answers that the adapter owes for good": sum(line.link.unanswered for line in self._lines),
+            "sent values limited to fit": self._coupling.sent_statistics.saturated.total(),
+            "sent values limited by `limit`": self._coupling.sent_statistics.limited.total(),
         }
         return troubles(self._coupling.reception.statistics) | self._states.counts | lost
 
@@ -191,6 +204,7 @@ class BusTraffic:
         return TrafficReport(
             self._coupling.reception.statistics,
             sum(line.receiver.dropped for line in self._lines),
+            sum(line.receiver.late for line in self._lines),
             sent,
             sum(count.total() for count in out),
             all(link.acknowledges for link in links),
@@ -214,7 +228,7 @@ class BusTraffic:
 
     def _take(self, frame: can.Message, bus: int, now: float) -> None:
         key = (bus, frame.arbitration_id, frame.is_extended_id)
-        if key in self._own and not frame.is_error_frame:
+        if key in self._own and not (frame.is_error_frame or frame.is_remote_frame):
             self._recognise(key, now)
         taken = self._coupling.reception.take(frame, self.inputs, bus)
         if taken is None:
@@ -328,6 +342,6 @@ def on_buses(
         for number, bus in enumerate(buses):
             silences = [message.silence for message in messages if message.place.number == number]
             link = stack.enter_context(linked(bus, min(silences, default=_SILENCE), say))
-            receiver = stack.enter_context(Receiver(link, QUEUE, arrived))
+            receiver = stack.enter_context(Receiver(link, QUEUE, arrived, patience))
             lines.append(Line(link, receiver, Backlog(bus), patience, "the bus" if len(buses) == 1 else bus.place))
         yield BusTraffic(lines, coupling, watchdog, step, news)

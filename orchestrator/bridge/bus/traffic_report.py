@@ -15,7 +15,8 @@ class TrafficReport:
     """What passed over a bus, as far as its adapter tells.
 
     Attributes:
-        dropped: received frames that came faster than they could be taken.
+        dropped: received frames that came faster than they could be taken; late: those that came in a pause of the
+            process that has the bus, as old as nobody knows.
         frames: that got out; acknowledged: whether the adapter has said so of each, or only took them.
         no_room: frames that the adapter did not take; unsent: those for which there was no bus.
         skipped: frames in whose place only later ones were sent.
@@ -24,13 +25,14 @@ class TrafficReport:
         malformed, refused: lines from the adapter that were no frames, and commands that it refused.
         trouble: why the bus was lost at the end, "" where it was not.
         over: why the bus ended the coupling, "" where it did not; stopped: whether by the stop signal.
-        unconfirmed: messages whose safe values may not have got out; pending: whether the adapter still has these to
-            send, and stays on the bus.
+        unconfirmed: messages whose safe values may not have got out; pending: why the adapter still has these to
+            send, "" where it has not, or does not stay on the bus.
         odd: outputs that were not finite -> how often; foreign: messages of ours from somebody else -> how many.
     """
 
     received: FrameStatistics
     dropped: int
+    late: int
     sent: FrameStatistics
     frames: int
     acknowledged: bool
@@ -46,14 +48,14 @@ class TrafficReport:
     over: str
     stopped: bool
     unconfirmed: tuple[str, ...]
-    pending: bool
+    pending: str
     odd: dict[str, int]
     foreign: dict[str, int]
     watchdog: WatchdogReport
 
     def doubt(self) -> str:
         """What is said where safe values may not have got out."""
-        still = ": the bus is full, and the adapter sends them when it has room" if self.pending else ""
+        still = f": {self.pending}" if self.pending else ""
         return f"the safe values of {', '.join(self.unconfirmed)} may not have got out{still}"
 
     @classmethod
@@ -63,6 +65,7 @@ class TrafficReport:
         why = "the process that has the bus is gone"
         return cls(
             none,
+            0,
             0,
             none,
             0,
@@ -79,7 +82,7 @@ class TrafficReport:
             "",
             False,
             names,
-            False,
+            "",
             {},
             {},
             WatchdogReport({}, 0, []),

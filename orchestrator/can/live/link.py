@@ -90,8 +90,12 @@ class Link:
     @property
     def owed(self) -> int:
         """Frames to which the adapter has not answered yet, where it does."""
-        flow = getattr(self._bus, "flow", None)
-        return 0 if flow is None or not flow.answers else flow.owed
+        return getattr(self._bus, "owed", 0)
+
+    @property
+    def unanswered(self) -> int:
+        """Frames of which the adapter never said whether it took them."""
+        return getattr(getattr(self._bus, "flow", None), "lost", 0)
 
     @property
     def malformed(self) -> int:
@@ -175,6 +179,13 @@ class Link:
         if can_stay:
             self._bus.stays = True  # type: ignore[attr-defined]
         return can_stay
+
+    def insist(self, frame: can.Message) -> bool:
+        """Leave a frame with an adapter that has stopped to answer, behind all that it has; whether it may go out."""
+        if not self.owed or not self.stay():
+            return False
+        self._bus.insists = True  # type: ignore[attr-defined]
+        return self.send(frame)
 
     def shutdown(self) -> None:
         """Leave the bus; an adapter that fails while it closes is gone anyway."""

@@ -70,4 +70,6 @@ def troubles(statistics: FrameStatistics) -> dict[str, int]:
         "wrong steps of message counters": statistics.counters.total(),
         "wrong checksums": statistics.checksums.total(),
         "frames too short": statistics.short.total(),
+        "values that are not finite": statistics.not_finite.total(),
+        "values outside their range": statistics.out_of_range.total(),
     }

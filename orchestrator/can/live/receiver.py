@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import threading
 import time
@@ -41,21 +42,29 @@ class Receiver:
 
     Args:
         arrived: called by that thread when there is something to take, or it has failed.
+        most_late: for how long it may be kept from receiving; what has come in a longer pause is as old as nobody
+            knows, and dropped [s].
 
     Attributes:
         received: frames taken off the bus.
-        dropped: of these, frames that came while the queue was full.
+        dropped: of these, frames that came while the queue was full; late: those that came in a pause.
         pauses: the first of them; pause_count counts all.
         failure: what ended the reception, None while the bus works.
         clock_offset: by how much stamps were moved to be dates [s]; None where they are.
     """
 
-    def __init__(self, bus: can.BusABC | Link, limit: int, arrived: Callable[[], None] = lambda: None) -> None:
-        self._bus, self._limit, self._arrived = bus, limit, arrived
+    def __init__(
+        self,
+        bus: can.BusABC | Link,
+        limit: int,
+        arrived: Callable[[], None] = lambda: None,
+        most_late: float = math.inf,
+    ) -> None:
+        self._bus, self._limit, self._arrived, self._most_late = bus, limit, arrived, most_late
         self._queue: SimpleQueue[can.Message] = SimpleQueue()
         self._ending = False
         self._thread = threading.Thread(target=self._run, name="CAN receiver", daemon=True)
-        self.received = self.dropped = self.pause_count = 0
+        self.received = self.dropped = self.late = self.pause_count = 0
         self.pauses: list[Pause] = []
         self.failure: Exception | None = None
         self.clock_offset: float | None = None
@@ -86,20 +95,32 @@ class Receiver:
         try:
             looked = _now()
             while not self._ending:
-                self._receive(_PATIENCE)
+                message = self._bus.recv(_PATIENCE)
                 looked, before = _now(), looked
-                if looked - before > _PATIENCE + _PAUSE:
-                    self._note_pause(looked - before - _PATIENCE)
+                pause = looked - before - _PATIENCE
+                if pause > _PAUSE:
+                    self._note_pause(pause)
+                while pause > self._most_late and message is not None:
+                    self._leave(message)
+                    message = self._bus.recv(0.0)
+                self._keep(message)
             until = time.monotonic() + _DRAINING
-            while self._receive(0.0) and time.monotonic() < until:
+            while self._keep(self._bus.recv(0.0)) and time.monotonic() < until:
                 pass
         except Exception as error:  # drivers raise anything
             self.failure = error
             self._arrived()
 
-    def _receive(self, timeout: float) -> bool:
-        """Put the next frame into the queue; whether there was one."""
-        message = self._bus.recv(timeout)
+    def _leave(self, message: can.Message) -> None:
+        """Drop a frame that came in a pause, but for what an adapter says about errors."""
+        if message.is_error_frame:
+            self._keep(message)
+        else:
+            self.received += 1
+            self.late += 1
+
+    def _keep(self, message: can.Message | None) -> bool:
+        """Put a frame into the queue; whether there is one."""
         if message is None:
             return False
         self.received += 1

@@ -41,7 +41,7 @@ from orchestrator.realtime.stopping import Stop, stop_requests
 LOG = logging.getLogger("servotwin.can")
 QUEUE = 4096  # frames of a bus that wait to be passed at most
 _REFUSING = 0.2  # for which an adapter may refuse all frames [s]
-_WAITING = 0.1  # for which a frame may wait for a full bus [s]
+_WAITING = 0.1  # for which a frame may wait for a full bus, or to be seen [s]
 _ROOM = 0.005  # for which an adapter may have no room, once; until it takes a frame again it is not waited for [s]
 _PERIOD = 0.25  # between two looks how it goes [s]
 _NAP = 0.02  # without frames, between two looks whether to end [s]
@@ -127,7 +127,7 @@ def _lines(buses: Sequence[BusSettings], arrived: Callable[[], None]) -> Iterato
         lines = []
         for bus in buses:
             link = stack.enter_context(linked(bus, _REFUSING, lambda line: LOG.warning("%s", line)))
-            receiver = stack.enter_context(Receiver(link, QUEUE, arrived))
+            receiver = stack.enter_context(Receiver(link, QUEUE, arrived, _WAITING))
             lines.append(Line(link, receiver, Backlog(bus), _WAITING, bus.place))
         yield lines
 
@@ -168,14 +168,16 @@ class _Work:
         """Send what goes last, and see that all gets out; in words what may not have."""
         until = time.monotonic() + _CONFIRMING
         frames = self._end.frames(len(self._lines))
-        refused = [_text(frame) for number, frame in frames if not self._give_last(number, frame, until)]
+        refused = [(number, frame) for number, frame in frames if not self._give_last(number, frame, until)]
+        for number, frame in refused:
+            self._lines[number].link.insist(frame)
         while (open_ := self._not_out(frames)) and time.monotonic() < until:
             time.sleep(_LOOK)
         for line in open_:
             line.link.stay()
         time.sleep(_LINGERING)
         waiting = [_text(frame) for number, frame in frames if self._lines[number] in open_]
-        said = [f"and was NOT followed by {', '.join(refused)}"] if refused else []
+        said = [f"and was NOT followed by {', '.join(_text(frame) for _, frame in refused)}"] if refused else []
         full = " and ".join(line.name for line in open_)
         return "; ".join(said + ([f"and {', '.join(waiting)} may not have got out: {full} is full"] if waiting else []))
 
@@ -184,7 +186,7 @@ class _Work:
         for way, line, last in zip(self._ways, reversed(self._lines), reversed(self._last), strict=True):
             way.out = max(min((line.link.out - last).total(), way.given.total()), 0)
         for way, line in zip(self._ways, self._lines, strict=True):
-            way.dropped = line.receiver.dropped
+            way.dropped = line.receiver.dropped + line.receiver.late
         self._done.seconds, self._done.missing = round(self._elapsed, 3), self._routes.missing
         self._done.told = all(line.link.acknowledges for line in self._lines)
         return self._done
@@ -266,7 +268,7 @@ class _Work:
             f"frames lost to {line.name}": way.unsent + line.blocked
             for way, line in zip(self._ways, reversed(self._lines), strict=True)
         }
-        dropped = {"frames dropped": sum(line.receiver.dropped for line in self._lines)}
+        dropped = {"frames dropped": sum(line.receiver.dropped + line.receiver.late for line in self._lines)}
         troubles = {**self._states.counts, "error frames": self._done.errors, **lost, **dropped}
         self._news.look(self._elapsed, lambda: troubles)
         there, back = (way.given.total() for way in self._ways)

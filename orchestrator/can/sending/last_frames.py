@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 
 import can
 
@@ -79,8 +80,7 @@ class LastFrames:
         while left:
             for number in list(left):
                 self.take(number)
-                flow = getattr(self._channels[number].bus, "flow", None)
-                if self._backlogs[number].empty() and not (flow is not None and flow.answers and flow.owed):
+                if self._backlogs[number].empty() and not getattr(self._channels[number].bus, "owed", 0):
                     left.remove(number)
             if time.monotonic() >= until:
                 break
@@ -104,6 +104,10 @@ class LastFrames:
         try:
             send(channel.bus, message)
         except Exception as error:  # drivers raise anything
+            if getattr(channel.bus, "owed", 0):  # it is left behind all that the adapter has, to go when that goes on
+                channel.bus.insists = channel.bus.stays = True  # type: ignore[attr-defined]
+                with suppress(can.CanError):
+                    channel.bus.send(message, timeout=0.0)
             return f"{name} on {channel.settings.place} ({error})"
         self._backlogs[number].sent(message, time.monotonic())
         self.sent.append(name)

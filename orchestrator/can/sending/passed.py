@@ -18,7 +18,8 @@ class Passage:
         source, target: the buses.
         given: message, or identifier -> frames that the adapter of the target took.
         out: frames of these that got out, as far as the adapter tells.
-        unsent: frames that it had no room for, or no bus; dropped: frames that came faster than they were passed.
+        unsent: frames that it had no room for, or no bus; dropped: frames that came faster than they were passed,
+            or in a pause of this process.
         left_out: why frames were not to be passed -> how many.
         lateness: from the stamp of a frame to when it was given on.
     """

@@ -24,7 +24,7 @@ from can.interfaces.slcan import slcanBus
 
 from orchestrator.can.slcan import protocol
 from orchestrator.can.slcan.adapter_clock import AdapterClock
-from orchestrator.can.slcan.flow import Flow, Key
+from orchestrator.can.slcan.flow import REPEATED, STALL, Flow, Key
 from orchestrator.can.slcan.opening import VERSION, take_over
 
 # Classes of error frames and their details, as socketcan has them in identifier and data (linux/can/error.h).
@@ -65,6 +65,7 @@ class SlcanBus(slcanBus):
         malformed: lines that were no frame and no answer: noise, or an adapter that speaks something else.
         refused: commands and frames that the adapter has not taken (BEL).
         stays: whether the adapter stays on the bus when it is left, and sends what it has still to send.
+        insists: whether frames are also given to an adapter that has stopped to answer; they go when it goes on.
     """
 
     def __init__(
@@ -80,7 +81,7 @@ class SlcanBus(slcanBus):
         **options: Any,
     ) -> None:
         self.malformed = self.refused = 0
-        self.stays = False
+        self.stays = self.insists = False
         self.flow = Flow()
         self.clock = AdapterClock()
         self._bus_state = can.BusState.ACTIVE
@@ -104,6 +105,20 @@ class SlcanBus(slcanBus):
         except BaseException:
             _release(self.serialPortOrig)
             raise
+
+    @property
+    def owed(self) -> int:
+        """Frames that the adapter has still to answer to; one that has not for a while is asked whether it is there.
+
+        Answers are in order: what it owes when it has answered to that, and says no more, noise has swallowed.
+        """
+        flow, now = self.flow, time.monotonic()
+        if flow.owed and now - max(flow.given, flow.heard) > STALL and flow.answers:
+            with contextlib.suppress(OSError):  # one that is gone is noticed where it is read
+                self._ask(now)
+        if flow.given < self._asked < flow.heard < now - REPEATED:
+            flow.settle()
+        return flow.owed if flow.answers else 0
 
     @property
     def state(self) -> can.BusState:
@@ -225,7 +240,8 @@ class SlcanBus(slcanBus):
         """
         try:
             key = msg.arbitration_id, msg.is_extended_id
-            self._await_answers(key, timeout)
+            if not self.insists:
+                self._await_answers(key, timeout)
             with self.flow.giving(key, time.monotonic()):
                 super().send(msg, timeout)
         except OSError as error:
@@ -237,13 +253,17 @@ class SlcanBus(slcanBus):
         """See that the adapter takes what it is given: no command is to wait behind old ones, and be late itself."""
         until = math.inf if patience is None else time.monotonic() + patience
         while self.flow.stalled(now := time.monotonic(), key):
-            if now - self._asked > _ASKING:
-                self._asked = now
-                self._written(self.serialPortOrig.fd, self._unsent + b"V\r", 0.0)  # answers are in order
-                self._unsent = b""
+            self._ask(now)
             self._fetch(min(max(until - now, 0.0), 0.01))
             if time.monotonic() >= until and self.flow.stalled(time.monotonic(), key):
                 raise can.CanTimeoutError("the adapter has stopped to answer")
+
+    def _ask(self, now: float) -> None:
+        """Ask an adapter that has stopped to answer whether it is there, but not all the time."""
+        if now - self._asked > _ASKING and self.serialPortOrig.fd is not None:
+            self._asked = now
+            self._written(self.serialPortOrig.fd, self._unsent + b"V\r", 0.0)  # answers are in order
+            self._unsent = b""
 
     def _write(self, string: str) -> None:
         """Write a line whole; what does not fit in time goes before the next line.

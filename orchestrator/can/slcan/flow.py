@@ -20,16 +20,18 @@ class Flow:
         taken: identifier -> frames that it took.
         refused: frames that it did not take (BEL).
         refusing: since when it has refused all frames, None while it takes them.
-        settled: how often nothing more was to be expected of what was before.
+        settled: how often nothing more was to be expected of what was before; lost: frames that were owed then, of
+            which nobody knows whether it took them.
+        given, heard: when it was given a frame last, and when it answered last.
     """
 
     def __init__(self) -> None:
         self.answers = False
         self.taken: Counter[Key] = Counter()
-        self.refused = self.settled = 0
+        self.refused = self.settled = self.lost = 0
         self.refusing: float | None = None
         self._owed: deque[tuple[float, Key]] = deque()
-        self._heard = 0.0
+        self.given = self.heard = 0.0
 
     @property
     def owed(self) -> int:
@@ -41,6 +43,7 @@ class Flow:
         """A frame is written in the block, which fails where it is not; another thread may see its answer by then."""
         owed = now, key
         self._owed.append(owed)
+        self.given = now
         try:
             yield
         except Exception:
@@ -50,7 +53,7 @@ class Flow:
 
     def answered(self, taken: bool, now: float) -> bool:
         """The answer to the oldest frame; whether there was one."""
-        self._heard = now
+        self.heard = now
         if not self._owed:
             return False
         self.answers = True
@@ -65,6 +68,7 @@ class Flow:
 
     def settle(self) -> None:
         """What has not been answered to by now never will be."""
+        self.lost += len(self._owed)
         self._owed.clear()
         self.settled += 1
 
@@ -72,5 +76,5 @@ class Flow:
         """Whether it has stopped answering: a frame that is written now would wait behind what is old already."""
         if not self.answers or not self._owed:
             return False
-        silent = now - max(self._owed[0][0], self._heard)
+        silent = now - max(self._owed[0][0], self.heard)
         return silent > STALL or (silent > REPEATED and sum(owed == key for _, owed in list(self._owed)) > 1)

@@ -168,7 +168,7 @@ class _AtOnce:
     """Receives when it is asked, without a thread."""
 
     def __init__(self, link: Link, dropped: int) -> None:
-        self._link, self.dropped = link, dropped
+        self._link, self.dropped, self.late = link, dropped, 0
 
     def take(self) -> list[can.Message]:
         taken = []

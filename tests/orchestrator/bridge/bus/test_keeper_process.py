@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import struct
 import threading
@@ -17,10 +18,12 @@ import can
 import pytest
 
 from orchestrator import formats
+from orchestrator.bridge.bus.keeper_process import apart
 from orchestrator.can.slcan.hub import Hub, hub_process
 from orchestrator.live.beside import beside
-from tests.support.can.coupling_samples import DBC, frame
-from tests.support.can.wiring import BITRATE, HANG, command, joined, wait_for
+from tests.support.can.coupling_samples import DBC, frame, sample_database
+from tests.support.can.mapped import couple
+from tests.support.can.wiring import BITRATE, HANG, command, joined, settings, wait_for
 
 pytestmark = pytest.mark.slow  # processes
 
@@ -85,8 +88,12 @@ def driving(folder: Path) -> Iterator[tuple[Popen[str], Peer, Hub]]:
 
 def stepping(bridge: Popen[str]) -> int:
     """The process that steps, a child of the one that was started."""
-    children = Path(f"/proc/{bridge.pid}/task/{bridge.pid}/children").read_text().split()
-    return int(children[0])
+    return children(bridge.pid)[0]
+
+
+def children(pid: int) -> list[int]:
+    """The processes that one has started."""
+    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
 def test_safe_values_go_out_when_the_process_that_steps_is_killed(tmp_path: Path) -> None:
@@ -198,10 +205,32 @@ def test_a_bridge_that_is_killed_while_it_ends_leaves_its_result(tmp_path: Path,
     assert manifest["ended"] in ("stopped", "failed") and list(tmp_path.glob(".*")) == []
 
 
-def test_a_bridge_whose_guard_is_gone_ends_and_says_so(tmp_path: Path) -> None:
-    with driving(tmp_path) as (bridge, _, _):
-        pid = stepping(bridge)
-        (guard,) = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-        os.kill(int(guard), signal.SIGKILL)
+@pytest.mark.parametrize(
+    ("number", "said"), [(signal.SIGKILL, "is gone"), (signal.SIGSTOP, r"has taken nothing for \d")]
+)
+def test_the_steps_send_safe_values_where_their_guard_is_gone_or_stands_still(
+    tmp_path: Path, number: signal.Signals, said: str
+) -> None:
+    with driving(tmp_path) as (bridge, peer, _):
+        (guard,) = children(stepping(bridge))
+        os.kill(guard, number)
         _, complaints = bridge.communicate(timeout=HANG)
-    assert bridge.returncode == 3 and "the process that has the bus is gone" in complaints
+        wait_for(peer.rests)
+    assert bridge.returncode == 3 and re.search(f"the process that has the bus {said}", complaints)
+    assert "safe values were sent by the process that steps" in " ".join(complaints.split())
+
+
+def test_of_all_that_a_guard_has_not_taken_in_a_pause_the_latest_counts_and_it_hears_of_the_end(tmp_path: Path) -> None:
+    block = {"send": {"torque": {"source": "rig.torque", "safe": 0}}, "every": {"Guarded": 0.001}}
+    coupling, said = couple(sample_database(tmp_path), **block), list[str]()
+    with hub_process(tmp_path / "bus", 2) as hub:
+        others = set(children(os.getpid()))
+        with apart([settings(hub.paths[0])], coupling, 0.001, said.append, kills=False) as keeper:
+            (guard,) = set(children(os.getpid())) - others
+            keeper.begin(time.monotonic())
+            os.kill(guard, signal.SIGSTOP)
+            for count in range(20_000):  # far more than there is room for
+                keeper.send(count, [0.25], 0.0, 0.0)
+            os.kill(guard, signal.SIGCONT)
+            report = keeper.end()
+    assert report.trouble == "" and report.unconfirmed == () and report.frames > 0

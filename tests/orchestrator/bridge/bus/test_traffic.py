@@ -128,9 +128,26 @@ def test_one_page_or_one_value_that_stays_away_puts_what_needs_it_to_rest(rig: D
     assert said == [
         "t = 0.200 s: first: no frame for 0.1 s; safe values: rig.page = 0",
         "t = 0.200 s: torque rests: without rig.page",
+        "51 values that are not finite",
         "t = 0.300 s: Exact: no good value for 0.1 s (not finite); safe values: rig.target = 0",
         "t = 0.300 s: angle rests: without rig.target",
     ]
+
+
+def test_values_that_are_limited_rejected_or_not_finite_are_told_while_it_goes_on(rig: Database) -> None:
+    bus, said = ScriptedBus(), list[str]()
+    changes = {
+        "receive": {"rig.target": {"signal": "Exact.target", "safe": 0}},
+        "send": {"torque": {"source": "rig.torque", "safe": 0, "limit": {"magnitude": 0.1}}},
+    }
+    traffic = on(bus, rig, said, ANY, **changes)
+    for number in range(20):
+        bus.waiting.append(frame(258, struct.pack("<d", math.nan if number % 2 else 9.0)))
+        traffic.receive(number * STEP)
+        traffic.send(number, [0.25], number * STEP, 0.0)
+    traffic.receive(9.0)
+    told = " ".join(said)
+    assert "values that are not finite" in told and "sent values limited by `limit`" in told
 
 
 def test_what_an_interface_gives_back_is_no_second_sender_and_not_received(rig: Database) -> None:
@@ -192,7 +209,7 @@ def test_an_adapter_whose_bus_was_full_at_the_end_forgets_nothing_even_where_all
             bus.flood(seconds=1)
         traffic.end(0.1)
         report = traffic.report(0.6)
-        assert (report.unconfirmed, report.pending) == ((), False)
+        assert (report.unconfirmed, report.pending) == ((), "")
         assert bus.stays == flooded == bool(bus.forgotten)
 
 

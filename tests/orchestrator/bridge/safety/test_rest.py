@@ -68,6 +68,15 @@ def test_somebody_else_who_sends_our_message_is_told_at_once(
     assert "State was also sent by somebody else: 2 frames" in coupled.account.remarks()
 
 
+def test_who_asks_for_our_message_does_not_send_it(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asking = can.Message(arbitration_id=STATE, is_extended_id=False, is_remote_frame=True, dlc=8)
+    bus = ScriptedBus(lambda message: [asking] if len(bus.sent) == 10 else []).plug_in(monkeypatch)
+    account = go(folder, tmp_path).account
+    assert account.foreign == {} and account.received.remotes == 1
+
+
 def test_a_stop_signal_ends_the_coupling_and_outputs_rest_without_it(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from fmus.errors import BusError
 from orchestrator.can.live.bus import open_bus, opened
+from orchestrator.can.live.link import linked
 from orchestrator.can.slcan.bus import SlcanBus
 from orchestrator.can.slcan.flow import STALL, Flow
 from tests.support.can.scripted_adapter import ScriptedAdapter, willing
@@ -156,3 +157,50 @@ def test_no_more_frames_are_taken_than_were_given(events: list[str]) -> None:
             flow.answered(event == "taken", now)
         assert flow.taken.total() + flow.refused + flow.owed <= given
         assert not (flow.stalled(now + 1e9, KEY) and not flow.owed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("there", [b"V1013\r", b"\r", b"\a"])
+def test_answers_that_noise_has_swallowed_are_not_waited_for_for_ever(there: bytes) -> None:
+    """Whatever an adapter answers to the question whether it is there."""
+    with ScriptedAdapter() as adapter, linked(settings(adapter.path), 9.0, lambda line: None) as link:
+        for count, noisy in enumerate([False, True, True, True, False]):
+            adapter.answer = lambda line, noisy=noisy: b"z#" if noisy else there if line == b"V" else willing(line)  # type: ignore[misc]
+            assert link.send(frame(count), HANG)
+            wait_for(lambda count=count: (link.recv(0.0), len(adapter.frames))[1] == count + 1)  # type: ignore[misc]
+            wait_for(lambda: link.recv(0.0) is None and link.acknowledges)
+        wait_for(lambda: (link.recv(0.0), link.owed)[1] == 0)
+        assert link.unanswered and link.out.total() < 5
+
+
+@pytest.mark.slow
+def test_the_last_frame_can_be_left_with_an_adapter_that_has_stopped_to_answer() -> None:
+    with ScriptedAdapter() as adapter:
+        with linked(settings(adapter.path), 9.0, lambda line: None) as link:
+            assert not link.insist(frame(0))  # nothing is owed
+            assert link.send(frame(1))
+            wait_for(lambda: (link.recv(0.0), link.acknowledges)[1])
+            adapter.answer = lambda line: b""
+            assert link.send(frame(2))
+            time.sleep(2 * STALL)
+            assert not link.send(frame(3))
+            assert link.insist(frame(4))
+        port = os.open(adapter.path, os.O_RDWR | os.O_NOCTTY)
+        os.write(port, b"N\r")
+        wait_for(lambda: adapter.lines[-1] == b"N")
+        os.close(port)
+        assert [int(line[-1:]) for line in adapter.frames] == [1, 2, 4]
+        assert b"C" not in adapter.lines[adapter.lines.index(adapter.frames[0]) :]  # it is not told to leave the bus
+
+
+@pytest.mark.slow
+def test_what_an_adapter_owes_that_is_gone_is_no_failure_of_who_asks() -> None:
+    adapter = ScriptedAdapter()
+    with linked(settings(adapter.path), 9.0, lambda line: None) as link:
+        with adapter:
+            assert link.send(frame(1))
+            wait_for(lambda: (link.recv(0.0), link.acknowledges)[1])
+            adapter.answer = lambda line: b""
+            assert link.send(frame(2))
+        time.sleep(2 * STALL)
+        assert link.owed == 1
