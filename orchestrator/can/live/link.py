@@ -24,7 +24,7 @@ _RETRY = 1.0  # between two tries to open a lost bus [s]
 _NAP = 0.005  # while an adapter has no room [s]
 _SAID = 50  # losses that are said; beyond it they are only counted
 _KEPT = 1000  # losses that are kept
-_ECHOING = ("udp_multicast",)  # interfaces that give back what is sent to them, and do not say so
+ECHOING = ("udp_multicast",)  # interfaces that give back what is sent to them, and do not say so
 _ECHOED = 1.0  # for which an own frame may come back [s]
 _FULL = (errno.ENOBUFS, errno.EAGAIN)
 _FULL_WORDS = ("full", "overflow", "no buffer space", "timed out", "timeout")  # of drivers that give no number
@@ -73,7 +73,7 @@ class Link:
         self._malformed = self._refused = 0
         self._told = True
         self.busy = 0.0
-        self._echoes: deque[tuple[float, Key, bytes]] | None = deque() if settings.interface in _ECHOING else None
+        self._echoes: deque[tuple[float, Key, bytes]] | None = deque() if settings.interface in ECHOING else None
 
     @property
     def out(self) -> Counter[Key]:

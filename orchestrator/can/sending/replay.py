@@ -1,12 +1,14 @@
 """The frames of a log back onto a bus, each at its own time.
 
-Deadlines are counted from the first frame, so lateness of one frame does not delay those after it.
+Deadlines are counted from the first frame, so lateness of one frame does not delay those after it. Only a process that
+stood still goes on where it was: what was due meanwhile would be a burst of old commands.
 """
 
 from __future__ import annotations
 
+import logging
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,20 +22,24 @@ from orchestrator.can.database.sources import DatabaseFiles
 from orchestrator.can.frames import Frames
 from orchestrator.can.live.bus import BusSettings, is_bus_off, send
 from orchestrator.can.live.channels import Channel, Channels, listening
-from orchestrator.can.live.link import REFUSING
+from orchestrator.can.live.link import ECHOING, REFUSING
 from orchestrator.can.sending.last_frames import LastFrames
 from orchestrator.can.sending.passes import ahead, passes
 from orchestrator.can.sending.safe_end import NOTHING, Last, SafeEnd
 from orchestrator.can.sending.selection import EVERYTHING, Chosen, Selection
+from orchestrator.can.slcan.flow import Key
+from orchestrator.can.statistics import identifier_text
 from orchestrator.processes.interrupts import endings, handling
 from orchestrator.progress import Progress, silent
 from orchestrator.realtime.lateness import Lateness
 from orchestrator.realtime.pacing import quiet
 from orchestrator.realtime.stopping import Stop, stop_requests
 
+LOG = logging.getLogger("servotwin.can")
 _LEAD = 0.05  # from the start to the first frame [s]
 _PERIOD = 0.25  # between two reports of progress, and two looks at what the adapter says [s]
 _HEARD = 65536  # frames of others that are kept between two looks at most
+_STOOD = 0.2  # after which a process that is not woken in time has stood still [s]
 _REFUSED = 0.2  # for which an adapter may refuse all frames [s]
 _ECHO = 0.3  # after the last frame, until the adapter has sent what it keeps and has said what there is to say [s]
 
@@ -52,6 +58,8 @@ class Replayed:
         setbacks: stamps before the one of the frame before; such a frame follows at once, later ones keep their
             distance to it.
         lateness: of the frames.
+        pauses: how often it stood still, which moves all later frames; paused: for how long in all [s].
+        foreign: messages, as `123`, that somebody else sent, too.
         duration: from the first to the latest frame [s].
         stopped: whether it was told to end before the log did.
         errors: error frames that came from the bus meanwhile.
@@ -74,6 +82,9 @@ class Replayed:
     last: list[str] = field(default_factory=list)
     refused: int = 0
     dropped: int = 0
+    pauses: int = 0
+    paused: float = 0.0
+    foreign: list[str] = field(default_factory=list)
 
     @property
     def out(self) -> int:
@@ -94,6 +105,9 @@ class Replayed:
             "last": self.last,
             "setbacks": self.setbacks,
             "error_frames": self.errors,
+            "pauses": self.pauses,
+            "paused": self.paused,
+            "sent_by_others": self.foreign,
             "duration": self.duration,
             "stopped": self.stopped,
             "lateness": self.lateness.document(),
@@ -112,6 +126,8 @@ class Replayed:
             f"the log holds no frame of {', '.join(self.missing)}": self.missing,
             f"{self.homeless:,} frames were of channels without a bus, and not sent": self.homeless,
             f"{self.errors:,} error frames came from the bus meanwhile": self.errors,
+            f"it stood still {self.pauses:,} times, for {self.paused:.1f} s in all; later frames moved": self.pauses,
+            f"somebody else also sent {', '.join(self.foreign)}": self.foreign,
             f"the log's clock jumped backwards {self.setbacks:,} times; later frames follow on": self.setbacks,
         }
         together = ", ".join(map(str, sorted(self.channels)))
@@ -213,11 +229,12 @@ class _Sender:
     def __init__(self, plan: Replay, channels: Channels, end: SafeEnd, done: Replayed) -> None:
         self._plan, self._channels, self._done = plan, channels.all, done
         self._last = LastFrames(channels.all, end)
+        self._sent = set[tuple[int, Key]]()
 
     def send_all(self, batches: Iterable[Frames], stop: Stop) -> Iterator[float]:
         """Send frame by frame; when each was sent."""
         schedule: _Schedule | None = None
-        done = self._done
+        done, now = self._done, time.monotonic()
         for message in (message for batch in batches for message in batch.messages()):
             number = self._number(message)
             if message.is_error_frame or number is None:
@@ -230,6 +247,8 @@ class _Sender:
             stop.sleep_until(deadline)
             if stop.requested:
                 return
+            if (late := time.monotonic() - max(deadline, now)) > _STOOD:
+                deadline += self._go_on_after(late, schedule)
             self._send(number, message)
             now = time.monotonic()
             done.sent += 1
@@ -237,6 +256,14 @@ class _Sender:
             done.lateness.add(now - deadline)
             done.duration = now - schedule.begin
             yield now
+
+    def _go_on_after(self, pause: float, schedule: _Schedule) -> float:
+        """Move what is still to come by a pause, which is returned [s]."""
+        schedule.begin += pause
+        self._done.pauses += 1
+        self._done.paused += pause
+        LOG.warning("the replay stood still for %.1f s, and goes on where it was", pause)
+        return pause
 
     def send_last(self) -> None:
         """Send what is to go out last.
@@ -260,6 +287,7 @@ class _Sender:
         for number, channel in enumerate(self._channels):
             messages = self._last.take(number)
             self._done.errors += sum(message.is_error_frame for message in messages)
+            self._recognise(number, messages)
             if any(map(is_bus_off, messages)):
                 raise BusError(
                     channel.settings.place,
@@ -271,6 +299,17 @@ class _Sender:
             since = getattr(getattr(channel.bus, "flow", None), "refusing", None)
             if since is not None and time.monotonic() - since > _REFUSED:
                 raise self._failed(channel, can.CanOperationError(REFUSING))
+
+    def _recognise(self, number: int, messages: Sequence[can.Message]) -> None:
+        """Somebody else who sends what is replayed must be known at once."""
+        settings = self._channels[number].settings
+        for message in messages if settings.interface not in ECHOING else ():
+            key = message.arbitration_id, message.is_extended_id
+            name = identifier_text(*key)
+            sends = message.is_rx and not (message.is_error_frame or message.is_remote_frame)
+            if sends and (number, key) in self._sent and name not in self._done.foreign:
+                self._done.foreign.append(name)
+                LOG.warning("%s: %s is also sent by somebody else", settings.place, name)
 
     def _number(self, message: can.Message) -> int | None:
         """Of the bus that a frame goes to; None where there is none for it."""
@@ -291,6 +330,7 @@ class _Sender:
         except can.CanError as error:
             raise self._failed(channel, error) from error
         self._last.given(number, message)
+        self._sent.add((number, (message.arbitration_id, message.is_extended_id)))
 
     def _failed(self, channel: Channel, error: Exception) -> BusError:
         return BusError(

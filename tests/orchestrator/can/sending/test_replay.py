@@ -28,6 +28,7 @@ from orchestrator.can.slcan.hub import hub_process
 from orchestrator.can.statistics import FrameStatistics
 from orchestrator.progress import Progress, silent
 from orchestrator.realtime.lateness import Lateness
+from orchestrator.realtime.stopping import Stop
 from tests.support.can.scripted_adapter import ScriptedAdapter, willing
 from tests.support.can.wiring import HANG, command, frame, heard, joined, number
 
@@ -113,6 +114,37 @@ def test_error_frames_are_left_out_and_counted(tmp_path: Path, listener: can.Bus
     done = replay(BUS, written(tmp_path / "log.asc", messages))
     assert (done.sent, done.skipped) == (3, 1)
     assert len(heard(listener, 3)) == 3
+
+
+def test_a_replay_that_stood_still_goes_on_where_it_was_and_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    log, due = written(tmp_path / "log.blf", stamped(50, lambda k: 0.005 * k)), list[float]()
+
+    def sleep_until(stop: Stop, deadline: float) -> None:
+        due.append(deadline)
+        time.sleep(0.6 * (len(due) == 11))
+
+    monkeypatch.setattr("orchestrator.realtime.stopping.Stop.sleep_until", sleep_until)
+    done = replay(BUS, log)
+    moved = [deadline - due[0] - 0.005 * k for k, deadline in enumerate(due)]
+    assert moved[:11] == pytest.approx([0.0] * 11, abs=1e-6) and moved[11] > 0.2
+    assert moved[-1] == pytest.approx(done.paused, abs=1e-6) and done.pauses and done.sent == 50
+    assert "stood still" in caplog.text and "stood still" in " ".join(done.lines())
+
+
+def test_somebody_else_who_sends_what_is_replayed_is_told(
+    tmp_path: Path, listener: can.BusABC, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def send(bus: can.BusABC, message: can.Message) -> None:
+        bus.send(message)
+        listener.send(frame(99, message.arbitration_id))
+        listener.send(frame(99, 0x7FF))
+
+    monkeypatch.setattr("orchestrator.can.sending.replay.send", send)
+    done = replay(BUS, written(tmp_path / "log.blf", stamped(5, lambda k: 0.01 * k)))
+    assert done.foreign == ["100"]
+    assert "virtual:replay: 100 is also sent by somebody else" in caplog.text
 
 
 def test_after_a_clock_that_jumped_back_frames_keep_their_distances(
