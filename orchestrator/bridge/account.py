@@ -94,7 +94,6 @@ class BusAccount(TrafficReport):
         }
         return [
             self.deadlines.sentence(),
-            *self.notes,
             *self.received.lines(),
             *self.sent.lines(),
             *(peer.remark(name) for name, peer in self.watchdog.messages.items() if peer.silences),

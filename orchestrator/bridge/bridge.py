@@ -81,6 +81,7 @@ def couple(
     with prepared(job) as system, stop_requests() as stop:
         started = datetime.now(UTC)
         coupling = system.coupling
+        notes = [*system.notes, *coupling.notes(), *([UNGUARDED] if _inside(job) else [])]
         with ExitStack() as stack:
             append = stack.enter_context(arrows.appending(growing))
             record = _Growing(stack.enter_context(Background()), append)
@@ -97,6 +98,8 @@ def couple(
                 record.unkept,
                 requests.make,
             )
+            for note in notes:
+                _warn(note)
             ready(stop)
             ending = session.run(stop, progress)
             result = live.result()
@@ -106,7 +109,7 @@ def couple(
             mode="bench" if job.stand_in else "bridge",
             buses=job.buses,
             database=system.database,
-            notes=[*system.notes, *coupling.notes(), *([UNGUARDED] if _inside(job) else [])],
+            notes=notes,
             started=started,
             seconds=round(ending.elapsed, 6),
             deadlines=session.deadlines,

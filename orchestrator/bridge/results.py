@@ -77,7 +77,7 @@ def _bus(bridged: BridgeResult, section: Section) -> None:
     account = bridged.account
     if bridged.ending.failure is not None:
         section.callout("error", str(bridged.ending.failure))
-    for line in account.remarks()[1:]:
+    for line in [*account.notes, *account.remarks()[1:]]:
         section.callout("warning", line)
     traffic, seconds = account.traffic(), max(account.seconds, 1e-9)
     counts = [("received", account.received.frames), ("sent", account.frames)]

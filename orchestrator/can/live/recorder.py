@@ -229,7 +229,11 @@ class _BusRecorder:
         """Words for what is not as it should be -> how often it was."""
         pauses = sum(channel.receiver.pause_count for channel in self._channels.all)
         counts = self._counts
-        lost = {"frames dropped": self._channels.dropped, "pauses in reading": pauses}
+        lost = {
+            "frames dropped": self._channels.dropped,
+            "pauses in reading": pauses,
+            "lines of the adapter that are no frames": sum(channel.malformed for channel in self._channels.all),
+        }
         return troubles(counts.statistics) | counts.states.counts | lost
 
     def _write_manifest(self, ended: str) -> RecordingManifest:

@@ -57,6 +57,7 @@ def test_the_command_keeps_the_result_of_a_bus_that_fails(
     arguments = ["can", "bridge", written(folder), "--interface", "virtual", "--channel", "c", "--out", tmp_path / "o"]
     done = servotwin(*arguments)
     assert done.exit_code == 3
+    assert "State: no `safe` value for angle" in " ".join(done.stderr.split())  # before anything goes wrong
     assert "(gone); the result up to there is in" in done.stderr
     assert json.loads((tmp_path / "o" / "manifest.json").read_text())["ended"] == "failed"
 
