@@ -98,6 +98,7 @@ class MessageReader:
         self._multiplexed = any(signal.multiplexer for signal in spec.signals)
         self._last: MessageRows | None = None
         self._last_count: int | None = None
+        self._last_right: int | None = None  # of a frame that its checksum does not tell to be damaged
         self._latest: float | None = None
 
     @property
@@ -156,14 +157,17 @@ class MessageReader:
     def _check(self, rows: MessageRows) -> BoolArray:
         """(K,) whether the checksum is right, once what it, the counter and the cycle time say is wrong is counted."""
         protection, moved, absent = self.spec.protection, np.ones(len(rows), np.bool_), np.zeros(len(rows))
+        right = self._right(rows)
         if protection and protection.counter:
             counter = rows.raw(field_of(self.spec.signal(protection.counter))).astype(np.int64)
             went, wrong = checks.steps(counter, protection.modulus, self._last_count)
             self._last_count = int(counter[-1])
             add(self._statistics.counters, self.spec.name, int(np.count_nonzero(wrong)))
-            moved, absent = went != 0, np.where(wrong, went - 1.0, 0.0)
+            absent = np.where(wrong, went - 1.0, 0.0)
+            if right.any():
+                moved[right] = checks.steps(counter[right], protection.modulus, self._last_right)[0] != 0
+                self._last_right = int(counter[right][-1])
         self._statistics.add_missing(self.spec.name, self._absences.feed(rows.time, absent))
-        right = self._right(rows)
         self.rejections.note(self.count, right, moved)
         return right
 

@@ -67,6 +67,7 @@ class _Reader:
         self.fault, self.not_finite = "", list[str]()
         self._last_time: float | None = None
         self._last_count: int | None = None
+        self._last_right: int | None = None  # of a frame that its checksum does not tell to be damaged
 
     def read(self, message: can.Message) -> dict[str, float] | None:
         name, statistics, size = self._spec.name, self._statistics, len(message.data)
@@ -117,6 +118,10 @@ class _Reader:
             wrong = decoded[protection.checksum] != right
             add(self._statistics.checksums, name, int(wrong))
             self.fault = "wrong checksum" if wrong else self.fault
+        if protection and protection.counter and self.fault != "wrong checksum":
+            count = int(decoded[protection.counter])
+            self.fault = self.fault or ("the counter stands still" if count == self._last_right else "")
+            self._last_right = count
 
     def _check_counter(self, count: int, modulus: int) -> None:
         if self._last_count is not None:
@@ -124,6 +129,5 @@ class _Reader:
             wrong = step != 1 or count >= modulus
             add(self._statistics.missing, self._spec.name, max(step - 1, 0) if wrong else 0)
             add(self._statistics.counters, self._spec.name, int(wrong))
-            self.fault = "" if step else "the counter stands still"
         self.fault = f"its counter is {count}" if count >= modulus else self.fault
         self._last_count = count

@@ -102,6 +102,23 @@ def test_lost_repeated_and_corrupt_frames_are_counted(base: Database) -> None:
         assert any("wrong checksums, dropped: State 1" in line for line in statistics.lines())
 
 
+def test_damaged_frames_between_do_not_make_a_counter_that_stands_still_move(base: Database) -> None:
+    frames = states(base, 90)
+    frames.data[10:20] = frames.data[10]
+    frames.data[11:20:2] = frames.data[21:30:2]  # of another count, and damaged
+    frames.data[11:20:2, 4] ^= 1
+    decoder, single = Decoder(LogDatabase(base)), SingleDecoder(base)
+    faults = []
+    for message in frames.messages():
+        single.decode(message)
+        faults.append(single.fault)
+    still = ["wrong checksum" if row % 2 else "the counter stands still" for row in range(11, 20)]
+    assert faults == [""] * 11 + still + [""] * 70
+    [[mark]] = decoder.marks(decoder.feed(frames), frames.time[0]).values()
+    assert (mark.kind, round(mark.start, 2), round(mark.stop, 2)) == ("checksum", 0.1, 0.2)
+    assert decoder.statistics.checksums == single.statistics.checksums == {"State": 5}
+
+
 def test_a_counter_beyond_its_last_value_is_wrong() -> None:
     assert protection.steps(np.array([13, 14, 0, 1]), 15, 12)[1].tolist() == [False] * 4
     assert protection.steps(np.array([13, 15, 0]), 15, 12)[1].tolist() == [False, True, True]
