@@ -251,7 +251,7 @@ def _foreign(folder: Path, result: Path, written: Mapping[str, int]) -> Iterator
         if path.is_dir() and not path.is_symlink():
             own = _written(path)
             yield from (
-                (str(path.relative_to(result) / each) for each in _foreign(path, path, own))
+                (str(path.relative_to(result) / other) for other in _foreign(path, path, own))
                 if own
                 else _foreign(path, result, written)
             )

@@ -18,7 +18,7 @@ def parameters(order: int, sensors: int) -> tuple[Variable, ...]:
     sizes = {"A": (order, order), "B": (order, 1), "C": (sensors, order), "K": (1, order), "L": (order, sensors)}
     words = {"K": "Gains of the state feedback, which is subtracted", "L": "Gains of the observer (predicting form)"}
     return (
-        *(each for name, size in sizes.items() for each in array(name, "1", size, words.get(name, f"Matrix {name}"))),
+        *(one for name, size in sizes.items() for one in array(name, "1", size, words.get(name, f"Matrix {name}"))),
         *array("x_start", "1", (order,), "State of the observer at the start"),
     )
 

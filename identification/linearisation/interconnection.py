@@ -46,16 +46,16 @@ def joined(
     Raises:
         IdentificationError: circles of direct feed-through that have no solution.
     """
-    ins = [Endpoint(name, each) for name, part in parts.items() for each in part.inputs]
-    outs = [Endpoint(name, each) for name, part in parts.items() for each in part.outputs]
+    ins = [Endpoint(name, variable) for name, part in parts.items() for variable in part.inputs]
+    outs = [Endpoint(name, variable) for name, part in parts.items() for variable in part.outputs]
     inner, outer = np.zeros((len(ins), len(outs))), np.zeros((len(ins), len(inputs)))
     for link in connections:
         inner[ins.index(link.target), outs.index(link.source)] += link.factor
     for column, end in enumerate(inputs.values()):
         outer[ins.index(end), column] = 1.0
     shown = np.zeros((len(outputs), len(outs)))
-    for row, each in enumerate(outputs.values()):
-        shown[row, outs.index(each.end)] = each.factor
+    for row, seen in enumerate(outputs.values()):
+        shown[row, outs.index(seen.end)] = seen.factor
     a, b, c, d = connected(parts, inner, outer, place)
     names = tuple(inputs), tuple(outputs)
     a, b, c = reached_and_seen(a, b, shown @ c)

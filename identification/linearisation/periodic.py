@@ -92,8 +92,8 @@ class _Ports:
     """Inputs and outputs of components, in order."""
 
     def __init__(self, parts: Mapping[str, Slopes] | Mapping[str, Sampling]) -> None:
-        self.ins = [Endpoint(name, each) for name, part in parts.items() for each in part.inputs]
-        self.outs = [Endpoint(name, each) for name, part in parts.items() for each in part.outputs]
+        self.ins = [Endpoint(name, variable) for name, part in parts.items() for variable in part.inputs]
+        self.outs = [Endpoint(name, variable) for name, part in parts.items() for variable in part.outputs]
 
 
 def _whole(

@@ -243,7 +243,7 @@ def recording_warnings(traces: Sequence[StudyTrace]) -> list[str]:
 def _much(traces: Sequence[StudyTrace], much: Sequence[StudyTrace]) -> str:
     """How much of the recordings is left out, and why."""
     lost, whole = (
-        sum(each) for each in zip(*((trace.left_out, trace.trace.duration) for trace in traces), strict=True)
+        sum(seconds) for seconds in zip(*((trace.left_out, trace.trace.duration) for trace in traces), strict=True)
     )
     first = max(much, key=lambda trace: trace.left_out)
     return (

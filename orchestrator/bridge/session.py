@@ -136,7 +136,7 @@ class Session:
         """
         pace = Pace(start, self._step)
         live, keeper, deadlines, course = self._live, self._keeper, self.deadlines, self._course
-        reports, flushes = (max(1, round(each / float(self._step))) for each in (_REPORTS, _FLUSHES))
+        reports, flushes = (max(1, round(seconds / float(self._step))) for seconds in (_REPORTS, _FLUSHES))
         last = len(course.stimuli) - 1
         for number in itertools.count():
             deadline = pace.deadline(number)

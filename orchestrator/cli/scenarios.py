@@ -204,7 +204,7 @@ def _on_bus(models: Sequence[Model], bus: Path) -> dict[str, Exported]:
     from orchestrator.network.export import exported
 
     found = {model.name: exported(model, bus) for model in models}
-    logged([one for each in found.values() for one in each.crossings])
+    logged([crossing for made in found.values() for crossing in made.crossings])
     return found
 
 

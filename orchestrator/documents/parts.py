@@ -94,7 +94,7 @@ def _joined(path: Path, own: CommentedMap, chain: tuple[Path, ...], reading: _Re
         part = _part(path, own, number, name)
         place = part.resolve()
         if place in chain:
-            names = " -> ".join(each.name for each in (*chain[chain.index(place) :], place))
+            names = " -> ".join(on_the_way.name for on_the_way in (*chain[chain.index(place) :], place))
             raise _refused(path, own, number, f"includes itself: {names}", "leave one of these out")
         if place in reading.files:
             continue

@@ -84,7 +84,7 @@ class _Going:
             FmuError: an FMU fails, or asks to stop.
         """
         live, deadlines, last = self._live, self.deadlines, len(self._stimuli) - 1
-        reports, flushes = (max(1, round(each / float(self._step))) for each in (_REPORTS, _FLUSHES))
+        reports, flushes = (max(1, round(seconds / float(self._step))) for seconds in (_REPORTS, _FLUSHES))
         start = time.monotonic() + _LEAD
         pace = Pace(start, self._step)
         for number, given in enumerate(self._stimuli[:-1]):

@@ -95,7 +95,7 @@ def _problem(study: SimulatedStudy, built: BuiltSystem, isolation: Isolation | N
     for name, spec in study.plants.items():
         file = built.assembled.files[CONTROLLER]
         loop = SimulatedLoop(f"plants.{name}", spec, file, values, signals, isolation)
-        units = {each: loop.unit(each, f"plants.{name}") for each in (study.reference, study.tracked)}
+        units = {signal: loop.unit(signal, f"plants.{name}") for signal in (study.reference, study.tracked)}
         if len({unit for unit in units.values() if unit}) > 1:
             problem = f"is in {units[study.tracked]}, and {study.reference} in {units[study.reference]}"
             raise WiringError(f"plants.{name}: {study.tracked}", problem, "track a signal in the reference's unit")

@@ -42,8 +42,8 @@ class FmuController:
         self.outputs = tuple(port.name for port in interface.of("output") if port.real)
         if not (self.inputs and self.outputs):
             raise IdentificationError(name, "has no real inputs and outputs", "choose a controller")
-        self._rest = np.array([float(interface.ports[each].start or 0.0) for each in self.inputs])
-        stimulated = [f"{name}.{each}" for each in self.inputs]
+        self._rest = np.array([float(interface.ports[own].start or 0.0) for own in self.inputs])
+        stimulated = [f"{name}.{own}" for own in self.inputs]
         self._built = BuiltSystem(SystemSpec({name: spec}), stimulated)
         opened = OpenSystem(self._built.assembled)
         self._simulation: Simulation = opened.simulation(Timing(step * SAMPLES, step))
@@ -90,12 +90,12 @@ class FmuController:
     def _answer(self, values: Mapping[str, float], beside: FloatArray) -> FloatArray:
         """(K, w) outputs from the sample on at which they are made, under inputs (K, v) beside those at rest."""
         driven = np.vstack([self._rest + beside, self._rest])
-        stimuli = {f"{self.name}.{each}": column for each, column in zip(self.inputs, driven.T, strict=True)}
-        given = {f"{self.name}.{each}": value for each, value in values.items()}
-        record = [f"{self.name}.{each}" for each in self.outputs]
+        stimuli = {f"{self.name}.{own}": column for own, column in zip(self.inputs, driven.T, strict=True)}
+        given = {f"{self.name}.{own}": value for own, value in values.items()}
+        record = [f"{self.name}.{own}" for own in self.outputs]
         own = self._built.assembled.system.values()
         trace = self._simulation.run({**own, **given}, stimuli, record).trace
-        return np.column_stack([trace[each][1:] for each in record])
+        return np.column_stack([trace[signal][1:] for signal in record])
 
 
 def _freed(simulation: Simulation, opened: OpenSystem) -> None:

@@ -43,7 +43,7 @@ def varied(plants: Mapping[str, PlantSpec], step: float) -> Varied | None:
     if any(_built(plant) != _built(first) for plant in systems.values()):
         return None
     given = [plant.system.values() for plant in systems.values()]
-    names = {name for values in given for name in values if len({repr(each.get(name)) for each in given}) > 1}
+    names = {name for values in given for name in values if len({repr(own.get(name)) for own in given}) > 1}
     if len(names) != 1:
         return None
     [name] = names

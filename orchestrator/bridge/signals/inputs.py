@@ -101,7 +101,7 @@ class Reception:
     def statistics(self) -> FrameStatistics:
         """Of all frames so far; names have those of their channels where there are several."""
         found = [decoder.statistics for decoder in self._decoders]
-        return found[0] if len(found) == 1 else joined({f"can{n}.": each for n, each in enumerate(found)})
+        return found[0] if len(found) == 1 else joined({f"can{n}.": own for n, own in enumerate(found)})
 
     def take(self, frame: can.Message, inputs: FloatArray, bus: int = 0) -> Taken | None:
         """Give the good values of a bus' frame to the inputs; None where it is of no message that is received."""

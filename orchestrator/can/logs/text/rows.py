@@ -118,7 +118,7 @@ def whole(text: str, base: int, what: str) -> int:
 
 def octets(words: list[str], base: int = 16) -> bytes:
     """Data bytes, a word each."""
-    values = [whole(each, base, "data byte") for each in words]
+    values = [whole(text, base, "data byte") for text in words]
     if any(value > 255 for value in values):
         raise NoFrameError(f"{max(values)} is no data byte")
     return bytes(values)
@@ -158,8 +158,8 @@ def found(
     most = np.where(flags & Flag.EXTENDED, EXTENDED_IDS, STANDARD_IDS)
     right = time[1] & data[1] & (np.abs(time[0]) <= LATEST) & (identifier < most) & (channel >= 0) & (channel < 256)
     right &= (length <= CLASSIC) | ((flags & Flag.FD != 0) & np.isin(length, LENGTHS))
-    for each in sound:
-        right &= each
+    for part in sound:
+        right &= part
     small = [np.where(right, column, 0).astype(np.uint8) for column in (flags, channel, length)]
     return FoundRows(Frames(time[0], identifier.astype(np.uint32), small[0], small[1], small[2], data[0]), right)
 
