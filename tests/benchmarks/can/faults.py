@@ -98,8 +98,15 @@ class Trial:
 
     def child(self) -> int:
         """The process that steps."""
-        pid = self.process.pid
-        return int(Path(f"/proc/{pid}/task/{pid}/children").read_text().split()[0])
+        return _child(self.process.pid)
+
+    def guard(self) -> int:
+        """The process that has the bus."""
+        return _child(self.child())
+
+
+def _child(pid: int) -> int:
+    return int(Path(f"/proc/{pid}/task/{pid}/children").read_text().split()[0])
 
 
 def peer(fault: str) -> Callable[[Trial], None]:
@@ -127,6 +134,28 @@ def stopped(trial: Trial) -> None:
         os.kill(child, signal.SIGCONT)
     trial.wait(trial.drives)
     trial.process.terminate()
+
+
+def suspended(trial: Trial) -> None:
+    """Both processes stand still, in which time the machine falls silent: what it had sent before is old by then."""
+    pids = [trial.child(), trial.guard()]
+    with trial.fault():
+        for pid in pids:
+            os.kill(pid, signal.SIGSTOP)
+        time.sleep(trial.draws.uniform(0.1, 0.5))
+        trial.machine.fault = "silence"
+        time.sleep(SILENCE + 0.1)
+        for pid in pids:
+            os.kill(pid, signal.SIGCONT)
+    trial.machine.fault = ""
+    trial.wait(trial.drives)
+    trial.process.terminate()
+
+
+def guard_killed(trial: Trial) -> None:
+    with trial.fault():
+        os.kill(trial.guard(), signal.SIGKILL)
+    trial.ended = None
 
 
 def signals(trial: Trial) -> None:
@@ -219,6 +248,8 @@ KINDS = {
     "the FMU exits": Kind(by_itself, (3, 3), r"ended the command's process", STEP, mood=brute.Mood.EXIT),
     "kill -9": Kind(killed, (3, 3), r"the result up to there is in .*was killed \(SIGKILL\)", MOST_LATE + STEP),
     "stop and continue": Kind(stopped, (130, 0), r"rests: (no step has ended|steps are)", MOST_LATE + STEP),
+    "suspended while the machine falls silent": Kind(suspended, (130, 0), r"Sensors: no frame for 0\.1 s"),
+    "kill -9 of the guard": Kind(guard_killed, (3, 3), r"safe values were sent by the process that steps", STEP),
     "signals": Kind(signals, (130, None), r"interrupted after", None),
     "unplugged": Kind(unplugged, (3, None), r"the adapter is gone", None, rests=False),
     "bus off": Kind(bus_off, (3, None), r"bus off", None, rests=False),
