@@ -14,31 +14,33 @@ from fmus import owned
 from fmus.errors import InputError
 
 
-def atomic_write(path: str | Path, content: bytes | Callable[[BinaryIO], object]) -> Path:
+def atomic_write(path: str | Path, content: bytes | Callable[[BinaryIO], object], *, for_good: bool = True) -> Path:
     """The path, once `content` is completely there; whatever was there before stays until then.
 
     Args:
         path: the file to write; missing folders are made.
         content: the bytes, or a function that writes them into the binary file it is given.
+        for_good: whether it is on the disk, too, before it is there; what can be made again does not wait for that.
 
     Raises:
         InputError: the place cannot be written.
     """
     target = Path(path)
-    atomic_writes({target: content})
+    atomic_writes({target: content}, for_good=for_good)
     return target
 
 
-def atomic_writes(contents: Mapping[Path, bytes | Callable[[BinaryIO], object]]) -> None:
+def atomic_writes(contents: Mapping[Path, bytes | Callable[[BinaryIO], object]], *, for_good: bool = True) -> None:
     """Have several files there: each completely, and none of them before all are on the disk.
 
     Args:
         contents: file -> as of `atomic_write`.
+        for_good: as of `atomic_write`.
 
     Raises:
         InputError: a place cannot be written, or is no file; then what was there before stays.
     """
-    with _beside(contents) as parts:
+    with _beside(contents, for_good) as parts:
         for target, part in parts.items():
             try:
                 part.replace(os.path.realpath(target))  # a link stays one
@@ -52,7 +54,7 @@ def check_place(path: Path) -> None:
     Raises:
         InputError: it may not, or what is there is no file.
     """
-    with _beside({path: b""}):
+    with _beside({path: b""}, for_good=False):
         pass
 
 
@@ -72,7 +74,9 @@ def add_text(path: Path, text: str) -> None:
 
 
 @contextmanager
-def _beside(contents: Mapping[Path, bytes | Callable[[BinaryIO], object]]) -> Iterator[dict[Path, Path]]:
+def _beside(
+    contents: Mapping[Path, bytes | Callable[[BinaryIO], object]], for_good: bool
+) -> Iterator[dict[Path, Path]]:
     """File -> one beside it that holds its content, for a while."""
     parts: dict[Path, Path] = {}
     try:
@@ -83,7 +87,7 @@ def _beside(contents: Mapping[Path, bytes | Callable[[BinaryIO], object]]) -> It
             try:
                 place.parent.mkdir(parents=True, exist_ok=True)
                 owned.sweep_files(place.parent, f".{place.name}.", ".part")
-                _write(parts[target], content)
+                _write(parts[target], content, for_good)
             except OSError as problem:
                 raise _unwritable(target, problem) from problem
         yield parts
@@ -109,7 +113,7 @@ def absence(path: Path, missing: str = "no such file") -> str:
     return "is a pipe, a device or a socket, not a file" if path.exists() else missing
 
 
-def _write(path: Path, content: bytes | Callable[[BinaryIO], object]) -> None:
+def _write(path: Path, content: bytes | Callable[[BinaryIO], object], for_good: bool) -> None:
     with path.open("xb") as file:
         owned.hold(file)
         if callable(content):
@@ -117,7 +121,8 @@ def _write(path: Path, content: bytes | Callable[[BinaryIO], object]) -> None:
         else:
             file.write(content)
         file.flush()
-        os.fsync(file.fileno())
+        if for_good:
+            os.fsync(file.fileno())
 
 
 def sha256(path: str | Path) -> str:

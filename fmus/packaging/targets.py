@@ -106,7 +106,7 @@ def _built(order: _Made, path: Path) -> Path:
         return order.build(path)
     content = kept.get(key)
     if content is not None:
-        return atomic_write(path, content)
+        return atomic_write(path, content, for_good=False)
     order.build(path)
     if order.key() == key:  # nothing that it is made of has changed meanwhile
         kept.put(key, path.read_bytes())
@@ -218,9 +218,9 @@ def _own_files(root: Path) -> tuple[Path, ...]:
 
 
 @lru_cache(maxsize=1)
-def _code(stamps: tuple[tuple[Path, int, int], ...]) -> tuple[tuple[str, bytes], ...]:
-    """Name and content of these files."""
-    return tuple((str(file.relative_to(_ROOT)), file.read_bytes()) for file, _, _ in stamps)
+def _code(stamps: tuple[tuple[Path, int, int], ...]) -> str:
+    """Hash of the names and contents of these files."""
+    return fingerprint([(str(file.relative_to(_ROOT)), file.read_bytes()) for file, _, _ in stamps])
 
 
 def _offered(target: str, fmi: int, platforms: Sequence[str], networked: bool = False) -> str:

@@ -10,14 +10,16 @@ import logging
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fmus.errors import FmuError
 from orchestrator.can.frames import Frames, empty
 from orchestrator.can.ls_bus.ideal_bus import IdealBus
 from orchestrator.fmi.interface import Interface, Port, Value
 from orchestrator.network.bus_spec import BusSpec
-from orchestrator.network.nodes import BusNode
+
+if TYPE_CHECKING:
+    from orchestrator.network.nodes import BusNode
 
 LOG = logging.getLogger("servotwin.network")
 _OUTPUTS = {

@@ -10,7 +10,6 @@ from typing import NotRequired, TypedDict
 
 from fmus.files import sha256
 from orchestrator import formats
-from orchestrator.can.logs import writing as logs
 from orchestrator.crossing import CrossingDocument, documents_of
 from orchestrator.engine import Change
 from orchestrator.fmi.interface import Value
@@ -103,8 +102,7 @@ def write_run(result: ScenarioResult, overrides: Mapping[str, Value], target: Pa
                 shutil.move(case.file, folder / trace_file(result, case))
             elif case.result is not None:
                 formats.write(result.recorded(case), folder / trace_file(result, case))
-            for bus, carried in case.result.carried.items() if case.result is not None else ():
-                logs.write(folder / bus_log(result, case, bus), [carried.frames])
+            _write_buses(result, case, folder)
         if (log := said(result)) is not None:
             shutil.copyfile(log, folder / LOG_FILE)
         write_json(folder / "manifest.json", document_of(result, overrides, target))
@@ -112,6 +110,16 @@ def write_run(result: ScenarioResult, overrides: Mapping[str, Value], target: Pa
             report(result).write(folder / "report.html", shared)
         if result.keeping.profile is not None:
             write_json(folder / PROFILE, result.keeping.profile.document())
+
+
+def _write_buses(result: ScenarioResult, case: CaseResult, folder: Path) -> None:
+    """Write what the buses of a case have carried."""
+    if case.result is None or not case.result.carried:
+        return
+    from orchestrator.can.logs import writing as logs  # noqa: PLC0415 (it brings python-can along, and its readers)
+
+    for bus, carried in case.result.carried.items():
+        logs.write(folder / bus_log(result, case, bus), [carried.frames])
 
 
 def said(result: ScenarioResult) -> Path | None:

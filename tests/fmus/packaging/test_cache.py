@@ -254,7 +254,7 @@ def test_what_a_killed_process_left_is_neither_used_nor_kept_for_ever(folder: Pa
 import os, signal, sys
 from fmus import files
 from fmus.packaging import cache
-def half(path, content):
+def half(path, content, for_good):
     path.write_bytes(content[: len(content) // 2])
     os.kill(os.getpid(), signal.SIGKILL)
 files._write = half
