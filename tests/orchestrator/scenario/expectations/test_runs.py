@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +13,14 @@ import pytest
 from pydantic import ValidationError
 
 from fmus.errors import FmuError, ScenarioError
+from orchestrator import formats
 from orchestrator.engine import Account, Engine, Result
 from orchestrator.engine.loop import Statistics
 from orchestrator.scenario.expectations import Check, Ran
 from orchestrator.scenario.expectations.on_run import KINDS
 from orchestrator.scenario.expectations.schema import AGAINST, FIGURES, FIRST, TOGETHER, ExpectationBlock
 from orchestrator.trace import Trace
+from tests.orchestrator.scenario.expectations.test_kinds import KINDS as OF_A_SIGNAL
 from tests.support.simulation.expecting import asked
 
 TIME = np.linspace(0.0, 10.0, 1001)
@@ -115,6 +119,55 @@ def test_expectations_are_combined(fields: dict[str, Any], held: bool) -> None:
     assert judged(ran(), **fields).held == held
 
 
+SAYING = Trace(TIME, {"word": np.repeat([0.0, 1.0], [500, 501])}, {}, "run", texts={"word": ("idle", "ready")})
+NOISY = {"signal": "y", "below": 10.5, "seeds": 2, "share": 1}
+REFERENCE = {"signal": "y", "reference": {"file": "reference.csv"}}
+
+
+def draws(*heights: float) -> dict[tuple[str, ...], list[Trace]]:
+    return {(): [Trace(TIME, {"y": TIME + height}, {}, "draw") for height in heights]}
+
+
+# kind -> what is asked, of which run, and a run that is broken.
+OTHERS: dict[str, tuple[dict[str, Any], Ran, Ran]] = {
+    "refused": ({"refused": "too fast"}, Ran(None, FmuError("hand", "goes too fast")), ran()),
+    "equals": (
+        {"signal": "word", "after": 6, "equals": "ready"},
+        Ran(SAYING),
+        Ran(replace(SAYING, texts={"word": ("ready", "idle")})),
+    ),
+    "band": (
+        {**REFERENCE, "band": {"seeds": 5}},
+        ran(draws=draws(-0.2, -0.1, 0.1, 0.2, 0.3)),
+        ran(draws=draws(1.0, 1.1, 1.2, 1.3, 1.4)),
+    ),
+    "seeds": (NOISY, ran(draws=draws(0.1, 0.2)), ran(draws=draws(0.1, 0.7))),
+    "all": ({"all": [GOOD, {"warnings": "none"}]}, ran(), ran(result=result(warnings={"hand": 2}))),
+    "any": ({"any": [BAD, {"warnings": "none"}]}, ran(), ran(result=result(warnings={"hand": 2}))),
+    "some": (
+        {"some": {"least": 2, "of": [GOOD, BAD, {"warnings": "none"}]}},
+        ran(),
+        ran(result=result(warnings={"hand": 2})),
+    ),
+    "warn": ({"warn": {"warnings": "none"}}, ran(), ran(result=result(warnings={"hand": 2}))),
+    "in_order": (
+        {"in_order": [{"signal": "y", "crossings": {"level": 3.5}}, {"signal": "u", "crossings": {"level": 3.9}}]},
+        ran(),
+        Ran(Trace(TIME, {"y": TIME, "u": 2 * TIME}, {}, "run")),
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", OTHERS)
+def test_every_other_kind_holds_of_a_good_run_and_not_of_a_broken_one(kind: str, tmp_path: Path) -> None:
+    formats.write(Trace(TIME, {"y": TIME}, {}, "reference"), tmp_path / "reference.csv")
+    fields, good, broken = OTHERS[kind]
+    held, failed = (judged(run, tmp_path, **fields) for run in (good, broken))
+    assert held.held, held
+    assert not failed.held and failed.found, failed
+    assert failed.failed == (kind != "warn")
+
+
 def test_a_warning_fails_nothing_and_is_told() -> None:
     check = judged(ran(), warn=BAD)
     assert (check.held, check.failed, check.found) == (False, False, "NOT largest 10")
@@ -186,14 +239,15 @@ def test_a_figure_that_cannot_be_told_of_a_signal_does_not_hold_and_says_why() -
     assert asked({"signal": "y", "damping": {"at_least": 0.1}}, flat).found == "no damping"
 
 
-def test_every_key_of_an_expectation_is_a_kind_of_the_tables_or_says_of_what_and_when() -> None:
+def test_every_key_of_an_expectation_has_a_broken_copy_in_a_table_or_says_of_what_and_when() -> None:
+    said = {"signal", "signals", "after", "before", "share", "vary", "reference"}
+    assert set(ExpectationBlock.model_fields) - said == {*OF_A_SIGNAL, *RUNS, *OTHERS}
+    assert {*OF_A_SIGNAL, *RUNS, *OTHERS} - {"seeds"} == {*FIRST, *FIGURES, *AGAINST, *KINDS, *TOGETHER} - said
+
+
+def test_the_guide_has_a_row_for_every_kind_and_for_nothing_else() -> None:
+    guide = (Path(__file__).parents[4] / "docs" / "guides" / "scenarios.md").read_text(encoding="utf-8")
+    table = guide.partition("| asked of | kinds")[2].partition("\n\n")[0]
     kinds = {*FIRST, *FIGURES, *AGAINST, *KINDS, *TOGETHER}
-    assert set(ExpectationBlock.model_fields) - kinds == {
-        "signal",
-        "signals",
-        "after",
-        "before",
-        "seeds",
-        "share",
-        "vary",
-    }
+    settings = {"value", "relative", "of_range", "time", "leading", "lagging", "none", "seeds", "share"}
+    assert set(re.findall(r"`(\w+)`", table)) - settings == kinds
