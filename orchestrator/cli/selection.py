@@ -25,6 +25,12 @@ class Chosen:
         typer.Option(metavar="REV", help="Only those that depend on a file that differs from this git revision."),
     ] = None
 
+    @property
+    def nothing(self) -> str:
+        """Why no file may be left, in words."""
+        why = ["none failed the last time"] if self.failed else []
+        return " or ".join(why + ([f"none depends on what differs from {self.changed}"] if self.changed else []))
+
     def of(self, tasks: Sequence[Task], out: Path, terminal: Terminal) -> list[Task]:
         """Those of the tasks; what a change touches is said.
 

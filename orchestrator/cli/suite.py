@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fmus.errors import InternalError
+from fmus.errors import InputError, InternalError
 from orchestrator.cli.scenarios import Isolate
 from orchestrator.cli.selection import Chosen
 from orchestrator.cli.tables import JUDGES
 from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 
 if TYPE_CHECKING:
+    from orchestrator.batch.discovery import Task
     from orchestrator.batch.limits import Limits
     from orchestrator.batch.summary import Summary
     from orchestrator.batch.verdict import Verdict
@@ -76,6 +77,17 @@ class Telling:
             for line in github_lines(told.verdicts, Path(os.environ.get("GITHUB_WORKSPACE", "."))):
                 print(line, file=sys.stderr, flush=True)
 
+    def refuse(self, option: str) -> None:
+        """See that nothing is to be written with an option that gives no verdicts.
+
+        Raises:
+            InputError: something is.
+        """
+        given = {"--junit": self.junit, "--summary": self.summary, "--github": self.github}
+        for name, wanted in given.items():
+            if wanted:
+                raise InputError(name, f"has verdicts of scenarios, which {option} does not give", "use --json")
+
     def _add_to_pages(self, text: str) -> None:
         from fmus.files import add_text
 
@@ -114,12 +126,17 @@ def test(
     from orchestrator.batch.suite import run_suite
     from orchestrator.batch.summary import HEADERS, Summary
 
-    limits, folder = limited.limits(), out or Path("out/test")
+    limits, folder, places = limited.limits(), out or Path("out/test"), paths or [Path("scenarios")]
     if mutate:
-        return _mutated(terminal, paths or [Path("scenarios")], jobs, folder, isolate)
-    found = find_scenarios(paths or [Path("scenarios")], JUDGES, ScenarioJudge(isolate.isolation()))
-    tasks = chosen.of(found, folder, terminal)
+        telling.refuse("--mutate")
+        tasks = chosen.of(_to_be_changed(places, isolate), folder, terminal)
+        return _mutated(terminal, tasks, jobs, folder, limits)
+    tasks = chosen.of(find_scenarios(places, JUDGES, ScenarioJudge(isolate.isolation())), folder, terminal)
     telling.check()
+    if not tasks:  # the page of those that ran before stays
+        none = Summary([], 0.0, jobs)
+        telling.tell(none)
+        return Answer(_document(none), [f"nothing to run: {chosen.nothing}"])
     index.prepare(folder)
     passed: dict[Path, bool] = {}
     begun = perf_counter()
@@ -146,15 +163,20 @@ def test(
     return Answer(_document(summary), shown, held, failure=_fault(verdicts))
 
 
-def _mutated(terminal: Terminal, paths: Sequence[Path], jobs: int, folder: Path, isolate: Isolate) -> Answer:
-    """What the scenarios under the paths notice of their parameters."""
+def _to_be_changed(paths: Sequence[Path], isolate: Isolate) -> list[Task]:
+    """The scenarios under the paths, to be asked what they notice of their parameters."""
     from orchestrator.batch.discovery import find_scenarios
-    from orchestrator.batch.mutation.coverage import HEADERS, Coverage
     from orchestrator.batch.mutation.judge import MutationJudge
-    from orchestrator.batch.suite import run_suite
 
     found = find_scenarios(paths, {}, MutationJudge(isolate.isolation()))
-    tasks = [task for task in found if isinstance(task.judge, MutationJudge)]
+    return [task for task in found if isinstance(task.judge, MutationJudge)]
+
+
+def _mutated(terminal: Terminal, tasks: Sequence[Task], jobs: int, folder: Path, limits: Limits) -> Answer:
+    """What scenarios notice of their parameters."""
+    from orchestrator.batch.mutation.coverage import HEADERS, Coverage
+    from orchestrator.batch.suite import run_suite
+
     finished: list[Path] = []
     with terminal.bar("scenarios") as move:
 
@@ -162,7 +184,7 @@ def _mutated(terminal: Terminal, paths: Sequence[Path], jobs: int, folder: Path,
             finished.append(verdict.file)
             move(len(finished) / len(tasks), verdict.file.stem)
 
-        verdicts = run_suite(tasks, folder, jobs, done)
+        verdicts = run_suite(tasks, folder, jobs, done, limits)
     coverage, errors = Coverage.of(verdicts), [verdict.error for verdict in verdicts if verdict.error]
     unseen, unnoticed = coverage.unseen, coverage.unnoticed
     rows = [(name, ", ".join(map(str, files)), "" if name in unnoticed else "yes") for name, files in unseen.items()]

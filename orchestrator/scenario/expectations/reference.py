@@ -105,8 +105,8 @@ class Reference:
         bad = np.flatnonzero(~np.isfinite(self.values))
         if len(bad):
             raise TraceError(
-                f"{place}: {self.name}",
-                f"is {self.values[bad[0]]:g} at {trace.time[bad[0]]:g} s ({len(bad)} like it)",
+                f"{self.file}: {place}",
+                f"{self.name} is {self.values[bad[0]]:g} at {trace.time[bad[0]]:g} s ({len(bad)} like it)",
                 "take a reference whose samples are all numbers",
             )
 

@@ -51,8 +51,23 @@ def test_what_failed_last_time_is_run_until_it_passes(suite: Path) -> None:
     assert verdicts(suite, "--failed", code=1)["names"] == ["worse"]
     (suite / "worse.yaml").write_text(SCENARIO.format(limit=3))
     assert verdicts(suite, "--failed")["names"] == ["worse"]
+    before = (suite.parent / "out" / "index.html").read_text()
     nothing = verdicts(suite, "--failed")
     assert nothing["names"] == [] and nothing["passed"]
+    assert (suite.parent / "out" / "index.html").read_text() == before
+    said = servotwin("test", str(suite), "--out", str(suite.parent / "out"), "--failed").output
+    assert said == "nothing to run: none failed the last time\n"
+
+
+@pytest.mark.slow
+def test_changed_parameters_are_tried_in_what_is_chosen_and_nothing_is_left_out_silently(suite: Path) -> None:
+    (suite / "bad.yaml").unlink()
+    verdicts(suite, code=1)
+    (suite / "worse.yaml").write_text(SCENARIO.format(limit=1.001))
+    found = verdicts(suite, "--mutate", "--failed")
+    assert {Path(one["file"]).stem for one in found["parameters"]} == {"worse"}
+    refused = verdicts(suite, "--mutate", "--junit", "junit.xml", code=2)["said"]
+    assert "--junit: has verdicts of scenarios, which --mutate does not give" in refused
 
 
 def test_what_an_interrupted_suite_has_found_is_known_the_next_time(
