@@ -9,11 +9,11 @@ from __future__ import annotations
 import hashlib
 import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
 from typing import Any
 
-from fmus.modelling.model import Delay, Model, Requirement, State, Variable
+from fmus.modelling.model import Delay, State, Variable
 
 _PLAIN = (type(None), bool, int, float, complex, str, bytes, type(...), Variable, State, Delay)
 
@@ -68,7 +68,7 @@ class _Hashing:
 
 def _contents(part: Any) -> Iterator[Any]:
     """What makes a function, its code, a module or a model what it is."""
-    if isinstance(part, Model | Requirement):
+    if is_dataclass(part) and not isinstance(part, type) and type(part).__module__.startswith("fmus."):
         yield from (getattr(part, field.name) for field in fields(part) if field.compare)
     elif isinstance(part, CodeType):
         yield from (part.co_code, part.co_exceptiontable, part.co_flags, part.co_argcount, part.co_kwonlyargcount)

@@ -11,7 +11,6 @@ from fractions import Fraction
 from functools import cache, partial
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING
 
 from fmus import library
 from fmus.errors import WiringError
@@ -33,16 +32,12 @@ from orchestrator.fmi.isolation_worker import Make
 from orchestrator.fmi.slave import Slave
 from orchestrator.network.bus_spec import BusSpec
 from orchestrator.network.carriers import interface
+from orchestrator.network.joining import Joined, exchanged, have_exchange, joined
 from orchestrator.rational import seconds
 from orchestrator.solvers.base import SolverSettings
 from orchestrator.system import Endpoint, FeedThrough, Part, System
 from orchestrator.trace import Trace
 from orchestrator.wiring import wire
-
-if TYPE_CHECKING:
-    from orchestrator.network.high_cut import HighCut
-    from orchestrator.network.joining import Joined
-    from orchestrator.network.low_cut import LowCut
 
 LOG = logging.getLogger("servotwin.assembly")
 
@@ -180,14 +175,6 @@ def model_of(component: ComponentSpec) -> Model:
     return library.of_size(source if isinstance(source, Model) else library.find(str(source)), component.arrays)
 
 
-def _joined(buses: Mapping[str, BusSpec], files: Mapping[str, FmuFile]) -> dict[str, Joined]:
-    if not buses:
-        return {}
-    from orchestrator.network.joining import joined  # noqa: PLC0415 (it brings cantools and python-can along)
-
-    return joined(buses, files)
-
-
 class OpenSystem:
     """FMU files opened, wired and checked; a context manager that closes them."""
 
@@ -199,7 +186,7 @@ class OpenSystem:
                 name: self._stack.enter_context(component.open(assembled.files[name]))
                 for name, component in assembled.system.components.items()
             }
-            self._buses = _joined(self.assembled.system.buses, self._files)
+            self._buses = joined(self.assembled.system.buses, self._files)
             self.system: System = self._wire()
         except BaseException:
             self._stack.close()
@@ -230,10 +217,6 @@ class OpenSystem:
         watched = {name: Watched(component, profile) for name, component in components.items()}
         return Simulation(self.system, {**watched, **carriers}, replace(timing, engine=Engine.PYTHON))
 
-    def _exchanged(self, component: str) -> list[LowCut | HighCut]:
-        """What a component exchanges, over all buses."""
-        return [found for bus in self._buses.values() for found in bus.exchanged(component)]
-
     def _nodes(self, bus: Joined, components: Mapping[str, Component]) -> dict[str, ClockedSlave]:
         """The instances on a bus, which exchange what it carries."""
         slaves: dict[str, ClockedSlave] = {}
@@ -242,7 +225,7 @@ class OpenSystem:
             if not isinstance(slave, ClockedSlave):
                 problem = "is on a bus, and can be neither isolated nor run by model exchange"
                 raise WiringError(name, problem, "remove --isolate, or its `solver`")
-            bus.have_exchange(slave, self._exchanged(name))
+            have_exchange(slave, exchanged(self._buses, name))
             slaves[name] = slave
         return slaves
 
@@ -288,7 +271,7 @@ class OpenSystem:
                 file.interface,
                 components[name].step,
                 components[name].feed_through,
-                frozenset(one for terminal in self._exchanged(name) for one in terminal.carried),
+                frozenset(one for terminal in exchanged(self._buses, name) for one in terminal.carried),
             )
             for name, file in self._files.items()
         }

@@ -10,16 +10,14 @@ import logging
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fmus.errors import FmuError
 from orchestrator.can.frames import Frames, empty
 from orchestrator.can.ls_bus.ideal_bus import IdealBus
 from orchestrator.fmi.interface import Interface, Port, Value
 from orchestrator.network.bus_spec import BusSpec
-
-if TYPE_CHECKING:
-    from orchestrator.network.nodes import BusNode
+from orchestrator.network.nodes import BusNode
 
 LOG = logging.getLogger("servotwin.network")
 _OUTPUTS = {

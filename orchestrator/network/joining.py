@@ -35,22 +35,6 @@ class Joined:
         """Those on the bus."""
         return tuple(dict.fromkeys(component for component, _ in self.terminals))
 
-    def exchanged(self, component: str) -> list[LowCut | HighCut]:
-        """What a component exchanges over it."""
-        return [found for (one, _), found in self.terminals.items() if one == component]
-
-    @staticmethod
-    def have_exchange(slave: ClockedSlave, terminals: list[LowCut | HighCut]) -> None:
-        """Have an instance exchange what its terminals have."""
-        outgoing, incoming = dict[str, list[str]](), dict[str, list[str]]()
-        for terminal in terminals:
-            if isinstance(terminal, LowCut):
-                outgoing[terminal.tx_clock], incoming[terminal.rx_clock] = [terminal.tx_data], [terminal.rx_data]
-            else:
-                for frame in terminal.frames:
-                    (outgoing if frame.sent else incoming)[frame.clock] = frame.variables
-        slave.exchange(outgoing, incoming)
-
     def carrier(self, name: str, slaves: Mapping[str, ClockedSlave]) -> Carrier:
         """What carries for these instances."""
         nodes = [_node(f"{one}.{own}", slaves[one], found) for (one, own), found in self.terminals.items()]
@@ -79,6 +63,23 @@ def joined(buses: Mapping[str, BusSpec], files: Mapping[str, FmuFile]) -> dict[s
             taken[node] = name
         found[name] = Joined(spec, dict(_terminal(f"buses.{name}", spec, node, files) for node in spec.nodes))
     return found
+
+
+def exchanged(buses: Mapping[str, Joined], component: str) -> list[LowCut | HighCut]:
+    """What a component exchanges, over all buses."""
+    return [found for bus in buses.values() for (one, _), found in bus.terminals.items() if one == component]
+
+
+def have_exchange(slave: ClockedSlave, terminals: list[LowCut | HighCut]) -> None:
+    """Have an instance exchange what its terminals have."""
+    outgoing, incoming = dict[str, list[str]](), dict[str, list[str]]()
+    for terminal in terminals:
+        if isinstance(terminal, LowCut):
+            outgoing[terminal.tx_clock], incoming[terminal.rx_clock] = [terminal.tx_data], [terminal.rx_data]
+        else:
+            for frame in terminal.frames:
+                (outgoing if frame.sent else incoming)[frame.clock] = frame.variables
+    slave.exchange(outgoing, incoming)
 
 
 def _terminal(
