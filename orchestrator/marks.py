@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from fmus import words
 from orchestrator.trace import BoolArray, FloatArray
 
 Seen = Literal["gap", "late", "checksum", "counter", "range", "nan", "safe"]
@@ -51,8 +52,7 @@ class Mark:
         return not self.signals or not set(self.signals).isdisjoint(names)
 
     def __str__(self) -> str:
-        more = f" and {len(self.signals) - SHOWN} more" if len(self.signals) > SHOWN else ""
-        whose = f" of {', '.join(self.signals[:SHOWN])}{more}" if self.signals else ""
+        whose = f" of {words.listed(self.signals, SHOWN)}" if self.signals else ""
         return f"{WORDS[self.kind]}{whose} from {self.start:.6g} to {self.stop:.6g} s"
 
 

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fmus.errors import InputError, TraceError
 from fmus.files import absence
+from fmus.words import listed
 
 if TYPE_CHECKING:
     import pandas
@@ -163,7 +164,7 @@ class Trace:
 
     def _listed(self, most: int = 6) -> str:
         known = [f"{name} [{self.units[name]}]" if name in self.units else name for name in self.names]
-        return ", ".join(known[:most]) + (f" and {len(known) - most} more" if len(known) > most else "")
+        return listed(known, most)
 
     def __getitem__(self, name: str) -> FloatArray:
         try:

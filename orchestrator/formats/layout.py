@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from fmus.errors import TraceError
 from fmus.files import sha256
+from fmus.words import listed
 from orchestrator.can.database.sources import DatabaseFiles
 from orchestrator.formats.headings import SECONDS, names_time, split, time_unit
 from orchestrator.formats.recording import Recording
@@ -367,5 +368,4 @@ def _quoted(column: int | str) -> str:
 
 
 def _listed(names: tuple[str, ...], most: int = 20) -> str:
-    shown = ", ".join(f"'{name[:40]}'" for name in names[:most])
-    return shown + (f" and {len(names) - most} more" if len(names) > most else "")
+    return listed([f"'{name[:40]}'" for name in names], most)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fmus.words import listed
 from orchestrator.can.frames import CALENDAR, Flag, Frames, since
 
 MOST = 1 << 16  # different identifiers that are kept apart
@@ -79,7 +80,7 @@ class FrameCount:
     def listed(self, most: int = 10) -> str:
         """The identifiers, the most frequent first."""
         names = sorted(self.identifiers, key=lambda name: (-self.identifiers[name].count, name))
-        return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+        return listed(names, most)
 
     def _feed_identifiers(self, frames: Frames) -> None:
         keys = frames.id.astype(np.int64) << 1 | frames.has(Flag.EXTENDED)

@@ -12,7 +12,6 @@ import pyarrow as pa
 from orchestrator.batch.sweep.points.designs import seed_of
 from orchestrator.batch.sweep.points.factors import Factor
 from orchestrator.batch.sweep.runs.setup import Setup, Task
-from orchestrator.display.titles import with_unit
 from orchestrator.scenario.expectations import Check
 from orchestrator.trace import FloatArray
 
@@ -93,12 +92,6 @@ def unpacked(data: bytes) -> pa.Table:
     """The rows again."""
     with pa.ipc.open_stream(data) as reader:
         return reader.read_all()
-
-
-def titled(field: pa.Field) -> str:
-    """What a column is: its text, or its name, with the unit."""
-    facts = field.metadata or {}
-    return with_unit(facts.get(b"text", field.name.encode()).decode(), facts.get(b"unit", b"").decode())
 
 
 def _field(name: str, kind: pa.DataType, unit: str = "", text: str = "") -> pa.Field:
