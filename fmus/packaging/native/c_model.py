@@ -300,7 +300,7 @@ def _array(head: str, entries: Sequence[str]) -> str:
 
 def _function(head: str, lines: Sequence[str], arguments: Sequence[str]) -> str:
     """A definition; arguments that no line mentions are marked as unused."""
-    text = "\n".join(lines)
+    text = re.sub('"[^"]*"', "", "\n".join(lines))  # words of messages use nothing
     silent = [f"(void){name};" for name in arguments if not re.search(rf"\b{name}\b", text)]
     body = "".join(f"    {line}\n" for line in [*silent, *lines])
     return f"{head}\n{{\n{body}}}\n"
