@@ -121,7 +121,7 @@ def mapped(table: Entries, value: float | int | bool | str, place: str) -> str |
     """What a table makes of a value.
 
     Raises:
-        WiringError: it has no entry for it.
+        WiringError: it has no entry for it, or one that is no number for a number.
     """
     text = str(value).lower() if isinstance(value, bool) else str(value)
     names = {"1": "true", "0": "false"} if isinstance(value, bool) else {}
@@ -129,7 +129,12 @@ def mapped(table: Entries, value: float | int | bool | str, place: str) -> str |
         if names.get(source, source) == text:
             if isinstance(value, bool):
                 return target in ("true", "1")
-            return target if isinstance(value, str) else float(target)
+            if isinstance(value, str):
+                return target
+            try:
+                return float(target)
+            except ValueError:
+                raise WiringError(place, f"maps {text} to '{target}', no number", "correct the mapping") from None
     raise WiringError(place, f"has no entry for {text}", "give it one")
 
 

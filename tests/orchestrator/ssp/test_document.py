@@ -333,3 +333,6 @@ def test_a_mapped_value_goes_through_its_table(tmp_path: Path) -> None:
     path = archive(tmp_path / "m.ssp", system([component("a")], before=bound))
     assert parameters(path) == {"a.n": 25, "a.mode": "fast", "a.on": False}
     assert last(path) == {"a.y": 2.0}
+    wrong = archive(tmp_path / "w.ssp", system([component("a")], before=bound.replace('"25"', '"many"')))
+    with pytest.raises(WiringError, match="maps 2 to 'many', no number; correct the mapping"):
+        imported(wrong)
