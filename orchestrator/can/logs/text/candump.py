@@ -188,7 +188,8 @@ def _many_printed(lines: Lines, state: CandumpState, reading: Reading) -> FoundR
         | (extra & lines.equal(words[first + 2], "b")) * Flag.BITRATE_SWITCH
         | (extra & lines.equal(words[first + 3], "e")) * Flag.ERROR_STATE
     )
-    right = named & told & (lines.starts(bracket) == ord("[")) & (identifier <= IDENTIFIER) & (fd | (length <= CLASSIC))
+    right = named & told & (identifier <= IDENTIFIER) & (fd | (length <= CLASSIC))
+    right &= (lines.starts(bracket) == ord("[")) & (lines.octets[bracket.end - 1] == ord("]"))
     right &= ~lines.equal(words[place + 1 + length], "remote") & (lines.starts(words[first]) != ord("("))
     right &= ~extra | lines.equal(words[first + 1], *DIRECTIONS)
     right &= data[1] & ((name.length == 3) | (name.length == 8)) & (timed | ~stamped)
