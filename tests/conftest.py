@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import shutil
 import signal
@@ -87,6 +88,16 @@ def same_folder() -> Iterator[None]:
         there = None
     os.chdir(here)
     assert there == here, "the test left the process in another working directory"
+
+
+@pytest.fixture(autouse=True)
+def same_log() -> Iterator[None]:
+    """No command that ran in this process decides what is logged in the tests that follow."""
+    root = logging.getLogger()
+    level, handlers = root.level, [*root.handlers]
+    yield
+    root.setLevel(level)
+    root.handlers[:] = handlers
 
 
 def _recordings(folder: str) -> Path:

@@ -238,11 +238,11 @@ def test_a_full_disk_leaves_every_reference_as_it_was(swing: Path, monkeypatch: 
     edit(swing, "angle_start: 0.2", "angle_start: 0.21")
     write = fmu_files._write
 
-    def full(part: Path, content: Any) -> None:
+    def full(part: Path, content: Any, for_good: bool) -> None:
         if "low.parquet" in part.name:
             part.write_bytes(content[:100])
             raise OSError(errno.ENOSPC, "No space left on device")
-        write(part, content)
+        write(part, content, for_good)
 
     monkeypatch.setattr(fmu_files, "_write", full)
     assert "No space left on device" in accept(swing, code=2)["said"]

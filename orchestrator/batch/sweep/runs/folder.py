@@ -233,6 +233,8 @@ def opened(
         if not begun:
             folder.say({"servotwin sweep": _FORMAT, "identity": identity, "part": size, "versions": versions()})
         folder.look(same)
+        if len(unsaid := np.flatnonzero(folder.done & ~_said(manifest, runs))):
+            folder.say({"runs": _stretches(unsaid)})  # kept by a command that was killed before it could say so
         folder.say({"begun": runs, "there": int(folder.done.sum()), "versions": versions()})
         yield folder
     finally:
@@ -298,6 +300,16 @@ def _whole_lines(descriptor: int) -> bool:
     if end < len(data):
         os.ftruncate(descriptor, size - len(data) + end)
     return size - len(data) + end > 0
+
+
+def _said(manifest: Path, runs: int) -> NDArray[np.bool_]:
+    """(runs,) which runs a manifest says are done."""
+    said = np.zeros(runs, dtype=bool)
+    with manifest.open(encoding="utf-8") as lines:
+        for line in lines:
+            for first, last in json.loads(line).get("runs", []):
+                said[first : last + 1] = True
+    return said
 
 
 def _write(file: Path, rows: pa.Table) -> None:

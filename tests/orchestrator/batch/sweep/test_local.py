@@ -53,6 +53,16 @@ def killed(file: Path, out: Path, after: float) -> int | None:
     return started.returncode
 
 
+def test_the_manifest_tells_of_runs_that_a_command_kept_and_was_killed_before_it_said_so(tmp_path: Path) -> None:
+    file, manifest = study(tmp_path, FALLING), tmp_path / "out" / "manifest.jsonl"
+    sweep(file, tmp_path / "out", Here())
+    done = ran(tmp_path / "out")
+    lines = manifest.read_text().splitlines(keepends=True)
+    manifest.write_text("".join(line for line in lines if "runs" not in json.loads(line)))
+    sweep(file, tmp_path / "out", Here())
+    assert done and ran(tmp_path / "out") == sorted(done)
+
+
 @pytest.mark.slow
 def test_a_command_that_is_killed_again_and_again_comes_to_the_same_bytes(tmp_path: Path) -> None:
     file = study(tmp_path, LONGER, design={"by": "sobol", "samples": 1500, "seed": 3}, traces=None)
