@@ -1,6 +1,6 @@
 """What the regression suite adds to its scenarios, and what running them side by side gains.
 
-The cache of built FMUs is warm. The gain needs two idle processors; so the processor time of a scenario is told, too.
+The cache of built FMUs is warm. The gain needs two idle processors.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from resource import RUSAGE_CHILDREN, getrusage
 from typing import Any
 
 from ..figure import Figure
@@ -40,9 +39,7 @@ def figures() -> list[Figure]:
         for number in range(COUNT):
             (folder / "suite" / f"swing{number:03}.yaml").write_text(SCENARIO.format(start=0.1 + number / 1000))
         tested(folder, 1, folder / "suite" / "swing000.yaml")  # builds the FMUs
-        before = processor_time()
         alone = tested(folder, 1, folder / "suite")
-        spent = processor_time() - before
         together = tested(folder, 2, folder / "suite")
     simulated = sum(case["stepping"]["seconds"] for one in alone["scenarios"] for case in one["result"]["cases"])
     overhead = (alone["seconds"] - simulated) / COUNT
@@ -56,7 +53,6 @@ def figures() -> list[Figure]:
             f"{1e3 * overhead:.1f} ms",
             overhead < OVERHEAD,
         ),
-        Figure("processor time beyond its steps", "-", f"{1e3 * (spent - simulated) / COUNT:.1f} ms"),
     ]
 
 
@@ -67,9 +63,3 @@ def tested(folder: Path, processes: int, path: Path) -> dict[str, Any]:
     done = subprocess.run(command, check=True, stdout=subprocess.PIPE, env=environment, cwd=folder)
     document: dict[str, Any] = json.loads(done.stdout)
     return document
-
-
-def processor_time() -> float:
-    """Of all processes that this one has started and that have ended [s]."""
-    used = getrusage(RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
