@@ -270,6 +270,12 @@ def endurance() -> list[Figure]:
 
 def campaign(runs: int, seed: int, only: Sequence[str] = ()) -> list[Figure]:
     """The figures of so many random faults, of all kinds or some; what went wrong is told on standard error."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    for number in (
+        signal.SIGHUP,
+        signal.SIGQUIT,
+    ):  # ignored where a shell began this in the background
+        signal.signal(number, signal.SIG_DFL)
     with tempfile.TemporaryDirectory(prefix="faults-") as place:
         folder = Path(place)
         brute.build(folder / "brute.fmu")
