@@ -89,6 +89,7 @@ class Carrier:
         return self._values[name]
 
     def step(self, time: float, duration: float) -> None:
+        """Carry what the nodes have sent, each kind in its own way."""
         raise NotImplementedError
 
     def tune(self, name: str, value: Value) -> Value:
@@ -126,13 +127,13 @@ class CanBus(Carrier):
     @contextmanager
     def joined(self, node: BusNode) -> Iterator[None]:
         """Have one more node on the bus, between runs."""
-        before = self._nodes
-        self._nodes = (*before, node)
+        before = self._nodes, self._bus
+        self._nodes = (*self._nodes, node)
         self._bus = self._between(self._nodes)
         try:
             yield
         finally:
-            self._nodes = before
+            self._nodes, self._bus = before
 
     def begin(self, start: float, stop: float | None, tolerance: float | None = None) -> None:
         super().begin(start, stop, tolerance)
