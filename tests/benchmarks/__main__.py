@@ -24,7 +24,6 @@ BENCH = {
     "coverage": "how often the 95 % intervals of output error hold the truth, by profiles and locally",
     "candidates": "how often the right one of four friction laws is chosen",
     "coverage_frequency": "how often the 95 % intervals of the resonance study hold the truth",
-    "coverage_time": "how often those of output error do",
     "coverage_motion": "how often those of a recalibration near a motion do",
     "subspace_speed": "subspace identification beside other tools",
     "calibration_speed": "the calibration from the real recordings; a step of a Python FMU",
@@ -54,7 +53,6 @@ BENCH = {
 ENDURANCE = {
     "coverage": "how often the 95 % intervals of output error hold the truth, in 500 draws, and with play",
     "coverage_frequency": "how often the intervals of the resonance study hold the truth, in 400 draws",
-    "coverage_time": "how often those of output error do, in 200 draws",
     "can_codec": "a day of log in a stream",
     "loop_scaling": "runs of 10,000,000 steps",
     "loop_endurance": "what 100,000 lives of an FMU and 1,000,000 resets leave behind",

@@ -1,11 +1,11 @@
-"""Coverage of the 95 % intervals from simulated FMUs to parameters, on fewer draws than the benchmarks take."""
+"""Coverage of the 95 % intervals of the resonance study, on fewer draws than the benchmarks take."""
 
 from __future__ import annotations
 
 import pytest
 
 from tests.benchmarks.figure import share_inside
-from tests.benchmarks.identification import coverage_frequency, coverage_time
+from tests.benchmarks.identification import coverage_frequency
 
 LEAST = 0.85  # exact intervals cover less often in one of 300 sets of 40 draws
 
@@ -21,11 +21,3 @@ def test_resonance_study_intervals_cover_the_parameters_of_the_synthetic_campaig
     assert set(shares) == {"p1", "p2", "p3", "p4"}
     assert min(shares.values()) >= LEAST, shares
     assert sum(shares.values()) < 4, "intervals that always cover are too wide"
-
-
-@pytest.mark.slow
-def test_output_error_intervals_cover_the_parameters_of_a_rig_with_dry_friction() -> None:
-    draws = coverage_time.intervals(40, processes=2)
-    shares = {name: share_inside([draw[name] for draw in draws], true) for name, true in coverage_time.TRUTH.items()}
-    assert min(shares.values()) >= LEAST, shares
-    assert sum(shares.values()) < len(shares), "intervals that always cover are too wide"

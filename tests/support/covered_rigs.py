@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +21,7 @@ from identification.signals.resolution import resolution
 from orchestrator.assembly.assembly import Assembled, ComponentSpec, SystemSpec, assemble
 from orchestrator.engine import Timing
 from orchestrator.trace import FloatArray
+from tests.support.side_by_side import side_by_side
 
 Stimuli = Callable[[int, FloatArray], FloatArray]
 Interval = tuple[float, float]
@@ -175,27 +174,15 @@ def drawn(bench: Bench, seed: int) -> Draw:
     )
 
 
-_bench: list[Bench] = []  # of this worker process
-
-
-def _open_in_worker(rig: Rig, assembled: Assembled) -> None:
-    _bench.append(opened(rig, assembled))
-
-
-def _draw_in_worker(seed: int) -> Draw:
-    return drawn(_bench[0], seed)
-
-
 def draws(rig: Rig, count: int, processes: int) -> list[Draw]:
     """So many draws of a rig's noise."""
     with tempfile.TemporaryDirectory() as folder:
         assembled = assemble(rig.system, Path(folder), (rig.driven,))
-        if processes == 1:
-            bench = opened(rig, assembled)
-            return [drawn(bench, seed) for seed in range(count)]
-        context = multiprocessing.get_context("forkserver")
-        with ProcessPoolExecutor(processes, context, _open_in_worker, (rig, assembled)) as pool:
-            return list(pool.map(_draw_in_worker, range(count)))
+        return side_by_side(partial(_drawing, rig, assembled), range(count), processes)
+
+
+def _drawing(rig: Rig, assembled: Assembled) -> Callable[[int], Draw]:
+    return partial(drawn, opened(rig, assembled))
 
 
 def _sines(window: int, time: FloatArray) -> FloatArray:

@@ -36,14 +36,37 @@ def run_case(
     progress: Callable[[float], None],
 ) -> CaseResult:
     case, file = scenario.cases[number], keeping.file(number)
-    result, error, state = None, None, CaseState.DONE
-    begun, spent, draws = process_time(), 0.0, {}
+    run = Run(values, stimuli, scenario.recorded(simulation.outputs), record_every=keeping.every)
+    execute = partial(keeping.run, simulation, run, progress)
+    found = ran(simulation, run, case, execute if file is None else partial(_streamed, execute, file, case.looked_at))
+    error, state = found.error, CaseState.DONE
+    if error is not None and not case.may_be_refused:
+        error, state = of_case(scenario, case, error), CaseState.FAILED
+        if not isinstance(error, FmuError):
+            raise error
+    found = replace(found, error=error)
+    checks = tuple(checked(expected, found) for expected in case.expected)
+    spent, draws = found.processor or 0.0, found.draws
+    made = CaseResult(case.name, found.result, error, checks, file, state, processor=spent, draws=draws)
+    for check in checks:
+        if check.doubt:
+            LOG.warning("case %s: %s: %s", case.name, check.text, check.doubt)
+    for name, count in nonfinite(found.trace).items() if found.trace is not None else ():
+        LOG.warning("case %s: %d samples of %s are not finite", case.name, count, name)
+    if made.ended:
+        LOG.warning("case %s: %s; the run ends there and is judged by what there is", case.name, made.ended)
+    return made
+
+
+def ran(simulation: Simulation, run: Run, case: Case, execute: Callable[[], Result] | None = None) -> Ran:
+    """A run of a case as its expectations see it, with those that differ by their noise; what failed is its error.
+
+    Args:
+        execute: what runs it, the simulation by itself where that is None.
+    """
+    result, error, begun, spent, draws = None, None, process_time(), 0.0, {}
     try:
-        run = Run(values, stimuli, scenario.recorded(simulation.outputs), record_every=keeping.every)
-        if file is None:
-            result = keeping.run(simulation, run, progress)
-        else:
-            result = _streamed(partial(keeping.run, simulation, run, progress), file, case.looked_at)
+        result = simulation.execute(run) if execute is None else execute()
         spent = process_time() - begun
         draws = drawn(simulation, run, case)
     except ServotwinError as failure:
@@ -52,23 +75,8 @@ def run_case(
         error = failure
         if isinstance(failure, RunFailed):
             result, error = failure.result, FmuError(failure.place, failure.problem, failure.fix)
-        if not case.may_be_refused:
-            error = of_case(scenario, case, error)
-            if not isinstance(error, FmuError):
-                raise error from failure
-            state = CaseState.FAILED
     trace = result.trace if result is not None and error is None else None
-    ran = Ran(trace, error, result, spent, case.name, draws=draws)
-    checks = tuple(checked(expected, ran) for expected in case.expected)
-    made = CaseResult(case.name, result, error, checks, file, state, processor=spent, draws=draws)
-    for check in checks:
-        if check.doubt:
-            LOG.warning("case %s: %s: %s", case.name, check.text, check.doubt)
-    for name, count in nonfinite(trace).items() if trace is not None else ():
-        LOG.warning("case %s: %d samples of %s are not finite", case.name, count, name)
-    if made.ended:
-        LOG.warning("case %s: %s; the run ends there and is judged by what there is", case.name, made.ended)
-    return made
+    return Ran(trace, error, result, spent, case.name, draws=draws)
 
 
 def checked(expected: Expected, ran: Ran) -> Check:

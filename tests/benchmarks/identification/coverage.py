@@ -10,14 +10,14 @@ import os
 from collections.abc import Sequence
 
 from tests.benchmarks.figure import Figure, band, share_inside
-from tests.support.covered_rigs import RIGS, TWO_MASSES, WRONG, WRONG_MASSES, Draw, Rig, draws
+from tests.support.covered_rigs import BUTTERFLY, RIGS, TWO_MASSES, WRONG, WRONG_MASSES, Draw, Rig, draws
 
 DRAWS, MANY, FEW = 40, 500, 24
 ASKED = (0.93, 0.97)  # where there are draws enough to tell
 
 
 def figures(count: int = DRAWS, asked: tuple[float, float] | None = None) -> list[Figure]:
-    """Coverage by rig and parameter; of profiles that is asked, of local intervals it is only told."""
+    """Coverage by rig and parameter; asked of profiles, of local intervals where nothing bends them, and else told."""
     found = [figure for rig in RIGS for figure in _coverage(rig, draws(rig, count, _processes()), asked)]
     return [*found, unsaid(WRONG, draws(WRONG, count, _processes()))]
 
@@ -34,17 +34,23 @@ def _processes() -> int:
 
 
 def _coverage(rig: Rig, found: Sequence[Draw], asked: tuple[float, float] | None) -> list[Figure]:
-    low, high = asked or band(len(found))
-    said = f"{100 * low:.0f} to {100 * high:.0f} % of {len(found)}"
-    rows = []
+    rows, own = [], band(len(found))
     for name, true in rig.truth.items():
         profile = share_inside([draw.profile[name] for draw in found], true)
         local = share_inside([draw.local[name] for draw in found], true)
+        rows.append(_share(f"{rig.name}: {name} by profile", profile, asked or own, len(found)))
         rows.append(
-            Figure(f"{rig.name}: {name} by profile", said, f"{100 * profile:.1f} %", low <= profile <= high, True)
+            _share(f"{rig.name}: {name}, local", local, band(len(found)) if rig is BUTTERFLY else None, len(found))
         )
-        rows.append(Figure(f"{rig.name}: {name}, local", "-", f"{100 * local:.1f} %"))
     return rows
+
+
+def _share(name: str, share: float, asked: tuple[float, float] | None, count: int) -> Figure:
+    if asked is None:
+        return Figure(name, "-", f"{100 * share:.1f} %")
+    low, high = asked
+    said = f"{100 * low:.0f} to {100 * high:.0f} % of {count}"
+    return Figure(name, said, f"{100 * share:.1f} %", low <= share <= high, True)
 
 
 def unsaid(rig: Rig, found: Sequence[Draw]) -> Figure:

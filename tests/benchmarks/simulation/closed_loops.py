@@ -9,12 +9,10 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from fractions import Fraction
-from itertools import repeat
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
 from statistics import median
 from time import perf_counter, thread_time
@@ -26,6 +24,7 @@ from orchestrator.engine import Run, Simulation, Timing
 from orchestrator.fmi.interface import Value
 from orchestrator.scenario.schema import load_scenario
 from orchestrator.trace import FloatArray
+from tests.support.side_by_side import side_by_side
 
 from ..figure import Figure
 
@@ -82,17 +81,23 @@ def draw(rng: np.random.Generator) -> dict[str, Value]:
 
 def ran(assembled: Assembled, timing: Timing, draws: Sequence[Draw]) -> int:
     """How many runs come to their end, on all processors."""
-    count = os.cpu_count() or 1
-    parts = [draws[place::count] for place in range(count)]
-    with ProcessPoolExecutor(count, get_context("spawn")) as pool:
-        return sum(pool.map(part, repeat(assembled), repeat(timing), parts))
-
-
-def part(assembled: Assembled, timing: Timing, draws: Sequence[Draw]) -> int:
-    """The runs of one process."""
     samples = int(timing.stop * 300) + 1
-    with simulation(assembled, timing) as opened:
-        return sum(len(angles(opened, assembled, timing, one)) == samples for one in draws)
+    return side_by_side(partial(Arm, assembled, timing), draws, os.cpu_count() or 1).count(samples)
+
+
+class Arm:
+    """The closed loop, open in one process: of a draw it tells how many samples it gives."""
+
+    def __init__(self, assembled: Assembled, timing: Timing) -> None:
+        self._assembled, self._stack = assembled, ExitStack()
+        self._running = self._stack.enter_context(simulation(assembled, timing))
+
+    def __call__(self, one: Draw) -> int:
+        return len(angles(self._running, self._assembled, one))
+
+    def close(self) -> None:
+        """Free the FMUs."""
+        self._stack.close()
 
 
 def alone(assembled: Assembled, timing: Timing, one: Draw) -> float:
@@ -101,7 +106,7 @@ def alone(assembled: Assembled, timing: Timing, one: Draw) -> float:
     with simulation(assembled, timing) as opened:
         for _ in range(REPEATS):
             begun = thread_time()
-            angles(opened, assembled, timing, one)
+            angles(opened, assembled, one)
             times.append(thread_time() - begun)
     return median(times)
 
@@ -112,7 +117,9 @@ def simulation(assembled: Assembled, timing: Timing) -> Iterator[Simulation]:
         yield running
 
 
-def angles(opened: Simulation, assembled: Assembled, timing: Timing, one: Draw) -> FloatArray:
+def angles(opened: Simulation, assembled: Assembled, one: Draw) -> FloatArray:
     """(K,) the hub's angle [rad] at 300 Hz over one move: the square does not turn round before the end."""
     values = assembled.system.values() | {"source.frequency": 0.01} | dict(one)
-    return opened.rows(Run(values, record=["arm.angle"], record_every=round(Fraction(1, 300) / timing.step)))[:, 0]
+    return opened.rows(Run(values, record=["arm.angle"], record_every=round(Fraction(1, 300) / opened.timing.step)))[
+        :, 0
+    ]

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-import multiprocessing
 import tempfile
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,6 +17,7 @@ from identification.calibrate import calibrate
 from identification.output_error import calibration
 from orchestrator import formats
 from orchestrator.trace import FloatArray, Trace
+from tests.support.side_by_side import side_by_side
 
 STEP, COUNT, NOISE = 0.005, 401, 1e-4  # [s], [1], [m]
 FITTED, HELD_OUT = 5, 3  # recordings
@@ -134,11 +133,10 @@ def draws(count: int) -> list[Draw]:
 
 def choices(asked: Sequence[Draw], processes: int) -> list[str]:
     """The laws that are chosen, in so many processes."""
-    context = multiprocessing.get_context("forkserver")
-    with ProcessPoolExecutor(processes, context, _alone) as pool:
-        return list(pool.map(chosen, asked))
+    return side_by_side(_alone, asked, processes)
 
 
-def _alone() -> None:
-    """Simulate in this process, which is one of many."""
+def _alone() -> Callable[[Draw], str]:
+    """What chooses by simulating in this process, which is one of many."""
     calibration.processors = lambda: 1
+    return chosen

@@ -10,21 +10,17 @@ from time import perf_counter
 
 import numpy as np
 
-from fmus.errors import FmuError, ServotwinError
+from fmus.errors import ServotwinError
 from orchestrator.assembly.assembly import OpenSystem
 from orchestrator.batch.sweep.points.designs import seed_of
 from orchestrator.batch.sweep.points.factors import Factor, Target
 from orchestrator.batch.sweep.runs import rows
 from orchestrator.batch.sweep.runs.rows import Row
 from orchestrator.batch.sweep.runs.setup import Done, Kept, Setup, Task, Variant
-from orchestrator.engine import Result, Run, RunFailed, Simulation
+from orchestrator.engine import Run, Simulation
 from orchestrator.fmi.interface import Value
 from orchestrator.processes import last_words
-from orchestrator.processes.interrupts import requested
-from orchestrator.scenario.expectations import Ran
-from orchestrator.scenario.run.case import checked
-from orchestrator.scenario.run.draws import drawn
-from orchestrator.scenario.scenario import Case
+from orchestrator.scenario.run.case import checked, ran
 from orchestrator.trace import FloatArray, Trace
 
 MOST_OPEN = 8  # systems at the same time
@@ -81,38 +77,20 @@ class Worker:
         variant, opened = self._setup.variants[place], self._open(place)
         asked = variant.scenario.cases[place_of_case]
         values = {**asked.values, **self._values(point), **self._seeds(number)}
-        ran, state = self._ran(opened, asked, Run(values, self._stimuli(opened, point), opened.record))
-        if state == rows.FAILED:
-            return Row(state, str(ran.error), False, {})
+        found = ran(opened.simulation, Run(values, self._stimuli(opened, point), opened.record), asked)
+        if found.error is not None and not asked.may_be_refused:
+            return Row(rows.FAILED, str(found.error), False, {})
         try:
-            checks = [checked(expected, ran) for expected in asked.expected]
+            checks = [checked(expected, found) for expected in asked.expected]
         except ServotwinError as odd:
             return Row(rows.FAILED, f"cannot be judged: {odd}", False, {})
         columns = variant.asked[place_of_case]
         counted = [c for c, column in zip(checks, columns, strict=True) if self._setup.asked[column].counts]
-        passed = not any(check.failed for check in counted) and (ran.error is None or bool(counted))
-        ended = ran.result.ended if ran.result is not None else ""
+        passed = not any(check.failed for check in counted) and (found.error is None or bool(counted))
+        ended = found.result.ended if found.result is not None else ""
         told = dict(zip(columns, checks, strict=True))
-        kept = None if ran.trace is None or self._setup.kept is None else _kept(ran.trace, self._setup.kept)
-        return Row(rows.ENDED if ended else state, ended or None, passed, told, kept)
-
-    def _ran(self, opened: _Opened, case: Case, run: Run) -> tuple[Ran, str]:
-        """A run as it is judged, and its state."""
-        result: Result | None = None
-        error: ServotwinError | None = None
-        draws: Mapping[tuple[str, ...], list[Trace]] = {}
-        try:
-            result = opened.simulation.execute(run)
-            draws = drawn(opened.simulation, run, case)
-        except ServotwinError as failure:
-            if requested():  # an FMU's answer to an interrupt
-                raise KeyboardInterrupt from failure
-            error = failure
-            if isinstance(failure, RunFailed):
-                result, error = failure.result, FmuError(failure.place, failure.problem, failure.fix)
-        trace = result.trace if result is not None and error is None else None
-        state = rows.FAILED if error is not None and not case.may_be_refused else rows.DONE
-        return Ran(trace, error, result, None, case.name, draws=draws), state
+        kept = None if found.trace is None or self._setup.kept is None else _kept(found.trace, self._setup.kept)
+        return Row(rows.ENDED if ended else rows.DONE, ended or None, passed, told, kept)
 
     def _values(self, point: FloatArray) -> dict[str, Value]:
         return {factor.name: factor.value(point[place]) for place, factor in self._variables}

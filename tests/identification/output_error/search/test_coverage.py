@@ -7,7 +7,7 @@ from scipy import stats
 
 from tests.benchmarks.figure import share_inside
 from tests.benchmarks.identification.coverage import unsaid
-from tests.support.covered_rigs import RIGS, SMALL, WRONG, Draw, Rig, draws
+from tests.support.covered_rigs import BUTTERFLY, RIGS, SMALL, WRONG, Draw, Rig, draws
 
 DRAWS = 30
 LEAST = stats.binom.ppf(1e-3, DRAWS, 0.95) / DRAWS
@@ -19,6 +19,10 @@ def test_profiles_hold_the_truth(rig: Rig) -> None:
     found = draws(rig, DRAWS, 1)
     shares = {name: share_inside([draw.profile[name] for draw in found], true) for name, true in rig.truth.items()}
     assert min(shares.values()) >= LEAST, shares
+    if rig is BUTTERFLY:
+        local = [share_inside([draw.local[name] for draw in found], true) for name, true in rig.truth.items()]
+        assert min(local) >= LEAST, local
+        assert sum(local) < len(local), "intervals that always hold it are too wide"
     if rig is not SMALL:  # there, one side of most intervals is open
         assert sum(shares.values()) < len(shares), "intervals that always hold it are too wide"
 
