@@ -16,7 +16,7 @@ from fmus import library
 from fmus.errors import WiringError
 from fmus.modelling.model import Model, Table
 from fmus.packaging import targets
-from orchestrator.assembly.remarks import remarks
+from orchestrator.assembly.remarks import remarks, sampling
 from orchestrator.assembly.stimulus import Stimulus
 from orchestrator.assembly.whole_arrays import check_shapes
 from orchestrator.crossing import logged, quantity
@@ -203,7 +203,10 @@ class OpenSystem:
         """
         components: dict[str, Component] = {}
         for name, file in self._files.items():
-            make = self.assembled.system.components[name].maker(file)
+            component = self.assembled.system.components[name]
+            if remark := sampling(file.interface, component.parameters, component.step or timing.step):
+                _say(f"{name}: {remark}")
+            make = component.maker(file)
             if isolation is None or name in self.assembled.built:
                 components[name] = make(file, name)
             else:

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Container
+from collections.abc import Container, Mapping
+from fractions import Fraction
 
 from fmus.words import listed
+from orchestrator.fmi.interface import Interface, Value
 from orchestrator.system import Endpoint, System
+
+_SAMPLED_BY = "sample_time"  # what models of the library, and most of others that sample, call their period
+_SAME = 1e-9  # of a ratio: periods are written with 10 digits or more
 
 
 def remarks(system: System, component: str, given: Container[str]) -> list[str]:
@@ -39,3 +44,25 @@ def remarks(system: System, component: str, given: Container[str]) -> list[str]:
     if free:
         said.append(f"{listed(free)} of arrays without start values of this size keep what the FMU gives them")
     return said
+
+
+def sampling(interface: Interface, given: Mapping[str, Value], step: Fraction) -> str | None:
+    """What a component makes of its sample period that is no whole number of its communication steps.
+
+    Args:
+        given: its parameters, the others have the FMU's defaults.
+        step: its communication step [s].
+    """
+    port = interface.ports.get(_SAMPLED_BY)
+    if port is None or port.causality != "parameter" or port.unit != "s":
+        return None
+    period = given.get(_SAMPLED_BY, float(port.start or 0))
+    if not isinstance(period, float | int):
+        return None  # refused where it is set
+    steps = period / float(step)
+    if steps <= 0 or (round(steps) >= 1 and abs(steps - round(steps)) <= _SAME * steps):
+        return None
+    return (
+        f"samples every {period:.6g} s, which is no whole number of its steps of {float(step):.6g} s: what it reads"
+        f" within a step is as old as the step's start; choose a step that divides {_SAMPLED_BY}"
+    )

@@ -1,0 +1,46 @@
+"""What is said of a component that is left to itself in a system."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from orchestrator.assembly.assembly import ComponentSpec, open_system
+from orchestrator.assembly.remarks import sampling
+from orchestrator.fmi.interface import Interface, Port
+
+
+def controller(start: str = "0.0033333333333333335", unit: str = "s") -> Interface:
+    port = Port("sample_time", 1, "Real", "parameter", unit, start)
+    return Interface("controller", "2.0", {port.name: port}, {})
+
+
+@given(st.fractions(Fraction(1, 10**5), Fraction(1), max_denominator=10**5), st.integers(1, 1000))
+def test_a_period_of_whole_steps_is_nothing_to_speak_of(step: Fraction, whole: int) -> None:
+    assert sampling(controller(), {"sample_time": float(f"{float(step * whole):.15g}")}, step) is None
+
+
+@given(st.fractions(Fraction(1, 10**5), Fraction(1), max_denominator=10**5), st.integers(0, 1000))
+def test_one_that_ends_within_a_step_is_told_with_both(step: Fraction, whole: int) -> None:
+    period = float(step * (whole + Fraction(1, 3)))
+    remark = sampling(controller(), {"sample_time": period}, step)
+    assert remark is not None and f"{period:.6g} s" in remark and f"{float(step):.6g} s" in remark
+
+
+def test_the_default_of_the_fmu_counts_and_another_unit_does_not() -> None:
+    assert sampling(controller(), {}, Fraction(1, 300)) is None
+    assert sampling(controller(), {}, Fraction(1, 1000)) is not None
+    assert sampling(controller(unit="ms"), {}, Fraction(1, 1000)) is None
+
+
+@pytest.mark.parametrize(("step", "told"), [("1/1000", True), ("1/300", False), ("1/900", False)])
+def test_a_run_says_it_of_the_step_that_the_component_has(
+    step: str, told: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    name = f"pd_{step.partition('/')[2]}"
+    with open_system({name: ComponentSpec("pd", step=Fraction(step))}) as system:
+        system.run(0.1, "1/100" if step != "1/900" else "1/300")
+    assert any(name in line and "no whole number of its steps" in line for line in caplog.messages) is told
