@@ -271,10 +271,7 @@ def endurance() -> list[Figure]:
 def campaign(runs: int, seed: int, only: Sequence[str] = ()) -> list[Figure]:
     """The figures of so many random faults, of all kinds or some; what went wrong is told on standard error."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    for number in (
-        signal.SIGHUP,
-        signal.SIGQUIT,
-    ):  # ignored where a shell began this in the background
+    for number in (signal.SIGHUP, signal.SIGQUIT):  # ignored where a shell began this in the background
         signal.signal(number, signal.SIG_DFL)
     with tempfile.TemporaryDirectory(prefix="faults-") as place:
         folder = Path(place)
@@ -362,7 +359,7 @@ def tried(folder: Path, number: int, name: str, seed: float) -> list[str]:
             time.sleep(draws.uniform(0.0, 1.0) if kind.act is not by_itself else 0.0)
             kind.act(trial)
             said = process.communicate(timeout=HANG)[1]
-            time.sleep(0.3)
+            machine.hear_out()
         except subprocess.TimeoutExpired:
             return [f"told: does not end; {_processes(process.pid)}"]
         finally:

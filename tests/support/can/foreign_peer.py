@@ -12,7 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 from select import select
 
-COMMAND, SENSORS = 0x100, 0x200
+COMMAND, SENSORS, LAST = 0x100, 0x200, 0x7FF  # LAST goes after whatever else waits for the bus
 PERIOD = 0.01  # of what it sends [s]
 DBC = """VERSION ""
 BU_: Law Rig
@@ -99,7 +99,7 @@ class ForeignMachine:
         self.fault, self.pauses = "", 0.0
         self.commands: list[tuple[float, float]] = []
         self._ports = [ForeignPort(path) for path in (sender, watcher)]
-        self._over = threading.Event()
+        self._over, self._heard_out = threading.Event(), threading.Event()
         self._threads = [threading.Thread(target=work) for work in (self._send, self._watch)]
         for thread in self._threads:
             thread.start()
@@ -108,6 +108,12 @@ class ForeignMachine:
     def latest(self) -> float:
         """The latest command; NaN before the first."""
         return self.commands[-1][1] if self.commands else math.nan
+
+    def hear_out(self, patience: float = 5.0) -> None:
+        """Wait until all that was sent up to now has come."""
+        self._heard_out.clear()
+        self._ports[0].send(LAST, b"")
+        self._heard_out.wait(patience)
 
     def end(self) -> None:
         self._over.set()
@@ -141,3 +147,5 @@ class ForeignMachine:
                 for identifier, data in frames
                 if identifier == COMMAND and len(data) == 8 and checksum(data[:7]) == data[7]
             ]
+            if any(identifier == LAST for identifier, _ in frames):
+                self._heard_out.set()
