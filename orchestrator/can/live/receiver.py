@@ -61,6 +61,7 @@ class Receiver:
         most_late: float = math.inf,
     ) -> None:
         self._bus, self._limit, self._arrived, self._most_late = bus, limit, arrived, most_late
+        self._patience = min(_PATIENCE, most_late / 5)  # what is held up for less cannot be told from a quiet bus
         self._queue: SimpleQueue[can.Message] = SimpleQueue()
         self._ending = False
         self._thread = threading.Thread(target=self._run, name="CAN receiver", daemon=True)
@@ -95,9 +96,9 @@ class Receiver:
         try:
             looked = _now()
             while not self._ending:
-                message = self._bus.recv(_PATIENCE)
+                message = self._bus.recv(self._patience)
                 looked, before = _now(), looked
-                pause = looked - before - _PATIENCE
+                pause = looked - before - self._patience
                 if pause > _PAUSE:
                     self._note_pause(pause)
                 while pause > self._most_late and message is not None:
