@@ -141,17 +141,21 @@ def _posix(time: list[int]) -> float:
 
 
 def _contents(file: BinaryIO, begin: int, size: int, findings: Findings) -> Iterator[ContainerContent]:
-    """What the containers hold, in a row; objects outside of containers as they are."""
+    """What the containers hold, in a row; objects outside of containers as they are.
+
+    Args:
+        size: of the file; what a recorder has added since is not looked at.
+    """
     place = begin
     while place < size:
-        start = _next_signature(file, place)
+        start = _next_signature(file, place, size)
         if (size if start is None else start) - place > PADDING:
             findings.add(place, f"{(size if start is None else start) - place} bytes are no objects")
         if start is None:
             return
         file.seek(start)
         head = file.read(OBJECT.size)
-        if len(head) < OBJECT.size:
+        if len(head) < OBJECT.size or start + OBJECT.size > size:
             findings.add(start, "the file ends inside an object")
             return
         _, _, _, length, kind = OBJECT.unpack(head)
@@ -163,7 +167,7 @@ def _contents(file: BinaryIO, begin: int, size: int, findings: Findings) -> Iter
         place = start + length
         cut = place > size
         if cut:
-            follower = _next_signature(file, start + OBJECT.size)
+            follower = _next_signature(file, start + OBJECT.size, size)
             place = size if follower is None else follower
             findings.add(
                 start,
@@ -223,15 +227,15 @@ def _salvaged(packed: bytes) -> bytes:
     return b"".join(parts)
 
 
-def _next_signature(file: BinaryIO, place: int, block: int = 1 << 20) -> int | None:
-    """Where the next object begins at or after a place."""
+def _next_signature(file: BinaryIO, place: int, size: int, block: int = 1 << 20) -> int | None:
+    """Where the next object begins at or after a place and before `size`."""
     length = len(SIGNATURE) + PADDING  # in a sound file it is here
     while True:
         file.seek(place)
         read = file.read(length)
         found = read.find(SIGNATURE)
         if found >= 0:
-            return place + found
+            return place + found if place + found < size else None
         if len(read) < length:
             return None
         place, length = place + length - len(SIGNATURE) + 1, min(block, 8 * length)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import struct
 import tracemalloc
 import zlib
@@ -20,6 +21,7 @@ from orchestrator.can import logs
 from orchestrator.can.frames import Flag, Frames, from_messages
 from orchestrator.can.logs.blf import objects as blf_objects
 from orchestrator.can.logs.blf import reading as blf
+from orchestrator.can.logs.findings import Findings
 from tests.support.can.can_samples import START, all_of, any_frames, different, messages, rig_frames
 
 quick = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -336,3 +338,22 @@ def test_rubble_of_signatures_is_refused_or_read(tmp_path: Path, content: list[b
         all_of(logs.read(path))
     except TraceError as error:
         assert "holds no frame that can be read" in str(error)
+
+
+@given(st.data())
+@quick
+def test_what_a_recorder_adds_while_a_file_is_read_does_not_disturb_what_was_there(
+    tmp_path: Path, data: st.DataObject
+) -> None:
+    whole = write_blf(
+        tmp_path / "grows.blf",
+        [can.Message(START + k / 100, k, data=bytes(8)) for k in range(60)],
+        max_container_size=400,
+    ).read_bytes()
+    size = data.draw(st.integers(144, len(whole)))
+    found = []
+    for content in (whole, whole[:size]):
+        findings = Findings()
+        read = list(blf._contents(io.BytesIO(content), 144, size, findings))
+        found.append((read, findings.lines()))
+    assert found[0] == found[1]
