@@ -228,14 +228,14 @@ def _salvaged(packed: bytes) -> bytes:
 
 
 def _next_signature(file: BinaryIO, place: int, size: int, block: int = 1 << 20) -> int | None:
-    """Where the next object begins at or after a place and before `size`."""
+    """Where the next object begins at or after a place, its signature before `size`."""
     length = len(SIGNATURE) + PADDING  # in a sound file it is here
     while True:
         file.seek(place)
         read = file.read(length)
         found = read.find(SIGNATURE)
         if found >= 0:
-            return place + found if place + found < size else None
+            return place + found if place + found + len(SIGNATURE) <= size else None
         if len(read) < length:
             return None
         place, length = place + length - len(SIGNATURE) + 1, min(block, 8 * length)
