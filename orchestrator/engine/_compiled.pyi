@@ -1,7 +1,9 @@
 """What `compiled.py` uses of the extension."""
 
 from enum import IntEnum
+from typing import Any
 
+from orchestrator.fmi.clocks.schedule import Timed
 from orchestrator.trace import FloatArray
 
 Row = tuple[int, ...]
@@ -36,6 +38,16 @@ class Stage(IntEnum):
     EVENTS = 12
     STUCK = 13
     FLOODED = 14
+    TICKING = 15
+    INTERVALS = 16
+    INTERVAL = 17
+    ASKED = 18
+
+class Interval(IntEnum):
+    STEADY = 0
+    TUNABLE = 1
+    CHANGING = 2
+    COUNTDOWN = 3
 
 class Core:
     tick: int
@@ -47,6 +59,9 @@ class Core:
     at: float
     span: float
     ticking: int
+    part: int
+    clock: int
+    interval: float
 
     def __init__(
         self,
@@ -83,23 +98,14 @@ class Core:
         number: int,
         functions: list[int],
         references: list[int],
-        plain: list[Row],
-        discrete: list[Row],
-        clocked: list[Row],
-        masks: list[int],
-        watched: list[int],
-        memory: list[int],
+        timed: list[tuple[int, int, Timed]],
+        outputs: list[int],
+        parts: list[tuple[Any, ...]],
+        given: int,
     ) -> None: ...
-    def load(
-        self,
-        number: int,
-        clocks: list[tuple[int, int, int, int]],
-        next_event: float,
-        due: bool,
-        in_event: bool,
-        before: list[float],
-    ) -> None: ...
-    def unload(self, number: int) -> tuple[list[int], float, bool, bool]: ...
+    def add_routes(self, routes: list[tuple[int, int, list[int], list[tuple[Any, ...]]]]) -> None: ...
+    def load(self, number: int, next_event: float, due: bool, in_event: bool, before: list[float]) -> None: ...
+    def unload(self, number: int) -> tuple[float, bool, bool]: ...
     def begin(self, stimuli: FloatArray) -> None: ...
     def pass_on(self, writing: bool) -> bool: ...
     def run(self, last: int, budget: float, rows: FloatArray, record_every: int) -> None: ...

@@ -6,12 +6,11 @@ so that the error is the one that the Python loop would have raised.
 
 from __future__ import annotations
 
-import ctypes
 import functools
 import logging
 from collections.abc import Sequence
 from enum import StrEnum
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import numpy as np
 
@@ -20,24 +19,22 @@ from orchestrator.engine.iterated import IteratedLoop
 from orchestrator.engine.loop import Loop, Node, Stepper
 from orchestrator.engine.recording import Recorder
 from orchestrator.fmi.clocked_slave import ClockedSlave
-from orchestrator.fmi.functions.co_simulation import Fmi3
-from orchestrator.fmi.functions.values import VariableGroup
 from orchestrator.fmi.instance import stepping
 from orchestrator.fmi.slave import Slave
-from orchestrator.trace import FloatArray
 
 try:
     from orchestrator.engine import _compiled
 
-    _compiled.Stage.VALUE  # noqa: B018 - not there in what was built from older sources
+    _compiled.Stage.ASKED  # noqa: B018 - not there in what was built from older sources
+    from orchestrator.engine.addresses.events import MOST, Events, inputs_of
+    from orchestrator.engine.addresses.memory import Row, addresses
+    from orchestrator.engine.addresses.node import FmuNode
 except (ImportError, AttributeError):  # no compiler at installation
     _compiled = None  # type: ignore[assignment]
 
 LOG = logging.getLogger("servotwin.engine")
 NOT_BUILT = "it was not built at installation, for want of a C compiler"
 BUDGET = 0.05  # between two turns of Python [s]
-_CLOCKS = 64  # of one component
-Row = tuple[int, ...]  # a value or a call in the terms of the extension
 
 
 class Engine(StrEnum):
@@ -105,19 +102,9 @@ def _obstacle_at(node: Node) -> str:
         return f"{component.name} gives texts"
     if node.tells or node.hears:
         return f"texts of {component.name} are connected"
-    if node.ticks:
-        return f"{component.name} ticks the clocks of others"
-    return _obstacle_of_clocks(component) if isinstance(component, ClockedSlave) else ""
-
-
-def _obstacle_of_clocks(component: ClockedSlave) -> str:
-    """Why the compiled loop cannot tick its clocks, nothing when it can."""
-    if not hasattr(_compiled.Stage, "FLOODED"):
-        return "it was built from older sources"
-    if not component.steady:
-        return f"{component.name} has clocks whose intervals change"
-    many = len(component.schedule.references) > _CLOCKS
-    return f"{component.name} has more than {_CLOCKS} clocks" if many else ""
+    if isinstance(component, ClockedSlave) and len(inputs_of(component)) > MOST:
+        return f"{component.name} has more than {MOST} clocks"
+    return ""
 
 
 @functools.cache
@@ -137,8 +124,8 @@ class CompiledLoop:
     def __init__(self, loop: Loop) -> None:
         self._loop = loop
         self._values = np.zeros(len(loop.values))
-        slots = _addresses(self._values)
-        self._nodes = [_FmuNode(node, slots) for node in loop.nodes]
+        slots = addresses(self._values)
+        self._nodes = [FmuNode(node, slots) for node in loop.nodes]
         inputs = {id(fmu.node): fmu.inputs for fmu in self._nodes}
         self._core = _compiled.Core(
             len(self._nodes),
@@ -157,9 +144,12 @@ class CompiledLoop:
         number = {every: rate for rate, every in enumerate(rates)}
         for fmu in self._nodes:
             self._core.add_node(number[fmu.node.every], *fmu.described())
-        self._clocked = [n for n, fmu in enumerate(self._nodes) if isinstance(fmu.slave, ClockedSlave)]
-        for n in self._clocked:
-            self._core.add_event(n, *self._nodes[n].events())
+        clocked = {n: fmu for n, fmu in enumerate(self._nodes) if isinstance(fmu.slave, ClockedSlave)}
+        self._events = {n: Events(self._core, n, fmu) for n, fmu in clocked.items()}
+        targets = {id(fmu.node): self._events[n] for n, fmu in clocked.items()}
+        self._core.add_routes(
+            [self._events[n].route(ticks, targets) for n, fmu in clocked.items() for ticks in fmu.node.ticks]
+        )
 
     def begin(self) -> None:
         """Take the loop over at its first tick."""
@@ -181,11 +171,11 @@ class CompiledLoop:
 
     def advance(self, last: int, recorder: Recorder) -> None:
         self._core.base = recorder.base
-        for n in self._clocked:
-            self._nodes[n].load(self._core, n)
+        for events in self._events.values():
+            events.load()
         self._core.run(last, BUDGET, recorder.rows, recorder.every)
-        for n in self._clocked:
-            self._nodes[n].unload(self._core, n)
+        for events in self._events.values():
+            events.unload()
         if self._core.stage != _compiled.Stage.RUNNING:
             self._fail()
 
@@ -204,184 +194,22 @@ class CompiledLoop:
 
     def _fail(self) -> NoReturn:
         """Raise the error of the Python loop."""
-        fmu, status = self._nodes[self._core.failing], self._core.status
-        if self._core.stage == _compiled.Stage.MISFIT:
+        fmu, status, stage = self._nodes[self._core.failing], self._core.status, self._core.stage
+        events = self._events.get(self._core.failing)
+        if stage == _compiled.Stage.MISFIT and self._core.part < 0:
             fmu.slave.write(fmu.held.tolist())
-        elif self._core.stage == _compiled.Stage.WRITE:
+        elif stage == _compiled.Stage.WRITE:
             fmu.slave.written(status)
-        elif self._core.stage == _compiled.Stage.STEP:
-            clocked = isinstance(fmu.slave, ClockedSlave)
-            at = (self._core.at, self._core.span) if clocked else (self._loop.time(self.tick), fmu.node.duration)
+        elif stage == _compiled.Stage.STEP:
+            at = (self._core.at, self._core.span) if events else (self._loop.time(self.tick), fmu.node.duration)
             fmu.slave.stepped(status, *at)
-        elif self._core.stage == _compiled.Stage.VALUE:
+        elif stage == _compiled.Stage.ASKED:
+            fmu.slave.over(self._loop.time(self.tick))
+        elif stage == _compiled.Stage.VALUE:
             doing = stepping(self._loop.time(self.tick), fmu.node.duration)
             self._loop.require_finite(fmu.node, fmu.slave.read(), doing)
-        elif isinstance(fmu.slave, ClockedSlave) and self._core.stage != _compiled.Stage.READ:
-            self._fail_event(fmu.slave, status)
-        else:
+        elif stage == _compiled.Stage.READ:
             fmu.slave.got(status)
+        elif events:
+            events.fail()
         raise AssertionError(f"{fmu.slave.name}: the compiled loop stopped at status {status}, the slave did not")
-
-    def _fail_event(self, slave: ClockedSlave, status: int) -> None:
-        """Raise what went wrong in an event."""
-        core, stage = self._core, _compiled.Stage
-        if core.stage == stage.ENTER:
-            slave.entered(status)
-        elif core.stage == stage.TICK:
-            references = slave.schedule.references
-            slave.ticked(status, [one for bit, one in enumerate(references) if core.ticking >> bit & 1])
-        elif core.stage == stage.UPDATE:
-            slave.updated(status, core.at)
-        elif core.stage == stage.LEAVE:
-            slave.left(status)
-        elif core.stage == stage.ENDING:
-            slave.ends(core.at)
-        elif core.stage == stage.TURNS:
-            slave.unsettled(core.at)
-        elif core.stage == stage.EVENTS:
-            slave.crowded(core.at)
-        elif core.stage == stage.FLOODED:
-            slave.flooded(core.at)
-        else:
-            slave.stuck(core.at, core.span)
-
-
-class _FmuNode:
-    """A node in the terms of the extension.
-
-    Attributes:
-        held: (n,) its inputs as floats.
-        inputs: their addresses.
-        deferred: its outputs that are not instant, as (kind, address in the FMU's type, address as float).
-    """
-
-    def __init__(self, node: Node, slots: Sequence[int]) -> None:
-        assert isinstance(node.component, Slave)
-        self.node, self.slave = node, node.component
-        self.held = np.zeros(len(node.sources))
-        self.inputs = _addresses(self.held)
-        self._sources = [slots[slot] for slot in node.sources]
-        inputs, outputs = self.slave.bound
-        self._packed, self._writing = _moved(inputs, self.inputs, "set", True)
-        self._parts: list[list[Row]] = []  # calls that set the inputs of each part
-        for part in self.slave.parts if isinstance(self.slave, ClockedSlave) else ():
-            places = [self.inputs[place] for place in part.places]
-            packed, calls = _moved(part.group, places, "set", _side_by_side(part.places))
-            self._packed += packed
-            self._parts.append(calls)
-        own = slots[node.first : node.first + len(node.instant)]
-        unpacked, self._reading = _moved(outputs, own, "get", all(node.instant))
-        at_once = {address for address, instant in zip(own, node.instant, strict=True) if instant}
-        self._instant = [value for value in unpacked if value[2] in at_once]
-        self.deferred = [value for value in unpacked if value[2] not in at_once]
-
-    def described(self) -> tuple[Any, ...]:
-        """Arguments of `Core.add_node` after the rate."""
-        node, fmi = self.node, self.slave.functions
-        modern = isinstance(fmi, Fmi3)
-        flags = [*map(ctypes.addressof, fmi.flags)] if isinstance(fmi, Fmi3) else []
-        asking = ("GetBooleanStatus", "GetRealStatus")
-        scale = None if node.scale is None else np.ascontiguousarray(np.array(node.scale, dtype=float).T).ravel()
-        return (
-            3 if modern else 2,
-            ctypes.addressof(fmi.handle),
-            _entry(fmi.do_step),
-            flags,
-            ctypes.addressof(fmi.reached),
-            [] if modern or not all(map(fmi.has, asking)) else [_entry(fmi.function(name)) for name in asking],
-            node.duration,
-            self._sources,
-            scale,
-            self.inputs,
-            self._packed,
-            self._writing,
-            self._reading,
-            self._instant,
-            self.deferred,
-        )
-
-    def events(self) -> tuple[Any, ...]:
-        """Arguments of `Core.add_event` after the number."""
-        slave, fmi = self.slave, self.slave.functions
-        assert isinstance(slave, ClockedSlave)
-        names = ("EnterEventMode", "SetClock", "UpdateDiscreteStates", "EnterStepMode")
-        plain: list[Row] = []
-        discrete: list[Row] = []
-        clocked: list[Row] = []
-        masks: list[int] = []
-        watched: list[int] = []
-        bits = {reference: 1 << bit for bit, reference in enumerate(slave.schedule.references)}
-        clocks = self.slave.interface.clocks
-        for part, calls in zip(slave.parts, self._parts, strict=True):
-            if part.clocks:
-                clocked += calls
-                masks += [sum(bits.get(clocks[name].reference, 0) for name in part.clocks)] * len(calls)
-            elif part.discrete:
-                discrete += calls
-                watched += [*part.places]
-            else:
-                plain += calls
-        self._flags, self._time = (ctypes.c_bool * 5)(), ctypes.c_double()
-        memory = [ctypes.addressof(self._flags), ctypes.addressof(self._time)]
-        functions = [_entry(fmi.function(name)) for name in names]
-        return functions, [*bits], plain, discrete, clocked, masks, watched, memory
-
-    def load(self, core: Any, number: int) -> None:
-        """Have the core begin where the slave is."""
-        assert isinstance(self.slave, ClockedSlave)
-        next_event, due, in_event = self.slave.where()
-        core.load(number, self.slave.schedule.positions, next_event, due, in_event, [*self.slave.wanted])
-
-    def unload(self, core: Any, number: int) -> None:
-        """Have the slave be where the core is."""
-        assert isinstance(self.slave, ClockedSlave)
-        numbers, next_event, due, in_event = core.unload(number)
-        self.slave.schedule.put(numbers)
-        self.slave.moved(next_event, due, in_event, self.held.tolist())
-
-
-def _side_by_side(places: Sequence[int]) -> bool:
-    return [*places] == list(range(places[0], places[0] + len(places)))
-
-
-def _moved(group: VariableGroup, floats: Sequence[int], verb: str, direct: bool) -> tuple[list[Row], list[Row]]:
-    """The values of a group that are converted between the FMU's types and floats, and the calls that get or set
-    all; where it may be `direct`, floats that lie side by side are not converted: the FMU is given their place."""
-    values: list[Row] = []
-    calls: list[Row] = []
-    for typed in group.typed:
-        kind, size, places = _storage(typed.kind, typed.ctype), ctypes.sizeof(typed.ctype), typed.places
-        memory, total = ctypes.addressof(typed.values), len(typed.values)
-        side_by_side = typed.in_order and places[-1] - places[0] == total - 1
-        if direct and kind == _compiled.Storage.FLOAT64 and side_by_side:
-            memory = floats[places[0]]
-        else:
-            values += [
-                (kind, memory + size * slot, floats[place]) for slot, place in zip(typed.slots, places, strict=True)
-            ]
-        width = size if kind in (_compiled.Storage.FLOAT64, _compiled.Storage.FLOAT32) else 0
-        references = ctypes.addressof(typed.references), len(typed.references)
-        calls.append((_entry(getattr(typed, verb)), *references, memory, total, width))
-    return values, calls
-
-
-def _addresses(values: FloatArray) -> list[int]:
-    first = int(values.__array_interface__["data"][0])
-    return list(range(first, first + values.nbytes, values.itemsize))
-
-
-@functools.cache
-def _storage(kind: str, ctype: Any) -> int:
-    """How the extension calls an FMI type kept as this C type."""
-    size = ctypes.sizeof(ctype)
-    if kind == "Boolean":
-        return int(_compiled.Storage.BOOL if size == 1 else _compiled.Storage.FLAG)
-    if ctype in (ctypes.c_double, ctypes.c_float):
-        return int(_compiled.Storage.FLOAT64 if size == 8 else _compiled.Storage.FLOAT32)
-    signed = ctype(-1).value == -1
-    return int(getattr(_compiled.Storage, f"{'' if signed else 'U'}INT{8 * size}"))
-
-
-def _entry(function: Any) -> int:
-    """Its address."""
-    return ctypes.c_size_t.from_buffer(function).value

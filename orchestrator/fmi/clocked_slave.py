@@ -10,8 +10,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import sys
-from collections import deque
-from collections.abc import Collection, Container, Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
@@ -23,6 +22,7 @@ from orchestrator.fmi.functions.co_simulation import EventFmi3, Fmi2, Stop
 from orchestrator.fmi.instance import stepping
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.slave import Slave
+from orchestrator.fmi.ticking.calls import ClockCalls
 from orchestrator.fmi.ticking.inputs import InputPart, parts
 from orchestrator.fmi.ticking.mail import Mail, Post, Variables
 from orchestrator.fmi.ticking.ticker import Ticker
@@ -93,7 +93,7 @@ class ClockedSlave(Slave):
             return
         for part in self._parts:
             if not (part.discrete or part.clocks):
-                self._put(part, values)
+                self.put(part, values)
             elif not part.clocks and part.changed(before, values):
                 self._now.due = True
 
@@ -125,19 +125,19 @@ class ClockedSlave(Slave):
 
     def step(self, time: float, duration: float) -> None:
         if self._asked:
-            raise FmuEnded(self.name, f"asked to stop at t = {time:g} s")
+            self.over(time)
         self._ticker.passed = []
         end, now = time + duration, time
         together = max(_TOGETHER * duration, _ROUNDING * abs(end))
-        events: deque[float] = deque(maxlen=_MOST_EVENTS)
-        count = 0
+        first, crowd, count = now, 0, 0
         while now < end - together and not self._asked:
             while self._now.due or self._next_event <= now + together:
-                events.append(now)
-                count += 1
+                if now - first > together:
+                    first, crowd = now, 0
+                crowd, count = crowd + 1, count + 1
                 if count > _MOST_IN_STEP:
                     self.flooded(now)
-                if len(events) == _MOST_EVENTS and now - events[0] <= together:
+                if crowd == _MOST_EVENTS:
                     self.crowded(now)
                 self._event(now, *self._ticker.due(now + together))
             now = self._advance(now, self._next_event if self._next_event < end - together else end)
@@ -165,14 +165,14 @@ class ClockedSlave(Slave):
         return self._parts
 
     @property
-    def steady(self) -> bool:
-        """Whether its clocks tick at intervals that nothing changes."""
-        return self._ticker.schedule.steady
-
-    @property
     def schedule(self) -> Schedule:
         """Of its clocks that tick by time."""
         return self._ticker.schedule
+
+    @property
+    def calls(self) -> ClockCalls:
+        """What its FMU is asked and told about its clocks."""
+        return self._ticker.calls
 
     def where(self) -> tuple[float, bool, bool]:
         """Time of the next event of its own [s], whether one is due, and whether it is in event mode."""
@@ -195,10 +195,6 @@ class ClockedSlave(Slave):
         """Take note of how leaving it went."""
         self._check(status, "enter step mode")
 
-    def ticked(self, status: int, ticking: Collection[int]) -> None:
-        """Take note of how these clocks, by their references, could be ticked."""
-        self._ticker.ticked(status, ticking)
-
     def updated(self, status: int, time: float) -> None:
         """Take note of how the update of discrete states at a time [s] went."""
         self._check(status, f"update its discrete states at t = {time:g} s")
@@ -206,6 +202,15 @@ class ClockedSlave(Slave):
     def ends(self, time: float) -> NoReturn:
         """Say that it asks to stop at a time [s]."""
         raise FmuEnded(self.name, str(Stop(time, True)))
+
+    def told(self, time: float, reference: int, interval: float) -> None:
+        """Take note of an interval that it gives for a clock at a time [s]."""
+        if problem := self._ticker.amiss(reference, interval):
+            self.lost(time, problem)
+
+    def lost(self, time: float, problem: str) -> NoReturn:
+        """Say that what it tells of a clock at a time [s] cannot be."""
+        raise self._failure(f"tick at t = {time:g} s", problem, "correct its description or the FMU")
 
     def unsettled(self, time: float) -> NoReturn:
         """Say that an event at a time [s] does not end."""
@@ -264,7 +269,7 @@ class ClockedSlave(Slave):
             names = self._ticker.activate(ticking)
             for part in () if beginning else self._parts:  # then the initialisation has set them
                 if not part.clocks or part.clocks & names:
-                    self._put(part, values)
+                    self.put(part, values)
             for clock, given in arriving.items():
                 self._check(self._group(*self._mail.incoming[clock]).write(given), f"set what comes with {clock}")
             arriving = {}
@@ -273,7 +278,7 @@ class ClockedSlave(Slave):
             if status:
                 self.updated(status, time)
             if problem := self._ticker.learn(time, ticking, beginning):
-                raise self._failure(f"tick at t = {time:g} s", problem, "correct its description or the FMU")
+                self.lost(time, problem)
             if news.ending:
                 self.ends(time)
             ticking = frozenset() if beginning else self._ticker.at_once(time)
@@ -293,8 +298,8 @@ class ClockedSlave(Slave):
                 self._check(status, f"get what goes out with {clock}")
                 self._mail.sent.append(Post(time, clock, values))
 
-    def _put(self, part: InputPart, values: Sequence[float]) -> None:
-        """Set some of the bound inputs."""
+    def put(self, part: InputPart, values: Sequence[float]) -> None:
+        """Set some of the bound inputs, out of the values of all."""
         try:
             status = part.write(values)
         except (ValueError, OverflowError) as error:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping
+from typing import NoReturn
 
 from fmus.errors import FmuEnded, TangentsMissing
 from orchestrator.fmi.file import FmuFile
@@ -81,8 +82,12 @@ class Slave(FmuInstance[CoSimulation]):
 
     def step(self, time: float, duration: float) -> None:
         if self._asked:
-            raise FmuEnded(self.name, f"asked to stop at t = {time:g} s")
+            self.over(time)
         self.stepped(self._fmi.step(time, duration), time, duration)
+
+    def over(self, time: float) -> NoReturn:
+        """Say that it asked to stop at a time [s]."""
+        raise FmuEnded(self.name, f"asked to stop at t = {time:g} s")
 
     def stepped(self, status: int, time: float, duration: float) -> None:
         """Take note of how a step went. An FMU that asked to stop at its very end does so before the next one."""

@@ -12,8 +12,8 @@ from orchestrator.fmi.clocks.declared import PERIODIC, Clock, Interval
 from orchestrator.rational import Clock as Count
 from orchestrator.rational import clock as counted
 
-Position = tuple[int, int, int, int]  # the next tick is at (first + number * step) / denominator [s]
-_STEADY = (Interval.CONSTANT, Interval.FIXED)
+Moment = tuple[int, float, float, bool]  # number and time of the next tick, time of the latest [s], whether it ticked
+Position = tuple[int, int, int, int, float, float, bool]  # first, step and denominator of a count, then a moment
 
 
 @dataclass
@@ -61,16 +61,16 @@ class Timed:
 
     @property
     def position(self) -> Position:
-        """Where it is, of one that ticks at one interval."""
-        count = self._count
-        assert count is not None
-        return count.first, count.step, count.denominator, self._number
+        """Where it is; the denominator is 0 where it does not tick at one interval."""
+        count = self._count or Count(0, 0, 0)
+        moment = self._number, self.next, float(self.last), self._ticked
+        return count.first, count.step, count.denominator, *moment
 
-    def put(self, number: int) -> None:
-        """Go to the tick of this number, of one that ticks at one interval."""
-        if self._count is not None and number != self._number:
-            self._number, self.next, self._ticked = number, self._count(number), True
-            self.last = Fraction(repr(self._count(number - 1)))
+    def put(self, number: int, next_tick: float, last: float, ticked: bool) -> None:
+        """Go to another moment, of those that it comes to by ticking."""
+        if ticked and (number, next_tick, last) != (self._number, self.next, float(self.last)):
+            self.last = Fraction(repr(last))
+        self._number, self.next, self._ticked = number, next_tick, ticked
 
     def _every(self, first: Fraction, interval: Fraction) -> None:
         self._count, self._number = counted(first, interval), 0
@@ -122,24 +122,9 @@ class Schedule:
         return [t.clock for t in self._timed.values() if t.clock.kind in PERIODIC and t.next == math.inf]
 
     @property
-    def steady(self) -> bool:
-        """Whether all tick at intervals that nothing changes."""
-        return all(timed.clock.kind in _STEADY for timed in self._timed.values())
-
-    @property
-    def positions(self) -> list[Position]:
-        """Where they are, where all are steady."""
-        return [timed.position for timed in self._timed.values()]
-
-    def put(self, numbers: Iterable[int]) -> None:
-        """Go to the ticks of these numbers, where all are steady."""
-        for timed, number in zip(self._timed.values(), numbers, strict=True):
-            timed.put(number)
-
-    @property
-    def references(self) -> list[int]:
-        """Of all clocks, in the order of their positions."""
-        return [*self._timed]
+    def timed(self) -> Mapping[int, Timed]:
+        """Reference -> clock, in rising order."""
+        return self._timed
 
     def saved(self) -> dict[int, Timed]:
         """A copy of where they are."""
@@ -147,4 +132,5 @@ class Schedule:
 
     def restore(self, saved: Mapping[int, Timed]) -> None:
         """Go back to a copy."""
-        self._timed = {reference: dataclasses.replace(timed) for reference, timed in saved.items()}
+        for reference, timed in saved.items():
+            vars(self._timed[reference]).update(vars(timed))

@@ -44,8 +44,16 @@ class ClockCalls:
             return frozenset()
         status = self._fmi.call("GetClock", self._listed, ctypes.c_size_t(len(self._outputs)), self._active)
         if status:
-            self._require(status, "get its clocks")
+            self.shown(status)
         return frozenset(clock.name for clock, on in zip(self._outputs, self._active, strict=True) if on)
+
+    def shown(self, status: int) -> None:
+        """Take note of how it went to get which output clocks tick."""
+        self._require(status, "get its clocks")
+
+    def asked(self, status: int) -> None:
+        """Take note of how it went to ask for intervals."""
+        self._require(status, "get the intervals of its clocks")
 
     def intervals(self, references: Sequence[int]) -> list[tuple[int, float]]:
         """Of these clocks those with a new interval, and that [s]."""
@@ -54,7 +62,7 @@ class ClockCalls:
         qualifiers = (ctypes.c_int * count)()
         status = self._fmi.call("GetIntervalDecimal", listed, ctypes.c_size_t(count), found, qualifiers)
         if status:
-            self._require(status, "get the intervals of its clocks")
+            self.asked(status)
         return [
             (reference, interval)
             for reference, interval, qualifier in zip(references, found, qualifiers, strict=True)

@@ -77,9 +77,10 @@ class Ticker:
             self._calls.activate(ticking)
         return frozenset(self._by_reference[reference].name for reference in ticking)
 
-    def ticked(self, status: int, ticking: Collection[int]) -> None:
-        """Take note of how clocks could be ticked."""
-        self._calls.ticked(status, ticking)
+    @property
+    def calls(self) -> ClockCalls:
+        """What the FMU is asked and told about its clocks."""
+        return self._calls
 
     def tell(self, time: float, read: Callable[[], Sequence[float]]) -> frozenset[str]:
         """Take note of the output clocks that tick at a time, with what `read` gives then; their names."""
@@ -91,12 +92,18 @@ class Ticker:
         """Ask for the intervals that may be new; what is wrong with one of them, or nothing."""
         asking = self._schedule.asking(ticked, beginning)
         for reference, interval in self._calls.intervals(asking) if asking else ():
-            clock = self._by_reference[reference]
-            if not (math.isfinite(interval) and (interval > 0 or (interval == 0 and not clock.periodic))):
-                return f"gives its {clock} the interval {interval:g} s"
+            if problem := self.amiss(reference, interval):
+                return problem
             self._schedule.told(reference, interval, time)
         unknown = self._schedule.unknown
         return f"gives its {unknown[0]} no interval" if beginning and unknown else ""
+
+    def amiss(self, reference: int, interval: float) -> str:
+        """What is wrong with an interval that the FMU gives for a clock [s], or nothing."""
+        clock = self._by_reference[reference]
+        if math.isfinite(interval) and (interval > 0 or (interval == 0 and not clock.periodic)):
+            return ""
+        return f"gives its {clock} the interval {interval:g} s"
 
     def saved(self) -> Saved:
         """A copy of where they are."""

@@ -15,26 +15,30 @@ from ..figure import Figure
 
 ASKED = 1e6  # ticks a second and core
 TICKS, RUNS = 100_000, 3
+COUNTED = ("tick", "trigger", "countdown")
 
 
 def figures() -> list[Figure]:
-    """Ticks per second of processor time: many a step, one a step, and passed on to another component."""
+    """Ticks per second of processor time: many a step, one a step, passed on to another component, and counted down
+    there."""
     with TemporaryDirectory() as folder:
-        fmu = clocks.build(
-            Path(folder),
-            {
-                "tick": 'intervalVariability="constant" intervalDecimal="1e-5"',
-                "trigger": clocks.CLOCKS["trigger"],
-                "out": clocks.CLOCKS["out"],
-            },
-        )
+        kinds = {
+            "tick": 'intervalVariability="constant" intervalDecimal="1e-5"',
+            **{name: clocks.CLOCKS[name] for name in ("trigger", "out", "countdown")},
+        }
+        counting = clocks.build(Path(folder), kinds, name="counting")
+        del kinds["countdown"]
+        plain = clocks.build(Path(folder), kinds)
         load = f"load {os.getloadavg()[0]:.1f}"
         found = []
-        for name, parts, wires, step in (
-            ("1,000 ticks of a clock in a step", ("a",), [], "0.01"),
-            ("a tick of a clock in a step", ("a",), [], "1e-5"),
-            ("1,000 ticks in a step, a third of them to another component", ("a", "b"), ["a.out -> b.trigger"], "0.01"),
+        passed = "1,000 ticks in a step, a third of them to another component"
+        for name, fmu, parts, step in (
+            ("1,000 ticks of a clock in a step", plain, ("a",), "0.01"),
+            ("a tick of a clock in a step", plain, ("a",), "1e-5"),
+            (passed, plain, ("a", "b"), "0.01"),
+            (f"{passed}, which counts down after each", counting, ("a", "b"), "0.01"),
         ):
+            wires = ["a.out -> b.trigger"] if "b" in parts else []
             with open_system(dict.fromkeys(parts, fmu), wires) as system:
                 rate = max(_rate(system, step) for _ in range(RUNS))
             found.append(Figure(f"{name}, {load}", f"{ASKED:,.0f} ticks/s", f"{rate:,.0f} ticks/s", rate >= ASKED))
@@ -43,7 +47,9 @@ def figures() -> list[Figure]:
 
 def _rate(system: OpenSystem, step: str) -> float:
     """Ticks of all components per second of processor time."""
-    recorded = [f"{part}.n_{clock}" for part in system.system.parts for clock in ("tick", "trigger")]
+    recorded = [f"{part}.n_{clock}" for part in system.system.parts for clock in COUNTED]
     begun = process_time()
-    trace = system.run(f"{TICKS}e-5", step, record=recorded).trace
+    trace = system.run(
+        f"{TICKS}e-5", step, {f"{part}.delay": 1e-5 for part in system.system.parts}, record=recorded
+    ).trace
     return float(sum(trace[name][-1] for name in recorded)) / (process_time() - begun)

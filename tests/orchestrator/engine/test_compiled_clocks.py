@@ -1,16 +1,20 @@
-"""Clocks that tick at one interval do so in the compiled loop as in Python's, to the last bit and at every trouble."""
+"""Clocks tick, and tick each other, in the compiled loop as in Python's: to the last bit and at every trouble."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from fmus.errors import WiringError
+from fmus.packaging import archive
 from orchestrator import open_system
+from orchestrator.assembly.assembly import ComponentSpec
 from orchestrator.engine import Engine, Result, Run, RunFailed, Timing
 from orchestrator.trace import Trace, joined
 from tests.support.fmus import clocks
@@ -35,7 +39,7 @@ def fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def both(fmu: Path, timing: Timing, wires: list[str], **values: float) -> list[Result | RunFailed]:
     found: list[Result | RunFailed] = []
-    given = {f"b.{name}": value for name, value in values.items()}
+    own = {f"b.{name}": value for name, value in values.items()}
     for engine in BOTH:
         with open_system(dict.fromkeys("abc", fmu), wires, ["a.u", "a.v"]) as system:
             driven = {"a.u": np.arange(float(COUNT)), "a.v": np.sin(np.arange(float(COUNT)))}
@@ -43,8 +47,8 @@ def both(fmu: Path, timing: Timing, wires: list[str], **values: float) -> list[R
                 count = len(simulation.instants())
                 cut = {name: np.resize(samples, count) for name, samples in driven.items()}
                 try:
-                    simulation.run(given, cut)
-                    found.append(simulation.run(given, cut))  # after a reset
+                    simulation.run(own, cut)
+                    found.append(simulation.run(own, cut))  # after a reset
                 except RunFailed as failed:
                     found.append(failed)
     return found
@@ -77,23 +81,91 @@ def test_both_loops_stop_alike(fmu: Path, trouble: str) -> None:
         assert (one.warnings["b"] > 0) == (trouble == "warns")
 
 
-@pytest.mark.parametrize(
-    ("kinds", "wires", "reason"),
-    [
-        (("tick", "changing"), [], "a has clocks whose intervals change"),
-        (("tick", "out", "trigger"), ["a.out -> b.trigger"], "a ticks the clocks of others"),
-    ],
-)
-def test_other_clocks_are_pythons(tmp_path: Path, kinds: tuple[str, ...], wires: list[str], reason: str) -> None:
-    path = clocks.build(tmp_path, kinds)
-    with open_system(dict.fromkeys("ab", path), wires) as system:
-        with system.simulation(TIMING) as simulation:
-            assert simulation.run().account.reason == reason
-        with (
-            system.simulation(replace(TIMING, engine=Engine.COMPILED)) as simulation,
-            pytest.raises(WiringError, match=f"engine: cannot be the compiled one: {reason}"),
-        ):
-            simulation.run()
+LENGTHS = st.sampled_from([0.0, 1 / 3, 0.1, 0.25, 0.02, 0.123456789012345678, 0.01 / 7, 1e-17, 0.7])
+
+
+@st.composite
+def systems(draw: st.DrawFn) -> tuple[list[str], dict[str, float], dict[str, Fraction]]:
+    """Wires, values and own steps of three FMUs with clocks of every kind, whose clocks tick each other in rising
+    order, some from two sides."""
+    ends = draw(st.lists(st.sampled_from(["ab", "ac", "bc"]), unique=True, min_size=1))
+    wires = []
+    for target in sorted({other for _, other in ends}):
+        sources = [one for one, other in ends if other == target]
+        for clock in ("trigger", "second"):
+            source, ticking = draw(st.sampled_from(sources)), draw(st.sampled_from(clocks.OUTPUTS))
+            wires.append(f"{source}.{ticking} -> {target}.{clock}")
+        one = draw(st.sampled_from(sources))
+        wires += [f"{one}.{draw(st.sampled_from(['last_time', 'gauge', 'events']))} -> {target}.w"]
+        wires += [f"{one}.heard -> {target}.u"] * draw(st.booleans())
+    values: dict[str, float] = {}
+    for part in "abc":
+        values[f"{part}.divisor"] = draw(st.integers(1, 4))
+        values[f"{part}.delay"] = draw(LENGTHS)
+        values[f"{part}.growth"] = draw(LENGTHS) or 0.3
+        values[f"{part}.period"] = draw(st.sampled_from([1 / 3, 0.1, 0.7 / 11]))
+        values |= {f"{part}.{name}": draw(st.sampled_from([1e300, 0.625, 0.3])) for name in ("alarm_at", "event_at")}
+        values[f"{part}.trouble"] = draw(st.sampled_from([0] * 9 + [*range(len(clocks.TROUBLES))]))
+    steps = {"c": Fraction(1, 4), "b": Fraction(1, 4) * draw(st.integers(1, 2))}
+    steps["a"] = steps["b"] * draw(st.integers(1, 2))
+    return wires, values, steps
+
+
+@pytest.fixture(scope="module")
+def all_kinds(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    kinds = clocks.CLOCKS | {"tick": 'intervalVariability="constant" intervalDecimal="0.03"'}
+    return clocks.build(tmp_path_factory.mktemp("clocks"), kinds, name="all")
+
+
+@pytest.mark.slow
+@given(system=systems())
+def test_clocks_of_every_kind_tick_each_other_alike_in_both_loops(
+    all_kinds: Path, system: tuple[list[str], dict[str, float], dict[str, Fraction]]
+) -> None:
+    wires, values, steps = system
+    one, other = (outcome(all_kinds, engine, wires, values, steps) for engine in BOTH)
+    assert one == other
+
+
+def outcome(fmu: Path, engine: Engine, wires: list[str], values: dict[str, float], steps: dict[str, Fraction]) -> Any:
+    """All that can be seen of two runs of one system, the second after a reset."""
+    timing = Timing(Fraction(2), steps["c"], engine=engine)
+    parts = {name: ComponentSpec(fmu, step=steps[name]) for name in "abc"}
+    with open_system(parts, wires) as system, system.simulation(timing) as simulation:
+        found: list[Any] = []
+        for _ in range(2):
+            try:
+                result = simulation.run(values)
+            except RunFailed as failed:
+                found.append((str(failed), bits(failed.result.trace)))
+            else:
+                calls = {name: each.calls for name, each in result.statistics.items()}
+                assert result.account.engine == engine
+                found.append((result.ended, bits(result.trace), calls, dict(result.warnings)))
+    return found
+
+
+@pytest.mark.parametrize("count", [64, 65])
+def test_what_counts_its_clocks_in_bits_has_no_more_of_them(tmp_path: Path, count: int) -> None:
+    path = clocks.build(tmp_path, ("tick",))
+    more = "".join(
+        f'<Clock name="c{n}" valueReference="{1000 + n}" causality="input" intervalVariability="triggered"/>'
+        for n in range(count - 1)
+    )
+    text = clocks.description({"tick": clocks.CLOCKS["tick"]}).replace("<ModelVariables>", f"<ModelVariables>{more}")
+    archive.write(path, {**archive.read(path), "modelDescription.xml": text.encode()})
+    with open_system({"a": path}) as system, system.simulation(TIMING) as simulation:
+        reason = simulation.run().account.reason
+    assert reason == ("" if count == 64 else "a has more than 64 clocks")
+
+
+def test_a_clock_of_a_long_decimal_ticks_where_it_should_however_often(tmp_path: Path) -> None:
+    path = clocks.build(tmp_path, ("fixed",))
+    timing = Timing(Fraction(4000), Fraction(10), engine=Engine.COMPILED)
+    with open_system({"a": path}) as system, system.simulation(timing) as simulation:
+        trace = simulation.run({"a.period": 1 / 3}).trace
+    assert trace["a.n_fixed"][-1] == 12000
+    assert trace["a.last_time"][-1] == float(11999 * Fraction("0.3333333333333333"))
 
 
 def test_what_is_tuned_between_steps_counts_in_both_loops(fmu: Path) -> None:

@@ -1,14 +1,14 @@
 /* An FMU (FMI 3.0, co-simulation and model exchange) with every kind of clock, that minds the order of its calls.
 
    Each input clock is counted; `sampled` is what `u` was when `tick` last ticked, `heard` what `w` was when `trigger`
-   did, `kept` what `v` was when `tick` did. After 0.5 s there is the `trouble` that is asked for. `out` ticks with every `divisor`th tick of `tick`, `relay` with every one of `trigger`. `countdown` is set to
+   did, `kept` what `v` was when `tick` did. After 0.5 s there is the `trouble` that is asked for. `out` ticks with every `divisor`th tick of `tick`, `relay` with every one of `trigger` or `second`. `countdown` is set to
    `delay` by each tick of `trigger`. `changing` goes on after 1, 2, 4, ... times `growth`. At `alarm_at` a step ends
    early, and `alarm` ticks. At `event_at` there is an event that was told in advance. */
 #include <math.h>
 #include <stdlib.h>
 #include "fmi3Functions.h"
 
-enum { TICK = 1, TUNE, CHANGING, COUNTDOWN, TRIGGER, OUT, RELAY, ALARM, FIXED, CLOCKS };
+enum { TICK = 1, TUNE, CHANGING, COUNTDOWN, TRIGGER, OUT, RELAY, ALARM, FIXED, SECOND, CLOCKS };
 enum { U = 20, W, DIVISOR, DELAY, GROWTH, ALARM_AT, EVENT_AT, PERIOD, TROUBLE, V, REALS_END };
 enum { SAMPLED = 40, HEARD, SEEN, LAST_TIME, GAUGE, KEPT, OUTPUTS_END };
 enum { COUNTS = 60 }; /* Int32: how often the clock of COUNTS + reference ticked; COUNTS: events */
@@ -133,7 +133,7 @@ FMI3_Export fmi3Status fmi3SetClock(fmi3Instance c, const fmi3ValueReference r[]
     REQUIRE(it->now.mode == EVENT);
     REQUIRE(!trouble(it, TICK_FAILS));
     for (size_t i = 0; i < n; i++) {
-        REQUIRE(r[i] >= TICK && (r[i] <= TRIGGER || r[i] == FIXED) && on[i]);
+        REQUIRE(r[i] >= TICK && (r[i] <= TRIGGER || r[i] >= FIXED) && on[i]);
         REQUIRE(!it->now.active[r[i]]);
         it->now.active[r[i]] = true;
         it->now.count[r[i]]++;
@@ -141,7 +141,7 @@ FMI3_Export fmi3Status fmi3SetClock(fmi3Instance c, const fmi3ValueReference r[]
     }
     State *s = &it->now;
     s->active[OUT] = s->active[TICK] && s->count[TICK] % (int)s->real[DIVISOR] == 0;
-    s->active[RELAY] = s->active[TRIGGER];
+    s->active[RELAY] = s->active[TRIGGER] || s->active[SECOND];
     return fmi3OK;
 }
 FMI3_Export fmi3Status fmi3GetClock(fmi3Instance c, const fmi3ValueReference r[], size_t n, fmi3Clock on[])

@@ -35,6 +35,7 @@ CLOCKS = {
     "tune": 'intervalVariability="tunable"',
     "fixed": 'intervalVariability="fixed"',
     "trigger": 'intervalVariability="triggered"',
+    "second": 'intervalVariability="triggered"',
     "out": 'intervalVariability="triggered"',
     "relay": 'intervalVariability="triggered"',
     "alarm": 'intervalVariability="triggered"',
@@ -49,6 +50,7 @@ REFERENCES = {
     "relay": 7,
     "alarm": 8,
     "fixed": 9,
+    "second": 10,
 }
 PARAMETERS = {
     "divisor": 3,

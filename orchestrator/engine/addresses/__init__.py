@@ -1,0 +1,1 @@
+"""FMUs in the terms of the compiled loop, which has their functions and values by their addresses."""
