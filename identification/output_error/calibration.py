@@ -25,12 +25,13 @@ from identification.output_error.start_values import UnreadStart, start_warnings
 from identification.output_error.study import OutputErrorStudy, WindowSpec
 from identification.output_error.windows import FreeRunWindow, length_warnings
 from identification.quantities import SECONDS
-from identification.recordings.campaign import StudyTrace, load_campaign, recording_warnings, split
+from identification.recordings.campaign import StudyTrace, load_campaign, recorded_bytes, recording_warnings, split
 from identification.results import GROUPS
 from orchestrator.assembly.assembly import Assembled, OpenSystem
 from orchestrator.crossing import Crossing, crossing, noted
 from orchestrator.fmi.interface import Port
 from orchestrator.fmi.isolation import Isolation
+from orchestrator.processes.child import load_ahead
 from orchestrator.processes.pool import processors
 from orchestrator.progress import Progress, silent
 from orchestrator.settable import check_values
@@ -39,6 +40,7 @@ from orchestrator.trace import FloatArray, ReadOnlyArrays
 
 LOADED = 0.05  # of the whole when the traces are there, roughly
 _SHORT = 3_000_000  # steps of components, which are done here sooner than other processes are ready
+_LONG_READ = 1_000_000  # bytes of recordings, whose fit needs other processes as a rule
 _ROUNDS = 30  # of runs that a search takes, roughly
 
 
@@ -245,6 +247,8 @@ def calibrate(
         EstimationInterrupted, EstimationFailed: stopped when there was an estimate, which it carries.
     """
     study = isolated(study, isolation)
+    if processors() > 1 and recorded_bytes(study.traces, data) > _LONG_READ:
+        load_ahead([SystemFactory.__module__])
     recorded = load_campaign(
         study.traces, data, lambda fraction, doing: progress(LOADED * fraction, doing), study.options.isolation
     )

@@ -15,7 +15,7 @@ from identification.output_error.results import WindowsSummary, summary, windows
 from identification.output_error.uncertainty_report import uncertainty
 from identification.output_error.windows import FreeRunWindow
 from identification.results import data_summary, draw_parameters, provenance, verdict_callout
-from identification.signals.frequency_response import fit_sine, frequency_point
+from identification.signals.frequency_response import fit_sine
 from identification.signals.processing import dominant_frequency
 from orchestrator.crossing import documents_of
 from orchestrator.display.table import Cell
@@ -149,13 +149,13 @@ def _gains(window: FreeRunWindow, simulated: FloatArray) -> tuple[float, float, 
     driven = next(iter(window.stimuli.values()))[window.rows]
     try:
         start = dominant_frequency(driven, float(window.step))
-        frequency = fit_sine(window.time, driven, start, refine=True).frequency
-        measured, free = (
-            frequency_point(window.time, driven, y[:, 0], frequency) for y in (window.measured, simulated)
-        )
+        cause = fit_sine(window.time, driven, start, refine=True)
+        measured, free = (fit_sine(window.time, y[:, 0], cause.frequency) for y in (window.measured, simulated))
     except IdentificationError:
         return None
-    return frequency, measured.gain, free.gain
+    if cause.amplitude <= 3 * cause.amplitude_std:
+        return None
+    return cause.frequency, measured.amplitude / cause.amplitude, free.amplitude / cause.amplitude
 
 
 def _residuals(section: Section, calibration: Calibration, judged: Judged) -> None:

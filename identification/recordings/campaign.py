@@ -192,6 +192,13 @@ def load_campaign(
     return sorted(_with_parts(known, source.parts, foreign), key=lambda trace: trace.trace.name)
 
 
+def recorded_bytes(source: TraceSource, data: Path | None = None) -> int:
+    """How much there is to be read, as `load_campaign` would; 0 where it is simulated."""
+    return (
+        0 if source.scenario is not None else sum(file.stat().st_size for file in _files(source, data or source.folder))
+    )
+
+
 def _with_parts(known: list[StudyTrace], parts: Sequence[RecordingPart], foreign: bool) -> Iterator[StudyTrace]:
     """The traces, those that have parts to be held out followed by these."""
     names = {trace.trace.name for trace in known}

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from multiprocessing import parent_process, resource_tracker
-from multiprocessing.context import BaseContext
+from multiprocessing.context import BaseContext, SpawnContext
 from multiprocessing.util import get_temp_dir
 from pathlib import Path
 from time import monotonic
@@ -171,6 +171,16 @@ def context_of(modules: Sequence[str]) -> BaseContext:
     return context
 
 
+def load_ahead(modules: Sequence[str]) -> None:
+    """Begin to load these modules for the processes to come, while something else is done here."""
+    if isinstance(context_of(modules), SpawnContext):
+        return
+    from multiprocessing.forkserver import ensure_running  # noqa: PLC0415 - not to be had everywhere
+
+    with _uninterrupted(), _without_main():
+        ensure_running()
+
+
 def _shorten_folder() -> None:
     """Have the server's socket in /tmp where the path of the usual folder is too long for a socket's."""
     usual = tempfile.tempdir
@@ -181,7 +191,7 @@ def _shorten_folder() -> None:
 
 
 @contextlib.contextmanager
-def _without_main(make: Callable[[], Any]) -> Iterator[None]:
+def _without_main(make: Callable[[], Any] | None = None) -> Iterator[None]:
     """A process started here does not run the main script again, unless it makes what is defined there.
 
     A script that does not keep its work under `if __name__ == "__main__"` would start processes without end.

@@ -150,6 +150,28 @@ def test_a_script_without_a_guard_is_told_what_its_processes_need(tmp_path: Path
     assert "multiprocessing" not in done.stderr
 
 
+AHEAD = """
+import sys
+from functools import partial
+from orchestrator.processes.child import load_ahead
+from orchestrator.processes.pool import Processes, calling
+
+print("once")
+load_ahead(["colorsys"])
+with Processes(calling, 1) as pool:
+    print(*pool.answers([partial(eval, "'colorsys' in __import__('sys').modules")]), "colorsys" in sys.modules)
+"""
+
+
+@pytest.mark.slow
+def test_what_is_loaded_ahead_is_there_in_processes_and_a_script_without_a_guard_runs_once(tmp_path: Path) -> None:
+    (tmp_path / "script.py").write_text(AHEAD)
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])}
+    command = [sys.executable, str(tmp_path / "script.py")]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == ("once\n(0, True) False\n", "")
+
+
 def test_a_process_sees_the_environment_of_now(monkeypatch: pytest.MonkeyPatch) -> None:
     for value in ("one", "two"):
         monkeypatch.setenv("SERVOTWIN_TEST", value)
