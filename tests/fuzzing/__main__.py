@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -28,7 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--minutes", type=float, default=60.0, help="for each target")
     parser.add_argument("--out", type=Path, default=Path("out/fuzzing"), help="where faults are kept")
     parsed = parser.parse_args(arguments)
-    print(f"{'target':14}{'inputs':>10}{'taken':>10}{'slowest [s]':>13}{'grown [MB]':>12}  faults")
+    print(f"{'target':14}{'inputs':>10}{'a second':>10}{'taken':>10}{'slowest [s]':>13}{'grown [MB]':>12}  faults")
     faults = 0
     for name in parsed.targets or TARGETS:
         faults += _fuzzed(name, parsed.minutes * 60, parsed.out / name)
@@ -39,8 +40,10 @@ def _fuzzed(name: str, seconds: float, out: Path) -> int:
     """How many faults a target shows."""
     out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
-        corpus = Path(folder) / "corpus"
+        corpus, aside = Path(folder) / "corpus", Path(folder) / "tmp"
         corpus.mkdir()
+        aside.mkdir()
+        own = os.environ | {"TMPDIR": str(aside)}
         for number, content in enumerate(seeds(name, Path(folder))):
             (corpus / str(number)).write_bytes(content)
         done = subprocess.run(
@@ -51,9 +54,10 @@ def _fuzzed(name: str, seconds: float, out: Path) -> int:
             ],
             capture_output=True,
             check=False,
+            env=own,
         )
         again = [sys.executable, "-m", "tests.fuzzing.again", name, str(corpus)]
-        growth = float(subprocess.run(again, capture_output=True, check=True, text=True).stdout)
+        growth = float(subprocess.run(again, capture_output=True, check=True, text=True, env=own).stdout)
     counted = json.loads((out / "counts.json").read_text())
     found = sorted(counted["faults"])
     if growth > GROWN:
@@ -61,11 +65,8 @@ def _fuzzed(name: str, seconds: float, out: Path) -> int:
     if done.returncode:
         (out / "end.txt").write_bytes(done.stderr[-20000:])
         found.append(f"the process ended with {done.returncode}, see {out / 'end.txt'}")
-    print(
-        f"{name:14}{counted['inputs']:10,}{counted['taken']:10,}{counted['slowest']:13.2f}{growth:12.1f}  "
-        f"{'; '.join(found) or 'none'}",
-        flush=True,
-    )
+    used = f"{counted['inputs']:10,}{counted['inputs'] / seconds:10,.0f}{counted['taken']:10,}"
+    print(f"{name:14}{used}{counted['slowest']:13.2f}{growth:12.1f}  {'; '.join(found) or 'none'}", flush=True)
     return len(found)
 
 

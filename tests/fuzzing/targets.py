@@ -23,6 +23,7 @@ from orchestrator.scenario.schema import load_scenario
 from orchestrator.ssp.checking import check
 from orchestrator.trace import Trace
 from tests.support.can.can_samples import DBC, any_frames
+from tests.support.can.text_logs import KINDS, text_of
 from tests.support.simulation import ssps
 
 ROOT = Path(__file__).parents[2]
@@ -107,7 +108,7 @@ def _ssp(suffix: str) -> Target:
             return about(whole)
         finally:
             whole.unlink()
-            for kept in Path(tempfile.gettempdir()).glob("servotwin-ssp*/*"):
+            for kept in Path(tempfile.gettempdir()).glob("servotwin-ssp*/*"):  # of this target alone: see `main`
                 shutil.rmtree(kept)
 
     return Target(suffix, use, lambda folder: iter([_ssp_files()[suffix].encode()]))
@@ -164,6 +165,11 @@ def _logs(suffix: str) -> Callable[[Path], Iterator[bytes]]:
     return seeds
 
 
+def _text_logs(folder: Path) -> Iterator[bytes]:
+    """Of every tool: the first lines tell which."""
+    yield from (text_of(kind, range(12)).encode() for kind in KINDS)
+
+
 def _recordings(suffix: str) -> Callable[[Path], Iterator[bytes]]:
     def seeds(folder: Path) -> Iterator[bytes]:
         time = np.arange(12) * 0.1
@@ -209,8 +215,9 @@ TARGETS: dict[str, Target] = {
     "sym": Target(".sym", load_database, _converted(".sym")),
     **{
         f"log{suffix}": Target(suffix, about, _logs(suffix))
-        for suffix in (".asc", ".log", ".trc", ".blf", ".csv", ".db")
+        for suffix in (".asc", ".log", ".trc", ".blf", ".csv", ".db", ".mf4")
     },
+    "log.txt": Target(".txt", about, _text_logs),
     "table": Target(".csv", about, _tables),
     "text": Target(".txt", about, _tables),
     "parameters": Target(".csv", read_parameters, lambda folder: iter(PARAMETERS)),
