@@ -120,6 +120,11 @@ def stamps(start: float, offset: FloatArray) -> FloatArray:
     return np.round(time, MICRO) if _in_microseconds(offset, 1e-9) else time
 
 
+def coarsened(start: float, offset: FloatArray, time: FloatArray) -> bool:
+    """Whether `since` does not give back what stamps of a start were told after it, within a nanosecond."""
+    return bool(np.any(np.abs(since(start, time) - offset) > 1e-9))
+
+
 def since(start: float, time: FloatArray) -> FloatArray:
     """(K,) what stamps are after a start [s]: in whole microseconds where both are."""
     offset = time - start

@@ -26,6 +26,7 @@ PLAIN = bytes(32 if octet < 32 and octet != 10 else octet for octet in range(256
 
 LINES = {
     "busmaster": re.compile(r"\*\*\*BUSMASTER", re.IGNORECASE),
+    "kvaser": re.compile(r"\s*chn\s+identifier\s+flg\s+dlc\b", re.IGNORECASE),
     "trc": re.compile(r";\$FILEVERSION|;-+\+-+|\s*\d+\)\s+\d+(\.\d+)?\s"),
     "asc": re.compile(
         r"base\s+(hex|dec)\b|\s*\d+\.\d+\s+(CANFD\s|\d+\s+([0-9a-f]+x?\s+(Rx|Tx)|ErrorFrame))",

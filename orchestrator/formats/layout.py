@@ -201,7 +201,7 @@ class Choice:
 _SCALES = (
     (20_000, 80_000, 1e-5, "d", "days since 1900, as spreadsheets count them"),
     (690_000, 800_000, 1e-5, "d", "days since year 0, as MATLAB counts them"),
-    (3e11, 1e14, np.inf, "ms", "milliseconds since 1970"),
+    (3e11, 1e13, np.inf, "ms", "milliseconds since 1970"),
     (3e14, 1e17, np.inf, "us", "microseconds since 1970"),
     (3e17, 1e20, np.inf, "ns", "nanoseconds since 1970"),
 )
@@ -212,6 +212,9 @@ def _check_scale(stamps: FloatArray, place: Path) -> None:
     known = stamps[np.isfinite(stamps)]
     low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
     step = (high - low) / (len(stamps) - 1)
+    if 1.9e13 < low < high < 2.2e13:
+        seen = f"its times from {low:.0f} to {high:.0f} look like dates and times of day"
+        raise TraceError(place, seen, "write them as 20260102T030405.123")
     for least, most, widest, unit, what in _SCALES:
         if least < low < high < most and step < widest:
             seen = f"its times from {low:.12g} to {high:.12g} look like {what}"
@@ -227,7 +230,8 @@ def choose(layout: Layout, columns: FileColumns, place: Path) -> Choice:
     time, notes = (None, []) if layout.step is not None else _time(layout, columns, place)
     if time is not None and columns.useless.get(time):
         what = f"holds {columns.useless[time]}, no times"
-        raise TraceError(f"{place}: column {_quoted(columns.label(time))}", what, "choose another `time` in the layout")
+        fix = "write them as 2026-01-02T03:04:05.678, or choose another `time` in the layout"
+        raise TraceError(f"{place}: column {_quoted(columns.label(time))}", what, fix)
     columns = replace(columns, useless={**dict.fromkeys(set(columns.stamped) - {time}, "times"), **columns.useless})
     wanted = {n for n, ours in columns.texts.items() if layout.texts and (ours or layout.columns is not None)}
     columns = replace(columns, useless={n: held for n, held in columns.useless.items() if n not in wanted})

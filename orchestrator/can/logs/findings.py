@@ -7,7 +7,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from orchestrator.can.frames import coarsened, stamps
+from orchestrator.trace import FloatArray
+
 NO_ZONE = "the log's start names no time zone and counts as UTC"
+COARSE = "stamps finer than a microsecond are kept to a quarter of one beside their date"
 KEPT = 1000  # places that are remembered; those beyond are only counted
 
 
@@ -60,6 +64,13 @@ class Findings:
         """Say what was assumed."""
         if text not in self.notes and len(self.notes) < KEPT:
             self.notes.append(text)
+
+    def dated(self, start: float, offset: FloatArray) -> FloatArray:
+        """(K,) POSIX times of what comes after a start [s]; what they cannot tell is noted."""
+        time = stamps(start, offset)
+        if coarsened(start, offset, time):
+            self.note(COARSE)
+        return time
 
     def lines(self, most: int = 5) -> list[str]:
         """For people: nothing where nothing was found, else what was assumed, the first places and the counts."""

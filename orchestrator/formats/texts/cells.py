@@ -22,9 +22,11 @@ MINUS = "\u2212"  # as it is typeset
 STAMP = (
     r"^\s*(?:(?P<a>\d{1,4})(?P<mark>[-/.])(?P<b>\d{1,2}|[A-Za-z]{3})[-/.](?P<c>\d{1,4})(?:[ T_]|, )\s*"
     r"|(?P<days>\d{1,5}) days?,? +)?"
-    r"(?P<hour>\d{1,2}):(?P<minute>\d{2})(?::(?P<second>\d{2})(?:[.,:](?P<fraction>\d{1,9})\d*)?)?"
+    r"(?P<hour>\d{1,2}):(?P<minute>\d{2})(?::(?P<second>\d{2})(?:[.,:](?P<fraction>\d{1,9})(?P<finer>\d*))?)?"
     r"\s*(?P<half>[AaPp]\.?[Mm]\.?)?\s*(?P<zone>Z|UTC|[+-]\d{2}:?\d{2})?\s*$"
 )
+BASIC, EXTENDED = r"^\s*(\d{4})(\d{2})(\d{2})[-T_ ](\d{2}):?(\d{2}):?(\d{2})", r"\1-\2-\3T\4:\5:\6"
+"""A date without marks, 20260102T030405, and what `STAMP` knows it as."""
 SHORT = r"^\s*\d{1,2}:\d{2}[.,]\d+\s*$"
 """Minutes and seconds, as Excel shows times."""
 _STAMP = re.compile(f"{STAMP}|{SHORT}")
@@ -49,7 +51,7 @@ def is_value(cell: str) -> bool:
     """Whether a cell may be a sample, whatever its decimal point."""
     text = cell.strip()
     words = (*MISSING, "inf", "-inf")
-    return bool(_ANY_NUMBER.fullmatch(text) or _STAMP.match(text) or _DATE.fullmatch(text) or text.lower() in words)
+    return bool(_ANY_NUMBER.fullmatch(text) or _is_stamp(text) or _DATE.fullmatch(text) or text.lower() in words)
 
 
 def is_time_of_day(cell: str) -> bool:
@@ -71,7 +73,11 @@ def kind(cell: str, decimal: Decimal) -> Kind:
         return "flag"
     if _DATE.fullmatch(text):
         return "date"
-    return "stamp" if _STAMP.match(text) else "text"
+    return "stamp" if _is_stamp(text) else "text"
+
+
+def _is_stamp(text: str) -> bool:
+    return _STAMP.match(re.sub(BASIC, EXTENDED, text)) is not None
 
 
 def decimal_mark(cells: Iterable[str], separator: str, place: Path) -> Decimal:

@@ -23,6 +23,8 @@ from orchestrator.formats.texts.stamps import seconds
 from orchestrator.trace import FloatArray
 
 TYPES = {"number": pa.float64(), "missing": pa.float64(), "flag": pa.bool_()}
+DATES = ("date", "datum")
+_CLOCK = re.compile(r"[0-2]\d[0-5]\d[0-5]\d([.,]\d+)?")
 NULLS = [
     spelling for word in MISSING for spelling in {word, word.upper(), word.capitalize(), word.replace("nan", "NaN")}
 ]
@@ -54,6 +56,8 @@ def read_text(file: BinaryIO, layout: Layout, path: Path) -> Recording:
     choice = choose(told, _columns(seen), path)
     stamped = seen.kinds[choice.time] == "stamp"
     dates = _dates_beside(seen, choice.time) if stamped else None
+    if not stamped and not (layout.units.keys() & {"time", choice.layout.time}):
+        _check_clock(seen, choice.time, path)
     table = _table(file, seen, encoding, choice, dates)
     guessed = [f"its text is {encoding}"] if layout.encoding is None and not encoding.startswith("utf-8") else []
 
@@ -109,6 +113,16 @@ def _dates_beside(seen: TextGrid, time: int) -> int | None:
     dates = [number for number, held in enumerate(seen.kinds) if held == "date"]
     times = [row[time] for row in seen.head if kind(row[time], seen.decimal) == "stamp"]
     return dates[0] if len(dates) == 1 and all(map(is_time_of_day, times)) else None
+
+
+def _check_clock(seen: TextGrid, time: int, path: Path) -> None:
+    """Numbers beside dates that may be hours, minutes and seconds are not taken for seconds."""
+    names = seen.names or ("",) * len(seen.kinds)
+    dated = any(held == "date" or name.lower() in DATES for held, name in zip(seen.kinds, names, strict=True))
+    if dated and all(_CLOCK.fullmatch(row[time]) for row in seen.head):
+        what = f"such as {seen.head[0][time]} beside a date may be hours, minutes and seconds"
+        fix = "write them as 09:30:00.5, or say `units: {time: s}` in the layout"
+        raise TraceError(f"{path}: column '{names[time] or time}'", what, fix)
 
 
 def _columns(seen: TextGrid) -> FileColumns:

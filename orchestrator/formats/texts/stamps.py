@@ -13,7 +13,7 @@ from pyarrow import compute
 from fmus.errors import TraceError
 from orchestrator.formats.layout import Dates
 from orchestrator.formats.stamps import Stamps, since_first
-from orchestrator.formats.texts.cells import SHORT, STAMP
+from orchestrator.formats.texts.cells import BASIC, EXTENDED, SHORT, STAMP
 
 Whole = NDArray[np.int64]
 DAY, HOUR = 86_400 * 10**9, 3600 * 10**9  # [ns]
@@ -30,7 +30,7 @@ def seconds(column: pa.ChunkedArray, order: Dates | None, zone: str | None, plac
     Raises:
         TraceError: a text is no time, or the dates may be read two ways.
     """
-    texts = column.combine_chunks()
+    texts = compute.replace_substring_regex(column.combine_chunks(), BASIC, EXTENDED)
     short = compute.match_substring_regex(texts, SHORT)
     whole = compute.binary_join_element_wise("00", compute.utf8_trim_whitespace(texts), ":")
     texts = compute.if_else(short, whole, texts)
@@ -46,6 +46,8 @@ def seconds(column: pa.ChunkedArray, order: Dates | None, zone: str | None, plac
     if not compute.any(compute.not_equal(found.field("a"), "")).as_py():
         return _going_on(clock, HOUR if compute.all(short).as_py() else DAY)
     days, notes = _days(found, order, place)
+    if compute.any(compute.match_substring_regex(found.field("finer"), "[1-9]")).as_py():
+        notes.append("its times are cut at nanoseconds")
     zones = found.field("zone")
     instants = days * DAY + clock - _offsets(zones)
     if compute.any(compute.equal(zones, "")).as_py():

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from orchestrator.can.frames import CLASSIC, LENGTHS, LONGEST, Flag, Frames, stamps
-from orchestrator.trace import BoolArray, Bytes
+from orchestrator.can.frames import CLASSIC, LENGTHS, LONGEST, Flag, Frames
+from orchestrator.trace import BoolArray, Bytes, FloatArray
 
 SIGNATURE = b"LOBJ"
 PADDING = 4  # bytes that may lie between two objects
@@ -28,6 +28,7 @@ LOG_CONTAINER = 10
 TEN_MICROSECONDS = 1  # the flag of a stamp's unit; any other value means nanoseconds
 
 Positions = NDArray[np.int64]
+Dated = Callable[[FloatArray], FloatArray]
 
 HEADER = np.dtype([("signature", "<u4"), ("header", "<u2"), ("version", "<u2"), ("size", "<u4"), ("type", "<u4")])
 STAMP = np.dtype([("flags", "<u4"), ("client", "<u2"), ("version", "<u2"), ("time", "<u8")])
@@ -178,11 +179,11 @@ class Decoded(NamedTuple):
     unknown: dict[int, Positions]
 
 
-def decoded(octets: Bytes, starts: Positions, origin: float) -> Decoded:
+def decoded(octets: Bytes, starts: Positions, dated: Dated) -> Decoded:
     """The frames among the objects.
 
     Args:
-        origin: POSIX time of the beginning of the log [s].
+        dated: gives POSIX times for seconds since the beginning of the log.
     """
     heads = gather(octets, starts, HEADER)
     frame, known = np.isin(heads["type"], list(KINDS)), np.isin(heads["version"], (1, 2))
@@ -198,7 +199,7 @@ def decoded(octets: Bytes, starts: Positions, origin: float) -> Decoded:
     lost = starts[short]
     if len(lost):
         starts, heads, bodies = starts[~short], heads[~short], bodies[~short]
-    frames, astray = _frames(Objects(octets, starts, heads, bodies), origin)
+    frames, astray = _frames(Objects(octets, starts, heads, bodies), dated)
     return Decoded(frames, skipped, lost, astray, unknown)
 
 
@@ -261,10 +262,10 @@ def _least(types: NDArray[Any]) -> NDArray[np.int64]:
     return np.asarray(least[types])
 
 
-def _frames(objects: Objects, origin: float) -> tuple[Frames, int]:
+def _frames(objects: Objects, dated: Dated) -> tuple[Frames, int]:
     count = len(objects.starts)
     told = gather(objects.octets, objects.starts + HEADER.itemsize, STAMP)
-    time = stamps(origin, told["time"] / np.where(told["flags"] == TEN_MICROSECONDS, 1e5, 1e9))
+    time = dated(told["time"] / np.where(told["flags"] == TEN_MICROSECONDS, 1e5, 1e9))
     types = objects.heads["type"]
     parts = [
         (rows, KINDS[kind][1](objects.of(rows)))

@@ -10,6 +10,7 @@ import zlib
 from bisect import bisect_right
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
@@ -88,7 +89,9 @@ class Stream:
             if first or not self._after_damage:  # what follows damage is the rest of an object that was in it
                 self.findings.add(place(first), f"{behind - first} bytes of this container's content are no objects")
         self._after_damage = False
-        taken, skipped, short, astray, unknown = decoded(octets, found.starts, self.origin)
+        taken, skipped, short, astray, unknown = decoded(
+            octets, found.starts, partial(self.findings.dated, self.origin)
+        )
         self.findings.skipped += skipped
         if astray:
             self.findings.note("frames name channel 0 or one above 256, and count as channel 0 like those of the first")

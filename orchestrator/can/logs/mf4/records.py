@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmus.errors import TraceError
-from orchestrator.can.frames import CLASSIC, LENGTHS, LONGEST, Flag, Frames, concatenated, since, stamps
+from orchestrator.can.frames import CLASSIC, LENGTHS, LONGEST, Flag, Frames, concatenated, since
 from orchestrator.can.logs.findings import Findings
 from orchestrator.can.logs.messages import shortened
 from orchestrator.trace import Bytes, FloatArray
@@ -157,7 +157,7 @@ def _group(mdf: Any, number: int, name: str, first_channel: int, findings: Findi
     for first in range(0, group.cycles_nr, BATCH):
         try:
             signal = mdf.get(name, number, record_offset=first, record_count=BATCH)
-            batch = _columns(signal, name, start, first_channel)
+            batch = _columns(signal, findings.dated(start, signal.timestamps), name, first_channel)
         except Exception as problem:  # see above
             findings.add(int(group.address), f"records of this group from {first} on: {shortened(problem)}")
             return
@@ -177,7 +177,7 @@ def _say_channel_0(samples: NDArray[Any], name: str, first_channel: int, finding
         findings.note("frames name channel 0, and count as channel 0 like those of the first")
 
 
-def _columns(signal: Any, name: str, start: float, first_channel: int) -> Frames:
+def _columns(signal: Any, time: FloatArray, name: str, first_channel: int) -> Frames:
     samples = signal.samples
     there = {field.removeprefix(name + "."): samples[field] for field in samples.dtype.names}
     count = len(samples)
@@ -199,7 +199,7 @@ def _columns(signal: Any, name: str, start: float, first_channel: int) -> Frames
     data *= np.arange(width) < filled[:, None]
     length = np.where(flags & Flag.REMOTE, length, filled).astype(np.uint8)
     return Frames(
-        stamps(start, signal.timestamps),
+        time,
         identifier & np.uint32(0x1FFFFFFF),
         flags,
         np.clip(there.get("BusChannel", nothing).astype(np.int64) - first_channel, 0, 255).astype(np.uint8),

@@ -31,6 +31,7 @@ from orchestrator.can.logs.text.rows import (
 ERROR_BIT, IDENTIFIER = 0x20000000, 0x1FFFFFFF
 STAMP = re.compile(r"\(([^)]*)\)\s*")
 LENGTH = re.compile(r"\[\d+\]$|\{[0-9a-f]\}$", re.IGNORECASE)
+BITS = 8  # digits of a byte that is printed binary
 LEAST = 5  # stamps that tell differences from times
 CALENDAR = 1e6  # [s]
 
@@ -121,7 +122,13 @@ def _printed(time: float, words: list[str]) -> LogRow:
         return checked(LogRow(time, identifier, flags | Flag.REMOTE, 0, length))
     if bracket[0] == "{":
         length = min(length, CLASSIC)
-    return _row(time, identifier, flags, length, octets(told[:length]))
+    return _row(time, identifier, flags, length, _data(told, length))
+
+
+def _data(words: list[str], length: int) -> bytes:
+    """Data bytes: hexadecimal or, with -i, binary; with -S the last one first and back quotes between them."""
+    there = words[0].split("`")[::-1] if words and "`" in words[0] else words[:length]
+    return octets(there, 2 if there and len(there[0]) == BITS else 16)
 
 
 def _row(time: float, identifier: int, flags: int, length: int, data: bytes) -> LogRow:

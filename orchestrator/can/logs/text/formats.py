@@ -8,6 +8,7 @@ from orchestrator.can.logs.text.asc import ASC
 from orchestrator.can.logs.text.busmaster import BUSMASTER
 from orchestrator.can.logs.text.candump import CANDUMP
 from orchestrator.can.logs.text.form import TextFormat
+from orchestrator.can.logs.text.kvaser import KVASER
 from orchestrator.can.logs.text.table import TABLE
 from orchestrator.can.logs.text.trc import TRC
 
@@ -15,6 +16,7 @@ FORMATS: dict[str, TextFormat[Any]] = {
     "asc": ASC,
     "busmaster": BUSMASTER,
     "candump": CANDUMP,
+    "kvaser": KVASER,
     "table": TABLE,
     "trc": TRC,
 }

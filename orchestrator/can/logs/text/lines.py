@@ -208,14 +208,14 @@ class Lines:
         """(n, width) bytes of two hexadecimal digits, and which are sound.
 
         Args:
-            stride: from one byte to the next; with 3 there is a blank or `behind` behind each.
+            stride: from one byte to the next; what is between them is blank or `behind`.
         """
         near = self.near(begin, stride * width).reshape(len(begin), width, stride)
         high, low = DIGIT[near[:, :, 0]], DIGIT[near[:, :, 1]]
         there = np.arange(width) < count[:, None]
         sound = (count >= 0) & (count <= width) & (((high | low) < 16) | ~there).all(axis=1)
-        if stride == 3:
-            sound &= ((near[:, :, 2] <= BLANK) | (near[:, :, 2] == ord(behind)) | ~there).all(axis=1)
+        for between in range(2, stride):
+            sound &= ((near[:, :, between] <= BLANK) | (near[:, :, between] == ord(behind)) | ~there).all(axis=1)
         return np.asarray(np.where(there, high << 4 | low, 0), np.uint8), sound
 
     @property

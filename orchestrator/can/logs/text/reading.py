@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import zlib
 from collections.abc import Iterator
 from dataclasses import replace
@@ -10,9 +11,9 @@ from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
-from orchestrator.can.frames import Frames, concatenated, stamps
+from orchestrator.can.frames import Frames, concatenated
 from orchestrator.can.log_suffixes import first_lines, opened
-from orchestrator.can.logs.findings import Findings
+from orchestrator.can.logs.findings import COARSE, Findings
 from orchestrator.can.logs.text.form import Channels, Reading, State, TextFormat
 from orchestrator.can.logs.text.lines import Lines, lines_of
 from orchestrator.can.logs.text.rows import FoundRows, LogRow, NoFrameError, nothing, with_rows
@@ -20,6 +21,7 @@ from orchestrator.trace import BoolArray
 
 MAX_LINE = 1 << 12  # bytes
 BLOCK = 1 << 19  # bytes that are taken apart at once
+FINE = re.compile(r"(?<!\d)\d{10}\.\d{8}|-\d\d[T ]\d\d:\d\d:\d\d[.,]\d{8}")  # dates of more digits than a double has
 FEW = 16  # lines, for which it does not pay
 INFLATED, UNSUSPICIOUS = 250, 1 << 26  # times a packed log may grow; bytes that need no such check
 
@@ -40,8 +42,10 @@ class LineBlock(NamedTuple):
 def frames(path: Path, text_format: TextFormat[Any], findings: Findings) -> Iterator[tuple[Frames, float]]:
     """The frames in batches, in the order of the file, and the share of it that is read by then."""
     size = path.stat().st_size
-    reading = Reading(findings, Channels(findings))
-    reader = _Reader(text_format, text_format.state(first_lines(path), reading), reading)
+    reading, lines = Reading(findings, Channels(findings)), first_lines(path)
+    reader = _Reader(text_format, text_format.state(lines, reading), reading)
+    if any(FINE.search(line) for line in lines):
+        findings.note(COARSE)
     with path.open("rb") as raw, opened(path, raw) as file:
         for block in _blocks(file, raw, findings):
             yield reader.read(block), min(1.0, raw.tell() / size)
@@ -94,7 +98,7 @@ class _Reader:
         if self._state.relative:
             many, rows = self._added_up(many, rows)
         frames, origin = with_rows(many, rows), self._state.origin
-        return replace(frames, time=stamps(origin, frames.time)) if origin else frames
+        return replace(frames, time=self._reading.findings.dated(origin, frames.time)) if origin else frames
 
     def _row(self, block: LineBlock, lines: Lines, place: int) -> LogRow | None:
         length = int(lines.whole.length[place])

@@ -15,6 +15,8 @@ Numbers = NDArray[np.signedinteger[Any]]
 
 EXTENDED_IDS, STANDARD_IDS = 1 << 29, 1 << 11
 DIRECTIONS = ("rx", "tx")
+DIGITS = {2: 8, 10: 3, 16: 2}
+"""Base of numbers -> most digits of a data byte."""
 
 
 class NoFrameError(Exception):
@@ -119,8 +121,9 @@ def whole(text: str, base: int, what: str) -> int:
 def octets(words: list[str], base: int = 16) -> bytes:
     """Data bytes, a word each."""
     values = [whole(text, base, "data byte") for text in words]
-    if any(value > 255 for value in values):
-        raise NoFrameError(f"{max(values)} is no data byte")
+    odd = next((text for text, value in zip(words, values, strict=True) if len(text) > DIGITS[base] or value > 255), "")
+    if odd:
+        raise NoFrameError(f"'{shown(odd)}' is no data byte")
     return bytes(values)
 
 

@@ -158,7 +158,9 @@ def _time(text: str, state: TableState) -> float:
 
 def _data(cells: list[str], head: TableHead, told: int) -> bytes:
     if head.octets:
-        there = [cells[place] for place in head.octets if place < len(cells) and cells[place]]
+        there = [
+            cells[place].lower().removeprefix("0x") for place in head.octets if place < len(cells) and cells[place]
+        ]
         return octets(there[: told if told <= CLASSIC else None])
     place = head.columns["data"]
     text = (

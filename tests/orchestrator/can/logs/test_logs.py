@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import struct
 import sys
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +16,9 @@ import pytest
 from fmus.errors import TraceError
 from orchestrator.can import logs
 from orchestrator.can.frames import Flag, Frames, from_messages
+from orchestrator.can.logs.findings import COARSE
 from orchestrator.can.logs.frame_count import FrameCount, moment
-from tests.support.can.can_samples import all_of, any_frames, different, latest_difference, rig_frames
+from tests.support.can.can_samples import START, all_of, any_frames, different, latest_difference, rig_frames
 
 pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
 
@@ -222,3 +225,31 @@ def test_a_frame_count_has_identifiers_and_their_periods() -> None:
         {"id": "101", "frames": 1000, "period": pytest.approx(1e-3)},
     ]
     assert moment(12.5) == "12.5 s" and moment(1e300) == "1e+300 s"
+
+
+NANO = 1.0 + np.arange(40) * (1e-3 + 137e-9)
+
+
+def test_stamps_in_nanoseconds_are_kept_where_no_date_is_beside_them(tmp_path: Path) -> None:
+    logs.write(tmp_path / "a.blf", [replace(rig_frames(20), time=NANO)])
+    log = logs.read(tmp_path / "a.blf")
+    assert np.abs(all_of(log).time - NANO).max() < 1e-12 and not log.findings.notes
+
+
+def test_what_a_date_costs_stamps_in_nanoseconds_is_told(tmp_path: Path) -> None:
+    """Of BLF (its head has got a date), of ASC, and of candump's; what a live bus gave, in doubles, costs nothing."""
+    logs.write(tmp_path / "a.blf", [replace(rig_frames(20), time=NANO)])
+    content = bytearray((tmp_path / "a.blf").read_bytes())
+    struct.pack_into("<8H", content, 40, 2023, 11, 2, 14, 22, 13, 20, 250)
+    (tmp_path / "a.blf").write_bytes(content)
+    lines = "date Tue Nov 14 22:13:20.250 2023\nbase hex timestamps absolute\n"
+    (tmp_path / "a.asc").write_text(lines + "".join(f" {t:.9f} 1 100 Rx d 1 01\n" for t in NANO))
+    (tmp_path / "a.log").write_text("".join(f"(17000000{t + 0.25:012.9f}) can0 100#01\n" for t in NANO))
+    for suffix in (".blf", ".asc", ".log"):
+        log = logs.read(tmp_path / f"a{suffix}")
+        since_first = all_of(log).time - START
+        assert 1e-9 < np.abs(since_first - NANO).max() < 0.25e-6 and COARSE in log.findings.notes
+    live = replace(rig_frames(20), time=START + NANO)
+    logs.write(tmp_path / "live.blf", [live])
+    log = logs.read(tmp_path / "live.blf")
+    assert np.array_equal(all_of(log).time, live.time) and COARSE not in log.findings.notes

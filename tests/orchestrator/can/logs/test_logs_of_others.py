@@ -53,6 +53,49 @@ def test_candump_tells_channels_and_every_error_frame(tmp_path: Path) -> None:
     assert frames.flags[2] == Flag.EXTENDED | Flag.FD | Flag.BITRATE_SWITCH
 
 
+def test_candump_prints_bytes_as_binary_digits_and_last_first(tmp_path: Path) -> None:
+    (tmp_path / "a.log").write_text(
+        " (1.0)  can0  123   [2]  00000010 11101000\n"
+        " (1.1)  can0  123   [1]  00000010\n"
+        " (1.2)  can0  123   [3]  03`02`01   '...'\n"
+        " (1.3)  can0  123   [2]  11101000`00000010\n"
+        " (1.4)  can0  123   [2]  0002 01\n"
+    )
+    log = logs.read(tmp_path / "a.log")
+    frames = all_of(log)
+    assert [bytes(row[:length]) for row, length in zip(frames.data, frames.length, strict=True)] == [
+        b"\x02\xe8",
+        b"\x02",
+        b"\x01\x02\x03",
+        b"\x02\xe8",
+    ]
+    assert [damage.line for damage in log.damage] == [5]
+
+
+def test_a_log_of_canking_is_read_where_its_numbers_are_surely_hexadecimal(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text(
+        "Chn Identifier Flg   DLC  D0...1...2...3...4...5...6..D7       Time     Dir\n"
+        " 0    0000014B         2  10  FF                              16.570498 R\n"
+        " 1    00002102 X       1  60                                  16.572000 T\n"
+        " 0    00000065 R       4                                      16.573000 R\n"
+        " 0    ErrorFrame                                              16.574000 R\n"
+        " 0         331         2  16 255                              16.575000 R\n"
+        "Logging stopped\n"
+    )
+    log = logs.read(tmp_path / "a.txt")
+    frames = all_of(log)
+    assert frames.time.tolist() == [16.570498, 16.572, 16.573, 16.574] and frames.id.tolist() == [
+        0x14B,
+        0x2102,
+        0x65,
+        0,
+    ]
+    assert frames.flags.tolist() == [0, Flag.EXTENDED | Flag.SENT, Flag.REMOTE, Flag.ERROR | Flag.EXTENDED]
+    assert frames.channel.tolist() == [0, 1, 0, 0] and frames.length.tolist() == [2, 1, 4, 0]
+    assert frames.data[0, :2].tolist() == [0x10, 0xFF]
+    assert [damage.line for damage in log.damage] == [6, 7] and "hexadecimal" in log.damage[0].problem
+
+
 def test_logs_that_were_put_together_repeat_their_header(tmp_path: Path) -> None:
     for form in TEXT_LOGS:
         path = tmp_path / f"a{form}"
