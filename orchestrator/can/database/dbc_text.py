@@ -10,6 +10,7 @@ from itertools import pairwise
 from orchestrator.can.database.message import LeftOut
 
 STRINGS = re.compile(r'"[^"\\]*(?:\\.[^"\\]*)*"|//[^\n]*')  # and comments
+_COMMENT = re.compile(r"//[^\n]*")
 _STATEMENT = re.compile(r"^[ \t]*([A-Z]+(?:_[A-Z]+)*_|VERSION)(?!\w)", re.MULTILINE)
 _MESSAGE = re.compile(r"\s*BO_\s+(-?\d+)\s+(\w+)")
 _SIGNAL = re.compile(r"\s*SG_\s+(\w+)(?:\s+(\w+))?\s*:")
@@ -22,6 +23,8 @@ _WHOLE_SIGNAL = re.compile(
 _ABOUT = re.compile(r"\s*(?:SG_MUL_VAL_|SIG_VALTYPE_|VAL_)\s+(-?\d+)\s+(\w+)")
 _ATTRIBUTE = re.compile(r'\s*BA_(?:DEF_)?\s*(?:BU_|BO_|SG_|EV_)?\s*"([^"]*)"')
 _ENDED = ("CM_", "BA_", "BA_DEF_", "BA_DEF_DEF_", "VAL_", "VAL_TABLE_", "SIG_VALTYPE_", "SG_MUL_VAL_", "BO_TX_BU_")
+_WHOLE_MESSAGE = re.compile(_MESSAGE.pattern + r"\s*:\s*\d+\s+\w+\s*")
+_UNMARKED = ("VERSION", "NS_", "BS_", "BU_", "BO_", "SG_")  # statements that end without a semicolon
 _UNSENT = "VECTOR__INDEPENDENT_SIG_MSG"  # holds signals of no message
 
 
@@ -65,6 +68,19 @@ class DbcText:
         signals = set(self._signals())
         for keyword in ("VAL_", "SIG_VALTYPE_"):
             self._drop_where(keyword, lambda text: _of_nothing(text, signals))
+
+    def end(self) -> None:
+        """Take out the last statement where the file ends within it, which cantools passes over in silence."""
+        number = len(self._parts) - 1
+        keyword, text = (self._keywords[number], _COMMENT.sub("", self._parts[number])) if self._parts else ("", "")
+        whole = {"SG_": _WHOLE_SIGNAL, "BO_": _WHOLE_MESSAGE}.get(keyword)
+        if whole is None and (keyword in ("", *_UNMARKED) or not _unended(text)):
+            return
+        if whole and not whole.fullmatch(text) and not (_SIGNAL if keyword == "SG_" else _MESSAGE).match(text):
+            self._blank(number)
+            self.notes.append("the file ends within the name of a message or signal, which is left out")
+        elif whole is None or not whole.fullmatch(text):
+            self._drop(number, "the file ends within it")
 
     def without(self, offset: int, why: str) -> bool:
         """Whether a statement is there, which is taken out for this reason."""

@@ -71,6 +71,8 @@ def _unusable(raw: Any, length: int) -> str:
         return f"it has {raw.length} bits" + (" and is a float" if raw.is_float else "")
     if not (abs(raw.scale) < _LARGEST and abs(raw.offset) < _LARGEST):
         return "its scale or offset is not finite"
+    if raw.scale == 0 and not raw.is_multiplexer:
+        return f"its factor is 0, whatever it holds would be {raw.offset:g}"
     lowest = _lowest(raw)
     first, last = (
         (lowest - raw.length + 1, lowest) if raw.byte_order == "big_endian" else (lowest, lowest + raw.length - 1)

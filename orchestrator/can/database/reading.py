@@ -82,13 +82,14 @@ def read(path: Path, encoding: str | None) -> Read:
             device = canopen_pdos.read(path, text)
         return Read(device.messages, [], notes, of_any_node=device.of_any_node)
     _refuse_hostile(path, suffix, text)
+    if suffix == ".dbc":
+        return _sound(path, DbcText(text), notes)
+    if suffix == ".sym" and not text.endswith("\n"):  # cantools passes over a line that is cut off
+        notes = [*notes, f"its last line, {text.rpartition(chr(10))[2][:40]}, has no end; check that the file is whole"]
     try:
-        read = _parsed(path, suffix, text)
-        return replace(read, notes=[*notes, *read.notes])
+        return replace(_parsed(path, suffix, text), notes=notes)
     except UnreadableError as fault:
-        if suffix != ".dbc":
-            raise fault.complaint from fault
-        return _repaired(path, text, fault, notes)
+        raise fault.complaint from fault
 
 
 def text_of(path: Path, data: bytes, encoding: str | None) -> tuple[str, str]:
@@ -155,15 +156,20 @@ def of_bus(path: Path, read: Read, bus: str) -> Read:
     return replace(read, notes=[*read.notes, f"{told}; {choice} gives each channel its own bus"])
 
 
-def _repaired(path: Path, text: str, first: UnreadableError, notes: list[str]) -> Read:
-    """What is sound in a DBC that cannot be read as a whole.
+def _sound(path: Path, dbc: DbcText, notes: list[str]) -> Read:
+    """What is sound in a DBC, of which an end that is cut off and what cannot be read are taken out.
 
     Raises:
         DatabaseError: nothing is, or its faults are too many.
     """
-    dbc, fault = DbcText(text), first
+    dbc.end()
+    try:
+        read = _parsed(path, ".dbc", dbc.text)
+        return replace(read, left_out=dbc.left_out, notes=[*notes, *dbc.notes])
+    except UnreadableError as error:
+        first = fault = error
     dbc.clean()
-    for _ in range(max(1, min(MOST_FAULTS, MOST_TEXT // len(text)))):
+    for _ in range(max(1, min(MOST_FAULTS, MOST_TEXT // len(dbc.text)))):
         try:
             read = _parsed(path, ".dbc", dbc.text)
         except UnreadableError as found:

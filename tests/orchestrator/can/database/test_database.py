@@ -277,14 +277,14 @@ LENIENT = {
         "angle",
         "Pages is left out: it does not end",
     ),
-    "float": (DBC + "SIG_VALTYPE_ 100 angle 1\n", "voltage", "message State is left out: it does not end"),
+    "float": (DBC + "SIG_VALTYPE_ 100 angle 1\n", "voltage", "message State is left out: the file ends within it"),
     "spaces": (
         DBC + "SG_MUL_VAL_ 102 a b" + " " * 200_000 + "x",
         "angle",
-        "message Status is left out: it does not end",
+        "message Status is left out: the file ends within it",
     ),
-    "words": (DBC + "SG_ " * 100_000, "angle", "is left out: it is not written as a signal is"),
-    "quotes": (DBC + '"' * 100_001, "angle", "is left out: it does not end"),
+    "words": (DBC + "SG_ " * 100_000, "angle", "the file ends within the name of a message or signal"),
+    "quotes": (DBC + '"' * 100_001, "angle", "is left out: the file ends within it"),
     "overlap": (DBC.replace("angle : 0|16", "angle : 0|24"), "angle torque alive_counter crc", ""),
     "too long": (
         DBC.replace("voltage : 0|16", "voltage : 50|16"),
