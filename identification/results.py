@@ -24,7 +24,7 @@ from orchestrator.fmi.interface import Value
 from orchestrator.marks import WORDS, Kind, Mark
 from orchestrator.report import Section, figures
 from orchestrator.report.content import CalloutKind
-from orchestrator.report.intervals import Interval
+from orchestrator.report.intervals import IntervalRow
 from orchestrator.results import versions
 from orchestrator.trace import FloatArray
 
@@ -372,7 +372,7 @@ def draw_parameters(section: Section, parameters: Mapping[str, ParameterSummary]
     """The parameter table, and the intervals of those that have one."""
     section.table(*parameter_rows(parameters), caption=caption)
     rows = [
-        Interval(name, entry["value"], ends, entry["unit"], entry.get("truth"))
+        IntervalRow(name, entry["value"], ends, entry["unit"], entry.get("truth"))
         for name, entry in parameters.items()
         if (ends := _ends(entry)) is not None
     ]

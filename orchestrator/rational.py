@@ -59,7 +59,7 @@ def common_divisor(values: Iterable[Fraction]) -> Fraction:
 
 
 @dataclass(frozen=True, slots=True)
-class Clock:
+class TickTimes:
     """From the number of a tick to its time, correctly rounded: (first + number * step) / denominator [s]."""
 
     first: int
@@ -80,10 +80,10 @@ class Clock:
         return (self.first + (first + np.arange(count) * every) * float(self.step)) / self.denominator
 
 
-def clock(start: Fraction, tick: Fraction) -> Clock:
+def clock(start: Fraction, tick: Fraction) -> TickTimes:
     """From the number of a tick to start + number * tick."""
     denominator = math.lcm(start.denominator, tick.denominator)
-    return Clock(int(start * denominator), int(tick * denominator), denominator)
+    return TickTimes(int(start * denominator), int(tick * denominator), denominator)
 
 
 def multiples(value: Fraction, of: Fraction, place: str) -> int:

@@ -84,6 +84,13 @@ def test_no_folder_has_a_second_concept_in_it() -> None:
     assert {folder: count for folder, count in counts.items() if count > MOST} == {}
 
 
+def test_a_class_has_a_name_of_its_own() -> None:
+    """One name, one thing: private ones too, in all three packages."""
+    trees = (ast.parse(file.read_text(encoding="utf-8")) for file in SOURCES)
+    counts = Counter(node.name for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef))
+    assert [name for name, count in counts.items() if count > 1] == []
+
+
 @pytest.mark.parametrize("name", library.names())
 def test_a_model_imports_only_the_language_and_the_standard_library(name: str) -> None:
     file = library.source_file(library.find(name))

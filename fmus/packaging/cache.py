@@ -31,7 +31,7 @@ _DIGEST = hashlib.sha256().digest_size
 
 
 @dataclass(frozen=True)
-class Entry:
+class CacheEntry:
     """One file of the cache: its size [bytes], and when it was used last [s since 1970]."""
 
     path: Path
@@ -70,7 +70,7 @@ class Cache:
         except InputError as error:
             _complain(self.folder, error.problem)
 
-    def entries(self) -> list[Entry]:
+    def entries(self) -> list[CacheEntry]:
         """All entries, the one that was not used for longest first."""
         return sorted(self._matching(_ENTRY), key=lambda entry: (entry.used, entry.path))
 
@@ -84,7 +84,7 @@ class Cache:
     def _path(self, key: str) -> Path:
         return self.folder / f"{key}.built"
 
-    def _matching(self, pattern: re.Pattern[str]) -> Iterator[Entry]:
+    def _matching(self, pattern: re.Pattern[str]) -> Iterator[CacheEntry]:
         try:
             paths = list(self.folder.iterdir())
         except OSError:
@@ -93,7 +93,7 @@ class Cache:
             with suppress(OSError):  # another process has just removed it
                 if pattern.fullmatch(path.name):
                     found = path.stat()
-                    yield Entry(path, found.st_size, found.st_mtime)
+                    yield CacheEntry(path, found.st_size, found.st_mtime)
 
     def _trim(self) -> None:
         entries = self.entries()

@@ -11,7 +11,7 @@ from orchestrator.cli.scenarios import Overrides, overrides
 from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 
 if TYPE_CHECKING:
-    from identification.linearisation.result import Linearised, Signal
+    from identification.linearisation.result import Linearised, ModelSignal
 
 app = typer.Typer()
 
@@ -63,5 +63,5 @@ def _damping(value: float | None) -> str:
     return "-" if value is None else f"{value:.4g}"
 
 
-def _row(side: str, signal: Signal) -> tuple[str, str, str, str]:
+def _row(side: str, signal: ModelSignal) -> tuple[str, str, str, str]:
     return side, signal.name, signal.of, f"{signal.zero:.6g} {signal.unit}".rstrip()

@@ -44,7 +44,7 @@ SILENT = 1e-9  # part of an output's spread, below which there is no noise
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class FitRows:
     """What a fit has of an experiment's windows, weighed by the noise roughly.
 
     Attributes:
@@ -60,7 +60,7 @@ class Rows:
     given: FloatArray
 
 
-def noise_of(rows: Sequence[Rows]) -> Coloured:
+def noise_of(rows: Sequence[FitRows]) -> Coloured:
     """The noise of recordings that are fitted together, one process an output, as the calibration finds it: in what the
     parameters that fit best leave."""
     given = rows[0].given
@@ -80,7 +80,7 @@ def noise_of(rows: Sequence[Rows]) -> Coloured:
     return Coloured(covariance)
 
 
-def information(rows: Sequence[Rows]) -> FloatArray:
+def information(rows: Sequence[FitRows]) -> FloatArray:
     """(n, n) about the parameters: the inverse of what estimates scatter by, under one noise an output."""
     noise = noise_of(rows)
     slopes = [one for row in rows for one in row.slopes]
@@ -114,7 +114,7 @@ class Tried:
     values: Mapping[str, Value]
     whole: Trace
     recording: Trace
-    rows: Rows
+    rows: FitRows
     curvature: FloatArray
     scatter: FloatArray
     noise: FloatArray
@@ -133,7 +133,7 @@ def roughly(experiments: Sequence[Tried]) -> FloatArray:
     return told(curvature, np.sum([one.scatter * (level / one.level) for one in experiments], axis=0))
 
 
-class Bench:
+class DesignBench:
     """The rig and the model of a study, opened once; a context manager that frees them.
 
     Attributes:
@@ -251,7 +251,7 @@ class Bench:
         """Why information is by differences; nothing where it is by tangents."""
         return self._tally.differences
 
-    def again(self, values: Mapping[str, Value], draw: int) -> Rows:
+    def again(self, values: Mapping[str, Value], draw: int) -> FitRows:
         """What a fit would have of an experiment that was tried, with other noise and other instants of its recorder.
 
         Raises:
@@ -299,7 +299,7 @@ class Bench:
             raise FmuError("experiment", f"its model fails: {self._tally.reasons[-1]}", "narrow its family")
         return work.linearise(begin, residuals, central=True)
 
-    def _noise(self, windows: Sequence[FreeRunWindow]) -> tuple[Rows, Coloured]:
+    def _noise(self, windows: Sequence[FreeRunWindow]) -> tuple[FitRows, Coloured]:
         """What a fit has of windows, and its noise."""
         asked = self.study.calibration
         weight = windows[0].weight
@@ -308,7 +308,7 @@ class Bench:
         slopes = tuple(without(block.parameters, block.states) for block in blocks)
         residuals = tuple(without(block.residual[:, None], block.states)[:, 0] for block in blocks)
         starts = tuple(basis(block.states) for block in blocks)
-        rows = Rows(slopes, residuals, starts, (weight * np.array(known)) ** 2)
+        rows = FitRows(slopes, residuals, starts, (weight * np.array(known)) ** 2)
         noise = noise_of([rows])
         for number, name in enumerate(asked.outputs):
             variance = noise.autocovariance[number, 0]

@@ -10,10 +10,10 @@ import numpy as np
 
 from fmus import units
 from fmus.errors import ScenarioError
-from identification.design.bench import Bench, information, roughly
+from identification.design.bench import DesignBench, information, roughly
 from identification.design.criteria import figure, half_widths
-from identification.design.search import Candidate, FoundExperiments, search
-from identification.design.study import DesignStudy, Trial
+from identification.design.search import FoundExperiments, TriedExperiment, search
+from identification.design.study import DesignStudy, DurationTrial
 from identification.estimation.arrow_least_squares import LEAST_SQUARES
 from identification.estimation.threads import single_threaded
 from identification.recordings.campaign import FileField
@@ -42,14 +42,14 @@ class Design:
 
     study: DesignStudy
     found: FoundExperiments
-    experiments: Mapping[str, Candidate]
+    experiments: Mapping[str, TriedExperiment]
     before: FloatArray | None
     after: FloatArray
     compared: Mapping[str, FloatArray]
     units: Mapping[str, str]
     channels: tuple[str, ...]
     remarks: tuple[str, ...]
-    trials: tuple[Trial, ...] = ()
+    trials: tuple[DurationTrial, ...] = ()
 
     @property
     def reached(self) -> bool:
@@ -67,11 +67,11 @@ class Design:
         every = dict(zip(self.names, widths, strict=True))
         return np.array([every[name] / free[name].size for name in self.study.parameters])
 
-    def noise(self, candidate: Candidate) -> dict[str, float]:
+    def noise(self, candidate: TriedExperiment) -> dict[str, float]:
         """Output -> standard deviation of a compared sample of an experiment."""
         return dict(zip(self.study.calibration.outputs, map(float, candidate.tried.noise), strict=True))
 
-    def alone(self, candidate: Candidate) -> float:
+    def alone(self, candidate: TriedExperiment) -> float:
         """The criterion's figure if all experiments were this one."""
         free = self.names
         whole = roughly([candidate.tried] * self.study.count)
@@ -89,7 +89,7 @@ def design(study: DesignStudy, progress: Progress = silent) -> Design:
         FmuError: the FMUs fail.
     """
     progress(0.0, "building")
-    with Bench(study) as bench:
+    with DesignBench(study) as bench:
         found = search(study, bench, progress)
         progress(0.9, "drawing other noise")
         after = _drawn(bench, [one.tried.values for one in found.chosen])
@@ -118,14 +118,14 @@ def design(study: DesignStudy, progress: Progress = silent) -> Design:
     )
 
 
-def _drawn(bench: Bench, experiments: Sequence[Mapping[str, Value]]) -> FloatArray:
+def _drawn(bench: DesignBench, experiments: Sequence[Mapping[str, Value]]) -> FloatArray:
     """(n, n) what experiments tell together, the mean over noise that the search has not seen: what it picks it has
     also picked for its luck."""
     rows = [bench.again(values, draw) for draw in range(1, DRAWS + 1) for values in experiments]
     return information(rows) / DRAWS
 
 
-def _case(bench: Bench, name: str) -> dict[str, Value]:
+def _case(bench: DesignBench, name: str) -> dict[str, Value]:
     """What a case of the rig's scenario sets; parameters that are known do not count."""
     cases = {case.name: case for case in bench.study.rig.cases}
     if name not in cases:
@@ -134,9 +134,9 @@ def _case(bench: Bench, name: str) -> dict[str, Value]:
     return {key: value for key, value in cases[name].values.items() if key not in hidden}
 
 
-def _named(study: DesignStudy, chosen: Sequence[Candidate]) -> dict[str, Candidate]:
+def _named(study: DesignStudy, chosen: Sequence[TriedExperiment]) -> dict[str, TriedExperiment]:
     """The experiments by their names, which tell the calibration what it takes from names of files."""
-    named: dict[str, Candidate] = {}
+    named: dict[str, TriedExperiment] = {}
     for number, candidate in enumerate(chosen, 1):
         named[name_of(study.names, number, candidate.tried.values)] = candidate
     if len(named) < len(chosen):
@@ -194,7 +194,7 @@ def _number(rule: FileField, digits: str) -> float | None:
         return None
 
 
-def _remarks(study: DesignStudy, found: FoundExperiments, bench: Bench) -> tuple[str, ...]:
+def _remarks(study: DesignStudy, found: FoundExperiments, bench: DesignBench) -> tuple[str, ...]:
     remarks = []
     if bench.elsewhere:
         remarks.append(f"not in the rig's scenario, which runs without them: {', '.join(bench.elsewhere)}")

@@ -10,7 +10,7 @@ from functools import partial
 
 from fmus.errors import IdentificationError
 from identification.design.design import Design, design
-from identification.design.study import DesignStudy, Sought, Trial
+from identification.design.study import DesignStudy, DurationTrial, Sought
 from orchestrator.progress import Progress, silent
 
 
@@ -27,7 +27,7 @@ def shortest(study: DesignStudy, progress: Progress = silent) -> Design:
     sought, raster = study.sought, durations(study.sought, study.rig.timing.step)
     most = 2 + math.ceil(math.log2(max(len(raster) - 1, 1)))
     found: dict[int, Design] = {}
-    trials: dict[int, Trial] = {}
+    trials: dict[int, DurationTrial] = {}
 
     def reached(number: int) -> bool:
         share = partial(_part, progress, len(trials), most, float(raster[number]))
@@ -36,9 +36,9 @@ def shortest(study: DesignStudy, progress: Progress = silent) -> Design:
         except IdentificationError as error:
             if number == len(raster) - 1:
                 raise
-            trials[number] = Trial(raster[number], math.inf, str(error))
+            trials[number] = DurationTrial(raster[number], math.inf, str(error))
             return False
-        trials[number] = Trial(raster[number], sought.of_target(half_widths(made), relative(made)))
+        trials[number] = DurationTrial(raster[number], sought.of_target(half_widths(made), relative(made)))
         return trials[number].of_target <= 1
 
     low, high = 0, len(raster) - 1

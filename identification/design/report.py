@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 
 from identification.design.design import Design
-from identification.design.search import Candidate
+from identification.design.search import TriedExperiment
 from identification.design.summary import SHOWN, DesignSummary, summary
 from identification.design.written import CALIBRATION, EXPERIMENTS
 from identification.results import provenance
 from orchestrator.display.table import Cell
 from orchestrator.display.titles import with_unit
 from orchestrator.report import Report, Section
-from orchestrator.report.chart import Chart, Curve, Mark, Panel
+from orchestrator.report.chart import Chart, ChartLine, Curve, Panel
 
 
 def report(design: Design) -> Report:
@@ -80,12 +80,14 @@ def _experiments(section: Section, design: Design) -> None:
         section.figure(_responses(design, one), f"{name}: what is driven and limited, and its limits")
 
 
-def _responses(design: Design, candidate: Candidate) -> Chart:
+def _responses(design: Design, candidate: TriedExperiment) -> Chart:
     whole, panels = candidate.tried.whole, []
     names = [name for name in design.study.calibration.run.inputs if name in whole.names]
     for name in dict.fromkeys([*names, *design.study.limits, *design.study.calibration.outputs]):
         limit = design.study.limits.get(name)
-        marks = [Mark(end, "y", "limit") for end in ((limit.above, limit.below) if limit else ()) if math.isfinite(end)]
+        marks = [
+            ChartLine(end, "y", "limit") for end in ((limit.above, limit.below) if limit else ()) if math.isfinite(end)
+        ]
         panels.append(Panel(with_unit(name, whole.unit(name)), [Curve(name, whole.time, whole[name])], marks))
     return Chart(panels, legend=False)
 

@@ -11,7 +11,16 @@ import numpy as np
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from fmus.errors import IdentificationError, ScenarioError
-from identification.design.study import Choice, Criterion, DesignStudy, Limit, Options, Range, SearchSpec, Sought
+from identification.design.study import (
+    Choice,
+    Criterion,
+    DesignStudy,
+    Limit,
+    ListedValues,
+    SearchSpec,
+    Sought,
+    ValueRange,
+)
 from identification.estimation.parameters import ParameterSet
 from identification.output_error.schema import OutputErrorBlock
 from identification.output_error.study import OutputErrorStudy
@@ -42,7 +51,7 @@ class SpanBlock(Block):
 
     def choice(self) -> Choice:
         """As a plain value."""
-        return Range(self.min, self.max)
+        return ValueRange(self.min, self.max)
 
 
 class OneOfBlock(Block):
@@ -56,7 +65,7 @@ class OneOfBlock(Block):
 
     def choice(self) -> Choice:
         """As a plain value."""
-        return Options(tuple(self.one_of))
+        return ListedValues(tuple(self.one_of))
 
 
 def _choice(value: Any) -> Any:

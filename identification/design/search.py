@@ -14,9 +14,9 @@ import numpy as np
 from scipy.stats import qmc
 
 from fmus.errors import FmuError, IdentificationError, TraceError
-from identification.design.bench import Bench, Tried, roughly
+from identification.design.bench import DesignBench, Tried, roughly
 from identification.design.criteria import figure, unseen
-from identification.design.study import DesignStudy, Range
+from identification.design.study import DesignStudy, ValueRange
 from orchestrator.fmi.interface import Value
 from orchestrator.progress import Progress
 from orchestrator.trace import FloatArray
@@ -27,7 +27,7 @@ FAINT = 1e-9  # of what all candidates tell, that is taken as known while too fe
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class TriedExperiment:
     """An experiment that was tried.
 
     Attributes:
@@ -52,25 +52,25 @@ class FoundExperiments:
         runs: of the rig.
     """
 
-    chosen: list[Candidate] = field(default_factory=list)
-    candidates: list[Candidate] = field(default_factory=list)
+    chosen: list[TriedExperiment] = field(default_factory=list)
+    candidates: list[TriedExperiment] = field(default_factory=list)
     figures: list[float] = field(default_factory=list)
     exceeded: dict[str, tuple[int, float]] = field(default_factory=dict)
     failed: list[str] = field(default_factory=list)
     runs: int = 0
 
 
-def search(study: DesignStudy, bench: Bench, progress: Progress) -> FoundExperiments:
+def search(study: DesignStudy, bench: DesignBench, progress: Progress) -> FoundExperiments:
     """The experiments whose intervals are smallest.
 
     Raises:
         IdentificationError: no experiment keeps the limits, or none of them shows a parameter.
     """
-    return _Search(study, bench, progress).found()
+    return _ExperimentSearch(study, bench, progress).found()
 
 
-class _Search:
-    def __init__(self, study: DesignStudy, bench: Bench, progress: Progress) -> None:
+class _ExperimentSearch:
+    def __init__(self, study: DesignStudy, bench: DesignBench, progress: Progress) -> None:
         self.study, self.bench, self.progress = study, bench, progress
         free = [parameter.name for parameter in study.calibration.parameters.free]
         self.rng = np.random.default_rng(study.search.seed)
@@ -97,11 +97,11 @@ class _Search:
             raise self._unseen()
         return result
 
-    def _figure(self, candidates: Sequence[Candidate], extra: float = 0.0) -> float:
+    def _figure(self, candidates: Sequence[TriedExperiment], extra: float = 0.0) -> float:
         whole = self._told(candidates)
         return figure(whole + extra * np.eye(len(whole)), self.study.criterion, self.chosen)
 
-    def _told(self, candidates: Sequence[Candidate]) -> FloatArray:
+    def _told(self, candidates: Sequence[TriedExperiment]) -> FloatArray:
         return self.known + roughly([one.tried for one in candidates])
 
     def _drawn(self, family: str) -> FloatArray:
@@ -110,7 +110,7 @@ class _Search:
         sampler = qmc.Halton(max(size, 1), seed=self.rng)
         return np.asarray(sampler.random(self.study.search.candidates if size else 1))[:, :size]
 
-    def _try(self, family: str, share: FloatArray) -> Candidate | None:
+    def _try(self, family: str, share: FloatArray) -> TriedExperiment | None:
         """The experiment, with a smaller amplitude where limits ask for that; None where they refuse it still."""
         self._done += 1
         self.progress(0.9 * min(self._done / self._whole, 1.0), f"{self._done} experiments tried")
@@ -122,7 +122,7 @@ class _Search:
                 whole = self.bench.run(values)
                 beyond = self.bench.exceeded(whole)
                 if not beyond:
-                    return Candidate(family, reduced, self.bench.tried(values, whole))
+                    return TriedExperiment(family, reduced, self.bench.tried(values, whole))
             except (FmuError, TraceError) as error:
                 if len(self.result.failed) < 5:
                     self.result.failed.append(str(error))
@@ -147,16 +147,16 @@ class _Search:
         space = self.study.space(family)
         return {name: choice.at(float(one)) for (name, choice), one in zip(space.items(), share, strict=True)}
 
-    def _put_together(self) -> list[Candidate]:
+    def _put_together(self) -> list[TriedExperiment]:
         """One after the other, each the best beside those before it."""
-        chosen: list[Candidate] = []
+        chosen: list[TriedExperiment] = []
         total = sum(float(np.trace(self._told([one]))) for one in self.result.candidates)
         faint = FAINT * total / len(self.result.candidates)
         for _ in range(self.study.count):
             chosen.append(min(self.result.candidates, key=lambda one: self._figure([*chosen, one], faint)))
         return chosen
 
-    def _exchanged(self, chosen: list[Candidate]) -> list[Candidate]:
+    def _exchanged(self, chosen: list[TriedExperiment]) -> list[TriedExperiment]:
         """With any of them exchanged for any other as long as that helps."""
         best = self._figure(chosen)
         for _ in range(10 * len(chosen)):
@@ -171,7 +171,7 @@ class _Search:
             chosen, best = better, self._figure(better)
         return chosen
 
-    def _nearer(self, chosen: list[Candidate], width: float) -> list[Candidate]:
+    def _nearer(self, chosen: list[TriedExperiment], width: float) -> list[TriedExperiment]:
         """With neighbours in their places, where these are better."""
         for slot in range(len(chosen)):
             for _ in range(self.study.search.neighbours):
@@ -185,12 +185,12 @@ class _Search:
                     chosen = changed
         return chosen
 
-    def _beside(self, base: Candidate, width: float) -> FloatArray:
+    def _beside(self, base: TriedExperiment, width: float) -> FloatArray:
         """(d,) shares near those of an experiment; now and then another of some options."""
         choices = [*self.study.space(base.family).values()]
         moved = base.share + width * self.rng.standard_normal(len(choices))
         for place, choice in enumerate(choices):
-            if not isinstance(choice, Range):
+            if not isinstance(choice, ValueRange):
                 again = self.rng.random() < 1 / 3
                 moved[place] = self.rng.random() if again else base.share[place]
         return np.clip(moved, 0.0, 1.0)

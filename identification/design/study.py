@@ -19,7 +19,7 @@ WIDE = 3.0  # ratio of a range's ends from which it is searched by ratios
 
 
 @dataclass(frozen=True)
-class Options:
+class ListedValues:
     """Some values, one of which is taken."""
 
     values: tuple[Value, ...]
@@ -30,7 +30,7 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Range:
+class ValueRange:
     """All values between two; by their ratio where both are positive and far apart."""
 
     low: float
@@ -43,7 +43,7 @@ class Range:
         return self.low + share * (self.high - self.low)
 
 
-Choice = Options | Range
+Choice = ListedValues | ValueRange
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class Sought:
 
 
 @dataclass(frozen=True)
-class Trial:
+class DurationTrial:
     """A duration that was tried.
 
     Attributes:

@@ -9,7 +9,7 @@ from typing_extensions import TypedDict
 
 from identification.design.criteria import QUANTILE
 from identification.design.design import Design
-from identification.design.search import Candidate
+from identification.design.search import TriedExperiment
 from identification.design.study import Sought
 from identification.results import ParameterSummary, Summary, finite
 from orchestrator.fmi.interface import Value
@@ -62,7 +62,7 @@ class SearchedSummary(TypedDict):
     figures: list[float | None]
 
 
-class TrialSummary(TypedDict):
+class DurationTrialSummary(TypedDict):
     """A duration that was tried [s], and the largest half-width over what it may be; where that is null, why."""
 
     duration: float
@@ -81,7 +81,7 @@ class DurationSummary(TypedDict):
     seconds: float
     target: str
     reached: bool
-    tried: list[TrialSummary]
+    tried: list[DurationTrialSummary]
     said: str
 
 
@@ -189,7 +189,7 @@ def _worst(design: Design) -> dict[str, float | None]:
     }
 
 
-def _experiment(design: Design, candidate: Candidate) -> ExperimentSummary:
+def _experiment(design: Design, candidate: TriedExperiment) -> ExperimentSummary:
     whole, responses = candidate.tried.whole, dict[str, ResponseSummary]()
     for name, limit in design.study.limits.items():
         responses[name] = {

@@ -302,7 +302,7 @@ def minimise(
 
     Source: Moré 1978 (scaling by the largest column norms so far, relative tolerances).
     """
-    here, search, scale = start, _Search(system, box, loss, limits), None
+    here, search, scale = start, _DampingSearch(system, box, loss, limits), None
     for iteration in range(limits.iterations):
         model = ArrowModel([loss.scaled(block) for block in system.linearise(here.point, here.residuals)])
         scale = _larger(scale, model.norms())
@@ -319,7 +319,7 @@ def minimise(
     return Minimum(here, limits.iterations, False, f"stopped after {limits.iterations} iterations")
 
 
-class _Search:
+class _DampingSearch:
     """The damping (the more, the shorter the step), and what is left of the evaluations."""
 
     def __init__(self, system: ArrowSystem, box: Box, loss: Loss, limits: SearchLimits) -> None:

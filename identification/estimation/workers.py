@@ -54,7 +54,7 @@ Factory = Callable[[], Simulator]
 
 
 @dataclass(frozen=True)
-class Task:
+class SimulationTask:
     """One simulation.
 
     Attributes:
@@ -75,7 +75,7 @@ Simulated = FloatArray | FmuError
 class Pool(Protocol):
     """Something that simulates many tasks; a context manager that leaves nothing behind."""
 
-    def run(self, tasks: Sequence[Task]) -> list[Simulated | None]:
+    def run(self, tasks: Sequence[SimulationTask]) -> list[Simulated | None]:
         """The outcome of every task, in their order; None for those not begun, as one of their group had failed."""
 
     def __enter__(self) -> Self: ...
@@ -107,7 +107,7 @@ class LocalPool:
     def __init__(self, factory: Factory) -> None:
         self._simulator = factory()
 
-    def run(self, tasks: Sequence[Task]) -> list[Simulated | None]:
+    def run(self, tasks: Sequence[SimulationTask]) -> list[Simulated | None]:
         """See `Pool`."""
         wanted = _Wanted(tasks)
         return wanted.outcomes((number, _simulated(self._simulator, task)) for number, task in enumerate(wanted))
@@ -130,7 +130,7 @@ class ProcessPool:
     """
 
     def __init__(self, factory: Factory, processes: int, isolation: Isolation | None = None) -> None:
-        self._processes: Processes[Task, Simulated] = Processes(
+        self._processes: Processes[SimulationTask, Simulated] = Processes(
             partial(_Simulating, factory, kept_in()),
             processes,
             [type(factory).__module__],
@@ -155,7 +155,7 @@ class ProcessPool:
         """Process ids of the workers alive now."""
         return self._processes.pids
 
-    def run(self, tasks: Sequence[Task]) -> list[Simulated | None]:
+    def run(self, tasks: Sequence[SimulationTask]) -> list[Simulated | None]:
         """See `Pool`.
 
         Raises:
@@ -168,7 +168,7 @@ class ProcessPool:
             for place, answer in self._processes.answers(wanted)
         )
 
-    def _lost(self, task: Task, died: Died) -> FmuError:
+    def _lost(self, task: SimulationTask, died: Died) -> FmuError:
         place, problem = (
             f"window {task.window}",
             f"the simulating process {died.ending}{f', {died.fmus}' if died.fmus else ''}",
@@ -184,17 +184,17 @@ class ProcessPool:
 class _Wanted:
     """Tasks that are handed out one by one, but for those of a group in which one has failed."""
 
-    def __init__(self, tasks: Sequence[Task]) -> None:
+    def __init__(self, tasks: Sequence[SimulationTask]) -> None:
         self._tasks, self._failed = tasks, set[int]()
         self._numbers: list[int] = []  # of those that were handed out
 
-    def __iter__(self) -> Iterator[Task]:
+    def __iter__(self) -> Iterator[SimulationTask]:
         for number, task in enumerate(self._tasks):
             if task.group not in self._failed:
                 self._numbers.append(number)
                 yield task
 
-    def task(self, place: int) -> Task:
+    def task(self, place: int) -> SimulationTask:
         """The one that was handed out so many others after the first."""
         return self._tasks[self._numbers[place]]
 
@@ -219,14 +219,14 @@ class _Simulating:
         self._simulator = factory()
         self._stack.callback(self._simulator.close)
 
-    def __call__(self, task: Task) -> Simulated:
+    def __call__(self, task: SimulationTask) -> Simulated:
         return _simulated(self._simulator, task)
 
     def close(self) -> None:
         self._stack.close()
 
 
-def _simulated(simulator: Simulator, task: Task) -> Simulated:
+def _simulated(simulator: Simulator, task: SimulationTask) -> Simulated:
     try:
         if not task.by:
             return simulator.simulate(task.window, task.values)

@@ -11,13 +11,13 @@ import numpy as np
 
 from fmus.errors import ScenarioError
 from identification.experiments.experiments import Experiments
-from identification.experiments.reduction import Reduction
+from identification.experiments.reduction import ReductionExample
 from identification.experiments.schema import ClaimBlock, ClaimOutcome, InequalityBlock
 from identification.experiments.set_result import SetResult, mean
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Inequality:
     """One inequality: the largest of what should be less (times its factor) and the smallest of what should be more."""
 
     block: InequalityBlock
@@ -39,7 +39,7 @@ class ClaimJudgement:
     """A claim and how its inequalities came out."""
 
     claim: ClaimBlock
-    comparisons: tuple[Comparison, ...]
+    comparisons: tuple[Inequality, ...]
 
     @property
     def count(self) -> int:
@@ -126,7 +126,7 @@ def _of_set(result: SetResult, outputs: Sequence[str]) -> Iterator[tuple[str, fl
         yield f"mode{number}", distance
 
 
-def _of_reduction(reduction: Reduction, flexible: float) -> Iterator[tuple[str, float]]:
+def _of_reduction(reduction: ReductionExample, flexible: float) -> Iterator[tuple[str, float]]:
     """Args: flexible: lowest frequency of a flexible mode [Hz]; what is below half of it is rigid motion."""
     ranking = reduction.ranking
     rigid = {
@@ -141,7 +141,7 @@ def _of_reduction(reduction: Reduction, flexible: float) -> Iterator[tuple[str, 
         yield f"{stage.name}.sfv", mean(stage.errors.sfv)
 
 
-def _compared(block: InequalityBlock, known: Mapping[str, float], place: str) -> Comparison:
+def _compared(block: InequalityBlock, known: Mapping[str, float], place: str) -> Inequality:
     def value(name: str | float) -> float:
         if not isinstance(name, str):
             return name
@@ -150,7 +150,7 @@ def _compared(block: InequalityBlock, known: Mapping[str, float], place: str) ->
         return known[name]
 
     less, than = (np.array([value(name) for name in names]) for names in (block.less, block.than))
-    return Comparison(block, float(less.max()) * block.times, float(than.min()))
+    return Inequality(block, float(less.max()) * block.times, float(than.min()))
 
 
 def _side(names: list[str | float], value: float) -> str:

@@ -15,7 +15,7 @@ from typing import Any
 from fmus.errors import FmuError, ScenarioError
 from identification.experiments.data_set import DataSet, data_set
 from identification.experiments.physical_modes import PhysicalMode, physical_modes
-from identification.experiments.reduction import Reduction
+from identification.experiments.reduction import ReductionExample
 from identification.experiments.schema import ExampleBlock, ExperimentsBlock, NamedConditioningBlock
 from identification.experiments.set_result import SetResult, identified
 from identification.recordings.campaign import StudyTrace, TraceSource, load_campaign
@@ -52,7 +52,7 @@ class Experiments:
         return next(example for example in self.study.examples if example.name == name)
 
     @property
-    def reductions(self) -> dict[str, Reduction]:
+    def reductions(self) -> dict[str, ReductionExample]:
         """By the example's name, in the study's order."""
         found = {
             reduction.example.name: reduction for result in self.results.values() for reduction in result.reductions

@@ -62,7 +62,7 @@ class Stage:
 
 
 @dataclass(frozen=True, eq=False)
-class Ranking:
+class ModeRanking:
     """The modes of a model with their labels and their ranks by MRM and by MSV."""
 
     modes: tuple[Mode, ...]
@@ -72,11 +72,11 @@ class Ranking:
 
 
 @dataclass(frozen=True, eq=False)
-class Reduction:
+class ReductionExample:
     """An example and its stages, in the order in which they were made."""
 
     example: Example
-    ranking: Ranking
+    ranking: ModeRanking
     stages: tuple[Stage, ...]
 
     @property
@@ -87,7 +87,7 @@ class Reduction:
 
 def reduce_and_update(
     model: LinearModel, example: Example, fitted: InputOutputData, flexible: Sequence[float], validate: Validate
-) -> Reduction:
+) -> ReductionExample:
     """All stages of an example.
 
     Args:
@@ -114,15 +114,15 @@ def reduce_and_update(
         shorter = updated(reduced(short, less), [fitted], example.update)
         which = _labels(ranking, [chosen[example.by][i] for i in less])
         stages.append(Stage("further", which, shorter, validate(shorter)))
-    return Reduction(example, ranking, tuple(stages))
+    return ReductionExample(example, ranking, tuple(stages))
 
 
-def _ranking(model: LinearModel, u: FloatArray) -> Ranking:
+def _ranking(model: LinearModel, u: FloatArray) -> ModeRanking:
     found = modes(model)
     magnitudes = ranked([mode.response_magnitude(u) for mode in found])
     values = ranked([mode.mode_singular_value(len(u)) for mode in found])
-    return Ranking(found, tuple(labels(found)), tuple(magnitudes), tuple(values))
+    return ModeRanking(found, tuple(labels(found)), tuple(magnitudes), tuple(values))
 
 
-def _labels(ranking: Ranking, kept: Sequence[int]) -> tuple[str, ...]:
+def _labels(ranking: ModeRanking, kept: Sequence[int]) -> tuple[str, ...]:
     return tuple(ranking.labels[i] for i in kept)

@@ -17,7 +17,13 @@ from identification.estimation.threads import single_threaded
 from identification.estimation.validation import delta
 from identification.experiments.data_set import DataSet
 from identification.experiments.physical_modes import PhysicalMode
-from identification.experiments.reduction import Example, Reduction, Validate, ValidationErrors, reduce_and_update
+from identification.experiments.reduction import (
+    Example,
+    ReductionExample,
+    Validate,
+    ValidationErrors,
+    reduce_and_update,
+)
 from identification.linear.mode_tracking import stabilisation
 from identification.linear.model import LinearModel
 from identification.linear.modes import NEAR
@@ -57,7 +63,7 @@ class SetResult:
     attempts: tuple[Attempt, ...]
     ready: PreparedData
     frequencies: tuple[float, ...]
-    reductions: tuple[Reduction, ...]
+    reductions: tuple[ReductionExample, ...]
 
     @property
     def stable(self) -> list[int]:
@@ -149,7 +155,7 @@ def _validation(data_set: DataSet, ready: PreparedData) -> Validate:
 
 def _reduction(
     attempts: Sequence[Attempt], example: Example, fitted: InputOutputData, data_set: DataSet, validate: Validate
-) -> Reduction:
+) -> ReductionExample:
     wanted = [attempt for attempt in attempts if attempt.model.stable != example.unstable]
     if example.unstable and not wanted:
         raise IdentificationError(f"examples.{example.name}", "every order is stable", "remove `unstable`")

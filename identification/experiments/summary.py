@@ -8,7 +8,7 @@ from typing_extensions import TypedDict
 
 from identification.experiments.claims import ClaimJudgement, figures, unexpected, verdicts
 from identification.experiments.experiments import Experiments
-from identification.experiments.reduction import Reduction, ValidationErrors
+from identification.experiments.reduction import ReductionExample, ValidationErrors
 from identification.experiments.schema import ControlLoop
 from identification.experiments.set_result import SetResult
 from identification.experiments.tables import model_name, reduced_name, tables
@@ -229,7 +229,7 @@ def _set(experiments: Experiments, result: SetResult) -> SetSummary:
     }
 
 
-def _example(experiments: Experiments, reduction: Reduction) -> ExampleSummary:
+def _example(experiments: Experiments, reduction: ReductionExample) -> ExampleSummary:
     example, ranking = experiments.example(reduction.example.name), reduction.ranking
     return {
         "data": example.data,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from identification.experiments.experiments import Experiments
-from identification.experiments.reduction import Reduction, Stage
+from identification.experiments.reduction import ReductionExample, Stage
 from identification.experiments.schema import ControlLoop, ExampleBlock, PrintedDeltas, SetBlock
 from identification.experiments.set_result import SetResult, mean
 from identification.linear.modes import modes
@@ -68,7 +68,7 @@ def model_name(result: SetResult, order: int | None = None) -> str:
     return f"A{kind.lower()}{number}_{order or result.chosen.order}{'' if result.data_set.removed else 'c'}"
 
 
-def reduced_name(reduction: Reduction, stage: Stage) -> str:
+def reduced_name(reduction: ReductionExample, stage: Stage) -> str:
     """As the thesis names updated models: example Ac3 with order 10 gives Ac3r_10."""
     return f"{reduction.example.name}r_{stage.model.order}"
 
@@ -190,7 +190,7 @@ def _typical(experiments: Experiments) -> ThesisTable:
     )
 
 
-def _ranking(example: ExampleBlock, reduction: Reduction) -> ThesisTable:
+def _ranking(example: ExampleBlock, reduction: ReductionExample) -> ThesisTable:
     """Table 3-Na."""
     ranking, printed = reduction.ranking, example.published
     ours: list[list[Cell]] = [
@@ -223,7 +223,7 @@ def _ranking(example: ExampleBlock, reduction: Reduction) -> ThesisTable:
     return ThesisTable(f"{example.table}a", f"Modes of the model of {_data(example)}{name}", headers, rows)
 
 
-def _stages(experiments: Experiments, reduction: Reduction) -> ThesisTable:
+def _stages(experiments: Experiments, reduction: ReductionExample) -> ThesisTable:
     """Table 3-Nb."""
     example = experiments.example(reduction.example.name)
     rows = [row for stage in reduction.stages for row in _validated(experiments, reduction, stage)]
@@ -233,7 +233,7 @@ def _stages(experiments: Experiments, reduction: Reduction) -> ThesisTable:
     return ThesisTable(f"{example.table}b", caption, headers, rows)
 
 
-def _validated(experiments: Experiments, reduction: Reduction, stage: Stage) -> list[list[Cell]]:
+def _validated(experiments: Experiments, reduction: ReductionExample, stage: Stage) -> list[list[Cell]]:
     count, example = len(experiments.study.outputs), experiments.example(reduction.example.name)
     printed = example.published.stages.get(stage.name) if example.published else None
     word = WORDS[stage.name] + (f" from {example.by.upper()}" * (stage.name == "updated"))
@@ -257,7 +257,7 @@ def _updated(experiments: Experiments) -> ThesisTable:
     return ThesisTable("3-6", "Updated reduced models", headers, rows)
 
 
-def _original(experiments: Experiments, reduction: Reduction) -> str:
+def _original(experiments: Experiments, reduction: ReductionExample) -> str:
     example = experiments.example(reduction.example.name)
     result = experiments.results[example.data if example.removed else f"{example.data}c"]
     return model_name(result, reduction.stages[0].model.order) + ("u" if example.unstable else "")

@@ -12,10 +12,10 @@ from fmus.errors import IdentificationError
 from identification.built_system import BuiltSystem
 from identification.estimation.estimated_value import EstimatedValue, with_interval
 from identification.estimation.validation import fit
-from identification.inverse_dynamics.regression import Regression, Rows, regress
+from identification.inverse_dynamics.regression import Regression, RegressionRows, regress
 from identification.inverse_dynamics.rows import AxisRecord, FilteredRecord, prepared, with_instruments
 from identification.inverse_dynamics.study import InverseDynamicsStudy, Way
-from identification.inverse_dynamics.system import Checked, checked
+from identification.inverse_dynamics.system import AxisSystem, checked
 from identification.inverse_dynamics.terms import PASSIVE, Term
 from identification.recordings.campaign import StudyTrace, load_campaign, recording_warnings, split
 from identification.recordings.marks import nothing_left, pieces
@@ -129,7 +129,7 @@ def calibrate(
     return InverseCalibration(study, system, tuple(recorded), known.before, found, rows)
 
 
-def _records(study: InverseDynamicsStudy, recorded: StudyTrace, known: Checked) -> list[AxisRecord]:
+def _records(study: InverseDynamicsStudy, recorded: StudyTrace, known: AxisSystem) -> list[AxisRecord]:
     """What is left of a trace between its marks, at even instants; what is too short to filter is not.
 
     Raises:
@@ -158,13 +158,13 @@ def _least(terms: Sequence[Term]) -> FloatArray:
     return np.array([0.0 if term in PASSIVE or term == "inertia" else -np.inf for term in terms])
 
 
-def _least_squares(rows: Sequence[FilteredRecord], terms: Sequence[Term], known: Checked) -> Regressed:
-    found = regress([Rows(one.y, one.x, one.x) for one in rows], _least(terms))
+def _least_squares(rows: Sequence[FilteredRecord], terms: Sequence[Term], known: AxisSystem) -> Regressed:
+    found = regress([RegressionRows(one.y, one.x, one.x) for one in rows], _least(terms))
     return Regressed(_estimates(found, terms, known))
 
 
 def _instrumental(
-    study: InverseDynamicsStudy, rows: Sequence[FilteredRecord], start: Regressed, known: Checked, progress: Progress
+    study: InverseDynamicsStudy, rows: Sequence[FilteredRecord], start: Regressed, known: AxisSystem, progress: Progress
 ) -> Regressed:
     """Rounds of running the axis in its loop by the values found, and regressing with that as instruments."""
     assert study.loop is not None
@@ -182,7 +182,7 @@ def _instrumental(
     return Regressed(estimated, number, settled)
 
 
-def _estimates(found: Regression, terms: Sequence[Term], known: Checked) -> dict[Term, EstimatedValue]:
+def _estimates(found: Regression, terms: Sequence[Term], known: AxisSystem) -> dict[Term, EstimatedValue]:
     """The values with their intervals; one at the least that is feasible has none.
 
     Raises:

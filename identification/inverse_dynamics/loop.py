@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from identification.inverse_dynamics.terms import Motion, Term
+from identification.inverse_dynamics.terms import AxisMotion, Term
 from orchestrator.trace import FloatArray
 
 
 @dataclass(frozen=True)
-class Loop:
+class PositionLoop:
     """Position control of the axis: command = speed_gain (position_gain (reference - position) - speed).
 
     Attributes:
@@ -27,8 +27,13 @@ class Loop:
 
 
 def in_loop(
-    loop: Loop, reference: FloatArray, start: tuple[float, float], values: Mapping[Term, float], gain: float, h: float
-) -> Motion:
+    loop: PositionLoop,
+    reference: FloatArray,
+    start: tuple[float, float],
+    values: Mapping[Term, float],
+    gain: float,
+    h: float,
+) -> AxisMotion:
     """The motion of the axis with these values at each sample of the reference (K,), `h` [s] apart.
 
     Steps are semi-implicit; within one dry friction stops the axis, and never turns it round.
@@ -50,7 +55,7 @@ def in_loop(
         after = math.copysign(left, free)
         rows[k] = q, v, (after - v) / h
         q, v = q + h * after, after
-    return Motion(rows[:, 0], rows[:, 1], rows[:, 2])
+    return AxisMotion(rows[:, 0], rows[:, 1], rows[:, 2])
 
 
 def _friction(values: Mapping[Term, float], side: str) -> tuple[float, float]:

@@ -17,7 +17,7 @@ INDISTINCT = 1e-8  # singular value of columns of length 1, over the largest, be
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class RegressionRows:
     """Equations y = X theta + e of one record, evenly sampled.
 
     Attributes:
@@ -47,7 +47,7 @@ class Regression:
     bound: tuple[bool, ...]
 
 
-def regress(rows: Sequence[Rows], least: FloatArray) -> Regression:
+def regress(rows: Sequence[RegressionRows], least: FloatArray) -> Regression:
     """theta = (Z^T X)^-1 Z^T y over all records, and where that is below `least` (n,) the most likely that is not.
 
     The covariance is (Z^T X)^-1 Z^T N Z (X^T Z)^-1, N that of an autoregression fitted to the residuals.
@@ -73,13 +73,13 @@ def regress(rows: Sequence[Rows], least: FloatArray) -> Regression:
     return _feasible(Regression(values, covariance, total - count, (False,) * count), least)
 
 
-def _condition(rows: Sequence[Rows], size: FloatArray) -> float:
+def _condition(rows: Sequence[RegressionRows], size: FloatArray) -> float:
     """Smallest over largest singular value of the columns at length 1."""
     singular = np.linalg.svd(np.vstack([one.x for one in rows]) / size, compute_uv=False)
     return float(singular[-1] / singular[0])
 
 
-def _scatter(rows: Sequence[Rows], values: FloatArray) -> FloatArray:
+def _scatter(rows: Sequence[RegressionRows], values: FloatArray) -> FloatArray:
     """(n, n) covariance of Z^T e, e an autoregression like the residuals."""
     noise = coloured([one.y - one.x @ values for one in rows], 1, [orth(one.x) for one in rows])
     return np.asarray(sum(one.z.T @ noise.times(one.z) for one in rows))

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter1d
 
 from fmus.errors import IdentificationError
-from identification.inverse_dynamics.loop import Loop, in_loop
-from identification.inverse_dynamics.regression import Rows
+from identification.inverse_dynamics.loop import PositionLoop, in_loop
+from identification.inverse_dynamics.regression import RegressionRows
 from identification.inverse_dynamics.study import Filtering
-from identification.inverse_dynamics.terms import Motion, Term
+from identification.inverse_dynamics.terms import AxisMotion, Term
 from identification.signals.processing import low_pass
 from orchestrator.trace import FloatArray
 
@@ -56,7 +56,7 @@ class FilteredRecord:
     y: FloatArray
     x: FloatArray
     kept: NDArray[np.intp]
-    motion: Motion
+    motion: AxisMotion
 
 
 def prepared(record: AxisRecord, how: Filtering, terms: Sequence[Term]) -> FilteredRecord:
@@ -73,8 +73,13 @@ def prepared(record: AxisRecord, how: Filtering, terms: Sequence[Term]) -> Filte
 
 
 def with_instruments(
-    one: FilteredRecord, how: Filtering, loop: Loop, values: Mapping[Term, float], terms: Sequence[Term], gain: float
-) -> Rows:
+    one: FilteredRecord,
+    how: Filtering,
+    loop: PositionLoop,
+    values: Mapping[Term, float],
+    terms: Sequence[Term],
+    gain: float,
+) -> RegressionRows:
     """The rows of a record with what the axis does in its loop by these values as instruments.
 
     Raises:
@@ -88,12 +93,12 @@ def with_instruments(
         raise IdentificationError(
             record.name, "the axis runs away in the loop", "check `position_gain`, `speed_gain` and the gain's sign"
         )
-    return Rows(one.y, one.x, _thinned(record, how, motion.columns(terms))[one.kept])
+    return RegressionRows(one.y, one.x, _thinned(record, how, motion.columns(terms))[one.kept])
 
 
-def _differentiated(position: FloatArray, step: float) -> Motion:
+def _differentiated(position: FloatArray, step: float) -> AxisMotion:
     speed = np.gradient(position, step)
-    return Motion(position, speed, np.gradient(speed, step))
+    return AxisMotion(position, speed, np.gradient(speed, step))
 
 
 def _stride(record: AxisRecord, how: Filtering) -> int:
@@ -108,7 +113,7 @@ def _thinned(record: AxisRecord, how: Filtering, values: FloatArray) -> FloatArr
     return low_pass(values, record.step, 0.4 / (stride * record.step), THINNING_ORDER)[::stride]
 
 
-def _kept(record: AxisRecord, how: Filtering, motion: Motion) -> NDArray[np.intp]:
+def _kept(record: AxisRecord, how: Filtering, motion: AxisMotion) -> NDArray[np.intp]:
     """Numbers of the rows that neither the filters' ends touch nor, as far as they reach, a speed that is too low."""
     stride = _stride(record, how)
     slowest = minimum_filter1d(np.abs(motion.speed), 2 * REACH * stride + 1)[::stride]

@@ -7,7 +7,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from identification.inverse_dynamics.loop import Loop
+from identification.inverse_dynamics.loop import PositionLoop
 from identification.inverse_dynamics.study import Axis, Filtering, InverseDynamicsStudy, Way
 from identification.inverse_dynamics.terms import SAME, Term
 from identification.recordings.schema import RecordedStudyBlock, UsedSignals
@@ -41,7 +41,7 @@ class CommandBlock(Block):
     gain: str | None = Axis.gain
 
 
-class LoopBlock(Block):
+class PositionLoopBlock(Block):
     """The control that the axis was recorded in: command = speed_gain (position_gain (reference - position) - speed).
 
     Attributes:
@@ -75,7 +75,7 @@ class InverseDynamicsBlock(RecordedStudyBlock, SystemBlock):
     rows_per_second: float = Field(Filtering.rows_per_second, gt=0)
     least_speed: float = Field(Filtering.least_speed, ge=0)
     write: dict[Term, str]
-    loop: LoopBlock | None = None
+    loop: PositionLoopBlock | None = None
     take: Way | None = None
     compare: dict[str, dict[str, float]] = {}
     truth: dict[str, float] = {}
@@ -113,7 +113,7 @@ class InverseDynamicsBlock(RecordedStudyBlock, SystemBlock):
             filtering=Filtering(self.cutoff, self.rows_per_second, self.least_speed),
             write=self.write,
             take=self.take or ("instrumental" if loop else "least-squares"),
-            loop=Loop(loop.reference, loop.position_gain, loop.speed_gain) if loop else None,
+            loop=PositionLoop(loop.reference, loop.position_gain, loop.speed_gain) if loop else None,
             description=self.description,
             compare=self.compare,
             truth=self.truth,

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from identification.inverse_dynamics.loop import Loop
+from identification.inverse_dynamics.loop import PositionLoop
 from identification.inverse_dynamics.terms import Term
 from identification.recordings.campaign import TraceSource
 from orchestrator.assembly.assembly import SystemSpec
@@ -64,7 +64,7 @@ class InverseDynamicsStudy:
     filtering: Filtering
     write: Mapping[Term, str]
     take: Way
-    loop: Loop | None = None
+    loop: PositionLoop | None = None
     description: str = ""
     compare: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     truth: Mapping[str, float] = field(default_factory=dict)

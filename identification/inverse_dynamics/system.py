@@ -21,7 +21,7 @@ UNITS: dict[str, dict[str, str]] = {
 
 
 @dataclass(frozen=True)
-class Checked:
+class AxisSystem:
     """What a study's system says.
 
     Attributes:
@@ -37,7 +37,7 @@ class Checked:
     gain: float
 
 
-def checked(study: InverseDynamicsStudy, system: System) -> Checked:
+def checked(study: InverseDynamicsStudy, system: System) -> AxisSystem:
     """What the study needs of its system.
 
     Raises:
@@ -63,7 +63,7 @@ def checked(study: InverseDynamicsStudy, system: System) -> Checked:
     signals = {axis.position: position, axis.command: command}
     if study.loop is not None:
         signals[study.loop.reference] = position
-    return Checked(
+    return AxisSystem(
         signals,
         {term: number(system, values, target) for term, target in study.write.items()},
         {term: system.port(Endpoint.parse(target)).measure.name for term, target in study.write.items()},

@@ -41,7 +41,7 @@ SAME: tuple[frozenset[Term], ...] = (
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class AxisMotion:
     """A motion of the axis, sample by sample.
 
     Attributes:

@@ -23,7 +23,7 @@ _GROUP = 8  # times as many rows as columns are triangularised at once: what a p
 
 
 @dataclass(frozen=True, eq=False)
-class Factor:
+class HankelFactor:
     """A lower triangular L with L L' = H H'.
 
     Attributes:
@@ -46,7 +46,9 @@ class HankelRows:
     lags: int
 
 
-def factor(signals: Sequence[FloatArray], rows: Sequence[HankelRows], compression: Compression = "auto") -> Factor:
+def factor(
+    signals: Sequence[FloatArray], rows: Sequence[HankelRows], compression: Compression = "auto"
+) -> HankelFactor:
     """The triangular factor of the Hankel matrix whose rows are these groups, one below the other.
 
     Column k of the matrix holds sample k + lag of every channel; columns run over all records.
@@ -79,10 +81,10 @@ def absorbed(triangle: FloatArray, rows: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.qr(np.concatenate([triangle, rows]), mode="r"))
 
 
-def _factor(lower: FloatArray, scale: FloatArray, compression: Compression) -> Factor:
+def _factor(lower: FloatArray, scale: FloatArray, compression: Compression) -> HankelFactor:
     values = np.linalg.svd(lower, compute_uv=False)
     condition = float(values[0] / values[-1]) if values[-1] > 0 else np.inf
-    return Factor(lower * scale[:, None], condition, compression)
+    return HankelFactor(lower * scale[:, None], condition, compression)
 
 
 def _rms(signals: Sequence[FloatArray]) -> FloatArray:

@@ -66,14 +66,14 @@ def _sighted(order: int, mode: Mode, before: Sequence[Mode]) -> Sighting:
 
 
 @dataclass(frozen=True)
-class Spread:
+class ModeSpread:
     """Standard deviations of a mode's natural frequency [Hz] and damping ratio."""
 
     frequency: float
     damping: float
 
 
-def spreads(model: LinearModel, sensitivity: FloatArray, covariance: FloatArray) -> list[Spread]:
+def spreads(model: LinearModel, sensitivity: FloatArray, covariance: FloatArray) -> list[ModeSpread]:
     """One for each of `modes(model)`, to first order.
 
     Args:
@@ -93,10 +93,10 @@ def spreads(model: LinearModel, sensitivity: FloatArray, covariance: FloatArray)
     return found
 
 
-def _spread(mode: Mode, slope: ComplexArray, covariance: FloatArray) -> Spread:
+def _spread(mode: Mode, slope: ComplexArray, covariance: FloatArray) -> ModeSpread:
     """From the slope (P,) of the eigenvalue."""
     if not mode.frequency > 0:
-        return Spread(float("nan"), float("nan"))
+        return ModeSpread(float("nan"), float("nan"))
     pole = mode.pole
     moved = slope / (mode.eigenvalue * mode.step)
     size = abs(pole)
@@ -104,4 +104,4 @@ def _spread(mode: Mode, slope: ComplexArray, covariance: FloatArray) -> Spread:
     by_damping = -moved.real / size + pole.real * by_size / size**2
     with np.errstate(invalid="ignore"):  # what is not determined is nan in the covariance, and stays so
         variances = by_size @ covariance @ by_size, by_damping @ covariance @ by_damping
-        return Spread(float(np.sqrt(variances[0]) / (2 * np.pi)), float(np.sqrt(variances[1])))
+        return ModeSpread(float(np.sqrt(variances[0]) / (2 * np.pi)), float(np.sqrt(variances[1])))

@@ -89,7 +89,7 @@ Records = InputOutputData | Sequence[InputOutputData]  # one, or several that on
 
 
 @dataclass(frozen=True, eq=False)
-class Pieces:
+class RecordPieces:
     """Records without gaps.
 
     Attributes:
@@ -108,7 +108,7 @@ class Pieces:
         return sum(map(len, self.records))
 
 
-def without_gaps(records: Records, shortest: int) -> Pieces:
+def without_gaps(records: Records, shortest: int) -> RecordPieces:
     """The records cut where a sample is not finite; pieces below `shortest` samples are dropped and counted.
 
     Raises:
@@ -134,7 +134,7 @@ def without_gaps(records: Records, shortest: int) -> Pieces:
         if not largest < _LARGEST:
             raise IdentificationError(piece.name, f"holds a value of {largest:g}", "repair it, or change the unit")
     lost = sum(map(len, pieces)) - sum(map(len, kept))
-    return Pieces(kept, len(pieces) - len(kept), lost)
+    return RecordPieces(kept, len(pieces) - len(kept), lost)
 
 
 def between_gaps(whole: InputOutputData) -> list[InputOutputData]:

@@ -16,7 +16,7 @@ import numpy as np
 from fmus.errors import IdentificationError
 from identification.linearisation.slopes import DIFFERENCES, DIRECTIONAL, SLOW, WIDTHS, Slopes, Standing, apart
 from orchestrator.fmi.exchange_slave import ExchangeSlave
-from orchestrator.fmi.file import FmuDescription, FmuFile, Kind
+from orchestrator.fmi.file import FmuDescription, FmuFile, FmuKind
 from orchestrator.trace import FloatArray
 
 
@@ -35,13 +35,13 @@ def fmu_slopes(place: str, file: Path, values: Mapping[str, Any], count: int = 1
             directional derivatives of its own making.
     """
     description = FmuDescription(file)
-    if Kind.MODEL_EXCHANGE not in description.kinds:
+    if FmuKind.MODEL_EXCHANGE not in description.kinds:
         fix = "ask its supplier for Model Exchange, or identify a linear model of it (`method: subspace`)"
         raise IdentificationError(place, f"{file.name} has no Model Exchange, which would tell its slopes", fix)
     own = description.interface
     standing = at and replace(at, states={name: at.states[name] for name in description.state_names})
     inputs, outputs = (tuple(port.name for port in own.of(side) if port.real) for side in ("input", "output"))
-    with FmuFile(file, Kind.MODEL_EXCHANGE) as opened:
+    with FmuFile(file, FmuKind.MODEL_EXCHANGE) as opened:
         slave = ExchangeSlave(opened, place)
         try:
             models, by, moving = [], "", 0.0

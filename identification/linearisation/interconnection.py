@@ -18,7 +18,7 @@ HIDDEN = 1e-9  # singular value, of the matrix's size, below which a direction i
 
 
 @dataclass(frozen=True)
-class Shown:
+class ShownOutput:
     """An output of a plant: factor * a variable of a component.
 
     Attributes:
@@ -33,7 +33,7 @@ def joined(
     parts: Mapping[str, Slopes],
     connections: Sequence[Connection],
     inputs: Mapping[str, Endpoint],
-    outputs: Mapping[str, Shown],
+    outputs: Mapping[str, ShownOutput],
     step: float,
     place: str,
 ) -> list[LinearModel]:

@@ -13,14 +13,14 @@ import numpy as np
 from fmus.errors import IdentificationError, ScenarioError
 from identification.linear.model import UNIT_CIRCLE
 from identification.linearisation.parts import Parts
-from identification.linearisation.periodic import Joint, over_a_period
+from identification.linearisation.periodic import JoinedSystem, over_a_period
 from identification.linearisation.point import OperatingPoint, checked, reached
-from identification.linearisation.result import Linearised, Signal
+from identification.linearisation.result import Linearised, ModelSignal
 from identification.linearisation.slopes import SLOW
 from orchestrator.assembly.assembly import ComponentSpec, OpenSystem, SystemSpec, assemble
 from orchestrator.assembly.whole_arrays import elements
 from orchestrator.engine import Simulation, Timing
-from orchestrator.fmi.file import FmuDescription, Kind
+from orchestrator.fmi.file import FmuDescription, FmuKind
 from orchestrator.fmi.interface import Port, Value
 from orchestrator.fmi.isolation import scratch
 from orchestrator.progress import Progress, silent
@@ -104,7 +104,7 @@ def _alone(path: Path) -> Scenario:
     period = file.interface.ports.get("sample_time")
     step = next((seconds(text) for text in (period and period.start, told) if text), STEP)
     name = re.sub(r"\W", "_", path.stem)
-    spec = ComponentSpec(path, solver=SolverSettings() if file.kind is Kind.MODEL_EXCHANGE else None)
+    spec = ComponentSpec(path, solver=SolverSettings() if file.kind is FmuKind.MODEL_EXCHANGE else None)
     timing = Timing(stop=step * 2**20, step=step)
     return Scenario(path, path.stem, "", SystemSpec({name: spec}), timing, {}, None, None, (Case("alone"),))
 
@@ -240,9 +240,9 @@ def _name(end: Endpoint, single: bool) -> str:
     return re.sub(r"\W+", "_", end.variable if single else f"{end.component}_{end.variable}").strip("_")
 
 
-def _signal(name: str, end: Endpoint, system: System, point: OperatingPoint) -> Signal:
+def _signal(name: str, end: Endpoint, system: System, point: OperatingPoint) -> ModelSignal:
     unit = system.port(end).unit or ""
-    return Signal(name, str(end), unit, point.after[str(end)])
+    return ModelSignal(name, str(end), unit, point.after[str(end)])
 
 
 def _where(scenario: Scenario, parts: Parts, point: OperatingPoint) -> str:
@@ -252,7 +252,7 @@ def _where(scenario: Scenario, parts: Parts, point: OperatingPoint) -> str:
     return f"{name}, {written(point.time)} s, where it {'rests' if rests else 'moves'}"
 
 
-def _remarks(whole: Scenario, case: Case, parts: Parts, point: OperatingPoint, joint: Joint) -> list[str]:
+def _remarks(whole: Scenario, case: Case, parts: Parts, point: OperatingPoint, joint: JoinedSystem) -> list[str]:
     moving = {name: part.moving for name, part in parts.between.items() if part.moving > SLOW}
     found = []
     if len(whole.cases) > 1:

@@ -21,7 +21,7 @@ from identification.linearisation.fmu_slopes import fmu_slopes
 from identification.linearisation.point import OperatingPoint
 from identification.linearisation.slopes import MATRICES, Sampling, Slopes, Standing
 from orchestrator.assembly.assembly import ComponentSpec
-from orchestrator.fmi.file import FmuDescription, Kind
+from orchestrator.fmi.file import FmuDescription, FmuKind
 from orchestrator.fmi.interface import Interface, Value
 from orchestrator.fmi.slave import Slave
 
@@ -68,7 +68,7 @@ class Parts:
             self._take(name, None, Sampling(*matrices, model.inputs, model.outputs, model.step, MATRICES))
         elif not standing.inputs and not file.state_names:
             self.sources.append(name)
-        elif Kind.MODEL_EXCHANGE in file.kinds:
+        elif FmuKind.MODEL_EXCHANGE in file.kinds:
             _require_seen(name, file, standing)
             self._take(name, fmu_slopes(name, file.path, values, at=standing), None)
         else:

@@ -20,7 +20,7 @@ from orchestrator.trace import ComplexArray, FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class Joint:
+class JoinedSystem:
     """A joined system.
 
     Attributes:
@@ -47,7 +47,7 @@ def over_a_period(
     outputs: Mapping[str, Endpoint],
     step: float,
     place: str,
-) -> Joint:
+) -> JoinedSystem:
     """The system from inputs to outputs over a period `step` [s].
 
     Args:
@@ -85,7 +85,7 @@ def over_a_period(
     za, zb, zc, zd = whole[0], whole[1], whole[2][rows], whole[3][rows]
     a, b, c = (matrix[0] for matrix in reached_and_seen(za[None], zb[None], zc[None]))
     model = LinearModel(a, b, c, zd, step, tuple(inputs), tuple(outputs))
-    return Joint(model, np.linalg.eigvals(za).astype(complex))
+    return JoinedSystem(model, np.linalg.eigvals(za).astype(complex))
 
 
 class _Ports:

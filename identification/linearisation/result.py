@@ -53,7 +53,7 @@ class LinearisedSummary(TypedDict):
 
 
 @dataclass(frozen=True)
-class Signal:
+class ModelSignal:
     """An input or output of the model.
 
     Attributes:
@@ -83,8 +83,8 @@ class Linearised:
 
     title: str
     model: LinearModel
-    inputs: tuple[Signal, ...]
-    outputs: tuple[Signal, ...]
+    inputs: tuple[ModelSignal, ...]
+    outputs: tuple[ModelSignal, ...]
     time: float
     point: str
     case: str
@@ -144,5 +144,5 @@ class Linearised:
         return table(("mode", "frequency [Hz]", "damping"), rows, caption=self.title)
 
 
-def _signal(signal: Signal) -> SignalSummary:
+def _signal(signal: ModelSignal) -> SignalSummary:
     return {"name": signal.name, "of": signal.of, "unit": signal.unit, "zero": signal.zero}

@@ -24,7 +24,7 @@ VISCOUS, GRAVITY, MOTOR, THERE, BACK = range(5)  # columns: p2, p3, p4 and dry f
 
 
 @dataclass(frozen=True)
-class Noise:
+class MotionNoise:
     """Standard deviations of a motion's angle [rad] and speed [rad/s], sample by sample."""
 
     angle: float
@@ -44,7 +44,7 @@ class Stretch(ReadOnlyArrays):
     """
 
     motion: Motion
-    noise: Noise
+    noise: MotionNoise
     rows: slice
     terms: FloatArray
     kinetic: FloatArray
@@ -55,12 +55,12 @@ class Stretch(ReadOnlyArrays):
         return np.asarray(self.kinetic - self.terms @ found)
 
 
-def sensor_noise(motion: Motion) -> Noise:
+def sensor_noise(motion: Motion) -> MotionNoise:
     """By differences of a high order, which a swing has almost none of; what it has counts as noise."""
     angle = _roughness(motion.angle)
     if motion.derivative is not None:
-        return Noise(angle, angle * float(np.linalg.norm(motion.derivative)))
-    return Noise(angle, _roughness(motion.speed))
+        return MotionNoise(angle, angle * float(np.linalg.norm(motion.derivative)))
+    return MotionNoise(angle, _roughness(motion.speed))
 
 
 def _roughness(values: FloatArray) -> float:

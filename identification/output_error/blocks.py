@@ -11,7 +11,7 @@ from identification.estimation.arrow_least_squares import Loss, LossKind
 from identification.estimation.groups import Grouping
 from identification.estimation.parameters import Parameter, Scale, Tie
 from identification.estimation.prior import LogNormal, Normal, Prior, Uniform
-from identification.output_error.search.options import BootstrapKind, IntervalBy, IntervalOptions, Options
+from identification.output_error.search.options import BootstrapKind, IntervalBy, IntervalOptions, SearchOptions
 from identification.output_error.study import AutoWindows, StartSpec, WindowSpec
 from identification.output_error.times.spans import SpanEntry, WidthEntry, amount
 from orchestrator.assembly.schema import ComponentBlock, Connections
@@ -296,14 +296,14 @@ class LossBlock(Block):
 class OptionsBlock(Block):
     """How the estimation searches."""
 
-    explained_by = (Options,)
+    explained_by = (SearchOptions,)
 
-    starts: int = Field(Options.starts, ge=1)
-    seed: int = Options.seed
-    max_evaluations: int = Field(Options.max_evaluations, ge=1)
-    cost_tolerance: float = Field(Options.cost_tolerance, gt=0)
-    step_tolerance: float = Field(Options.step_tolerance, gt=0)
-    difference_step: float = Field(Options.difference_step, gt=0)
+    starts: int = Field(SearchOptions.starts, ge=1)
+    seed: int = SearchOptions.seed
+    max_evaluations: int = Field(SearchOptions.max_evaluations, ge=1)
+    cost_tolerance: float = Field(SearchOptions.cost_tolerance, gt=0)
+    step_tolerance: float = Field(SearchOptions.step_tolerance, gt=0)
+    difference_step: float = Field(SearchOptions.difference_step, gt=0)
 
 
 class UncertaintyBlock(Block):

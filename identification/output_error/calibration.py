@@ -18,7 +18,7 @@ from identification.fits import FitSummary, fit_summary
 from identification.output_error.choice.choice import Choice
 from identification.output_error.chosen_windows import PickedWindows, chosen_length, picked_windows
 from identification.output_error.search.estimator import Estimate, SearchState, estimate, predict
-from identification.output_error.search.options import Options, Watch
+from identification.output_error.search.options import SearchOptions, Watch
 from identification.output_error.search.problem import Problem, spread_weights
 from identification.output_error.simulator import SystemFactory
 from identification.output_error.start_values import UnreadStart, start_warnings, unread_starts
@@ -285,7 +285,7 @@ def _fit(
     return estimate(problem, _factory(study, assembled, windows), _options(study, assembled, problem), watch)
 
 
-def _options(study: OutputErrorStudy, assembled: Assembled, problem: Problem) -> Options:
+def _options(study: OutputErrorStudy, assembled: Assembled, problem: Problem) -> SearchOptions:
     """The study's, with as many processes as are worth their start: one where our own models run for short.
 
     Others may crash or hang, and would take the command with them.

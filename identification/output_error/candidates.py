@@ -11,7 +11,7 @@ import numpy as np
 from fmus.errors import FmuError, IdentificationError, InputError
 from identification.estimation.stopped import stopped
 from identification.output_error.calibration import Calibration, Judged, PreparedStudy, isolated, weighed
-from identification.output_error.choice.choice import Choice, Outcome
+from identification.output_error.choice.choice import Choice, FittedCandidate
 from identification.output_error.choice.criteria import Misfit
 from identification.output_error.choice.ranking import ranked
 from identification.output_error.search.options import IntervalOptions
@@ -183,9 +183,9 @@ def _unseen(judged: Judged, columns: Sequence[int]) -> FloatArray:
     return np.asarray(np.mean(np.array(errors) / np.where(moved > 0, moved, 1.0), axis=1))
 
 
-def _outcome(calibration: Calibration, misfit: Misfit) -> Outcome:
+def _outcome(calibration: Calibration, misfit: Misfit) -> FittedCandidate:
     found, unseen = calibration.estimate, calibration.validation
-    return Outcome(
+    return FittedCandidate(
         found.values,
         found.std,
         calibration.units,

@@ -30,9 +30,9 @@ from identification.output_error.blocks import (
     WindowsBlock,
 )
 from identification.output_error.choice.change import CANDIDATES, of_candidate
-from identification.output_error.search.options import IntervalBy, Options
+from identification.output_error.search.options import IntervalBy, SearchOptions
 from identification.output_error.study import FreeRunSpec, OutputErrorStudy, OutputWeight, TraceSignal
-from identification.output_error.times.delays import Delay, Estimated, Known
+from identification.output_error.times.delays import Delay, Estimated, KnownDelay
 from identification.quantities import SECONDS, numbers
 from identification.recordings.campaign import TraceSource
 from identification.recordings.schema import RecordedStudyBlock, UsedSignals
@@ -303,7 +303,7 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
             description=self.description,
             weight=self.weight,
             loss=Loss(self.loss.kind, self.loss.scale),
-            options=Options(**dict(self.options), intervals=self.uncertainty.options()),
+            options=SearchOptions(**dict(self.options), intervals=self.uncertainty.options()),
             by={name: how for name, block in self.parameters.items() if (how := block.grouping()) is not None},
         )
 
@@ -317,12 +317,12 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
         spec = self._signal_specs({name: block})[name]
         if block.interpolation is None:
             return spec
-        return replace(spec, delay=spec.delay or Known(0.0), linear=block.interpolation == "linear")
+        return replace(spec, delay=spec.delay or KnownDelay(0.0), linear=block.interpolation == "linear")
 
     def _delay(self, entry: DelayEntry | None) -> Delay | None:
         """A delay with its parameter's bounds; its start where a bound is missing."""
         if not isinstance(entry, str):
-            return None if entry is None else Known(entry)
+            return None if entry is None else KnownDelay(entry)
         block = self.parameters[entry]
         if block.tied is not None:
             other = self._delay(block.tied)

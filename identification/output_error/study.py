@@ -12,8 +12,8 @@ from fmus.units import SAME, Conversion
 from identification.estimation.arrow_least_squares import LEAST_SQUARES, Loss
 from identification.estimation.groups import Grouped, Grouping, parted
 from identification.estimation.parameters import ParameterSet
-from identification.output_error.search.estimator import Options
-from identification.output_error.times.delays import Delay, Estimated, Known
+from identification.output_error.search.estimator import SearchOptions
+from identification.output_error.times.delays import Delay, Estimated, KnownDelay
 from identification.output_error.times.spans import Samples, Span, lasting, on_raster
 from identification.recordings.campaign import TraceSource
 from orchestrator.assembly.assembly import SystemSpec
@@ -157,7 +157,7 @@ class FreeRunSpec:
 
     def by_means(self) -> FreeRunSpec:
         """The same with all commands by their means over each step: frames never come at its beginning."""
-        inputs = {name: replace(spec, delay=spec.delay or Known(0.0)) for name, spec in self.inputs.items()}
+        inputs = {name: replace(spec, delay=spec.delay or KnownDelay(0.0)) for name, spec in self.inputs.items()}
         return replace(self, inputs=inputs)
 
     @property
@@ -256,7 +256,7 @@ class OutputErrorStudy:
     description: str = ""
     weight: OutputWeight = "output"
     loss: Loss = LEAST_SQUARES
-    options: Options = field(default_factory=Options)
+    options: SearchOptions = field(default_factory=SearchOptions)
     compare: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     truth: Mapping[str, float] = field(default_factory=dict)
     given: Mapping[str, tuple[str, str]] = field(default_factory=dict)

@@ -7,10 +7,10 @@ import numpy as np
 from identification.output_error.calibration import Calibration
 from identification.output_error.results import GIVEN
 from identification.output_error.search.estimate import Estimate
-from identification.output_error.search.profile_curve import Profile
+from identification.output_error.search.profile_curve import CostProfile
 from orchestrator.display.table import Cell
 from orchestrator.display.titles import with_unit
-from orchestrator.report import Chart, Curve, Mark, Panel, Section, figures
+from orchestrator.report import Chart, ChartLine, Curve, Panel, Section, figures
 from orchestrator.report.drawings import ChartGrid
 from orchestrator.trace import FloatArray
 
@@ -142,7 +142,7 @@ def _percent(shares: FloatArray) -> list[Cell]:
     return [f"{100 * share:.0f} %" if np.isfinite(share) else None for share in shares]
 
 
-def _drawn(curve: Profile, axis: str) -> Chart:
+def _drawn(curve: CostProfile, axis: str) -> Chart:
     """A profile, with what is 95 % likely below the line."""
-    line = Mark(curve.threshold, "y", "95 %")
+    line = ChartLine(curve.threshold, "y", "95 %")
     return Chart([Panel("rise", [Curve("profile", curve.values, curve.rise)], [line])], x=axis, legend=False)

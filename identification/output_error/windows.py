@@ -16,9 +16,9 @@ from identification.output_error.times.delays import (
     Command,
     Delay,
     Estimated,
-    Held,
-    Known,
-    Lines,
+    HeldCommand,
+    KnownDelay,
+    LinearCommand,
     StartReading,
     compared_rows,
     known,
@@ -186,7 +186,7 @@ def _barred(run: FreeRunSpec, marks: Sequence[Mark], length: Fraction) -> FloatA
 def _reach(run: FreeRunSpec) -> Iterator[tuple[str, float, float]]:
     """Each signal, and by how much a mark of it lies later in a free run, at its beginning and at its end [s]."""
     for spec in run.inputs.values():
-        delay = spec.delay or Known(0.0)
+        delay = spec.delay or KnownDelay(0.0)
         yield spec.signal, delay.lowest, delay.highest
     for spec in run.outputs.values():
         yield spec.signal, -known(spec.delay), -known(spec.delay)
@@ -284,13 +284,13 @@ def _window(
 def _sampled(trace: Trace, spec: TraceSignal, instants: FloatArray, delay: float) -> FloatArray:
     """(K,) what the trace shows of a variable at these instants [s], that much later; its ends last."""
     if spec.stepwise:
-        return Held(trace.time, spec.conversion(trace[spec.signal])).at(instants + delay)
+        return HeldCommand(trace.time, spec.conversion(trace[spec.signal])).at(instants + delay)
     return np.asarray(np.interp(instants + delay, trace.time, spec.conversion(trace[spec.signal])))
 
 
 def _command(spec: TraceSignal, delay: Delay, trace: Trace, raster: FloatArray, step: float) -> Command:
     """A command that counts by its means, as far as it matters from the first instant to a step after the last."""
-    held = (Lines if spec.linear else Held)(trace.time, spec.conversion(trace[spec.signal]))
+    held = (LinearCommand if spec.linear else HeldCommand)(trace.time, spec.conversion(trace[spec.signal]))
     near = held.between(raster[0] - delay.highest, raster[-1] + step - delay.lowest)
     return Command(delay, near, spec.stepwise)
 
@@ -304,7 +304,7 @@ def _reading(run: FreeRunSpec, trace: Trace, start: float, spec: StartSpec) -> S
 def _delay_of(run: FreeRunSpec, start: StartSpec) -> Delay:
     """The delay of the output that is read off the same signal."""
     delays = (output.delay for output in run.outputs.values() if output.signal == start.signal)
-    return next(delays, None) or Known(0.0)
+    return next(delays, None) or KnownDelay(0.0)
 
 
 def start_curve(trace: Trace, start: float, spec: StartSpec) -> Polynomial:

@@ -123,7 +123,7 @@ def _stretch(value: Any) -> Any:
     return {"from": value[0], "to": value[1]}
 
 
-class PartBlock(Block):
+class ExcludedPartBlock(Block):
     """A part of a trace that is kept out of the fit, from one time to another of the recording [s]; one may be open.
 
     Attributes:
@@ -136,7 +136,7 @@ class PartBlock(Block):
     to: float | None = None
 
     @model_validator(mode="after")
-    def _some(self) -> PartBlock:
+    def _some(self) -> ExcludedPartBlock:
         part = self.part()
         if {self.from_, self.to} == {None} or part.start >= part.stop:
             raise ValueError("give `from`, `to` or both, `from` before `to`")
@@ -168,7 +168,7 @@ class TracesBlock(Block):
     layout: LayoutBlock = LayoutBlock()
     file_name: FileNameBlock | None = None
     values: dict[str, str] = {}
-    hold_out: list[str | PartBlock] = []
+    hold_out: list[str | ExcludedPartBlock] = []
     exclude: list[Annotated[StretchBlock, BeforeValidator(_stretch, json_schema_input_type=Stretch)]] = []
     keep: list[Seen] = []
 
@@ -191,7 +191,7 @@ class TracesBlock(Block):
             else None,
             self.values,
             tuple(self.held_out),
-            tuple(block.part() for block in self.hold_out if isinstance(block, PartBlock)),
+            tuple(block.part() for block in self.hold_out if isinstance(block, ExcludedPartBlock)),
             exclude,
             frozenset(self.keep),
             signals.commands | signals.measured,

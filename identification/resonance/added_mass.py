@@ -109,7 +109,7 @@ def _result(
 
 
 @dataclass(frozen=True)
-class Bounds:
+class AddedMassBounds:
     """Start and bounds of p1 [kg m^2], p2 [N m s/rad], p3 [N m], in this order."""
 
     start: tuple[float, float, float]
@@ -117,7 +117,7 @@ class Bounds:
     upper: tuple[float, float, float]
 
 
-def fit_damped(data: Resonances, bounds: Bounds) -> AddedMassFit:
+def fit_damped(data: Resonances, bounds: AddedMassBounds) -> AddedMassFit:
     """p1, p2, p3 that bring Eq. 79 nearest to the resonances within bounds (Eq. 102).
 
     Minimises the sum of squared differences of w_opt^2, divided by their variances where these are known. p2

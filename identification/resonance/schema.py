@@ -8,7 +8,7 @@ from typing import Literal
 from pydantic import model_validator
 
 from identification.recordings.schema import RecordedStudyBlock, UsedSignals
-from identification.resonance.added_mass import Bounds
+from identification.resonance.added_mass import AddedMassBounds
 from identification.resonance.steps import RECORDINGS_SCRIPT, SYNTHETIC_SCRIPT, Processing
 from identification.resonance.study import CampaignStudy, Lumped, SineCampaign, Taken
 from orchestrator.assembly.schema import SystemBlock
@@ -50,9 +50,9 @@ class BoundsBlock(Block):
     lower: tuple[float, float, float]
     upper: tuple[float, float, float]
 
-    def bounds(self) -> Bounds:
+    def bounds(self) -> AddedMassBounds:
         first, second, third = ((low + high) / 2 for low, high in zip(self.lower, self.upper, strict=True))
-        return Bounds(self.start or (first, second, third), self.lower, self.upper)
+        return AddedMassBounds(self.start or (first, second, third), self.lower, self.upper)
 
 
 class ResonanceBlock(RecordedStudyBlock, SystemBlock):

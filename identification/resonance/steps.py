@@ -15,7 +15,7 @@ import numpy as np
 
 from fmus.errors import IdentificationError
 from identification.estimation.estimated_value import EstimatedValue, with_interval
-from identification.resonance.added_mass import AddedMassFit, Bounds, Resonances, fit_damped, resonances
+from identification.resonance.added_mass import AddedMassBounds, AddedMassFit, Resonances, fit_damped, resonances
 from identification.resonance.log_gain import (
     GainData,
     MagnitudeFit,
@@ -126,7 +126,7 @@ class ResonanceStudy:
 def study_as_published(
     experiments: Sequence[Experiment],
     processing: Processing,
-    bounds: Bounds,
+    bounds: AddedMassBounds,
     signal: str = "angle",
     gravity: float = GRAVITY,
 ) -> ResonanceStudy:

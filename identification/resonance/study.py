@@ -10,7 +10,7 @@ from typing import Literal
 from fmus.errors import ScenarioError
 from identification.recordings.campaign import StudyTrace, TraceSource
 from identification.recordings.marks import nothing_left, pieces
-from identification.resonance.added_mass import Bounds
+from identification.resonance.added_mass import AddedMassBounds
 from identification.resonance.steps import Experiment, Processing
 from orchestrator.assembly.assembly import SystemSpec
 
@@ -86,7 +86,7 @@ class CampaignStudy:
     traces: TraceSource
     campaign: SineCampaign
     processing: Processing
-    bounds: Bounds
+    bounds: AddedMassBounds
     write: Mapping[Lumped, str]
     description: str = ""
     take: Taken = "corrected"

@@ -21,7 +21,7 @@ from identification.recordings.units import in_common_units
 from identification.subspace.refinement.prediction_error import Refined, refine, uncertainty
 from identification.subspace.schema import ReductionBlock, SubspaceBlock
 from identification.subspace.spread import changes
-from identification.subspace.trials import Candidate, Sides, Trial, Trying
+from identification.subspace.trials import ModelCandidate, Sides, SubspaceTrial, Trying
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.progress import Progress
 
@@ -46,8 +46,8 @@ class SubspaceCalibration:
     study: SubspaceBlock
     recorded: tuple[StudyTrace, ...]
     records: dict[str, InputOutputData]
-    candidates: dict[str, Candidate]
-    trials: tuple[Trial, ...]
+    candidates: dict[str, ModelCandidate]
+    trials: tuple[SubspaceTrial, ...]
     refined: Refined | None
     pieces: dict[str, str]
     dropped: int
@@ -57,7 +57,7 @@ class SubspaceCalibration:
     stopped: str = ""
 
     @property
-    def taken(self) -> Candidate:
+    def taken(self) -> ModelCandidate:
         """The one that is written: that of `take`, the reduced one where there is one, else that of the best free run.
 
         Of equally good ones it is the first.
@@ -74,7 +74,7 @@ class SubspaceCalibration:
         return None if known is None else Offsets(known.u, known.y + self.taken.offset)
 
     @property
-    def best(self) -> Trial:
+    def best(self) -> SubspaceTrial:
         """The trial with the best free run."""
         return max(self.trials, key=lambda trial: trial.score)
 
@@ -97,7 +97,7 @@ def calibrate(
     recorded = load_campaign(source, data, lambda fraction, doing: progress(0.3 * fraction, doing), isolation)
     recorded = in_common_units(recorded, [*study.inputs, *study.outputs])
     cut = _cut(study, recorded)
-    trials = list[Trial]()
+    trials = list[SubspaceTrial]()
     found = SubspaceCalibration(
         cut.study, tuple(recorded), cut.judged, {}, (), None, cut.origin, cut.dropped, cut.offsets
     )
@@ -159,13 +159,13 @@ def _cut(study: SubspaceBlock, recorded: list[StudyTrace]) -> _Cut:
     return _Cut(study, judged, origin, dropped, offsets, trying)
 
 
-def _best_of_each(trials: Sequence[Trial]) -> dict[str, Candidate]:
+def _best_of_each(trials: Sequence[SubspaceTrial]) -> dict[str, ModelCandidate]:
     """Weighting -> its best candidate.
 
     Raises:
         IdentificationError: no way gave a model; the first says why.
     """
-    best: dict[str, Candidate] = {}
+    best: dict[str, ModelCandidate] = {}
     for trial in trials:
         known = trial.candidate
         if known is not None and (known.name not in best or known.score > best[known.name].score):

@@ -13,9 +13,9 @@ import numpy as np
 
 from fmus.errors import IdentificationError
 from identification.estimation.threads import single_threaded
-from identification.linear.hankel import Compression, Factor, factor
+from identification.linear.hankel import Compression, HankelFactor, factor
 from identification.linear.poles import Poles
-from identification.linear.records import InputOutputData, Pieces, Records, checked_weights, without_gaps
+from identification.linear.records import InputOutputData, RecordPieces, Records, checked_weights, without_gaps
 from identification.subspace.weightings import WEIGHTINGS, Blocks, Weighting, blocks, predicted
 from orchestrator.trace import FloatArray
 
@@ -89,7 +89,7 @@ class RangeSpace:
 
     basis: FloatArray
     values: FloatArray
-    pieces: Pieces
+    pieces: RecordPieces
     weights: FloatArray
     settings: SubspaceSettings
     condition: float
@@ -147,13 +147,13 @@ def _blocks(settings: SubspaceSettings, inputs: int, outputs: int) -> Blocks:
     return blocks(inputs, outputs, past, seen=seen, given=block, asked=block)
 
 
-def _check_outputs(pieces: Pieces) -> None:
+def _check_outputs(pieces: RecordPieces) -> None:
     for i, name in enumerate(pieces.records[0].outputs):
         if all(np.ptp(record.y[:, i]) == 0 for record in pieces.records):
             raise IdentificationError(f"{pieces.records[0].name}.{name}", "is constant", "leave this output out")
 
 
-def _check_length(pieces: Pieces, depth: int, rows: int) -> None:
+def _check_length(pieces: RecordPieces, depth: int, rows: int) -> None:
     columns = pieces.samples - len(pieces.records) * (depth - 1)
     if columns < rows:
         raise IdentificationError(
@@ -163,7 +163,7 @@ def _check_length(pieces: Pieces, depth: int, rows: int) -> None:
         )
 
 
-def _excitation(compressed: Factor, rows: Blocks, first: InputOutputData) -> float:
+def _excitation(compressed: HankelFactor, rows: Blocks, first: InputOutputData) -> float:
     """Condition of the inputs' block Hankel matrix, each row scaled to length 1."""
     lead = compressed.lower[: rows.inputs, : rows.inputs]
     lengths = np.linalg.norm(lead, axis=1, keepdims=True)

@@ -19,7 +19,7 @@ from identification.subspace.orders import borne
 from identification.subspace.range_space import RangeSpace
 from identification.subspace.realisation import realise
 from identification.subspace.summary import fits_of, medians, subspace_verdict, uncertain_modes, warnings_of
-from identification.subspace.trials import Candidate
+from identification.subspace.trials import ModelCandidate
 from orchestrator.display.table import Cell
 from orchestrator.report import Report, Section, figures
 from orchestrator.trace import Trace
@@ -69,7 +69,7 @@ def _tried(result: SubspaceCalibration) -> tuple[list[str], list[list[Cell]]]:
     return headers, rows
 
 
-def _worst(result: SubspaceCalibration, model: Candidate) -> str:
+def _worst(result: SubspaceCalibration, model: ModelCandidate) -> str:
     """Of the traces that models are compared on."""
     fits = fits_of(result, model)
     return told((fits["validation"] or fits["train"]).get("worst"))
@@ -90,7 +90,7 @@ def _free_runs(section: Section, result: SubspaceCalibration) -> None:
         section.figure(figures.overlay(measured, curves), name)
 
 
-def _drawn(result: SubspaceCalibration) -> list[Candidate]:
+def _drawn(result: SubspaceCalibration) -> list[ModelCandidate]:
     """The model that is written, and the best of the weightings'."""
     first = result.best.candidate or result.taken
     return [result.taken] if result.taken is first else [first, result.taken]

@@ -18,7 +18,7 @@ from identification.recordings.campaign import recording_warnings
 from identification.recordings.units import unit_documents
 from identification.results import FitsSummary, Summary, VerdictSummary, data_summary, finite, verdict
 from identification.subspace.calibration import SubspaceCalibration
-from identification.subspace.trials import Candidate, Trial
+from identification.subspace.trials import ModelCandidate, SubspaceTrial
 from orchestrator.results import versions
 from orchestrator.trace import FloatArray
 
@@ -31,7 +31,7 @@ class UncertainModeSummary(ModeSummary):
     eigenvalue: list[float]
 
 
-class CandidateSummary(ModelSummary):
+class LinearModelSummary(ModelSummary):
     """A model, why it has its order, and how it did."""
 
     why: str
@@ -40,7 +40,7 @@ class CandidateSummary(ModelSummary):
     modes: list[UncertainModeSummary]
 
 
-class TrialSummary(TypedDict):
+class SubspaceTrialSummary(TypedDict):
     """A way that was tried: its order and mean FIT of the traces that models are compared on, or why it failed."""
 
     weighting: str
@@ -75,9 +75,9 @@ class SubspaceSummary(Summary):
             independent of each other; only of a refined model.
     """
 
-    models: dict[str, CandidateSummary]
+    models: dict[str, LinearModelSummary]
     written: str
-    tried: list[TrialSummary]
+    tried: list[SubspaceTrialSummary]
     offsets: OffsetsSummary | None
     reduction: ReductionSummary | None
     changes: NotRequired[list[dict[str, list[list[float]]]]]
@@ -107,7 +107,7 @@ def summary(result: SubspaceCalibration) -> SubspaceSummary:
     return document
 
 
-def _trial(trial: Trial) -> TrialSummary:
+def _trial(trial: SubspaceTrial) -> SubspaceTrialSummary:
     model, settings = trial.candidate, trial.settings
     return {
         "weighting": settings.weighting,
@@ -173,7 +173,7 @@ def medians(fit: FloatArray) -> list[float | None]:
     return [median(column) for column in fit.T] if len(fit) else []
 
 
-def fits_of(result: SubspaceCalibration, candidate: Candidate) -> FitsSummary:
+def fits_of(result: SubspaceCalibration, candidate: ModelCandidate) -> FitsSummary:
     """How a model runs along fitted traces and along those kept aside."""
     aside = _fit(result, candidate.unseen, aside=True) if len(candidate.unseen) else None
     return {"train": _fit(result, candidate.train, aside=False), "validation": aside}
@@ -185,7 +185,7 @@ def _fit(result: SubspaceCalibration, fit: FloatArray, *, aside: bool) -> FitSum
     return fit_summary(fit, list(pieces), list(pieces.values()), result.study.outputs)
 
 
-def _model(result: SubspaceCalibration, candidate: Candidate) -> CandidateSummary:
+def _model(result: SubspaceCalibration, candidate: ModelCandidate) -> LinearModelSummary:
     model = candidate.model
     return {
         **model_summary(model),
@@ -196,7 +196,7 @@ def _model(result: SubspaceCalibration, candidate: Candidate) -> CandidateSummar
     }
 
 
-def uncertain_modes(candidate: Candidate) -> list[UncertainModeSummary]:
+def uncertain_modes(candidate: ModelCandidate) -> list[UncertainModeSummary]:
     """The modes of a model with what is known of their uncertainty; none where it has no modal coordinates."""
     model = candidate.model
     try:

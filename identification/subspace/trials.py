@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fmus.errors import IdentificationError
-from identification.linear.mode_tracking import Spread
+from identification.linear.mode_tracking import ModeSpread
 from identification.linear.model import LinearModel
 from identification.linear.poles import Poles
 from identification.linear.records import InputOutputData
@@ -25,7 +25,7 @@ _LOWEST = -1.0  # FIT from which on it does not matter how bad a run is
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class ModelCandidate:
     """A model and how it runs free along the traces.
 
     Attributes:
@@ -45,7 +45,7 @@ class Candidate:
     unseen: FloatArray
     runs: dict[str, FloatArray]
     offset: FloatArray
-    spreads: tuple[Spread, ...] = ()
+    spreads: tuple[ModeSpread, ...] = ()
     changes: tuple[LinearModel, ...] = ()
 
     @property
@@ -70,7 +70,7 @@ class Sides:
     start: float | None = None
     rest: bool = False
 
-    def judged(self, name: str, why: str, model: LinearModel) -> Candidate:
+    def judged(self, name: str, why: str, model: LinearModel) -> ModelCandidate:
         """A model with its free runs: of fitted records from their fitted states, of others from a horizon's."""
         own, other = (None, None) if self.rest else (math.inf, samples_for(model, self.start))
         offset = np.zeros(len(model.outputs)) if self.rest else offset_of(model, self.fitted)
@@ -78,11 +78,11 @@ class Sides:
         new, unseen = free_runs(model, self.unseen, other, offset)
         records = (*self.fitted, *self.unseen)
         runs = {record.name: run for record, run in zip(records, [*seen, *new], strict=True)}
-        return Candidate(name, model, why, train, unseen, runs, offset)
+        return ModelCandidate(name, model, why, train, unseen, runs, offset)
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class SubspaceTrial:
     """A way that was tried.
 
     Attributes:
@@ -91,7 +91,7 @@ class Trial:
 
     settings: SubspaceSettings
     result: SubspaceResult | None = None
-    candidate: Candidate | None = None
+    candidate: ModelCandidate | None = None
     error: IdentificationError | None = None
 
     @property
@@ -115,7 +115,7 @@ class Trying:
     poles: tuple[Poles, ...]
     feedthrough: tuple[bool, ...]
 
-    def by(self, settings: Sequence[SubspaceSettings]) -> Iterator[Trial]:
+    def by(self, settings: Sequence[SubspaceSettings]) -> Iterator[SubspaceTrial]:
         """Trials of one weighting, with each of these block sizes; then the other poles and D of the best of them."""
         spaces = [self._space(one) for one in settings]
         first = [self._tried(space, self.poles[0], self.feedthrough[0]) for space in spaces]
@@ -126,25 +126,25 @@ class Trying:
                 if (poles, feedthrough) != (self.poles[0], self.feedthrough[0]):
                     yield self._tried(spaces[best], poles, feedthrough)
 
-    def _space(self, settings: SubspaceSettings) -> RangeSpace | Trial:
+    def _space(self, settings: SubspaceSettings) -> RangeSpace | SubspaceTrial:
         try:
             return range_space(self.ready, settings)
         except IdentificationError as error:
-            return Trial(settings, error=error)
+            return SubspaceTrial(settings, error=error)
 
-    def _tried(self, space: RangeSpace | Trial, poles: Poles, feedthrough: bool) -> Trial:
-        if isinstance(space, Trial):
+    def _tried(self, space: RangeSpace | SubspaceTrial, poles: Poles, feedthrough: bool) -> SubspaceTrial:
+        if isinstance(space, SubspaceTrial):
             return space
         settings = replace(space.settings, poles=poles, feedthrough=feedthrough)
         try:
             found = in_range_space(replace(space, settings=settings), self.rule)
         except IdentificationError as error:
-            return Trial(settings, error=error)
+            return SubspaceTrial(settings, error=error)
         model = without_constants(self.unscaled(found.model), [record.u for record in self.sides.fitted])
         why = found.why
         if model.order < found.model.order:
             why += f", of which {found.model.order - model.order} only added a constant"
-        return Trial(settings, found, self.sides.judged(settings.weighting, why, model))
+        return SubspaceTrial(settings, found, self.sides.judged(settings.weighting, why, model))
 
     def unscaled(self, model: LinearModel) -> LinearModel:
         """A model of the scaled records in the outputs' own units."""

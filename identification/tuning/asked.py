@@ -8,9 +8,9 @@ import numpy as np
 
 from fmus.errors import IdentificationError
 from identification.linear.model import LinearModel
-from identification.tuning.goals.goal import Goal, Over, Relative, Signal, StepTest
+from identification.tuning.goals.goal import Goal, LoopSignal, Over, Relative, StepTest
 from identification.tuning.goals.table import MEASURES
-from identification.tuning.loops.wiring import Path, Wiring
+from identification.tuning.loops.wiring import LoopWiring, Path
 from identification.tuning.study import PLANT, GoalSpec, StepSpec
 from orchestrator.crossing import crossing, named, quantity
 from orchestrator.fmi.interface import Value
@@ -35,7 +35,7 @@ def step_test(spec: StepSpec, step: float) -> StepTest:
     return StepTest(spec.height, samples, spec.disturbance, limit, spec.band)
 
 
-def goal(spec: GoalSpec, step: StepSpec, system: System, wiring: Wiring, plant: LinearModel) -> Goal:
+def goal(spec: GoalSpec, step: StepSpec, system: System, wiring: LoopWiring, plant: LinearModel) -> Goal:
     """A goal in numbers.
 
     Raises:
@@ -45,9 +45,9 @@ def goal(spec: GoalSpec, step: StepSpec, system: System, wiring: Wiring, plant: 
     signal = None if spec.of is None else _signal(f"{place}.of", spec.of, system, plant)
     if signal is None and "command" in measure.needs:
         command = wiring.commanded[0].target
-        signal = Signal(f"{PLANT}.{plant.inputs[command]}", "input", command)
+        signal = LoopSignal(f"{PLANT}.{plant.inputs[command]}", "input", command)
     if signal is None and "signal" in measure.needs:
-        signal = Signal(f"{PLANT}.{plant.outputs[wiring.tracked]}", "output", wiring.tracked)
+        signal = LoopSignal(f"{PLANT}.{plant.outputs[wiring.tracked]}", "output", wiring.tracked)
     if spec.measure == "saturation" and step.limit is None:
         raise IdentificationError(
             place, "asks for saturation, and `step` has no `limit`", "give it the command's limit"
@@ -82,20 +82,20 @@ def goal(spec: GoalSpec, step: StepSpec, system: System, wiring: Wiring, plant: 
     )
 
 
-def _signal(place: str, name: str, system: System, plant: LinearModel) -> Signal:
+def _signal(place: str, name: str, system: System, plant: LinearModel) -> LoopSignal:
     end = Endpoint.parse(name, place)
     system.port(end, place)
     if end.component == PLANT and end.variable in plant.outputs:
-        return Signal(name, "output", plant.outputs.index(end.variable))
+        return LoopSignal(name, "output", plant.outputs.index(end.variable))
     if end.component == PLANT:
-        return Signal(name, "input", plant.inputs.index(end.variable))
+        return LoopSignal(name, "input", plant.inputs.index(end.variable))
     for link in system.connections:
         if link.source == end:
-            return Signal(name, "input", plant.inputs.index(link.target.variable))
+            return LoopSignal(name, "input", plant.inputs.index(link.target.variable))
     raise IdentificationError(place, f"'{name}' is no signal of the loop", "name an output or input of the plant")
 
 
-def _opened(place: str, line: str | None, wiring: Wiring) -> Path | None:
+def _opened(place: str, line: str | None, wiring: LoopWiring) -> Path | None:
     if line is None:
         return None
     wanted = " ".join(line.split())

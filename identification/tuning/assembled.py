@@ -14,9 +14,9 @@ from fmus.modelling.model import Model, start_values
 from identification.built_system import BuiltSystem
 from identification.linear.model import UNIT_CIRCLE, LinearModel
 from identification.tuning.asked import goal, quantity_in, step_test
-from identification.tuning.bench import Bench
+from identification.tuning.bench import TuningBench
 from identification.tuning.loops.plants import PlantSet, alike, delayed
-from identification.tuning.loops.wiring import Path, Wiring
+from identification.tuning.loops.wiring import LoopWiring, Path
 from identification.tuning.procedures.problem import Controller, TuningProblem
 from identification.tuning.procedures.riccati import unreached, unseen
 from identification.tuning.sources.calibrated_model import CalibratedPlant
@@ -36,7 +36,7 @@ from orchestrator.wiring import wire
 
 
 @dataclass(frozen=True, eq=False)
-class Assembled:
+class AssembledTuning:
     """What a study comes to before anything is sought.
 
     Attributes:
@@ -56,7 +56,7 @@ class Assembled:
     between: tuple[str, PlantSet] | None
 
 
-def assembled(study: TuningStudy) -> Assembled:
+def assembled(study: TuningStudy) -> AssembledTuning:
     """The problem of a study.
 
     Raises:
@@ -97,9 +97,11 @@ def assembled(study: TuningStudy) -> Assembled:
         draws=sought,
         share=1.0 if study.draws is None else study.draws.share,
         models={name: taken[name] for name in models},
-        bench=Bench(replace(spec, parameters=typed), study, first.units, sample_time(study.controller)),
+        bench=TuningBench(replace(spec, parameters=typed), study, first.units, sample_time(study.controller)),
     )
-    return Assembled(problem, built, interface, tuple(_remarks(plants)), first.units, unseen, _between(study, step))
+    return AssembledTuning(
+        problem, built, interface, tuple(_remarks(plants)), first.units, unseen, _between(study, step)
+    )
 
 
 def _driven(study: TuningStudy) -> list[str]:
@@ -200,7 +202,7 @@ def _require_step(place: str, model: LinearModel, step: float) -> None:
         )
 
 
-def _require_in_reach(place: str, model: LinearModel, wiring: Wiring) -> None:
+def _require_in_reach(place: str, model: LinearModel, wiring: LoopWiring) -> None:
     """See that the controller reaches and sees all modes that do not fade by themselves."""
     driven, seen = {path.target for path in wiring.commanded}, {path.source for path in wiring.measured}
     for poles, lacking, fix in (
@@ -245,7 +247,7 @@ def _port(name: str, causality: str, units: Mapping[str, str]) -> Port:
 
 def _wiring(
     study: TuningStudy, system: System, links: Sequence[Connection], controller: Controller, plant: LinearModel
-) -> Wiring:
+) -> LoopWiring:
     reference, tracked = Endpoint.parse(study.reference, "reference"), Endpoint.parse(study.tracked, "tracked")
     require(system, reference, "input", "can be the reference", "reference")
     require(system, tracked, "output", "can be tracked", "tracked")
@@ -270,4 +272,4 @@ def _wiring(
         raise WiringError("connections", "make no loop", f"connect {missing}, too")
     sizes = len(controller.inputs), len(controller.outputs), len(plant.inputs), len(plant.outputs)
     numbers = controller.inputs.index(reference.variable), plant.outputs.index(tracked.variable)
-    return Wiring(tuple(measured), tuple(commanded), *numbers, sizes)
+    return LoopWiring(tuple(measured), tuple(commanded), *numbers, sizes)

@@ -18,7 +18,7 @@ from orchestrator.trace import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class Bench:
+class TuningBench:
     """Where they run.
 
     Attributes:

@@ -17,7 +17,7 @@ class Titled(Protocol):
     def title(self) -> str: ...
 
 
-class Outcome(Protocol):
+class TuningOutcome(Protocol):
     """What a tuning gave, of linear loops or of simulated ones; see `tuning.Tuning`."""
 
     @property

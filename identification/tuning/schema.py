@@ -19,7 +19,7 @@ from identification.tuning.rig import Rig
 from identification.tuning.sources.calibrated import calibrated_system
 from identification.tuning.sources.calibrated_model import CalibratedPlant
 from identification.tuning.sources.plants import FmuPlant, GivenPlant, LinearPlant, PlantSpec
-from identification.tuning.sources.system_plant import PlantOutput, Spread, SystemPlant, independent, set_over
+from identification.tuning.sources.system_plant import ParameterSpread, PlantOutput, SystemPlant, independent, set_over
 from identification.tuning.study import DrawSpec, GoalSpec, StepSpec, TuningStudy
 from orchestrator.assembly.assembly import SystemSpec, link
 from orchestrator.assembly.schema import ComponentBlock
@@ -163,11 +163,11 @@ class PlantBlock(Block):
         system = system.given(elements(parameter_sets.values_of(sets, system.components)))
         return SystemPlant(set_over(system, self.set, "set"), self.inputs, outputs, own)
 
-    def _system(self, base: Path) -> tuple[SystemSpec, Spread]:
+    def _system(self, base: Path) -> tuple[SystemSpec, ParameterSpread]:
         if self.calibrated is not None:
             return calibrated_system(base / self.calibrated)
         components = {name: block.spec(base) for name, block in (self.components or {}).items()}
-        return SystemSpec(components, tuple(map(link, self.connections))), Spread()
+        return SystemSpec(components, tuple(map(link, self.connections))), ParameterSpread()
 
 
 class MeasureBlock(Block):
@@ -250,7 +250,7 @@ class TermBlock(MeasureBlock):
         return GoalSpec(place, self.measure, None, None, self.weight, False, self.opened, *kept)
 
 
-class StepBlock(Block):
+class ReferenceStepBlock(Block):
     """The steps that responses answer to; see `study.StepSpec`.
 
     Attributes:
@@ -351,7 +351,7 @@ class TuneBlock(StudyBlock):
     reference: str
     tracked: str
     delay: Seconds = Field(TuningStudy.delay, ge=0, validate_default=True)
-    step: StepBlock = StepBlock()
+    step: ReferenceStepBlock = ReferenceStepBlock()
     draws: DrawsBlock | None = None
     goals: list[GoalBlock] = []
     minimise: list[TermBlock] = []

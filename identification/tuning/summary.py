@@ -12,8 +12,8 @@ from identification.method import Calibrated
 from identification.results import ParameterSummary, Summary, VerdictSummary, finite
 from identification.tuning.goals.goal import Goal
 from identification.tuning.goals.table import MEASURES
-from identification.tuning.outcome import Outcome
-from identification.tuning.procedures.problem import Judgement
+from identification.tuning.outcome import TuningOutcome
+from identification.tuning.procedures.problem import CandidateJudgement
 from identification.tuning.procedures.procedure import HELD, Descent, held_share
 from identification.tuning.rig import cases, not_held
 from identification.tuning.study import CONTROLLER
@@ -148,7 +148,7 @@ def summary(result: Tuning) -> TuningSummary:
     return document
 
 
-def basic_summary(result: Outcome, method: str) -> TuningSummary:
+def basic_summary(result: TuningOutcome, method: str) -> TuningSummary:
     """What all tunings tell, without loops and draws."""
     found = result.found
     document: TuningSummary = {
@@ -176,7 +176,7 @@ def basic_summary(result: Outcome, method: str) -> TuningSummary:
     return document
 
 
-def _unseen(drawn: Judgement) -> UnseenSummary:
+def _unseen(drawn: CandidateJudgement) -> UnseenSummary:
     stable = drawn.radius < 1.0
     goals: list[DrawnGoalSummary] = []
     for goal, figures, missed in zip(drawn.goals, drawn.figures[:, stable], drawn.missed, strict=True):
@@ -196,7 +196,7 @@ def share_words(share: ShareSummary) -> str:
     return f"{100 * share['share']:.2f} % ({100 * low:.2f} to {100 * high:.2f} %)"
 
 
-def verdict(result: Outcome) -> VerdictSummary:
+def verdict(result: TuningOutcome) -> VerdictSummary:
     """Whether all hard goals and all rigs are held, and if not by how much and which."""
     judged = _of_goals(result)
     if not result.rigs:
@@ -209,7 +209,7 @@ def verdict(result: Outcome) -> VerdictSummary:
     return {**judged, "held": judged["held"] and not lines, "said": joined}
 
 
-def _of_goals(result: Outcome) -> VerdictSummary:
+def _of_goals(result: TuningOutcome) -> VerdictSummary:
     """Whether all hard goals are held."""
     found, names = result.found, result.names
     plants = f"{len(names)} plant{'s' * (len(names) > 1)}"
@@ -258,20 +258,20 @@ def words(goal: Goal) -> str:
     return text
 
 
-def goal_summaries(result: Outcome) -> list[GoalSummary]:
+def goal_summaries(result: TuningOutcome) -> list[GoalSummary]:
     """All goals with their figures."""
     best, names = result.found.best, result.names
     return [_goal(best, i, names, [j for goal, j in result.found.binding if goal == i]) for i in range(len(best.goals))]
 
 
-def calibrated(result: Outcome, folder: Path) -> Calibrated:
+def calibrated(result: TuningOutcome, folder: Path) -> Calibrated:
     """The controller's FMU with the study's values and those that were found."""
     units = {f"{CONTROLLER}.{name}": _unit(result, name) for name in result.found.best.values}
     kept = {name: unit for name, unit in units.items() if unit != "1"}
     return Calibrated({CONTROLLER: result.controller}, result.values, kept)
 
 
-def _goal(best: Judgement, number: int, names: tuple[str, ...], binding: list[int]) -> GoalSummary:
+def _goal(best: CandidateJudgement, number: int, names: tuple[str, ...], binding: list[int]) -> GoalSummary:
     goal, figures = best.goals[number], best.figures[number]
     missed = best.missed[number]
     held = None if goal.minimised else bool(np.all(missed <= HELD))
@@ -312,7 +312,7 @@ def _descent(descent: Descent) -> DescentSummary:
     }
 
 
-def _parameters(result: Outcome) -> dict[str, ParameterSummary]:
+def _parameters(result: TuningOutcome) -> dict[str, ParameterSummary]:
     starts = result.found.starts
     return {
         f"{CONTROLLER}.{name}": {
@@ -326,5 +326,5 @@ def _parameters(result: Outcome) -> dict[str, ParameterSummary]:
     }
 
 
-def _unit(result: Outcome, name: str) -> str:
+def _unit(result: TuningOutcome, name: str) -> str:
     return result.interface.ports[name].unit or "1"

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 from identification.estimation.threads import single_threaded
 from identification.method import CalibratedFmu
-from identification.tuning.assembled import Assembled, assembled
-from identification.tuning.procedures.problem import Judgement, TuningProblem
+from identification.tuning.assembled import AssembledTuning, assembled
+from identification.tuning.procedures.problem import CandidateJudgement, TuningProblem
 from identification.tuning.procedures.procedure import Found
 from identification.tuning.study import CONTROLLER, TuningStudy
 from orchestrator.fmi.interface import Interface
@@ -26,9 +26,9 @@ class Tuning:
     """
 
     study: TuningStudy
-    parts: Assembled
+    parts: AssembledTuning
     found: Found
-    unseen: Judgement | None
+    unseen: CandidateJudgement | None
     rigs: tuple[ScenarioResult, ...] = ()
 
     @property

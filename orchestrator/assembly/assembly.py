@@ -20,12 +20,12 @@ from orchestrator.assembly.remarks import remarks, sampling
 from orchestrator.assembly.stimulus import Stimulus
 from orchestrator.assembly.whole_arrays import check_shapes
 from orchestrator.crossing import logged, quantity
-from orchestrator.engine import Engine, Profile, Result, Simulation, Timing
+from orchestrator.engine import Engine, Result, RunProfile, Simulation, Timing
 from orchestrator.engine.profile import Watched
 from orchestrator.fmi.clocked_slave import ClockedSlave
 from orchestrator.fmi.component import Component
 from orchestrator.fmi.exchange_slave import ExchangeSlave
-from orchestrator.fmi.file import FmuFile, Kind
+from orchestrator.fmi.file import FmuFile, FmuKind
 from orchestrator.fmi.interface import Value, Written
 from orchestrator.fmi.isolation import IsolatedSlave, Isolation
 from orchestrator.fmi.isolation_worker import Make
@@ -75,11 +75,11 @@ class ComponentSpec:
 
     def open(self, file: Path) -> FmuFile:
         """Its FMU, with the interface that it is run by."""
-        return FmuFile(file, Kind.MODEL_EXCHANGE if self.solver else None, self.parameters)
+        return FmuFile(file, FmuKind.MODEL_EXCHANGE if self.solver else None, self.parameters)
 
     def maker(self, file: FmuFile) -> Make:
         """What makes an instance of its FMU, here or in another process."""
-        if file.kind is not Kind.CO_SIMULATION:
+        if file.kind is not FmuKind.CO_SIMULATION:
             return partial(ExchangeSlave, settings=self.solver)
         return ClockedSlave if file.interface.ticks else Slave
 
@@ -193,7 +193,7 @@ class OpenSystem:
             raise
 
     def simulation(
-        self, timing: Timing, isolation: Isolation | None = None, profile: Profile | None = None
+        self, timing: Timing, isolation: Isolation | None = None, profile: RunProfile | None = None
     ) -> Simulation:
         """A simulation of fresh instances, closed with this system.
 

@@ -19,7 +19,7 @@ _KEY = re.compile(r"^(\w+) ?:", re.MULTILINE)
 
 
 @dataclass(frozen=True)
-class Task:
+class SuiteFile:
     """A file of the suite, who judges it, and its results: two levels below the folder for all of them."""
 
     file: Path
@@ -27,7 +27,9 @@ class Task:
     place: Path
 
 
-def find_scenarios(paths: Sequence[Path], judges: Mapping[str, FileJudge], run: FileJudge | None = None) -> list[Task]:
+def find_scenarios(
+    paths: Sequence[Path], judges: Mapping[str, FileJudge], run: FileJudge | None = None
+) -> list[SuiteFile]:
     """The files to be judged among and under these paths: YAML files with `run`, `procedure` or a key of `judges`, but
     those with a `can` block only where they are named. A file that cannot be read is among them, too, and will fail.
 
@@ -40,13 +42,13 @@ def find_scenarios(paths: Sequence[Path], judges: Mapping[str, FileJudge], run: 
             one folder for their results.
     """
     known: dict[str, FileJudge] = {"run": run or ScenarioJudge(), "procedure": run_procedure, **judges}
-    found: dict[Path, Task] = {}
+    found: dict[Path, SuiteFile] = {}
     for path in paths:
         if path.is_file():
             judge = _judge(keys(path), known, named=True)
             if judge is None:
                 load_joined(path, ScenarioBlock)  # says what is missing
-            found[path] = Task(path, judge or known["run"], Path(path.resolve().parent.name, path.stem))
+            found[path] = SuiteFile(path, judge or known["run"], Path(path.resolve().parent.name, path.stem))
         elif path.is_dir():
             found |= {task.file: task for task in _tasks(path, known)}
         else:
@@ -57,7 +59,7 @@ def find_scenarios(paths: Sequence[Path], judges: Mapping[str, FileJudge], run: 
     return list(found.values())
 
 
-def _tasks(folder: Path, known: Mapping[str, FileJudge]) -> Iterator[Task]:
+def _tasks(folder: Path, known: Mapping[str, FileJudge]) -> Iterator[SuiteFile]:
     """Those of a folder."""
     for file in sorted(folder.rglob("*.yaml")):
         try:
@@ -67,7 +69,7 @@ def _tasks(folder: Path, known: Mapping[str, FileJudge]) -> Iterator[Task]:
         if judge is not None:
             inside = file.relative_to(folder).parent
             group = ".".join(inside.parts) or folder.resolve().name
-            yield Task(file, judge, Path(group, file.stem))
+            yield SuiteFile(file, judge, Path(group, file.stem))
 
 
 def _top_keys(file: Path) -> Sequence[str]:
@@ -92,7 +94,7 @@ def _judge(found: Sequence[str], known: Mapping[str, FileJudge], named: bool = F
     return next((known[key] for key in found if key in known), None)
 
 
-def _refuse_shared_places(tasks: Iterable[Task]) -> None:
+def _refuse_shared_places(tasks: Iterable[SuiteFile]) -> None:
     """See that no two files would write one folder, also where upper and lower case are one."""
     taken: dict[str, Path] = {}
     for task in tasks:

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from fmus.errors import InputError
-from orchestrator.batch.summary import Summary
+from orchestrator.batch.summary import SuiteSummary
 from orchestrator.batch.verdict import Verdict
 from orchestrator.report import Report
 from orchestrator.report.content import Callout, Content, DataTable
 from orchestrator.report.document import is_ours, write_shared
-from orchestrator.report.entries import Entries, Entry
+from orchestrator.report.entries import Entries, ListEntry
 from orchestrator.results import versions
 
 NAME = "index.html"
@@ -30,12 +30,12 @@ def prepare(out: Path) -> None:
     write_shared(out)
 
 
-def write_index(summary: Summary, out: Path) -> Path:
+def write_index(summary: SuiteSummary, out: Path) -> Path:
     """Write the page of a suite whose results are in this folder; its path."""
     return index_of(summary, out).write(out / NAME, shared=".")
 
 
-def index_of(summary: Summary, out: Path) -> Report:
+def index_of(summary: SuiteSummary, out: Path) -> Report:
     """The page, as it is in the folder of the results."""
     page = Report("Regression suite", f"{summary.sentence}.")
     section = page.section("Verdicts")
@@ -48,11 +48,11 @@ def index_of(summary: Summary, out: Path) -> Report:
     return page
 
 
-def _entry(verdict: Verdict, out: Path) -> Entry:
+def _entry(verdict: Verdict, out: Path) -> ListEntry:
     passed = sum(case["passed"] for case in verdict.cases)
     title = verdict.document["title"] if verdict.document else ""
     cells = (title, f"{passed} of {len(verdict.cases)}", round(verdict.seconds, 2), verdict.why)
-    return Entry(
+    return ListEntry(
         "ok" if verdict.passed else "error", str(verdict.file), _page(verdict, out), cells, tuple(_cases(verdict))
     )
 

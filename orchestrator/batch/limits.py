@@ -16,7 +16,7 @@ _STATUS = "/proc/{pid}/statm"
 
 
 @dataclass(frozen=True)
-class Limits:
+class CaseLimits:
     """What a case may take before its process is killed; None is no limit.
 
     Attributes:

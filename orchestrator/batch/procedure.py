@@ -33,7 +33,7 @@ _NAP = 0.02  # between two looks at what commands do [s]
 _KILLING = 3.0  # to end when nothing of it matters any more [s]
 
 
-class StepBlock(Block):
+class ProcedureStepBlock(Block):
     """Commands without `servotwin`; `{here}` is the folder of the file and `{out}` that of the results.
 
     Attributes:
@@ -73,11 +73,11 @@ class ProcedureBlock(Block):
 
     title: str
     description: str = ""
-    procedure: list[StepBlock] = Field(min_length=1)
+    procedure: list[ProcedureStepBlock] = Field(min_length=1)
 
 
 @dataclass(frozen=True)
-class Done:
+class EndedCommand:
     """A command that has ended.
 
     Attributes:
@@ -146,7 +146,7 @@ def run_procedure(path: Path, out: Path) -> ProcedureDocument:
     return document
 
 
-def _step(block: StepBlock, names: Mapping[str, str]) -> list[Done]:
+def _step(block: ProcedureStepBlock, names: Mapping[str, str]) -> list[EndedCommand]:
     with ExitStack() as stack:
         beside: list[_RunningCommand] = []
         for command in block.beside:
@@ -168,7 +168,7 @@ def _step(block: StepBlock, names: Mapping[str, str]) -> list[Done]:
         return [*first, *done.values()]
 
 
-def _lost(beside: Sequence[_RunningCommand], block: StepBlock) -> _RunningCommand | None:
+def _lost(beside: Sequence[_RunningCommand], block: ProcedureStepBlock) -> _RunningCommand | None:
     """The first command beside that has ended although the others need it."""
     return next((process for process in beside if process.code or (process.code == 0 and not block.may_end)), None)
 
@@ -212,7 +212,7 @@ class _RunningCommand:
                 raise ScenarioError(self.command, f"is not ready after {limit:g} s", "see what it waits for")
             time.sleep(_NAP)
 
-    def stopped(self, limit: float, lasting: bool = False) -> Done:
+    def stopped(self, limit: float, lasting: bool = False) -> EndedCommand:
         """What it gave, once it has ended, as asked where it runs; a `lasting` one was to run until now."""
         early = lasting and not self.runs
         self._process.terminate()
@@ -221,7 +221,7 @@ class _RunningCommand:
         except subprocess.TimeoutExpired:
             raise ScenarioError(self.command, f"has not ended after {limit:g} s", "see what it waits for") from None
         self._reader.join()
-        return Done(self.command, code, perf_counter() - self._begun, "".join(self._lines), early)
+        return EndedCommand(self.command, code, perf_counter() - self._begun, "".join(self._lines), early)
 
     def kill(self) -> None:
         """See that it is gone."""

@@ -11,8 +11,8 @@ from pathlib import Path
 from time import perf_counter
 
 from fmus.errors import InternalError, ours
-from orchestrator.batch.discovery import Task
-from orchestrator.batch.limits import Limits
+from orchestrator.batch.discovery import SuiteFile
+from orchestrator.batch.limits import CaseLimits
 from orchestrator.batch.procedure import run_procedure
 from orchestrator.batch.scenario_judge import LostCase, ScenarioJudge
 from orchestrator.batch.verdict import FileJudge, Verdict
@@ -26,11 +26,11 @@ AHEAD = ["orchestrator.batch.ahead", __name__]
 
 
 def run_suite(
-    tasks: Sequence[Task],
+    tasks: Sequence[SuiteFile],
     out: Path,
     processes: int,
     done: Callable[[Verdict], None] | None = None,
-    limits: Limits | None = None,
+    limits: CaseLimits | None = None,
 ) -> list[Verdict]:
     """Run each file in a process of its own, at most `processes` at a time; verdicts in the order of the tasks.
 
@@ -58,9 +58,9 @@ def run_suite(
 class _Queue(Iterator[Callable[[], Verdict]]):
     """Files that wait for a process. One that has lost a case comes again, so the queue may end more than once."""
 
-    def __init__(self, tasks: Sequence[Task], out: Path) -> None:
+    def __init__(self, tasks: Sequence[SuiteFile], out: Path) -> None:
         self._waiting, self._out = deque(tasks), out
-        self._begun: list[Task] = []
+        self._begun: list[SuiteFile] = []
         self._spent: dict[Path, float] = {}
         self._allowed = permission()
 
@@ -71,7 +71,7 @@ class _Queue(Iterator[Callable[[], Verdict]]):
         self._begun.append(task)
         return partial(judged, task.judge, task.file, self._out / task.place, self._allowed)
 
-    def watched(self, limits: Limits, number: int, pid: int, words: LastWords, begun: float) -> str:
+    def watched(self, limits: CaseLimits, number: int, pid: int, words: LastWords, begun: float) -> str:
         """Why the process of the task that was the `number`-th to begin is to be killed; "" where it may go on."""
         exempt = self._begun[number].judge is run_procedure
         return "" if exempt else limits.exceeded(pid, words, begun)

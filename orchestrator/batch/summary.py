@@ -18,7 +18,7 @@ _LONGEST = 300  # text of a reason
 
 
 @dataclass(frozen=True)
-class Summary:
+class SuiteSummary:
     """The verdicts of a suite, which took so long with so many processes.
 
     Attributes:

@@ -12,7 +12,7 @@ from fmus.words import with_article
 from orchestrator.bridge.safety.dependence import STOP, needs
 from orchestrator.bridge.safety.resting import Rules
 from orchestrator.bridge.signals.inputs import ReceivedMessage, ReceivedSignal, Reception
-from orchestrator.bridge.signals.location import Locations, Place
+from orchestrator.bridge.signals.location import Locations, MessageLocation
 from orchestrator.bridge.signals.outputs import SentMessage, SentSignal
 from orchestrator.can.codec.fields import check_sendable, outside
 from orchestrator.can.database.database import Database
@@ -102,8 +102,8 @@ def coupled(
 
 def _received(block: CanBlock, system: System, locations: Locations) -> tuple[ReceivedMessage, ...]:
     places = {name: place for place, name in enumerate(sorted(map(str, system.stimulated)))}
-    messages: dict[Place, list[ReceivedSignal]] = {}
-    silences: dict[Place, set[float]] = {}
+    messages: dict[MessageLocation, list[ReceivedSignal]] = {}
+    silences: dict[MessageLocation, set[float]] = {}
     for name, wanted in block.receive.items():
         message, signal = locations.find(f"can.receive.{name}", wanted.signal, wanted.channel)
         public = locations.databases[message.number].public_name(message.message, signal)
@@ -185,10 +185,10 @@ def _sent(
     outputs: Sequence[str],
     step: Fraction,
     received: Sequence[ReceivedMessage],
-) -> tuple[dict[Place, int], dict[Place, list[SentSignal]]]:
+) -> tuple[dict[MessageLocation, int], dict[MessageLocation, list[SentSignal]]]:
     """Periods in steps, and the signals that are sent, by their message."""
-    messages: dict[Place, list[SentSignal]] = {}
-    periods: dict[Place, int] = {}
+    messages: dict[MessageLocation, list[SentSignal]] = {}
+    periods: dict[MessageLocation, int] = {}
     for name, wanted in block.send.items():
         where = f"can.send.{name}"
         place, signal = locations.find(where, name, wanted.channel)

@@ -120,7 +120,7 @@ def _any(places: Sequence[Rows], first: int, after: int) -> bool:
 
 
 @dataclass(frozen=True)
-class Column:
+class FrameColumn:
     """A signal of the frames.
 
     Attributes:
@@ -136,7 +136,7 @@ class Column:
 
 
 def marks(
-    time: FloatArray, columns: Sequence[Column], cycle: float | None, rejections: Rejections, end: float
+    time: FloatArray, columns: Sequence[FrameColumn], cycle: float | None, rejections: Rejections, end: float
 ) -> Iterator[Mark]:
     """What is not to be trusted of frames with these stamps (K,), ascending, in a recording until `end` [s]."""
     fresh = np.ones(len(time), np.bool_)

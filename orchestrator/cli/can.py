@@ -111,7 +111,7 @@ def record(
     from orchestrator.can.database.sources import parsed
     from orchestrator.can.live.manifest import BusRecording
     from orchestrator.can.live.recorder import record as record_bus
-    from orchestrator.can.live.trigger import Limits
+    from orchestrator.can.live.trigger import RecordingLimits
 
     folder = out or Path("out") / f"recording_{datetime.now():%Y-%m-%d_%H%M%S}"
     bus, *others = adapter.buses(interface, channel)
@@ -126,7 +126,7 @@ def record(
         f".{format_.lower()}",
         encoding=encoding,
         others=tuple(others),
-        limits=Limits(start_when, stop_when, pre),
+        limits=RecordingLimits(start_when, stop_when, pre),
     )
     said = f"waiting for {start_when} on" if start_when else "recording"
     with terminal.live(bus.place) as move:
@@ -156,7 +156,7 @@ def replay(
     from orchestrator.can.sending.replay import Replay
     from orchestrator.can.sending.replay import replay as replay_log
     from orchestrator.can.sending.safe_end import Last
-    from orchestrator.can.sending.selection import Chosen
+    from orchestrator.can.sending.selection import MessageSelection
 
     plan = Replay(
         log,
@@ -165,7 +165,7 @@ def replay(
         _passes(loop),
         parsed(dbc) if dbc else None,
         encoding,
-        Chosen(only or (), without or ()),
+        MessageSelection(only or (), without or ()),
         Last(safe or (), end_with or ()),
     )
     with terminal.bar(log.name) as move:
@@ -208,13 +208,13 @@ def gateway(
     from orchestrator.can.sending.gateway import Gateway
     from orchestrator.can.sending.gateway import gateway as pass_frames
     from orchestrator.can.sending.safe_end import Last
-    from orchestrator.can.sending.selection import Chosen
+    from orchestrator.can.sending.selection import MessageSelection
 
     plan = Gateway(
         tuple(replace(bus, reopens=reconnect) for bus in adapter.buses(interface, channel)),
         parsed(dbc) if dbc else None,
         encoding,
-        Chosen(only or (), without or ()),
+        MessageSelection(only or (), without or ()),
         map_ or (),
         one_way,
         duration,

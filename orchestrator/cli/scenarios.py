@@ -18,12 +18,12 @@ from orchestrator.processes.interrupts import whole
 if TYPE_CHECKING:
     from fmus.modelling.model import Model
     from orchestrator.bridge.preparation import BridgeJob
-    from orchestrator.engine import Profile
+    from orchestrator.engine import RunProfile
     from orchestrator.fmi.interface import Value
     from orchestrator.fmi.isolation import Isolation
-    from orchestrator.live.panel import Panel
+    from orchestrator.live.panel import LivePanel
     from orchestrator.live.steering import Steering
-    from orchestrator.network.export import Exported
+    from orchestrator.network.export import ExportedNetwork
     from orchestrator.progress import Progress
     from orchestrator.scenario.run import Execute, ScenarioResult
     from orchestrator.scenario.scenario import Scenario
@@ -78,7 +78,7 @@ class LiveOptions:
         typer.Option("--changes", metavar="FILE", help="With --live: lines COMP.VARIABLE=VALUE, whenever they change."),
     ] = None
 
-    def steering(self, panel: Panel) -> Steering:
+    def steering(self, panel: LivePanel) -> Steering:
         """As the panel shows it."""
         from orchestrator.live.steering import Steering
 
@@ -198,7 +198,7 @@ def build(
     return Answer(document, [Listing(("model", "FMU", "description"), rows), *notes])
 
 
-def _on_bus(models: Sequence[Model], bus: Path) -> dict[str, Exported]:
+def _on_bus(models: Sequence[Model], bus: Path) -> dict[str, ExportedNetwork]:
     """What each model exchanges over a bus."""
     from orchestrator.crossing import logged
     from orchestrator.network.export import exported
@@ -274,7 +274,7 @@ def run(
     live: LiveOptions,
 ) -> Answer:
     """Run one scenario; exit code 1 when an expectation fails."""
-    from orchestrator.engine import Profile
+    from orchestrator.engine import RunProfile
     from orchestrator.results import check_target, default_folder
     from orchestrator.scenario.schema import load_scenario
 
@@ -284,7 +284,7 @@ def run(
         raise InputError("--check-step", "is not for runs in real time", "leave --live out")
     check_target(folder)
     with live.progress(terminal, scenario.stem) as (move, execute):
-        how = Running(values, stride, stream, Profile() if profile else None, execute, isolation)
+        how = Running(values, stride, stream, RunProfile() if profile else None, execute, isolation)
         loaded = load_scenario(scenario, fmus=files(fmu))
         answer, result = run_and_write(terminal, loaded, folder, how, move)
     whole_run = not result.interrupted and answer.failure is None
@@ -298,7 +298,7 @@ class Running:
     values: Mapping[str, Any]
     stride: int = 1
     stream: bool = False
-    profile: Profile | None = None
+    profile: RunProfile | None = None
     execute: Execute | None = None
     isolation: Isolation | None = None
 

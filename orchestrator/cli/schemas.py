@@ -22,9 +22,9 @@ def _scenario() -> Any:
 
 
 def _part() -> Any:
-    from orchestrator.scenario.schema import PartBlock
+    from orchestrator.scenario.schema import ScenarioPartBlock
 
-    return PartBlock
+    return ScenarioPartBlock
 
 
 def _procedure() -> Any:

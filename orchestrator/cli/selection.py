@@ -12,11 +12,11 @@ import typer
 from orchestrator.cli.terminal import Terminal
 
 if TYPE_CHECKING:
-    from orchestrator.batch.discovery import Task
+    from orchestrator.batch.discovery import SuiteFile
 
 
 @dataclass(frozen=True)
-class Chosen:
+class FileSelection:
     """Which files are run; all of them by default."""
 
     failed: Annotated[bool, typer.Option("--failed", help="Only those that failed last time.")] = False
@@ -31,7 +31,7 @@ class Chosen:
         why = ["none failed the last time"] if self.failed else []
         return " or ".join(why + ([f"none depends on what differs from {self.changed}"] if self.changed else []))
 
-    def of(self, tasks: Sequence[Task], out: Path, terminal: Terminal) -> list[Task]:
+    def of(self, tasks: Sequence[SuiteFile], out: Path, terminal: Terminal) -> list[SuiteFile]:
         """Those of the tasks; what a change touches is said.
 
         Raises:
@@ -48,7 +48,7 @@ class Chosen:
         return chosen
 
 
-def _touched(revision: str, tasks: Sequence[Task], terminal: Terminal) -> list[Task]:
+def _touched(revision: str, tasks: Sequence[SuiteFile], terminal: Terminal) -> list[SuiteFile]:
     from orchestrator.batch.changes import Changes, changes
 
     trees: dict[Path, Changes] = {}  # folder -> what differs in its working tree

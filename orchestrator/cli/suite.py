@@ -14,14 +14,14 @@ import typer
 
 from fmus.errors import InputError, InternalError
 from orchestrator.cli.scenarios import Isolate
-from orchestrator.cli.selection import Chosen
+from orchestrator.cli.selection import FileSelection
 from orchestrator.cli.tables import JUDGES
 from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 
 if TYPE_CHECKING:
-    from orchestrator.batch.discovery import Task
-    from orchestrator.batch.limits import Limits
-    from orchestrator.batch.summary import Summary
+    from orchestrator.batch.discovery import SuiteFile
+    from orchestrator.batch.limits import CaseLimits
+    from orchestrator.batch.summary import SuiteSummary
     from orchestrator.batch.verdict import Verdict
 
 app = typer.Typer()
@@ -38,11 +38,11 @@ class Limited:
         float | None, typer.Option("--memory-limit", metavar="MB", help="The most memory that it may take.")
     ] = None
 
-    def limits(self) -> Limits:
+    def limits(self) -> CaseLimits:
         """As the suite takes them."""
-        from orchestrator.batch.limits import Limits
+        from orchestrator.batch.limits import CaseLimits
 
-        return Limits(self.time_limit, self.memory_limit)
+        return CaseLimits(self.time_limit, self.memory_limit)
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Telling:
             check_place(self.junit)
         self._add_to_pages("")
 
-    def tell(self, told: Summary) -> None:
+    def tell(self, told: SuiteSummary) -> None:
         """Write them."""
         from orchestrator.batch.junit import write_junit
         from orchestrator.batch.summary import github_lines
@@ -104,7 +104,7 @@ def test(
         list[Path] | None, typer.Argument(help="Scenarios, studies with claims, and folders; scenarios/ by default.")
     ] = None,
     jobs: Annotated[int, typer.Option("-j", "--jobs", min=1, help="Scenarios run side by side.")] = 1,
-    chosen: Chosen,
+    chosen: FileSelection,
     mutate: Annotated[
         bool, typer.Option("--mutate", help="Tell which parameters could change by 1 % and no scenario would notice.")
     ] = False,
@@ -124,7 +124,7 @@ def test(
     from orchestrator.batch.procedure import outputs_of
     from orchestrator.batch.scenario_judge import ScenarioJudge
     from orchestrator.batch.suite import run_suite
-    from orchestrator.batch.summary import HEADERS, Summary
+    from orchestrator.batch.summary import HEADERS, SuiteSummary
 
     limits, folder, places = limited.limits(), out or Path("out/test"), paths or [Path("scenarios")]
     if mutate:
@@ -134,7 +134,7 @@ def test(
     tasks = chosen.of(find_scenarios(places, JUDGES, ScenarioJudge(isolate.isolation())), folder, terminal)
     telling.check()
     if not tasks:  # the page of those that ran before stays
-        none = Summary([], 0.0, jobs)
+        none = SuiteSummary([], 0.0, jobs)
         telling.tell(none)
         return Answer(_document(none), [f"nothing to run: {chosen.nothing}"])
     index.prepare(folder)
@@ -150,7 +150,7 @@ def test(
             verdicts = run_suite(tasks, folder, jobs, done, limits)
         finally:  # what an interrupt has left is known, too
             remember(passed, folder)
-    summary = Summary(verdicts, perf_counter() - begun, jobs)
+    summary = SuiteSummary(verdicts, perf_counter() - begun, jobs)
     telling.tell(summary)
     page = index.write_index(summary, folder)
     said = [text for verdict in verdicts if (text := outputs_of(verdict.document))] if terminal.verbose else []
@@ -163,7 +163,7 @@ def test(
     return Answer(_document(summary), shown, held, failure=_fault(verdicts))
 
 
-def _to_be_changed(paths: Sequence[Path], isolate: Isolate) -> list[Task]:
+def _to_be_changed(paths: Sequence[Path], isolate: Isolate) -> list[SuiteFile]:
     """The scenarios under the paths, to be asked what they notice of their parameters."""
     from orchestrator.batch.discovery import find_scenarios
     from orchestrator.batch.mutation.judge import MutationJudge
@@ -172,7 +172,7 @@ def _to_be_changed(paths: Sequence[Path], isolate: Isolate) -> list[Task]:
     return [task for task in found if isinstance(task.judge, MutationJudge)]
 
 
-def _mutated(terminal: Terminal, tasks: Sequence[Task], jobs: int, folder: Path, limits: Limits) -> Answer:
+def _mutated(terminal: Terminal, tasks: Sequence[SuiteFile], jobs: int, folder: Path, limits: CaseLimits) -> Answer:
     """What scenarios notice of their parameters."""
     from orchestrator.batch.mutation.coverage import HEADERS, Coverage
     from orchestrator.batch.suite import run_suite
@@ -208,7 +208,7 @@ def _mutated(terminal: Terminal, tasks: Sequence[Task], jobs: int, folder: Path,
     return Answer(document, shown, not errors, failure=_fault(verdicts))
 
 
-def _document(summary: Summary) -> dict[str, object]:
+def _document(summary: SuiteSummary) -> dict[str, object]:
     scenarios = [
         {
             "file": str(verdict.file),

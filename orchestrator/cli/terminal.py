@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.traceback import Traceback
 
-    from orchestrator.live.panel import Panel
+    from orchestrator.live.panel import LivePanel
 
 WIDE = 120  # columns of output that goes to no terminal
 Out = Annotated[Path | None, typer.Option("--out", help="Folder for the results.")]
@@ -99,11 +99,11 @@ class Terminal:
             yield lambda fraction, doing: shown.update(task, completed=fraction, doing=plain(doing))
 
     @contextmanager
-    def panel(self, label: str) -> Iterator[Panel]:
+    def panel(self, label: str) -> Iterator[LivePanel]:
         """What shows a run in real time and takes keys; without a terminal a line of JSON a second, or nothing."""
-        from orchestrator.live.panel import Panel
+        from orchestrator.live.panel import LivePanel
 
-        panel = Panel(label)
+        panel = LivePanel(label)
         if self.quiet or self.json or not _err().is_terminal:
             with self.live(label) as move:
                 panel.also = move

@@ -26,7 +26,7 @@ Files = Annotated[list[Path], typer.Argument(help="Recordings.")]
 
 
 @dataclass(frozen=True)
-class Reading:
+class ReadingOptions:
     """How recordings are read."""
 
     layout: Annotated[
@@ -85,7 +85,7 @@ class Reading:
 
 
 @command(app, "info")
-def trace_info(terminal: Terminal, files: Files, reading: Reading) -> Answer:
+def trace_info(terminal: Terminal, files: Files, reading: ReadingOptions) -> Answer:
     """What recordings hold: signals, units, time stamps; of a CAN log without --dbc its frames."""
     from orchestrator.info import about_trace
 
@@ -99,7 +99,7 @@ def trace_convert(
     terminal: Terminal,
     source: Annotated[Path, typer.Argument(help="A recording.")],
     target: Annotated[Path, typer.Argument(help="The file to write; its suffix names the format.")],
-    reading: Reading,
+    reading: ReadingOptions,
 ) -> Answer:
     """Write a recording in another format; a CAN log becomes a trace, or a trace a log, with --dbc."""
     from orchestrator.formats.can_conversion import convert
@@ -123,7 +123,7 @@ def trace_plot(
     files: Files,
     *,
     out: Annotated[Path, typer.Option("--out", help="The HTML file to write.")] = Path("out/traces.html"),
-    reading: Reading,
+    reading: ReadingOptions,
 ) -> Answer:
     """Plot recordings into one HTML file."""
     from orchestrator import formats

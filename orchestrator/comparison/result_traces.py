@@ -21,7 +21,7 @@ class CaseEntry(TypedDict, total=False):
     trace: str
 
 
-class Manifest(TypedDict):
+class RunManifest(TypedDict):
     """What is read of the manifest of a run."""
 
     __pydantic_config__ = ConfigDict(extra="ignore")  # type: ignore[misc]
@@ -47,7 +47,7 @@ def traces(folder: Path) -> dict[str, Path]:
 def _traces(folder: Path) -> dict[str, Path]:
     try:
         text = (folder / MANIFEST).read_text(encoding="utf-8")
-        manifest = TypeAdapter(Manifest).validate_python(json.loads(text))
+        manifest = TypeAdapter(RunManifest).validate_python(json.loads(text))
     except (OSError, ValueError, RecursionError):
         raise InputError(folder / MANIFEST, "is not of a run", "give a folder that `run` or `test` wrote") from None
     found = {}

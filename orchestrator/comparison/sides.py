@@ -29,7 +29,7 @@ WHOLE = formats.Layout(texts=True)
 
 
 @dataclass(frozen=True)
-class Setting:
+class SideSetting:
     """What sides that are FMUs, or ways to run, are run in.
 
     Attributes:
@@ -109,7 +109,7 @@ Comparable = str | Path | Trace | ScenarioResult
 """What a side may be given as: a path or a word of `WAYS`, a trace, what a run gave."""
 
 
-def side(given: Comparable, setting: Setting, progress: Progress = silent) -> Side:
+def side(given: Comparable, setting: SideSetting, progress: Progress = silent) -> Side:
     """The side of a comparison that is given so.
 
     Raises:
@@ -123,7 +123,7 @@ def side(given: Comparable, setting: Setting, progress: Progress = silent) -> Si
     return _of_path(str(given), setting, progress)
 
 
-def _of_path(given: str, setting: Setting, progress: Progress) -> Side:
+def _of_path(given: str, setting: SideSetting, progress: Progress) -> Side:
     path = Path(given)
     if given in WAYS:
         if setting.scenario is None:
@@ -153,7 +153,7 @@ def _of_path(given: str, setting: Setting, progress: Progress) -> Side:
 
 
 def _run(
-    name: str, file: Path, setting: Setting, way: Callable[[Scenario, Path], Scenario], progress: Progress
+    name: str, file: Path, setting: SideSetting, way: Callable[[Scenario, Path], Scenario], progress: Progress
 ) -> Side:
     scenario = load_scenario(file, references=False)
     cases = tuple(case for case in scenario.cases if setting.case in (None, case.name))

@@ -14,7 +14,7 @@ from orchestrator.crossing import documents_of as documents_of_crossings
 from orchestrator.display import characters
 from orchestrator.display.titles import with_unit
 from orchestrator.measures import Parting
-from orchestrator.report import Chart, Curve, Mark, Panel, Report
+from orchestrator.report import Chart, ChartLine, Curve, Panel, Report
 from orchestrator.results import result_folder, versions, write_json
 
 HEADERS = ("case", "signal", "parts at [s]", "by", "largest difference", "at [s]", "tolerance", "in tolerances")
@@ -138,7 +138,7 @@ def page(comparison: Comparison) -> Report:
                 Curve("A", pair.one.time, pair.one[one.signal], tone="measured"),
                 Curve("B", pair.other.time, pair.other[one.signal]),
             ]
-            parted = [] if one.first is None else [Mark(one.first, "x", "parts", wrong=True)]
+            parted = [] if one.first is None else [ChartLine(one.first, "x", "parts", wrong=True)]
             panels.append(Panel(with_unit(one.signal, one.unit), curves, parted))
         if panels:
             part.figure(Chart(panels))

@@ -14,7 +14,7 @@ from orchestrator.comparison.acceptance import accept_proposals
 from orchestrator.comparison.comparison import Comparison, Tolerance, compare_sides
 from orchestrator.comparison.fmu_side import differences
 from orchestrator.comparison.proposal import NewReference, Proposal, propose
-from orchestrator.comparison.sides import Comparable, Setting, side
+from orchestrator.comparison.sides import Comparable, SideSetting, side
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.progress import Progress, silent
 from orchestrator.results import check_target
@@ -52,7 +52,7 @@ def compare(
         InputError: one is not there, or they have nothing in common.
         FmuError: an FMU failed.
     """
-    setting = Setting(None if scenario is None else Path(scenario), component, case, stop, step)
+    setting = SideSetting(None if scenario is None else Path(scenario), component, case, stop, step)
     sides = []
     for given in (one, other):
         with bar(str(given)) as progress:

@@ -30,7 +30,7 @@ PathsOf = Callable[[Any], Iterator[tuple[Any, Any]]]
 
 
 @dataclass(frozen=True)
-class Place:
+class SourceLine:
     """Where something stands: the file and the line, from 1."""
 
     file: Path
@@ -40,13 +40,13 @@ class Place:
 class JoinedMap(CommentedMap):
     """A map from several files; `places` has the place of each key."""
 
-    places: dict[Any, Place]
+    places: dict[Any, SourceLine]
 
 
 class JoinedList(CommentedSeq):
     """A list from several files; `places` has the place of each entry."""
 
-    places: list[Place]
+    places: list[SourceLine]
 
 
 @dataclass
@@ -72,14 +72,16 @@ def document_of(path: Path, paths_of: PathsOf) -> tuple[CommentedMap, tuple[Path
     return document, tuple(reading.files)
 
 
-def place_of(document: Any, path: Path, keys: Sequence[Any]) -> Place:
+def place_of(document: Any, path: Path, keys: Sequence[Any]) -> SourceLine:
     """Where the deepest of these keys stands that the document has; `path` is its file."""
-    node, place = document, Place(path, 1)
+    node, place = document, SourceLine(path, 1)
     for key in keys:
         if isinstance(node, CommentedMap) and key in node:
-            known = node.places[key] if isinstance(node, JoinedMap) else Place(place.file, node.lc.key(key)[0] + 1)
+            known = node.places[key] if isinstance(node, JoinedMap) else SourceLine(place.file, node.lc.key(key)[0] + 1)
         elif isinstance(node, CommentedSeq) and isinstance(key, int) and key < len(node):
-            known = node.places[key] if isinstance(node, JoinedList) else Place(place.file, node.lc.item(key)[0] + 1)
+            known = (
+                node.places[key] if isinstance(node, JoinedList) else SourceLine(place.file, node.lc.item(key)[0] + 1)
+            )
         else:
             break
         node, place = node[key], known
@@ -189,11 +191,13 @@ def _is_whole(own: CommentedMap, keys: tuple[Any, ...]) -> bool:
     return len(keys) == 2 and (keys[0] == "stimuli" or (keys[0] == "components" and ("model" in own or "fmu" in own)))
 
 
-def _places(node: CommentedMap, file: Path) -> dict[Any, Place]:
-    return node.places if isinstance(node, JoinedMap) else {key: Place(file, node.lc.key(key)[0] + 1) for key in node}
+def _places(node: CommentedMap, file: Path) -> dict[Any, SourceLine]:
+    return (
+        node.places if isinstance(node, JoinedMap) else {key: SourceLine(file, node.lc.key(key)[0] + 1) for key in node}
+    )
 
 
-def _entries(node: CommentedSeq, file: Path) -> list[Place]:
+def _entries(node: CommentedSeq, file: Path) -> list[SourceLine]:
     if isinstance(node, JoinedList):
         return node.places
-    return [Place(file, node.lc.item(number)[0] + 1) for number in range(len(node))]
+    return [SourceLine(file, node.lc.item(number)[0] + 1) for number in range(len(node))]

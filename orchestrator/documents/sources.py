@@ -37,12 +37,12 @@ def plain(node: Any) -> Any:
 
 def _of_ssp(path: Path) -> tuple[CommentedMap, Path]:
     from orchestrator.ssp.document import imported  # noqa: PLC0415 (it brings FMPy along)
-    from orchestrator.ssp.package import SYSTEM, Package  # noqa: PLC0415
+    from orchestrator.ssp.package import SYSTEM, SspPackage  # noqa: PLC0415
 
     found = imported(path)
     for note in found.notes:
         LOG.warning("%s: %s", path, note)
-    with Package(path) as package:
+    with SspPackage(path) as package:
         extras = [name for name in package.names if name.startswith(f"{EXTRA}/")]
         files = {name: package.unpacked(name) for name in extras}
         found.document["ssp"] = str(package.unpacked(SYSTEM))

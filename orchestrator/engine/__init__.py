@@ -2,36 +2,36 @@
 
 from orchestrator.engine.account import Account, Share, shares
 from orchestrator.engine.compiled import Engine
-from orchestrator.engine.iterated import StepControl, Taken
+from orchestrator.engine.iterated import StepControl, TakenSteps
 from orchestrator.engine.live import LiveRun
 from orchestrator.engine.plan import REFUSED, CycleSettings, Order, Plan, make_plan
-from orchestrator.engine.profile import Profile
+from orchestrator.engine.profile import RunProfile
 from orchestrator.engine.recording import Sink
 from orchestrator.engine.run import Interrupted, Result, Run, RunFailed, Timing
 from orchestrator.engine.simulation import Simulation
-from orchestrator.engine.tuned import Change, Tuned
+from orchestrator.engine.tuned import Tuned, ValueChange
 
 __all__ = [
     "REFUSED",
     "Account",
-    "Change",
     "CycleSettings",
     "Engine",
     "Interrupted",
     "LiveRun",
     "Order",
     "Plan",
-    "Profile",
     "Result",
     "Run",
     "RunFailed",
+    "RunProfile",
     "Share",
     "Simulation",
     "Sink",
     "StepControl",
-    "Taken",
+    "TakenSteps",
     "Timing",
     "Tuned",
+    "ValueChange",
     "make_plan",
     "shares",
 ]

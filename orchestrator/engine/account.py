@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from orchestrator.engine.compiled import Engine
-from orchestrator.engine.iterated import Taken
+from orchestrator.engine.iterated import TakenSteps
 from orchestrator.engine.loop import Statistics
 
 
@@ -33,7 +33,7 @@ class Account:
     start: float
     reached: float
     seconds: float
-    taken: Taken | None = None
+    taken: TakenSteps | None = None
 
     @property
     def real_time_factor(self) -> float:

@@ -16,7 +16,7 @@ import numpy as np
 
 from fmus.errors import WiringError
 from orchestrator.engine.iterated import IteratedLoop
-from orchestrator.engine.loop import Loop, Node, Stepper
+from orchestrator.engine.loop import Loop, LoopNode, Stepper
 from orchestrator.engine.recording import Recorder
 from orchestrator.fmi.clocked_slave import ClockedSlave
 from orchestrator.fmi.instance import stepping
@@ -26,7 +26,7 @@ try:
     from orchestrator.engine import _compiled
 
     _compiled.Stage.ASKED  # noqa: B018 - not there in what was built from older sources
-    from orchestrator.engine.addresses.events import MOST, Events, inputs_of
+    from orchestrator.engine.addresses.events import MOST, FmuEvents, inputs_of
     from orchestrator.engine.addresses.memory import Row, addresses
     from orchestrator.engine.addresses.node import FmuNode
 except (ImportError, AttributeError):  # no compiler at installation
@@ -95,7 +95,7 @@ def _obstacle(loop: Loop) -> str:
     return ""
 
 
-def _obstacle_at(node: Node) -> str:
+def _obstacle_at(node: LoopNode) -> str:
     """Why the compiled loop cannot step this FMU, nothing when it can."""
     component = node.component
     if isinstance(component, Slave) and component.tells:
@@ -145,7 +145,7 @@ class CompiledLoop:
         for fmu in self._nodes:
             self._core.add_node(number[fmu.node.every], *fmu.described())
         clocked = {n: fmu for n, fmu in enumerate(self._nodes) if isinstance(fmu.slave, ClockedSlave)}
-        self._events = {n: Events(self._core, n, fmu) for n, fmu in clocked.items()}
+        self._events = {n: FmuEvents(self._core, n, fmu) for n, fmu in clocked.items()}
         targets = {id(fmu.node): self._events[n] for n, fmu in clocked.items()}
         self._core.add_routes(
             [self._events[n].route(ticks, targets) for n, fmu in clocked.items() for ticks in fmu.node.ticks]

@@ -25,9 +25,9 @@ from fractions import Fraction
 from typing import Any
 
 from fmus.errors import FmuError, WiringError
-from orchestrator.engine.loop import Loop, Node
+from orchestrator.engine.loop import Loop, LoopNode
 from orchestrator.fmi.instance import stepping
-from orchestrator.rational import Clock, written
+from orchestrator.rational import TickTimes, written
 from orchestrator.system import System
 from orchestrator.trace import FloatArray
 
@@ -85,7 +85,7 @@ def check_control(system: System, control: StepControl, most: Fraction) -> None:
 
 
 @dataclass
-class Taken:
+class TakenSteps:
     """What steps were taken inside communication steps.
 
     Attributes:
@@ -119,7 +119,7 @@ class Iteration:
     sampling: frozenset[str]
     reacting: frozenset[str]
     control: StepControl | None
-    fine: Clock
+    fine: TickTimes
     parts: int
     span: Fraction
 
@@ -146,7 +146,7 @@ class IteratedLoop(Loop):
         )
 
     def begin(self, stimuli: FloatArray) -> None:
-        self.taken, self._length = Taken(), self.iteration.parts
+        self.taken, self._length = TakenSteps(), self.iteration.parts
         super().begin(stimuli)
 
     def _take(self, tick: int) -> None:
@@ -258,7 +258,7 @@ class IteratedLoop(Loop):
                 node.component.write(node.inputs(ends))
                 _put(ends, node.first, node.component.read())
 
-    def _over_the_step(self, node: Node, starts: Sequence[float], ends: Sequence[float]) -> list[float]:
+    def _over_the_step(self, node: LoopNode, starts: Sequence[float], ends: Sequence[float]) -> list[float]:
         """What each slot is held at for a component over a step that starts and may end so."""
         held = [end if instant else value for value, end, instant in zip(starts, ends, self._instants, strict=True)]
         for slot in () if node.component.name in self.iteration.sampling else self.iteration.averaged:

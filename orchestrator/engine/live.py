@@ -14,7 +14,7 @@ import numpy as np
 
 from orchestrator.engine.loop import Loop, Stepper
 from orchestrator.engine.recording import Recorder
-from orchestrator.engine.tuned import Change, Tuned
+from orchestrator.engine.tuned import Tuned, ValueChange
 from orchestrator.fmi.interface import Value
 from orchestrator.trace import FloatArray
 
@@ -70,7 +70,7 @@ class LiveRun(Generic[R]):
         """Up to where it has stepped [s]."""
         return self._loop.time(self.steps * self._every)
 
-    def change(self, name: str, value: Value, by: str) -> Change:
+    def change(self, name: str, value: Value, by: str) -> ValueChange:
         """Give what can be changed a checked value, from the next step on; what came of it.
 
         Raises:

@@ -23,7 +23,7 @@ from orchestrator.fmi.clocks.ticks import Arrival, Tick
 from orchestrator.fmi.component import Component, Ticking
 from orchestrator.fmi.instance import stepping
 from orchestrator.fmi.interface import Value
-from orchestrator.rational import Clock
+from orchestrator.rational import TickTimes
 from orchestrator.trace import FloatArray
 
 CHUNK = 2000  # ticks between two reports of progress
@@ -43,7 +43,7 @@ class Statistics:
 
 
 @dataclass
-class Node:
+class LoopNode:
     """A component in the loop: where its inputs come from and its outputs go to in the vector of values.
 
     Attributes:
@@ -98,7 +98,7 @@ class Ticks:
         inputs: place of an input of the other -> place of the output that it takes its value from, factor and offset.
     """
 
-    target: Node
+    target: LoopNode
     clocks: Mapping[str, frozenset[str]]
     inputs: Mapping[int, tuple[int, float, float]]
 
@@ -153,14 +153,14 @@ class Loop:
         said: component and output -> the text that holds.
     """
 
-    groups: Sequence[Sequence[Node]]
+    groups: Sequence[Sequence[LoopNode]]
     size: int
     first_stimulus: int
     hold: int
-    time: Clock
+    time: TickTimes
     cycles: CycleSettings
     record_slots: Sequence[int]
-    record_inputs: Sequence[tuple[Node, int]]
+    record_inputs: Sequence[tuple[LoopNode, int]]
     finite: bool = True
 
     def __post_init__(self) -> None:
@@ -237,7 +237,7 @@ class Loop:
             row[column] = node.held[number] if tick % node.every and node.held else node.inputs(self.values)[number]
         self.recorded += 1
 
-    def require_finite(self, node: Node, outputs: Sequence[float], doing: str) -> None:
+    def require_finite(self, node: LoopNode, outputs: Sequence[float], doing: str) -> None:
         """See that outputs are finite, where they have to be.
 
         Raises:
@@ -253,7 +253,7 @@ class Loop:
                     "see to its inputs, parameters and start values; `nonfinite: allow` in the run lets it pass",
                 )
 
-    def defer(self, node: Node, outputs: Sequence[float], tick: int) -> None:
+    def defer(self, node: LoopNode, outputs: Sequence[float], tick: int) -> None:
         """Let those outputs of a step hold from this tick on that are not instant."""
         later = [(node.first + place, outputs[place]) for place, instant in enumerate(node.instant) if not instant]
         if later:
@@ -267,7 +267,7 @@ class Loop:
         if self.first_stimulus < self.size:
             self.values[self.first_stimulus :] = self.stimuli[tick // self.hold].tolist()
 
-    def _advance(self, node: Node, tick: int) -> None:
+    def _advance(self, node: LoopNode, tick: int) -> None:
         outputs = self._step(node, tick)
         if node.ticks:
             self._tick(node)
@@ -284,7 +284,7 @@ class Loop:
         for node in self.nodes:
             self.said |= {(node.component.name, name): node.component.get(name) for name in node.tells}
 
-    def _hear(self, node: Node) -> None:
+    def _hear(self, node: LoopNode) -> None:
         """Give a component the texts that hold, where they are others than before."""
         for name, source in node.hears.items():
             place, text = (node.component.name, name), self.said[source]
@@ -292,7 +292,7 @@ class Loop:
                 node.component.tune(name, text)
                 self._heard[place] = text
 
-    def _tell(self, node: Node, tick: int) -> None:
+    def _tell(self, node: LoopNode, tick: int) -> None:
         """Let the texts of a step hold, at once or from the tick at which it ends."""
         fresh = {(node.component.name, name): node.component.get(name) for name in node.tells}
         if node.texts_at_once:
@@ -300,7 +300,7 @@ class Loop:
         else:
             self._to_say.setdefault(tick + node.every, {}).update(fresh)
 
-    def _tick(self, node: Node) -> None:
+    def _tick(self, node: LoopNode) -> None:
         """Pass its ticks on to the components that step after it."""
         component = node.component
         for ticks in node.ticks:
@@ -308,10 +308,10 @@ class Loop:
             if isinstance(component, Ticking) and isinstance(target, Ticking):
                 target.expect([one for tick in component.passed() if (one := ticks.arrival(tick))])
 
-    def _step(self, node: Node, tick: int) -> Sequence[float]:
+    def _step(self, node: LoopNode, tick: int) -> Sequence[float]:
         return self.called(node, node.inputs(self.values), self.time(tick), node.duration)
 
-    def called(self, node: Node, inputs: Sequence[float], time: float, duration: float) -> Sequence[float]:
+    def called(self, node: LoopNode, inputs: Sequence[float], time: float, duration: float) -> Sequence[float]:
         """The outputs of a component after a step from a time by a duration [s] with these inputs."""
         begun = perf_counter()
         component = node.component
@@ -324,7 +324,7 @@ class Loop:
         node.statistics.seconds += perf_counter() - begun
         return outputs
 
-    def _iterate(self, nodes: Sequence[Node], tick: int) -> None:
+    def _iterate(self, nodes: Sequence[LoopNode], tick: int) -> None:
         """Repeat the step of a cycle from one saved state until its instant outputs stay put."""
         saved = [node.component.save() for node in nodes]
         try:

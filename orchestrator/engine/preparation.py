@@ -8,7 +8,7 @@ from functools import partial
 
 from orchestrator.engine.compiled import Steppers
 from orchestrator.engine.iterated import IteratedLoop, Iteration
-from orchestrator.engine.loop import Loop, Node, Ticks
+from orchestrator.engine.loop import Loop, LoopNode, Ticks
 from orchestrator.engine.plan import Plan
 from orchestrator.engine.recording import RecordColumns
 from orchestrator.engine.run import Timing
@@ -48,7 +48,7 @@ class PreparedLoop:
         return {name: slot for slot, name in enumerate(names)}
 
 
-class Preparation:
+class PreparedLoops:
     """Loops of one system for what runs record, made when they are asked for; those of the latest two are kept.
 
     Attributes:
@@ -193,7 +193,7 @@ class Preparation:
     def _ticks(
         self,
         name: str,
-        nodes: Mapping[str, Node],
+        nodes: Mapping[str, LoopNode],
         inputs: Mapping[str, Sequence[str]],
         outputs: Mapping[str, Sequence[str]],
     ) -> list[Ticks]:
@@ -227,14 +227,14 @@ class Preparation:
         outputs: Sequence[str],
         links: Mapping[str, Connection],
         slots: Mapping[str, int],
-    ) -> Node:
+    ) -> LoopNode:
         sources, scale = [], []
         for target in [f"{name}.{variable}" for variable in inputs]:
             link = links.get(target)
             sources.append(slots[str(link.source) if link else target])
             scale.append((link.factor, link.offset) if link else (1.0, 0.0))
         every = self._plan.every[name]
-        return Node(
+        return LoopNode(
             component=self._components[name],
             sources=sources,
             scale=scale if any(pair != (1.0, 0.0) for pair in scale) else None,

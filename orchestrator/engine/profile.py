@@ -20,7 +20,7 @@ MOST = 200_000  # events of steps that are kept, some 20 MB as a file
 RUN = "run"  # the track of what is no component's
 
 
-class Event(NamedTuple):
+class ProfileEvent(NamedTuple):
     """What happened on a track, from when and how long [ns], and up to which time of the simulation [s]."""
 
     track: str
@@ -31,14 +31,14 @@ class Event(NamedTuple):
 
 
 @dataclass
-class Profile:
+class RunProfile:
     """Events in the order in which they ended; of steps the first `MOST`.
 
     Attributes:
         left_out: steps that came after them.
     """
 
-    events: list[Event] = field(default_factory=list)
+    events: list[ProfileEvent] = field(default_factory=list)
     left_out: int = 0
     _steps: int = 0
 
@@ -49,7 +49,7 @@ class Profile:
         try:
             yield
         finally:
-            self.events.append(Event(RUN, name, begun, perf_counter_ns() - begun))
+            self.events.append(ProfileEvent(RUN, name, begun, perf_counter_ns() - begun))
 
     def step(self, track: str, begun: int, until: float) -> None:
         """Take note of a step that ends now."""
@@ -57,7 +57,7 @@ class Profile:
         if self._steps > MOST:
             self.left_out += 1
         else:
-            self.events.append(Event(track, "step", begun, perf_counter_ns() - begun, until))
+            self.events.append(ProfileEvent(track, "step", begun, perf_counter_ns() - begun, until))
 
     def document(self) -> dict[str, Any]:
         """The events in the format of Chrome's traces; times in µs from the first one on."""
@@ -73,7 +73,7 @@ class Profile:
         return {"traceEvents": told, "displayTimeUnit": "ns", "otherData": {"steps left out": self.left_out}}
 
 
-def _told(event: Event, number: int, first: int) -> dict[str, Any]:
+def _told(event: ProfileEvent, number: int, first: int) -> dict[str, Any]:
     times = {"ts": (event.begun - first) / 1000, "dur": event.spent / 1000}
     until = {} if event.until is None else {"args": {"until [s]": event.until}}
     return {"ph": "X", "name": event.name, "cat": "step" if until else "run", "pid": 1, "tid": number, **times, **until}
@@ -82,7 +82,7 @@ def _told(event: Event, number: int, first: int) -> dict[str, Any]:
 class Watched:
     """A component whose steps go to a profile: from the inputs that it is given to the outputs that are read."""
 
-    def __init__(self, component: Component, profile: Profile) -> None:
+    def __init__(self, component: Component, profile: RunProfile) -> None:
         self._component, self._profile = component, profile
         self.name, self.interface = component.name, component.interface
         self._begun = 0

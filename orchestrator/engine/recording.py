@@ -11,7 +11,7 @@ import numpy as np
 
 from orchestrator.processes.interrupts import whole
 from orchestrator.processes.memory import PLENTY, require
-from orchestrator.rational import Clock
+from orchestrator.rational import TickTimes
 from orchestrator.trace import FloatArray, Trace
 
 Sink = Callable[[Trace], None]
@@ -60,7 +60,7 @@ class Recorder:
         base: number of the row that belongs into rows[0].
     """
 
-    def __init__(self, columns: RecordColumns, clock: Clock, every: int, count: int, sink: Sink | None) -> None:
+    def __init__(self, columns: RecordColumns, clock: TickTimes, every: int, count: int, sink: Sink | None) -> None:
         self.every, self.base = every, 0
         width = len(columns.places)
         size = min(count, ROWS, max(1, VALUES // max(1, width))) if sink else count + 1  # never full

@@ -12,7 +12,7 @@ from orchestrator.engine.compiled import Engine
 from orchestrator.engine.iterated import StepControl
 from orchestrator.engine.loop import Statistics
 from orchestrator.engine.plan import REFUSED, CycleSettings, Order
-from orchestrator.engine.tuned import Change
+from orchestrator.engine.tuned import ValueChange
 from orchestrator.fmi.interface import Value
 from orchestrator.network.carriers import BusRecord
 from orchestrator.realtime.deadlines import Deadlines
@@ -76,7 +76,7 @@ class Result:
     iterations: int
     account: Account
     ended: str = ""
-    changes: Sequence[Change] = ()
+    changes: Sequence[ValueChange] = ()
     deadlines: Deadlines | None = None
     carried: Mapping[str, BusRecord] = field(default_factory=dict)
 

@@ -18,7 +18,7 @@ from orchestrator.engine.iterated import IteratedLoop, check_control
 from orchestrator.engine.live import FARTHEST, HELD, LiveRun
 from orchestrator.engine.loop import Loop, Stepper
 from orchestrator.engine.plan import Plan, make_plan
-from orchestrator.engine.preparation import Preparation
+from orchestrator.engine.preparation import PreparedLoops
 from orchestrator.engine.recording import ROWS, Recorder, Sink, require_room
 from orchestrator.engine.run import Interrupted, Result, Run, RunFailed, Timing
 from orchestrator.engine.tangents import NOTHING, Carried, Sensitivities, carried
@@ -63,7 +63,7 @@ class Simulation:
         self.plan: Plan = make_plan(system, timing.step, timing.order, timing.cycles)
         if timing.control is not None:
             check_control(system, timing.control, timing.step)
-        self._preparation = Preparation(system, self.components, timing, self.plan)
+        self._preparation = PreparedLoops(system, self.components, timing, self.plan)
         self.outputs, self.stimuli = self._preparation.outputs, self._preparation.stimuli
         self.texts = tuple(
             f"{name}.{port.name}"

@@ -20,7 +20,7 @@ from orchestrator.trace import Trace
 
 
 @dataclass(frozen=True)
-class Change:
+class ValueChange:
     """A value that was changed.
 
     Attributes:
@@ -78,10 +78,10 @@ class Tuned:
                 raise WiringError(name, "is driven by something else", "change what drives it")
         self.ports = known if names is None else {name: known[name] for name in names}
         self.values: dict[str, Value] = {}
-        self.changes: list[Change] = []
+        self.changes: list[ValueChange] = []
         self._components = components
         self._recorded: dict[str, float] = {}  # at the end of the record so far
-        self._later: dict[str, list[Change]] = {}  # those that are not in it
+        self._later: dict[str, list[ValueChange]] = {}  # those that are not in it
 
     def begin(self) -> None:
         """Take note of what they have at the beginning of a run."""
@@ -105,7 +105,7 @@ class Tuned:
             check_bounds(name, port, typed)
         return typed
 
-    def change(self, name: str, value: Value, step: int, time: float, by: str) -> Change:
+    def change(self, name: str, value: Value, step: int, time: float, by: str) -> ValueChange:
         """Give it a checked value from this step on, and note what came of it.
 
         Raises:
@@ -113,7 +113,7 @@ class Tuned:
         """
         end = Endpoint.parse(name)
         taken = self._components[end.component].tune(end.variable, value)
-        made = Change(time, step, name, self.values[name], taken, value, by)
+        made = ValueChange(time, step, name, self.values[name], taken, value, by)
         self.values[name] = taken
         self.changes.append(made)
         self._later.setdefault(name, []).append(made)

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 from typing import Any, NoReturn
 
 from fmus.errors import FmuEnded
-from orchestrator.fmi.clocks.schedule import Schedule
+from orchestrator.fmi.clocks.schedule import ClockSchedule
 from orchestrator.fmi.clocks.ticks import NOTHING, Arrival, Tick
 from orchestrator.fmi.file import FmuFile
-from orchestrator.fmi.functions.co_simulation import EventFmi3, Fmi2, Stop
+from orchestrator.fmi.functions.co_simulation import EarlyStop, EventFmi3, Fmi2
 from orchestrator.fmi.instance import stepping
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.slave import Slave
@@ -35,7 +35,7 @@ _MOST_IN_STEP = 10_000_000
 
 
 @dataclass
-class _Moment:
+class _ClockedMoment:
     """Where an instance is between two calls.
 
     Attributes:
@@ -59,12 +59,12 @@ class ClockedSlave(Slave):
 
     def __init__(self, fmu: FmuFile, name: str, *, debug_log: bool = False) -> None:
         self._ticker = Ticker(fmu.interface.clocks.values())
-        self._now, self._parts, self._mail = _Moment(), list[InputPart](), Mail()
+        self._now, self._parts, self._mail = _ClockedMoment(), list[InputPart](), Mail()
         self._running = False
         super().__init__(fmu, name, debug_log=debug_log)
 
     def begin(self, start: float, stop: float | None, tolerance: float | None = None) -> None:
-        self._now, self._start = _Moment(), start
+        self._now, self._start = _ClockedMoment(), start
         self._mail.clear()
         super().begin(start, stop, tolerance)
         self._ticker.begin(start, self._fmi, self._check)
@@ -165,7 +165,7 @@ class ClockedSlave(Slave):
         return self._parts
 
     @property
-    def schedule(self) -> Schedule:
+    def schedule(self) -> ClockSchedule:
         """Of its clocks that tick by time."""
         return self._ticker.schedule
 
@@ -185,7 +185,7 @@ class ClockedSlave(Slave):
 
     def moved(self, next_event: float, due: bool, in_event_mode: bool, wanted: Sequence[float]) -> None:
         """Take note of where it is after it was stepped from outside, with these inputs."""
-        self._now = _Moment(next_event, due, in_event_mode, wanted)
+        self._now = _ClockedMoment(next_event, due, in_event_mode, wanted)
 
     def entered(self, status: int) -> None:
         """Take note of how entering event mode went."""
@@ -201,7 +201,7 @@ class ClockedSlave(Slave):
 
     def ends(self, time: float) -> NoReturn:
         """Say that it asks to stop at a time [s]."""
-        raise FmuEnded(self.name, str(Stop(time, True)))
+        raise FmuEnded(self.name, str(EarlyStop(time, True)))
 
     def told(self, time: float, reference: int, interval: float) -> None:
         """Take note of an interval that it gives for a clock at a time [s]."""

@@ -20,7 +20,7 @@ from fmus.errors import FmuEnded
 from orchestrator.fmi.clocks.ticks import NOTHING, Arrival, Tick
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.functions.base import DISCARD, FAILED
-from orchestrator.fmi.functions.co_simulation import Stop
+from orchestrator.fmi.functions.co_simulation import EarlyStop
 from orchestrator.fmi.functions.model_exchange import Exchange2, Exchange3, ModelExchange
 from orchestrator.fmi.instance import FmuInstance, stepping
 from orchestrator.fmi.interface import Value
@@ -37,7 +37,7 @@ _MOST_EVENTS = 100  # at one time
 
 
 @dataclass
-class _Moment:
+class _ExchangeMoment:
     """Where an instance is between two calls.
 
     Attributes:
@@ -76,7 +76,7 @@ class ExchangeSlave(FmuInstance[ModelExchange]):
         self._settings = settings or SolverSettings()
         self._type = solver_type(self._settings.method, name)
         self._solver: Solver = Stateless(self._rates, 0, self._settings)
-        self._now = _Moment(0.0)
+        self._now = _ExchangeMoment(0.0)
         self._running = False
         self._over = False  # before its first step
         self._stale = True  # the solver has to start anew
@@ -86,7 +86,7 @@ class ExchangeSlave(FmuInstance[ModelExchange]):
         super().__init__(fmu, name, debug_log=debug_log)
 
     def begin(self, start: float, stop: float | None, tolerance: float | None = None) -> None:
-        self._now, self._over = _Moment(start), False
+        self._now, self._over = _ExchangeMoment(start), False
         super().begin(start, stop, self._settings.relative_tolerance)
         self._ticker.begin(start, self._fmi, self._check)
 
@@ -133,7 +133,7 @@ class ExchangeSlave(FmuInstance[ModelExchange]):
 
     def step(self, time: float, duration: float) -> None:
         if self._over:
-            raise FmuEnded(self.name, str(Stop(time, True)))
+            raise FmuEnded(self.name, str(EarlyStop(time, True)))
         self._ticker.passed = []
         end = time + duration
         together = max(_TOGETHER * duration, _ROUNDING * abs(end))
@@ -249,7 +249,7 @@ class ExchangeSlave(FmuInstance[ModelExchange]):
             if clocked and (problem := self._ticker.learn(now.time, ticking, beginning)):
                 self._fail(problem, "correct its description or the FMU")
             if news.ending:
-                raise FmuEnded(self.name, str(Stop(now.time, True)))
+                raise FmuEnded(self.name, str(EarlyStop(now.time, True)))
             ticking = frozenset() if beginning else self._ticker.at_once(now.time)
             if not (news.again or ticking):
                 break
@@ -295,7 +295,7 @@ class ExchangeSlave(FmuInstance[ModelExchange]):
         status, event, ending = self._fmi.complete_step(self._snapshots == 0)
         self._require(status, "complete an internal step")
         if ending:
-            raise FmuEnded(self.name, str(Stop(self._now.time, True)))
+            raise FmuEnded(self.name, str(EarlyStop(self._now.time, True)))
         self._now.due = self._now.due or event
 
     def _restart(self) -> None:

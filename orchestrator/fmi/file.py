@@ -40,7 +40,7 @@ LARGEST_DESCRIPTION = 256 << 20
 TREE = 25  # memory of what is made of a description, by its size
 
 
-class Kind(StrEnum):
+class FmuKind(StrEnum):
     """Interface of an FMU: with its own solver, or for one outside."""
 
     CO_SIMULATION = "co-simulation"
@@ -61,7 +61,7 @@ class FmuDescription:
         FmuFileError: no file, no zip, unsafe paths, bad XML, no such interface.
     """
 
-    def __init__(self, path: Path, kind: Kind | None = None, parameters: Mapping[str, Value] | None = None) -> None:
+    def __init__(self, path: Path, kind: FmuKind | None = None, parameters: Mapping[str, Value] | None = None) -> None:
         self.path = path
         self.description = read_description(path)
         offers = _offers(self.description)
@@ -98,7 +98,7 @@ class FmuFile(FmuDescription):
         FmuFileError: as its description; or there is no binary for this platform.
     """
 
-    def __init__(self, path: Path, kind: Kind | None = None, parameters: Mapping[str, Value] | None = None) -> None:
+    def __init__(self, path: Path, kind: FmuKind | None = None, parameters: Mapping[str, Value] | None = None) -> None:
         super().__init__(path, kind, parameters)
         with _guarded(path, "contents"):
             self.folder = unpacked.take(path, bool(self.offer.canBeInstantiatedOnlyOncePerProcess))
@@ -221,8 +221,8 @@ def _amend(description: ModelDescription, root: etree._Element) -> None:
         variable.start = [start.get("value") or "" for start in starts] or None
 
 
-def _offers(description: ModelDescription) -> dict[Kind, InterfaceType]:
-    both = {Kind.CO_SIMULATION: description.coSimulation, Kind.MODEL_EXCHANGE: description.modelExchange}
+def _offers(description: ModelDescription) -> dict[FmuKind, InterfaceType]:
+    both = {FmuKind.CO_SIMULATION: description.coSimulation, FmuKind.MODEL_EXCHANGE: description.modelExchange}
     return {kind: offer for kind, offer in both.items() if offer is not None}
 
 

@@ -31,7 +31,7 @@ from orchestrator.fmi.clocks.ticks import Arrival, Tick
 from orchestrator.fmi.component import Texts
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.interface import Value
-from orchestrator.fmi.isolation_worker import Line, Make
+from orchestrator.fmi.isolation_worker import Make, MessagePipe
 from orchestrator.fmi.said import REPEATS
 
 LOG = logging.getLogger("servotwin.isolation")
@@ -259,7 +259,7 @@ class IsolatedSlave:
             self._end()
             raise
 
-    def _answered(self, line: Line, deadline: float) -> Any:
+    def _answered(self, line: MessagePipe, deadline: float) -> Any:
         """(result, warnings) or (outputs, warnings); log messages on the way go to the log."""
         while True:
             kind, body = line.receive(deadline)
@@ -330,7 +330,7 @@ class _Worker:
         finally:
             os.close(life)
         assert self._process.stdin is not None and self._process.stdout is not None
-        self.line = Line(self._process.stdout.fileno(), self._process.stdin.fileno())
+        self.line = MessagePipe(self._process.stdout.fileno(), self._process.stdin.fileno())
 
     def wait(self, patience: float) -> int | None:
         """Its exit code, None if it does not end in this time [s]."""

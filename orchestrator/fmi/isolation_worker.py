@@ -58,7 +58,7 @@ def answer(count: int) -> struct.Struct:
     return struct.Struct(f"<Q{count}d")
 
 
-class Line:
+class MessagePipe:
     """Messages over a pair of pipes, each with its size and kind in front."""
 
     def __init__(self, reading: int, writing: int) -> None:
@@ -128,7 +128,7 @@ def serve(life: int) -> None:
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _die_with(life)
-    line = Line(os.dup(0), os.dup(1))
+    line = MessagePipe(os.dup(0), os.dup(1))
     with Path(os.devnull).open() as nothing:
         os.dup2(nothing.fileno(), 0)
     os.dup2(2, 1)  # what the FMU prints is no answer
@@ -223,7 +223,7 @@ class _Host:
 class _Forwarding(logging.Handler):
     """Passes log messages on to the main process at once: the last words before a crash count most."""
 
-    def __init__(self, line: Line) -> None:
+    def __init__(self, line: MessagePipe) -> None:
         super().__init__()
         self._line = line
 

@@ -19,7 +19,7 @@ Binaries = Mapping[str, Mapping[str, str]]  # name -> attributes
 
 
 @dataclass(frozen=True)
-class Terminal:
+class FmuTerminal:
     """A terminal.
 
     Attributes:
@@ -32,10 +32,10 @@ class Terminal:
     kind: str
     rule: str
     members: Mapping[str, str]
-    inner: Mapping[str, Terminal]
+    inner: Mapping[str, FmuTerminal]
 
 
-def read(path: Path) -> dict[str, Terminal]:
+def read(path: Path) -> dict[str, FmuTerminal]:
     """The terminals of an FMU file by their names; none where it has no file of them.
 
     Raises:
@@ -58,8 +58,8 @@ def binaries(path: Path) -> Binaries:
     return {str(entry.get("name")): dict(entry.attrib) for entry in root.iterfind("ModelVariables/Binary")}
 
 
-def _terminals(place: str, parent: etree._Element | None) -> dict[str, Terminal]:
-    found: dict[str, Terminal] = {}
+def _terminals(place: str, parent: etree._Element | None) -> dict[str, FmuTerminal]:
+    found: dict[str, FmuTerminal] = {}
     for element in [] if parent is None else parent.findall("Terminal"):
         terminal = _terminal(place, element)
         if terminal.name in found:
@@ -68,7 +68,7 @@ def _terminals(place: str, parent: etree._Element | None) -> dict[str, Terminal]
     return found
 
 
-def _terminal(place: str, element: etree._Element) -> Terminal:
+def _terminal(place: str, element: etree._Element) -> FmuTerminal:
     members: dict[str, str] = {}
     for member in element.findall("TerminalMemberVariable"):
         variable = member.get("variableName")
@@ -76,4 +76,4 @@ def _terminal(place: str, element: etree._Element) -> Terminal:
             raise FmuFileError(f"{place}: {element.get('name')}", "has a member without a variable", "correct it")
         members[member.get("memberName") or variable] = variable
     kinds = [element.get(key) or "" for key in ("name", "terminalKind", "matchingRule")]
-    return Terminal(kinds[0], kinds[1], kinds[2], members, _terminals(place, element))
+    return FmuTerminal(kinds[0], kinds[1], kinds[2], members, _terminals(place, element))

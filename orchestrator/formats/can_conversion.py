@@ -20,7 +20,7 @@ from orchestrator.can.codec.absence import AbsentError
 from orchestrator.can.codec.decoding import Decoder
 from orchestrator.can.codec.encoding import Encoder
 from orchestrator.can.codec.merging import LateBegins, Merger
-from orchestrator.can.codec.streams import SignalNames, Stream
+from orchestrator.can.codec.streams import FrameStream, SignalNames
 from orchestrator.can.database.bus import LogDatabase, load_all
 from orchestrator.can.database.database import Database
 from orchestrator.can.database.sources import paths
@@ -37,7 +37,7 @@ STREAMED: dict[str, Callable[[Path], AbstractContextManager[Callable[[Trace], No
 
 
 @dataclass(frozen=True)
-class Conversion:
+class ConvertedLog:
     """What was written.
 
     Attributes:
@@ -64,7 +64,7 @@ class Conversion:
         return [f"{target}: {self.count} {self.what}{since}", *self.notes]
 
 
-def convert(source: Path, target: Path, layout: Layout, progress: Progress) -> Conversion:
+def convert(source: Path, target: Path, layout: Layout, progress: Progress) -> ConvertedLog:
     """A recording or log written in the format that the target's suffix names.
 
     A log becomes a log of the same frames, or with a database a trace; a trace becomes a log with a database.
@@ -84,16 +84,16 @@ def convert(source: Path, target: Path, layout: Layout, progress: Progress) -> C
     return _copied(source, target, layout)
 
 
-def relogged(source: Path, target: Path, layout: Layout, progress: Progress) -> Conversion:
+def relogged(source: Path, target: Path, layout: Layout, progress: Progress) -> ConvertedLog:
     """The same frames in another format of logs, all or those of the layout's channel."""
     log, lost = logs.read(source, progress), Counter[str]()
     count = logs.write(target, (can_log.of_channel(batch, layout) for batch in log), _attached(layout), lost)
     told = tuple(f"{target.suffix} does not hold {what}: {times} times" for what, times in lost.items())
     found = can_log.damage(log) | ({"lost": dict(lost)} if lost else {})
-    return Conversion(count, "frames", None, (*log.findings.lines(), *told), found)
+    return ConvertedLog(count, "frames", None, (*log.findings.lines(), *told), found)
 
 
-def encoded(source: Path, target: Path, layout: Layout) -> Conversion:
+def encoded(source: Path, target: Path, layout: Layout) -> ConvertedLog:
     """The frames that carry a trace: the signals that the layout chooses, or all that the database has.
 
     A signal `hand.angle` of a system is `hand_angle` in a database that has no message `hand`.
@@ -118,12 +118,12 @@ def encoded(source: Path, target: Path, layout: Layout) -> Conversion:
     left = [name for name in trace.names if name not in wanted]
     told = [f"not in the database: {', '.join(left)}"] if left and layout.signals is None else []
     told += [f"{target.suffix} does not hold {what}: {times} times" for what, times in lost.items()]
-    return Conversion(
+    return ConvertedLog(
         count, "frames", None, (*database.notes, *encoder.statistics.lines(), *told), encoder.statistics.document()
     )
 
 
-def streamed(source: Path, target: Path, layout: Layout, progress: Progress) -> Conversion:
+def streamed(source: Path, target: Path, layout: Layout, progress: Progress) -> ConvertedLog:
     """A log decoded into a file of samples, in memory that does not grow with the log.
 
     The log is read twice: first to know which signals are in it, from when on rows are complete.
@@ -145,7 +145,7 @@ def streamed(source: Path, target: Path, layout: Layout, progress: Progress) -> 
 
     atomic_write(target, content)
     told = (*can_log.notes(log, database, survey.names, decoder.statistics), *begins.lines())
-    return Conversion(
+    return ConvertedLog(
         begins.rows, "samples", survey.start, told, {**decoder.statistics.document(), **can_log.damage(log)}
     )
 
@@ -170,11 +170,11 @@ def _attached(layout: Layout) -> Path | None:
     return files[0] if len(files) == 1 else None
 
 
-def _copied(source: Path, target: Path, layout: Layout) -> Conversion:
+def _copied(source: Path, target: Path, layout: Layout) -> ConvertedLog:
     recording = formats.read(source, layout)
     formats.write(recording.trace, target)
     notes = (str(recording.stamps), *recording.notes)
-    return Conversion(len(recording.trace), "samples", recording.start, notes, dict(recording.found))
+    return ConvertedLog(len(recording.trace), "samples", recording.start, notes, dict(recording.found))
 
 
 def _pieces(
@@ -204,7 +204,10 @@ def _survey(source: Path, database: LogDatabase, layout: Layout, progress: Progr
     wanted = can_log.signals(layout)
     log = logs.read(source, progress)
     counted = can_log.Counted(log)
-    decoder, there = Decoder(database, wanted, log.channels, can_log.source_of(layout)), dict[tuple[Stream, str], str]()
+    decoder, there = (
+        Decoder(database, wanted, log.channels, can_log.source_of(layout)),
+        dict[tuple[FrameStream, str], str](),
+    )
     for batch in counted:
         for stream, series in decoder.feed(can_log.of_channel(batch, layout)).items():
             for name, values in series.values.items():

@@ -124,7 +124,7 @@ class FileColumns:
 
 
 @dataclass(frozen=True)
-class Choice:
+class ColumnChoice:
     """The columns to read of the file `place`.
 
     Attributes:
@@ -221,7 +221,7 @@ def _check_scale(stamps: FloatArray, place: Path) -> None:
             raise TraceError(place, seen, f"say `units: {{time: {unit}}}`, or s")
 
 
-def choose(layout: Layout, columns: FileColumns, place: Path) -> Choice:
+def choose(layout: Layout, columns: FileColumns, place: Path) -> ColumnChoice:
     """The columns of the file at `place` that `layout` asks for.
 
     Raises:
@@ -248,12 +248,12 @@ def choose(layout: Layout, columns: FileColumns, place: Path) -> Choice:
         if not signals:
             raise TraceError(place, "holds no columns of numbers", "check that it is a recording")
         assert layout.step is not None
-        return Choice(
+        return ColumnChoice(
             place, min(signals.values()), signals, units, layout.step, seen, tuple(notes), even=True, texts=texts
         )
     unit = _unit_of_time(layout, columns, time, time_name, place, notes)
     seen = replace(seen, time=columns.label(time), units=({"time": unit} if unit else {}) | units)
-    return Choice(place, time, signals, units, SECONDS[unit], seen, tuple(notes), texts=texts)
+    return ColumnChoice(place, time, signals, units, SECONDS[unit], seen, tuple(notes), texts=texts)
 
 
 def _time(layout: Layout, columns: FileColumns, place: Path) -> tuple[int, list[str]]:

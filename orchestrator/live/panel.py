@@ -34,7 +34,7 @@ ENDS = "space ends it"
 HELP = f"↑ ↓ choose, ← → change by 1 %, or type a value and Enter; {ENDS}"
 
 
-class Panel:
+class LivePanel:
     """How a run goes, the latest of its signals, and its values, one of them chosen.
 
     Attributes:

@@ -27,14 +27,14 @@ def watched(path: Path, requests: Requests) -> Iterator[None]:
     Raises:
         ServotwinError: a line does not fit; the message names it.
     """
-    file = _File(path, requests)
+    file = _RequestFile(path, requests)
     for problem in file.ask():
         raise problem
     with beside(file.watch, "watched file"):
         yield
 
 
-class _File:
+class _RequestFile:
     """The file, and what was asked for in it."""
 
     def __init__(self, path: Path, requests: Requests) -> None:

@@ -9,10 +9,10 @@ tuning sets them as goals.
 from orchestrator.measures.closeness import correlation_lag, fit, largest_deviation, nrmse
 from orchestrator.measures.ensemble import Membership, band, membership
 from orchestrator.measures.events import changes, crossings, saturated_share, saturations
-from orchestrator.measures.funnel import Tolerance, funnel
+from orchestrator.measures.funnel import FunnelTolerance, funnel
 from orchestrator.measures.harmonics import harmonic_amplitudes, total_harmonic_distortion
 from orchestrator.measures.integrals import effort, iae, ise, itae, mean, rms
-from orchestrator.measures.limit_cycle import LimitCycle, limit_cycle
+from orchestrator.measures.limit_cycle import SteadyOscillation, limit_cycle
 from orchestrator.measures.oscillation import Oscillation, dominant_oscillation
 from orchestrator.measures.parting import Parting, partings
 from orchestrator.measures.response import (
@@ -28,11 +28,11 @@ from orchestrator.measures.response import (
 from orchestrator.measures.share import share_interval
 
 __all__ = [
-    "LimitCycle",
+    "FunnelTolerance",
     "Membership",
     "Oscillation",
     "Parting",
-    "Tolerance",
+    "SteadyOscillation",
     "band",
     "changes",
     "correlation_lag",

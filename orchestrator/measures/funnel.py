@@ -22,7 +22,7 @@ _ON = 1e-6  # of a step: stamps that near to an even grid are on it
 
 
 @dataclass(frozen=True)
-class Tolerance:
+class FunnelTolerance:
     """How far a signal may be from its reference; what is given adds up.
 
     Attributes:
@@ -60,7 +60,7 @@ class Tolerance:
 
 
 def funnel(
-    time: ArrayLike, reference_time: ArrayLike, reference: ArrayLike, tolerance: Tolerance, hold: bool = False
+    time: ArrayLike, reference_time: ArrayLike, reference: ArrayLike, tolerance: FunnelTolerance, hold: bool = False
 ) -> tuple[FloatArray, FloatArray]:
     """(K,) lower and upper bounds at stamps (K,) about a reference (N,) at stamps (N,) of its own.
 
@@ -92,7 +92,7 @@ def funnel(
 
 
 def _held(
-    earlier: FloatArray, later: FloatArray, s: FloatArray, r: FloatArray, tolerance: Tolerance, span: float
+    earlier: FloatArray, later: FloatArray, s: FloatArray, r: FloatArray, tolerance: FunnelTolerance, span: float
 ) -> tuple[FloatArray, FloatArray]:
     """(K,) bounds about all steps between these instants (K,) [s]."""
     first, last = np.floor(_places(earlier, s)), np.floor(_places(later, s))
@@ -100,7 +100,7 @@ def _held(
 
 
 def _drawn(
-    earlier: FloatArray, later: FloatArray, s: FloatArray, r: FloatArray, tolerance: Tolerance, span: float
+    earlier: FloatArray, later: FloatArray, s: FloatArray, r: FloatArray, tolerance: FunnelTolerance, span: float
 ) -> tuple[FloatArray, FloatArray]:
     """(K,) bounds about the line between these instants (K,) [s]: at its ends, and at the samples between."""
     begin, end = _places(earlier, s), _places(later, s)

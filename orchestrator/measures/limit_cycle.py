@@ -17,7 +17,7 @@ ROUNDING = 1e-9  # of the largest value: smaller amplitudes are none
 
 
 @dataclass(frozen=True)
-class LimitCycle:
+class SteadyOscillation:
     """An oscillation that neither decays nor grows.
 
     Attributes:
@@ -31,7 +31,7 @@ class LimitCycle:
     cycles: int
 
 
-def limit_cycle(time: ArrayLike, values: ArrayLike, steady: float = 0.1) -> LimitCycle | None:
+def limit_cycle(time: ArrayLike, values: ArrayLike, steady: float = 0.1) -> SteadyOscillation | None:
     """The steady oscillation in a window that begins after the transient; None where there is none.
 
     A cycle lasts from one passage upwards through the middle of the range to the next. There must be three or more,
@@ -54,7 +54,7 @@ def limit_cycle(time: ArrayLike, values: ArrayLike, steady: float = 0.1) -> Limi
     throughout = max(up[0] - t[0], t[-1] - up[-1]) <= (1 + steady) * period
     if not throughout or np.ptp(periods) > steady * period or _drift(amplitudes) > steady:
         return None
-    return LimitCycle(float(np.median(amplitudes)), period, len(periods))
+    return SteadyOscillation(float(np.median(amplitudes)), period, len(periods))
 
 
 def _amplitudes(t: FloatArray, y: FloatArray, up: FloatArray) -> FloatArray:

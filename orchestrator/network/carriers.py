@@ -173,7 +173,7 @@ class CanBus(Carrier):
             LOG.warning("%s: %s", self.name, line)
 
 
-class Wire(Carrier):
+class DirectWire(Carrier):
     """A wire between two nodes: what one sends the other has at the next communication instant, as it is."""
 
     def step(self, time: float, duration: float) -> None:

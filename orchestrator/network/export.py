@@ -11,7 +11,7 @@ from typing import Any
 
 from fmus.errors import DatabaseError, InputError
 from fmus.modelling.model import Model, Variable
-from fmus.packaging.native.network import Checksum, Frame, Network, Signal
+from fmus.packaging.native.network import Checksum, Frame, FrameSignal, Network
 from orchestrator.can.codec.fields import check_sendable, longest, raw_limits, resting
 from orchestrator.can.database.database import Database, load
 from orchestrator.can.database.message import MessageSpec, SignalSpec, checksum_byte
@@ -23,7 +23,7 @@ _MOST = 256  # frames of one FMU
 
 
 @dataclass(frozen=True)
-class Exported:
+class ExportedNetwork:
     """What a model has on a bus.
 
     Attributes:
@@ -53,7 +53,7 @@ class Exported:
         }
 
 
-def exported(model: Model, file: Path) -> Exported:
+def exported(model: Model, file: Path) -> ExportedNetwork:
     """What the network FMU of a model exchanges.
 
     Raises:
@@ -79,7 +79,7 @@ def exported(model: Model, file: Path) -> Exported:
     carried = {signal.variable for frame in found for signal in frame.signals}
     left = [v.name for v in model.variables if v.causality in ("input", "output") and v.name not in carried]
     notes += [f"{', '.join(left)}: in no frame, and as without a bus"] if left else []
-    return Exported(Network(file.stem, tuple(found), file.read_bytes()), tuple(notes), tuple(crossings))
+    return ExportedNetwork(Network(file.stem, tuple(found), file.read_bytes()), tuple(notes), tuple(crossings))
 
 
 def _frame(
@@ -113,7 +113,7 @@ def _sent(place: str, message: MessageSpec, frame: Frame, notes: list[str]) -> F
     if protection is not None and protection.counter:
         counting = message.signal(protection.counter)
         modulus = protection.modulus or 1 << counting.length
-        counter = Signal("", *_place(place, counting), 1.0, 0.0, 0.0, modulus - 1.0), modulus
+        counter = FrameSignal("", *_place(place, counting), 1.0, 0.0, 0.0, modulus - 1.0), modulus
     if protection is not None and protection.checksum:
         crc, byte = ALGORITHMS[protection.algorithm], checksum_byte(message.signal(protection.checksum))
         assert byte is not None
@@ -140,7 +140,9 @@ def _check_kind(place: str, message: MessageSpec) -> None:
         raise DatabaseError(f"{place}.{name}", why, "correct the database")
 
 
-def _signal(place: str, signal: SignalSpec, variable: Variable, causality: str, crossings: list[Crossing]) -> Signal:
+def _signal(
+    place: str, signal: SignalSpec, variable: Variable, causality: str, crossings: list[Crossing]
+) -> FrameSignal:
     place = f"{place}.{signal.name}"
     lies = _place(place, signal)
     ends = named(signal.unit), named("" if variable.unit == "1" else variable.unit)
@@ -154,7 +156,7 @@ def _signal(place: str, signal: SignalSpec, variable: Variable, causality: str, 
         problem = f"has values that are not whole, and {variable.name} is {variable.type}"
         raise DatabaseError(place, problem, "see to its scale")
     low, high = raw_limits(signal)
-    return Signal(variable.name, *lies, gain, bias, float(low), float(high))
+    return FrameSignal(variable.name, *lies, gain, bias, float(low), float(high))
 
 
 def _place(place: str, signal: SignalSpec) -> tuple[int, int, bool, bool, bool]:

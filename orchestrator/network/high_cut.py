@@ -15,7 +15,7 @@ from orchestrator.can.database.database import Database, load
 from orchestrator.can.database.message import MessageSpec, SignalSpec
 from orchestrator.crossing import Crossing, crossing
 from orchestrator.fmi.file import FmuFile
-from orchestrator.fmi.terminals import Terminal
+from orchestrator.fmi.terminals import FmuTerminal
 
 FRAME = "org.fmi-ls-bus.frame-terminal"
 FOLDER = "extra/org.fmi-standard.fmi-ls-bus"
@@ -62,7 +62,7 @@ class HighCut:
         return frozenset(name for frame in self.frames for name in (frame.clock, *frame.variables))
 
 
-def high_cut(place: str, fmu: FmuFile, terminal: Terminal, given: Path | None) -> HighCut:
+def high_cut(place: str, fmu: FmuFile, terminal: FmuTerminal, given: Path | None) -> HighCut:
     """The frames of a terminal.
 
     Args:
@@ -94,7 +94,7 @@ def _agree(place: str, database: Database, own: Database, names: Sequence[str]) 
             raise FmuFileError(f"{place}: {name}", problem, "give the bus the database that the FMU was made for")
 
 
-def _frame(place: str, fmu: FmuFile, terminal: Terminal, database: Database) -> CarriedFrame:
+def _frame(place: str, fmu: FmuFile, terminal: FmuTerminal, database: Database) -> CarriedFrame:
     place = f"{place}: {terminal.name}"
     message, interface = database.message(terminal.name), fmu.interface
     clocks = [interface.clocks[name] for name in terminal.members.values() if name in interface.clocks]

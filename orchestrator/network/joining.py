@@ -11,7 +11,7 @@ from orchestrator.fmi.clocked_slave import ClockedSlave
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.terminals import read
 from orchestrator.network.bus_spec import BusSpec
-from orchestrator.network.carriers import CanBus, Carrier, Wire
+from orchestrator.network.carriers import CanBus, Carrier, DirectWire
 from orchestrator.network.low_cut import KIND, RULE, LowCut, low_cut
 from orchestrator.network.nodes import BusNode, LowCutNode
 
@@ -38,7 +38,7 @@ class Joined:
     def carrier(self, name: str, slaves: Mapping[str, ClockedSlave]) -> Carrier:
         """What carries for these instances."""
         nodes = [_node(f"{one}.{own}", slaves[one], found) for (one, own), found in self.terminals.items()]
-        return (Wire if self.spec.direct else CanBus)(name, self.spec, nodes)
+        return (DirectWire if self.spec.direct else CanBus)(name, self.spec, nodes)
 
 
 def joined(buses: Mapping[str, BusSpec], files: Mapping[str, FmuFile]) -> dict[str, Joined]:

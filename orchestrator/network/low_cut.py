@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from fmus.errors import FmuFileError
 from orchestrator.can.ls_bus.operations import MIME_TYPE
-from orchestrator.fmi.clocks.declared import Interval
+from orchestrator.fmi.clocks.declared import TickInterval
 from orchestrator.fmi.file import FmuDescription
-from orchestrator.fmi.terminals import Binaries, Terminal, binaries
+from orchestrator.fmi.terminals import Binaries, FmuTerminal, binaries
 
 KIND = "org.fmi-ls-bus.network-terminal"
 RULE = "org.fmi-ls-bus.transceiver"
@@ -38,7 +38,7 @@ class LowCut:
         return frozenset({self.tx_data, self.tx_clock, self.rx_data, self.rx_clock})
 
 
-def low_cut(place: str, fmu: FmuDescription, terminal: Terminal) -> LowCut:
+def low_cut(place: str, fmu: FmuDescription, terminal: FmuTerminal) -> LowCut:
     """The variables of a terminal for operations of CAN.
 
     Raises:
@@ -51,7 +51,7 @@ def low_cut(place: str, fmu: FmuDescription, terminal: Terminal) -> LowCut:
     for member, causality in _MEMBERS.items():
         _check(place, fmu, terminal, member, causality, written)
     tx_data, tx_clock, rx_data, rx_clock = (terminal.members[member] for member in _MEMBERS)
-    if fmu.interface.clocks[rx_clock].kind is not Interval.TRIGGERED:
+    if fmu.interface.clocks[rx_clock].kind is not TickInterval.TRIGGERED:
         raise FmuFileError(f"{place}: {rx_clock}", "is no triggered clock", "correct its description")
     for data, clock in ((tx_data, tx_clock), (rx_data, rx_clock)):
         if clock not in fmu.interface.clocked.get(data, ()):
@@ -59,7 +59,9 @@ def low_cut(place: str, fmu: FmuDescription, terminal: Terminal) -> LowCut:
     return LowCut(tx_data, tx_clock, rx_data, rx_clock, _notifications(fmu, terminal), _most(written[rx_data]))
 
 
-def _check(place: str, fmu: FmuDescription, terminal: Terminal, member: str, causality: str, written: Binaries) -> None:
+def _check(
+    place: str, fmu: FmuDescription, terminal: FmuTerminal, member: str, causality: str, written: Binaries
+) -> None:
     """See that a member is there, of its type and causality; data have to be of CAN."""
     port = fmu.interface.ports.get(terminal.members.get(member, ""))
     if port is None:
@@ -74,7 +76,7 @@ def _check(place: str, fmu: FmuDescription, terminal: Terminal, member: str, cau
         raise FmuFileError(f"{place}: {port.name}", f"carries {mime}, not {MIME_TYPE}", "put it on a bus of its kind")
 
 
-def _notifications(fmu: FmuDescription, terminal: Terminal) -> str:
+def _notifications(fmu: FmuDescription, terminal: FmuTerminal) -> str:
     inner = terminal.inner.get("Configuration")
     name = inner.members.get("BusNotifications", "") if inner else ""
     return next((one for one in (name, _OLD_NOTIFICATIONS) if one in fmu.interface.ports), "")

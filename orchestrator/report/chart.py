@@ -2,8 +2,8 @@
 
 A chart is plain data: panels with curves, bands and marks over one horizontal axis. A report draws it:
 
-    gain = Panel("magnitude [dB]", [Curve("loop", omega, 20 * np.log10(abs(response)))], [Mark(0.0, "y")])
-    phase = Panel("phase [deg]", [Curve("loop", omega, phase)], [Mark(-180.0, "y")])
+    gain = Panel("magnitude [dB]", [Curve("loop", omega, 20 * np.log10(abs(response)))], [ChartLine(0.0, "y")])
+    phase = Panel("phase [deg]", [Curve("loop", omega, phase)], [ChartLine(-180.0, "y")])
     section.figure(Chart([gain, phase], x="frequency [rad/s]", log_x=True), "Bode plot of the open loop")
 
     nyquist = Panel("imaginary part", [Curve("loop", response.real, response.imag)], [ChartPoint(-1.0, 0.0, "-1")])
@@ -73,7 +73,7 @@ class Band:
 
 
 @dataclass(frozen=True)
-class Mark:
+class ChartLine:
     """A straight line at a value of an axis, with a word at it.
 
     Attributes:
@@ -113,7 +113,7 @@ class Panel:
 
     title: str
     curves: Sequence[Curve] = ()
-    marks: Sequence[Mark | ChartPoint] = ()
+    marks: Sequence[ChartLine | ChartPoint] = ()
     bands: Sequence[Band] = ()
     log: bool = False
     range: tuple[float, float] | None = None
@@ -278,7 +278,7 @@ def _band(band: Band, columns: Columns) -> dict[str, Any]:
     return {"label": band.label, "x": columns.add(x, True), "lower": columns.add(lower), "upper": columns.add(upper)}
 
 
-def _mark(mark: Mark | ChartPoint) -> dict[str, Any]:
+def _mark(mark: ChartLine | ChartPoint) -> dict[str, Any]:
     kind = {"label": mark.label, "wrong": mark.wrong}
     if isinstance(mark, ChartPoint):
         return {**kind, "x": mark.x, "y": mark.y}

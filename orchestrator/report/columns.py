@@ -26,7 +26,7 @@ EVEN = 1e-6  # of a step, to which instants are even
 
 
 @dataclass(frozen=True)
-class Column:
+class PageColumn:
     """A column as it is in a page: what a chart needs to know of it, and the text of its parts."""
 
     head: dict[str, Any]
@@ -42,7 +42,7 @@ class Column:
 class Columns:
     """All columns of a page; arrays that several charts draw are in it once."""
 
-    columns: list[Column] = field(default_factory=list)
+    columns: list[PageColumn] = field(default_factory=list)
     _numbers: dict[int, int] = field(default_factory=dict)
     _kept: list[FloatArray] = field(default_factory=list)  # so that no other array gets the identity of one
     _samples: int = 0
@@ -73,17 +73,17 @@ class Columns:
             for place, part in enumerate(column.parts)
         )
 
-    def _made(self, values: FloatArray, rising: bool) -> Column:
+    def _made(self, values: FloatArray, rising: bool) -> PageColumn:
         even = _even(values) if rising else None
         if even is not None:
-            return Column({"count": len(values), "start": even[0], "step": even[1]})
+            return PageColumn({"count": len(values), "start": even[0], "step": even[1]})
         thinned = len(values) > RAW and self._samples + len(values) > MOST
         if not thinned:
             self._samples += len(values)
         return column(values, rising, thinned)
 
 
-def column(values: FloatArray, rising: bool = False, thinned: bool = False) -> Column:
+def column(values: FloatArray, rising: bool = False, thinned: bool = False) -> PageColumn:
     """Values (K,) as a column; `thinned` leaves out all but the extremes of stretches."""
     finite = np.where(np.isfinite(values), values, np.nan)
     starts = np.arange(0, len(values), PART)
@@ -94,9 +94,9 @@ def column(values: FloatArray, rising: bool = False, thinned: bool = False) -> C
     if len(values) > RAW:
         head["levels"] = _levels(finite, float(np.nan_to_num(np.nanmin(low) / 2 + np.nanmax(high) / 2)))
     if thinned:
-        return Column(head)
+        return PageColumn(head)
     pieces = (finite[start : start + PART] - base for start, base in zip(starts, bases, strict=True))
-    return Column(head, tuple(_text(piece / scale) for piece in pieces))
+    return PageColumn(head, tuple(_text(piece / scale) for piece in pieces))
 
 
 def _even(values: FloatArray) -> tuple[float, float] | None:

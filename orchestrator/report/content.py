@@ -105,7 +105,7 @@ class DataTable:
 
 
 @dataclass(frozen=True)
-class Figure:
+class DrawnFigure:
     """A drawing across the whole width."""
 
     drawing: Drawing

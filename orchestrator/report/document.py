@@ -23,8 +23,8 @@ from orchestrator.report.content import (
     Content,
     DataTable,
     Drawing,
+    DrawnFigure,
     Facts,
-    Figure,
     Folded,
     Heading,
     Highlights,
@@ -110,7 +110,7 @@ class Section:
 
     def figure(self, drawing: Drawing, caption: str = "") -> None:
         """A figure across the whole width: a `Chart`, or what a function of `figures` gives."""
-        self.content.append(Figure(drawing, caption))
+        self.content.append(DrawnFigure(drawing, caption))
 
     def folded(self, title: str) -> Section:
         """A part below a title that a reader opens, to be filled."""

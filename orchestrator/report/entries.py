@@ -13,7 +13,7 @@ from orchestrator.report.content import CalloutKind, Content, mark
 
 
 @dataclass(frozen=True)
-class Entry:
+class ListEntry:
     """A line of the list.
 
     Attributes:
@@ -34,7 +34,7 @@ class Entries:
     """The list, below its headers: what it is of, then the cells'."""
 
     headers: Sequence[str]
-    entries: Sequence[Entry]
+    entries: Sequence[ListEntry]
 
     def html(self, key: str, columns: Columns) -> str:
         head = "".join(f"<th>{escape(header)}</th>" for header in ("", *self.headers))
@@ -50,7 +50,7 @@ _CHOICE = (
 )
 
 
-def _row(entry: Entry, key: str, columns: Columns) -> str:
+def _row(entry: ListEntry, key: str, columns: Columns) -> str:
     name = escape(entry.name).replace("/", "/<wbr>")  # where a narrow window breaks a path
     linked = name if entry.page is None else f'<a href="{escape(quote(entry.page))}">{name}</a>'
     cells = "".join(map(_cell, entry.cells))

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from orchestrator.display.titles import with_unit
-from orchestrator.report.chart import HEIGHT, Band, Chart, Curve, Mark, Panel
+from orchestrator.report.chart import HEIGHT, Band, Chart, ChartLine, Curve, Panel
 from orchestrator.report.drawings import Bars, ChartGrid, Correlations, Stack
-from orchestrator.report.intervals import Interval, Intervals
+from orchestrator.report.intervals import IntervalChart, IntervalRow
 from orchestrator.trace import FloatArray, Trace
 
 Response = tuple[str, ArrayLike, ArrayLike]  # label, angular frequency (N,) [rad/s], magnitude (N,)
@@ -96,9 +96,9 @@ def correlation_heatmap(names: Sequence[str], matrix: ArrayLike) -> Correlations
     return Correlations(names, np.asarray(matrix, dtype=float))
 
 
-def intervals(rows: Sequence[Interval]) -> Intervals:
+def intervals(rows: Sequence[IntervalRow]) -> IntervalChart:
     """Estimates with their intervals, each on a scale of its own, and where they are true where that is known."""
-    return Intervals(rows)
+    return IntervalChart(rows)
 
 
 def distribution(
@@ -107,7 +107,7 @@ def distribution(
     """Histogram of values (N,), with named marks such as a true value or the ends of an interval."""
     sample = np.asarray(values, dtype=float)
     counts, edges = np.histogram(sample, bins="auto" if np.ptp(sample) else 1)
-    lines = [Mark(value, "x", name) for name, value in (marks or {}).items()]
+    lines = [ChartLine(value, "x", name) for name, value in (marks or {}).items()]
     panel = Panel("count", [_outline(edges, counts.astype(float), 0.0)], lines)
     return Chart([panel], x=with_unit(quantity, unit))
 

@@ -15,7 +15,7 @@ WIDEST = 100.0  # of the scale, to either side [% of the estimate]
 
 
 @dataclass(frozen=True)
-class Interval:
+class IntervalRow:
     """An estimate, the ends of its interval, and what it is held against, all in `unit`; None is not known."""
 
     name: str
@@ -31,10 +31,10 @@ class Interval:
 
 
 @dataclass(frozen=True)
-class Intervals:
+class IntervalChart:
     """A row an estimate; a line is where it is true, where that is known, and a sign says whether it is inside."""
 
-    rows: Sequence[Interval]
+    rows: Sequence[IntervalRow]
 
     def markup(self, key: str, columns: Columns, caption: str = "") -> str:
         scale = self._scale()
@@ -55,7 +55,7 @@ class Intervals:
         return min(next(power * step for step in (1, 2, 5, 10) if power * step >= widest * 0.999), WIDEST)
 
 
-def _row(row: Interval, scale: float, known: bool) -> str:
+def _row(row: IntervalRow, scale: float, known: bool) -> str:
     def place(value: float) -> float:
         return round(50 + 50 * min(max(row.percent(value) / scale, -1.0), 1.0), 3)
 

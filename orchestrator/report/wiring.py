@@ -20,7 +20,7 @@ SMALLEST = 0.75  # to what share of its size it shrinks to fit a page
 
 
 @dataclass(frozen=True)
-class Box:
+class DiagramBox:
     """A component, or what drives one.
 
     Attributes:
@@ -49,7 +49,7 @@ class Box:
 
 
 @dataclass(frozen=True)
-class Wire:
+class DiagramWire:
     """From an output of a box to an input of one, and what is said of it."""
 
     source: tuple[str, str]
@@ -61,7 +61,7 @@ class Wire:
 class _Placed:
     """A box at its place [px], in its column."""
 
-    box: Box
+    box: DiagramBox
     column: int
     x: float
     y: float
@@ -72,11 +72,11 @@ class _Placed:
 
 
 @dataclass(frozen=True)
-class Wiring:
+class WiringDiagram:
     """Boxes and the wires between them."""
 
-    boxes: Sequence[Box]
-    wires: Sequence[Wire]
+    boxes: Sequence[DiagramBox]
+    wires: Sequence[DiagramWire]
 
     def markup(self, key: str, columns: Columns, caption: str = "") -> str:
         placed = _placed(self.boxes, self.wires)
@@ -105,7 +105,7 @@ class Wiring:
         )
 
 
-def _placed(boxes: Sequence[Box], wires: Sequence[Wire]) -> dict[str, _Placed]:
+def _placed(boxes: Sequence[DiagramBox], wires: Sequence[DiagramWire]) -> dict[str, _Placed]:
     """Name -> box at its place; in a column, boxes stand as what feeds them does."""
     column_of = _columns(boxes, wires)
     feeding: dict[str, list[str]] = {box.name: [] for box in boxes}
@@ -116,7 +116,7 @@ def _placed(boxes: Sequence[Box], wires: Sequence[Wire]) -> dict[str, _Placed]:
     for column in range(max(column_of.values(), default=-1) + 1):
         here = [box for box in boxes if column_of[box.name] == column]
 
-        def height(box: Box) -> float:
+        def height(box: DiagramBox) -> float:
             above = [placed[name].y for name in feeding[box.name] if name in placed]
             return sum(above) / len(above) if above else 0.0
 
@@ -128,7 +128,7 @@ def _placed(boxes: Sequence[Box], wires: Sequence[Wire]) -> dict[str, _Placed]:
     return placed
 
 
-def _columns(boxes: Sequence[Box], wires: Sequence[Wire]) -> dict[str, int]:
+def _columns(boxes: Sequence[DiagramBox], wires: Sequence[DiagramWire]) -> dict[str, int]:
     """Name -> its column: right of all that feeds it, but for wires that close a circle."""
     targets: dict[str, list[str]] = {box.name: [] for box in boxes}
     for wire in wires:

@@ -10,13 +10,13 @@ from orchestrator.assembly.stimulus import Stimulus
 from orchestrator.display.titles import with_unit
 from orchestrator.network import carriers
 from orchestrator.rational import written
-from orchestrator.report.wiring import Box, Wire, Wiring
+from orchestrator.report.wiring import DiagramBox, DiagramWire, WiringDiagram
 from orchestrator.scenario.run import ScenarioResult
 from orchestrator.system import Connection, Endpoint, System
 from orchestrator.trace import Trace
 
 
-def wiring_of(result: ScenarioResult, system: System, received: Collection[str] = ()) -> Wiring:
+def wiring_of(result: ScenarioResult, system: System, received: Collection[str] = ()) -> WiringDiagram:
     """Components with their steps, what drives them, and what is connected.
 
     Args:
@@ -24,18 +24,22 @@ def wiring_of(result: ScenarioResult, system: System, received: Collection[str] 
     """
     driven = dict(sorted(result.scenario.stimuli.items()))
     sources = [
-        Box(_source(name), "from the bus" if name in received else _about(given), "", {}, {"y": ""}, outside=True)
+        DiagramBox(
+            _source(name), "from the bus" if name in received else _about(given), "", {}, {"y": ""}, outside=True
+        )
         for name, given in driven.items()
     ]
-    wires = [Wire((_source(name), "y"), _ends(Endpoint.parse(name))) for name in driven]
-    wires += [Wire(_ends(link.source), _ends(link.target), _conversion(link)) for link in system.connections]
-    wires += [Wire(_ends(link.source), _ends(link.target), "ticks") for link in system.clocks]
-    wires += [Wire(_ends(link.source), _ends(link.target), "") for link in system.texts]
+    wires = [DiagramWire((_source(name), "y"), _ends(Endpoint.parse(name))) for name in driven]
+    wires += [DiagramWire(_ends(link.source), _ends(link.target), _conversion(link)) for link in system.connections]
+    wires += [DiagramWire(_ends(link.source), _ends(link.target), "ticks") for link in system.clocks]
+    wires += [DiagramWire(_ends(link.source), _ends(link.target), "") for link in system.texts]
     buses = result.assembled.system.buses
     wires += [
-        Wire(_ends(Endpoint.parse(node)), (name, node), "frames") for name, bus in buses.items() for node in bus.nodes
+        DiagramWire(_ends(Endpoint.parse(node)), (name, node), "frames")
+        for name, bus in buses.items()
+        for node in bus.nodes
     ]
-    return Wiring([*sources, *(_box(result, system, name, wires) for name in system.parts)], wires)
+    return WiringDiagram([*sources, *(_box(result, system, name, wires) for name in system.parts)], wires)
 
 
 def source_of(result: ScenarioResult, component: str) -> str:
@@ -67,7 +71,7 @@ def _conversion(link: Connection) -> str:
     return " ".join(parts)
 
 
-def _box(result: ScenarioResult, system: System, name: str, wires: list[Wire]) -> Box:
+def _box(result: ScenarioResult, system: System, name: str, wires: list[DiagramWire]) -> DiagramBox:
     """A component with those of its ports that are connected or driven, and its outputs."""
     part = system.parts[name]
     ports = part.interface.ports
@@ -79,7 +83,7 @@ def _box(result: ScenarioResult, system: System, name: str, wires: list[Wire]) -
     how = f"{component.solver.method} " if component is not None and component.solver is not None else ""
     taken = [port.name for port in part.interface.of("input") if port.name in used]
     shown = [one for one in outputs if one in given or len(outputs) <= 6]
-    return Box(
+    return DiagramBox(
         name,
         source_of(result, name),
         "when frames come" if part.carries else f"{how}every {written(step)} s",

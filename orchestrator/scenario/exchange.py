@@ -12,7 +12,7 @@ from fmus.files import atomic_writes
 from fmus.parameters.write_back import write_back
 from orchestrator.assembly.assembly import Assembled, ComponentSpec, assemble
 from orchestrator.documents.sources import EXTRA, SCENARIO
-from orchestrator.fmi.file import FmuDescription, Kind
+from orchestrator.fmi.file import FmuDescription, FmuKind
 from orchestrator.fmi.isolation import scratch
 from orchestrator.scenario.scenario import Scenario
 from orchestrator.scenario.schema import ScenarioBlock, load_scenario
@@ -30,7 +30,7 @@ _ELSEWHERE = ("include", "connections", "ssp")
 
 
 @dataclass(frozen=True)
-class Exported:
+class ExportedScenario:
     """What was written.
 
     Attributes:
@@ -43,7 +43,7 @@ class Exported:
     notes: tuple[str, ...]
 
 
-def export(file: Path, out: Path, tool: Tool = Tool.ANY, version: Version = Version.ONE) -> Exported:
+def export(file: Path, out: Path, tool: Tool = Tool.ANY, version: Version = Version.ONE) -> ExportedScenario:
     """Write a scenario as an SSP, with the FMUs of its components and all that it reads.
 
     Raises:
@@ -66,7 +66,7 @@ def export(file: Path, out: Path, tool: Tool = Tool.ANY, version: Version = Vers
     if any(asked.accepted for case in scenario.cases for asked in case.expected):
         notes.append(f"accepted references stay behind; `servotwin accept {out}` takes its own")
     files = {name: path.name for name, path in outline.files.items()}
-    return Exported(files, len(outline.system.links), tuple(notes))
+    return ExportedScenario(files, len(outline.system.links), tuple(notes))
 
 
 def unpack(file: Path, out: Path) -> Path:
@@ -126,8 +126,8 @@ def _with_defaults(outline: Outline, folder: Path) -> Outline:
     return replace(outline, files=files)
 
 
-def _kind(component: ComponentSpec) -> Kind | None:
-    return Kind.MODEL_EXCHANGE if component.solver else None
+def _kind(component: ComponentSpec) -> FmuKind | None:
+    return FmuKind.MODEL_EXCHANGE if component.solver else None
 
 
 def _driven(scenario: Scenario, system: System) -> dict[str, float | None]:

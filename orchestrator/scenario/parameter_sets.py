@@ -13,7 +13,7 @@ from fmus.packaging.archive import parse_xml
 from fmus.words import nearest
 from orchestrator.fmi.interface import Value
 from orchestrator.scenario import parameter_list
-from orchestrator.ssp.description import Parameter
+from orchestrator.ssp.description import SsvParameter
 from orchestrator.ssp.names import SSV
 from orchestrator.ssp.parameters import parameters
 from orchestrator.ssp.parameters import units as own_units
@@ -56,7 +56,7 @@ def values_in(file: Path) -> dict[str, Value | list[Any]]:
     return {name: _value(one) for name, one in parameters(root, str(file)).items()}
 
 
-def _value(parameter: Parameter) -> Value | list[Any]:
+def _value(parameter: SsvParameter) -> Value | list[Any]:
     unit = "" if parameter.unit in (None, "1") else f" {parameter.unit}"
     if not isinstance(parameter.value, tuple):
         return _with(parameter.value, unit)

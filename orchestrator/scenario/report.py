@@ -13,7 +13,7 @@ from orchestrator.crossing import Crossing
 from orchestrator.display.table import Cell, text
 from orchestrator.display.titles import with_unit
 from orchestrator.fmi.interface import Port
-from orchestrator.report import Band, Chart, Curve, Mark, Panel, Report, Section, figures
+from orchestrator.report import Band, Chart, ChartLine, Curve, Panel, Report, Section, figures
 from orchestrator.report.chart import Style
 from orchestrator.report.checks import CheckRow, Checks
 from orchestrator.report.content import CalloutKind
@@ -193,7 +193,7 @@ def _signals(case: Case, made: CaseResult, system: System | None) -> Iterator[Pa
         style: Style = "steps" if port is not None and port.stepwise else "line"
         leaves = [leaf for expected in case.expected for leaf in expected.leaves]
         asked = [one for one in leaves if isinstance(one, OnSignal) and one.signal == name]
-        marks: list[Mark] = []
+        marks: list[ChartLine] = []
         bands: list[Band] = []
         curves = [Curve("run", trace.time, trace[name], style)]
         for expected in asked:
@@ -202,7 +202,9 @@ def _signals(case: Case, made: CaseResult, system: System | None) -> Iterator[Pa
         yield Panel(with_unit(name, trace.unit(name)), curves, marks, bands)
 
 
-def _add_asked(expected: OnSignal, made: CaseResult, curves: list[Curve], bands: list[Band], marks: list[Mark]) -> None:
+def _add_asked(
+    expected: OnSignal, made: CaseResult, curves: list[Curve], bands: list[Band], marks: list[ChartLine]
+) -> None:
     """What an expectation asks of a signal, as it is drawn."""
     trace, condition = made.trace, expected.condition
     condition = condition.condition if isinstance(condition, Often) else condition
@@ -213,7 +215,7 @@ def _add_asked(expected: OnSignal, made: CaseResult, curves: list[Curve], bands:
         return
     if isinstance(condition, Below | Above):
         word = "below" if isinstance(condition, Below) else "above"
-        marks.append(Mark(float(condition.limit), "y", f"{word} {float(condition.limit):g}", (start, stop)))
+        marks.append(ChartLine(float(condition.limit), "y", f"{word} {float(condition.limit):g}", (start, stop)))
     elif isinstance(condition, Near):
         time, target, within = np.array([start, stop]), np.full(2, float(condition.target)), float(condition.within)
         curves.append(Curve("target", time, target, tone="reference"))

@@ -11,7 +11,7 @@ from typing import NotRequired, TypedDict
 from fmus.files import sha256
 from orchestrator import formats
 from orchestrator.crossing import CrossingDocument, documents_of
-from orchestrator.engine import Change
+from orchestrator.engine import ValueChange
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.said import LOG_FILE
 from orchestrator.realtime.deadlines import DeadlineFigures
@@ -177,7 +177,7 @@ def document_of_check(check: Check) -> CheckDocument:
     return document
 
 
-def _change(change: Change) -> ChangeDocument:
+def _change(change: ValueChange) -> ChangeDocument:
     return {
         "time": change.time,
         "step": change.step,

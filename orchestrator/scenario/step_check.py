@@ -22,7 +22,7 @@ _LEAST, _MOST = 0.5, 6.0  # orders between which a difference falls as the error
 
 
 @dataclass(frozen=True)
-class StepError:
+class StepCost:
     """What the communication step costs a signal of a case.
 
     Attributes:
@@ -73,7 +73,7 @@ def step_errors(
     result: ScenarioResult,
     progress: Progress = silent,
     isolation: Isolation | None = None,
-) -> list[StepError]:
+) -> list[StepCost]:
     """Those of all signals that `result`, a run of the scenario, holds as numbers, by falling share.
 
     It is run twice more, with a half and a quarter of its step.
@@ -101,7 +101,7 @@ def _shorter(scenario: Scenario, parts: int) -> Scenario:
     return replace(scenario, timing=timing, cases=cases, logger=None)
 
 
-def _errors(case: str, whole: Trace, half: Trace, quarter: Trace) -> list[StepError]:
+def _errors(case: str, whole: Trace, half: Trace, quarter: Trace) -> list[StepCost]:
     found = []
     for name in (name for name in whole.signals if name in half.signals):  # others are there for expectations alone
         values = whole[name]
@@ -109,7 +109,7 @@ def _errors(case: str, whole: Trace, half: Trace, quarter: Trace) -> list[StepEr
         reach = float(np.ptp(values)) if len(values) else 0.0
         told = max(coarse, fine) > _ROUNDING * max(reach, float(np.abs(values).max(initial=0.0)))
         order = math.log2(coarse / fine) if told and coarse > 0 and fine > 0 else None
-        found.append(StepError(case, name, whole.unit(name) or "", coarse, coarse / reach if reach else 0.0, order))
+        found.append(StepCost(case, name, whole.unit(name) or "", coarse, coarse / reach if reach else 0.0, order))
     return found
 
 

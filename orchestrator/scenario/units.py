@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from orchestrator.assembly.whole_arrays import all_elements
 from orchestrator.crossing import Crossing
-from orchestrator.scenario.expectations import Wiring
+from orchestrator.scenario.expectations import ExpectationScope
 from orchestrator.scenario.scenario import Scenario
 from orchestrator.system import Endpoint, System
 
@@ -18,7 +18,7 @@ def in_units_of(system: System, scenario: Scenario) -> tuple[Scenario, list[Cros
     Raises:
         WiringError: units of different quantities, or an expectation of a variable that there is not.
     """
-    wiring = Wiring(lambda name, place: system.port(Endpoint.parse(name, place), place))
+    wiring = ExpectationScope(lambda name, place: system.port(Endpoint.parse(name, place), place))
     stimuli = {}
     for name, stimulus in scenario.stimuli.items():
         stimuli[name], how = stimulus.brought(name, system.port(Endpoint.parse(name)))

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 from fmus.units import Unit
 from orchestrator.fmi.interface import Interface
-from orchestrator.ssp.description import Binding, Component, Element, MappingEntry, Parameter, SystemElement
-from orchestrator.ssp.flattening import Flat, Node, Path
-from orchestrator.ssp.passage import NO_UNIT, Passage, meaning
+from orchestrator.ssp.description import Binding, Element, MappingEntry, SsdComponent, SsvParameter, SystemElement
+from orchestrator.ssp.flattening import FlatSystem, Node, Path
+from orchestrator.ssp.passage import NO_UNIT, ValuePassage, meaning
 
 
 @dataclass(frozen=True)
@@ -21,14 +21,14 @@ class Assigned:
         how: the entry of the mapping that brought it here.
     """
 
-    parameter: Parameter
+    parameter: SsvParameter
     place: str
     units: Mapping[str, Unit]
     how: MappingEntry
 
-    def passage(self) -> Passage:
+    def passage(self) -> ValuePassage:
         """How its number starts its way."""
-        return Passage(meaning(self.parameter.unit, self.units) or NO_UNIT)
+        return ValuePassage(meaning(self.parameter.unit, self.units) or NO_UNIT)
 
 
 @dataclass
@@ -40,7 +40,7 @@ class Assignment:
         notes: names that match nothing, a line each.
     """
 
-    flat: Flat
+    flat: FlatSystem
     interfaces: Mapping[Path, Interface]
     values: dict[Node, Assigned] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
@@ -73,7 +73,7 @@ class Assignment:
 
     def _target(self, path: Path, element: Element, name: str) -> Node | None:
         """What a name means in an element: a connector of it, or a variable of what is in it."""
-        if isinstance(element, Component):
+        if isinstance(element, SsdComponent):
             interface = self.interfaces[path]
             return (path, name) if name in interface.ports or interface.shape(name) else None
         if name in element.connectors:

@@ -12,7 +12,7 @@ from fmus.errors import InputError
 from fmus.files import package_folder
 from orchestrator.ssp.document import imported
 from orchestrator.ssp.names import SSB, SSD, SSM, SSV, Version
-from orchestrator.ssp.package import SYSTEM, Package
+from orchestrator.ssp.package import SYSTEM, SspPackage
 
 if TYPE_CHECKING:
     from lxml import etree
@@ -35,7 +35,7 @@ class Flaw:
 
 
 @dataclass(frozen=True)
-class Checked:
+class CheckedSsp:
     """What came out.
 
     Attributes:
@@ -47,14 +47,14 @@ class Checked:
     notes: tuple[str, ...]
 
 
-def check(path: Path) -> Checked:
+def check(path: Path) -> CheckedSsp:
     """Look at all documents of an SSP, and at what they make together.
 
     Raises:
         FmuFileError: it is no SSP at all.
     """
     problems: list[Flaw] = []
-    with Package(path) as package:
+    with SspPackage(path) as package:
         roots = {name: package.xml(name) for name in package.names if name.lower().endswith(_SUFFIXES)}
     for name, root in roots.items():
         problems += [Flaw(name, line) for line in _complaints(root)]
@@ -63,7 +63,7 @@ def check(path: Path) -> Checked:
         notes = tuple(imported(path).notes)
     except InputError as error:
         problems.append(Flaw(path.name, str(error)))
-    return Checked(roots[SYSTEM].get("version", ""), tuple(problems), notes)
+    return CheckedSsp(roots[SYSTEM].get("version", ""), tuple(problems), notes)
 
 
 def _complaints(root: etree._Element) -> Iterator[str]:

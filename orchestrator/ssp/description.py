@@ -40,7 +40,7 @@ class Connector:
 
 
 @dataclass(frozen=True)
-class Connection:
+class SsdConnection:
     """From a connector to another, each (element, connector); the element "" is the system itself.
 
     Attributes:
@@ -57,7 +57,7 @@ class Connection:
 
 
 @dataclass(frozen=True)
-class Parameter:
+class SsvParameter:
     """A value of a parameter set.
 
     Attributes:
@@ -91,7 +91,7 @@ class Binding:
     """
 
     place: str
-    values: Mapping[str, Parameter]
+    values: Mapping[str, SsvParameter]
     units: Mapping[str, Unit] = field(default_factory=dict)
     mapping: tuple[MappingEntry, ...] | None = None
 
@@ -106,7 +106,7 @@ class Element:
 
 
 @dataclass(frozen=True)
-class Component(Element):
+class SsdComponent(Element):
     """An FMU.
 
     Attributes:
@@ -135,7 +135,7 @@ class SystemElement(Element):
     """
 
     elements: Mapping[str, Element] = field(default_factory=dict)
-    connections: tuple[Connection, ...] = ()
+    connections: tuple[SsdConnection, ...] = ()
     dictionaries: Mapping[str, Mapping[str, Connector]] = field(default_factory=dict)
     units: Mapping[str, Unit] = field(default_factory=dict)
 

@@ -14,13 +14,13 @@ from fmus.errors import FmuFileError, WiringError
 from fmus.units import SAME, Conversion
 from fmus.words import nearest
 from orchestrator.crossing import crossing
-from orchestrator.fmi.file import FmuDescription, Kind
+from orchestrator.fmi.file import FmuDescription, FmuKind
 from orchestrator.fmi.interface import Interface, Port
 from orchestrator.ssp import flattening, passage
 from orchestrator.ssp.assignment import Assigned, Assignment
 from orchestrator.ssp.description import Description
-from orchestrator.ssp.flattening import Flat, Hop, Node
-from orchestrator.ssp.passage import Passage
+from orchestrator.ssp.flattening import FlatSystem, Hop, Node
+from orchestrator.ssp.passage import ValuePassage
 from orchestrator.ssp.reading import read
 
 LOG = logging.getLogger("servotwin.ssp")
@@ -57,7 +57,7 @@ def imported(path: Path) -> Imported:
 class _Importing:
     path: Path
     description: Description
-    flat: Flat
+    flat: FlatSystem
     notes: list[str] = field(default_factory=list)
 
     def imported(self) -> Imported:
@@ -95,7 +95,7 @@ class _Importing:
     def _component(self, path: flattening.Path) -> dict[str, Any]:
         component, fmu = self.flat.components[path], self.fmus[path]
         made: dict[str, Any] = {"fmu": component.file}
-        if component.exchange or Kind.CO_SIMULATION not in fmu.kinds:
+        if component.exchange or FmuKind.CO_SIMULATION not in fmu.kinds:
             made["solver"] = {}
         return made | ({"parameters": self.parameters[path]} if self.parameters[path] else {})
 
@@ -151,7 +151,7 @@ class _Importing:
         except WiringError:
             return None
 
-    def _passed(self, passed: Passage, hops: Sequence[Hop], node: Node, port: Port) -> Passage:
+    def _passed(self, passed: ValuePassage, hops: Sequence[Hop], node: Node, port: Port) -> ValuePassage:
         """What arrives at the connector of a component's variable."""
         ends = [*(hop.origin for hop in hops[1:]), node] if hops else []
         for hop, there in zip(hops, ends, strict=True):
@@ -245,7 +245,7 @@ def _alike(one: Conversion, other: Conversion | None) -> bool:
     return all(math.isclose(a, b, rel_tol=1e-12, abs_tol=1e-300) for a, b in pairs)
 
 
-def _changed(passed: Passage, place: str) -> Callable[[Any], Any]:
+def _changed(passed: ValuePassage, place: str) -> Callable[[Any], Any]:
     if passed.table:
         return lambda value: passage.mapped(passed.table, value, place)
     if passed.conversion == SAME:

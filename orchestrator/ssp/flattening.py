@@ -10,12 +10,12 @@ from fmus.errors import WiringError
 from fmus.units import Unit
 from fmus.words import nearest
 from orchestrator.ssp.description import (
-    Component,
-    Connection,
     Connector,
     Description,
     DictionaryReference,
     Element,
+    SsdComponent,
+    SsdConnection,
     SystemElement,
 )
 
@@ -35,13 +35,13 @@ class Hop:
     """
 
     origin: Node
-    link: Connection
+    link: SsdConnection
     place: str
     units: Mapping[str, Unit]
 
 
 @dataclass
-class Flat:
+class FlatSystem:
     """A system without systems in it.
 
     Attributes:
@@ -53,7 +53,7 @@ class Flat:
     """
 
     place: str
-    components: dict[Path, Component] = field(default_factory=dict)
+    components: dict[Path, SsdComponent] = field(default_factory=dict)
     systems: dict[Path, SystemElement] = field(default_factory=dict)
     units: dict[Path, Mapping[str, Unit]] = field(default_factory=dict)
     incoming: dict[Node, Hop] = field(default_factory=dict)
@@ -89,13 +89,13 @@ class Flat:
         return node, hops[::-1]
 
 
-def flattened(description: Description, place: str) -> Flat:
+def flattened(description: Description, place: str) -> FlatSystem:
     """The components of a description and its connections.
 
     Raises:
         WiringError: a connection without an end, two into one connector, or an unknown signal dictionary.
     """
-    flat = Flat(place)
+    flat = FlatSystem(place)
     _gather(flat, (), description.system, {}, ())
     return flat
 
@@ -118,7 +118,7 @@ def component_names(paths: Iterator[Path] | list[Path]) -> dict[Path, str]:
 Scopes = tuple[tuple[Path, SystemElement], ...]
 
 
-def _gather(flat: Flat, path: Path, system: SystemElement, units: Mapping[str, Unit], outer: Scopes) -> None:
+def _gather(flat: FlatSystem, path: Path, system: SystemElement, units: Mapping[str, Unit], outer: Scopes) -> None:
     """Take up a system and all in it; `outer` are the systems around it, the nearest first."""
     known = {**units, **system.units}
     scopes = ((path, system), *outer)
@@ -128,7 +128,7 @@ def _gather(flat: Flat, path: Path, system: SystemElement, units: Mapping[str, U
     for name, element in system.elements.items():
         if isinstance(element, SystemElement):
             _gather(flat, (*path, name), element, known, scopes)
-        elif isinstance(element, Component):
+        elif isinstance(element, SsdComponent):
             flat.components[*path, name] = element
     for link in system.connections:
         place = f"{flat.place}: {'.'.join(path)}{': ' if path else ''}{link}"

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 
-from orchestrator.fmi.file import Kind
+from orchestrator.fmi.file import FmuKind
 from orchestrator.fmi.interface import Value
 from orchestrator.ssp.names import Version
 from orchestrator.system import System
@@ -74,7 +74,7 @@ class Outline:
     description: str
     system: System
     files: Mapping[str, Path]
-    kinds: Mapping[str, Kind]
+    kinds: Mapping[str, FmuKind]
     values: Mapping[str, Value]
     times: Times
     driven: Mapping[str, float | None] = field(default_factory=dict)

@@ -30,7 +30,7 @@ _lock = threading.Lock()
 _homes: dict[int, Path] = {}  # number of a process -> where it has the files of archives, until it ends
 
 
-class Package:
+class SspPackage:
     """An SSP, open for reading; a context manager.
 
     Args:
@@ -134,7 +134,7 @@ class Package:
         """Let go of the archive."""
         self._archive.close()
 
-    def __enter__(self) -> Package:
+    def __enter__(self) -> SspPackage:
         return self
 
     def __exit__(self, kind: type | None, error: BaseException | None, traceback: TracebackType | None) -> None:

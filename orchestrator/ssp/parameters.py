@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from fmus.errors import FmuFileError
 from fmus.units import BASES, Unit
-from orchestrator.ssp.description import MappingEntry, Parameter, Transformation
+from orchestrator.ssp.description import MappingEntry, SsvParameter, Transformation
 from orchestrator.ssp.names import SSC, SSM, SSV
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ Scalar = float | int | bool | str
 _TRUTH = {"true": True, "1": True, "false": False, "0": False}
 
 
-def parameters(root: etree._Element, place: str) -> dict[str, Parameter]:
+def parameters(root: etree._Element, place: str) -> dict[str, SsvParameter]:
     """Name -> value of a parameter set.
 
     Raises:
@@ -26,7 +26,7 @@ def parameters(root: etree._Element, place: str) -> dict[str, Parameter]:
     """
     if root.tag != f"{SSV}ParameterSet":
         raise FmuFileError(place, "is not an SSV parameter set", "correct its type")
-    found: dict[str, Parameter] = {}
+    found: dict[str, SsvParameter] = {}
     for entry in root.iterfind(f"{SSV}Parameters/{SSV}Parameter"):
         name = required(entry, "name", place)
         if name in found:
@@ -135,7 +135,7 @@ def truth(entry: etree._Element, attribute: str, place: str) -> bool:
     return _TRUTH[text]
 
 
-def _parameter(entry: etree._Element, place: str) -> Parameter:
+def _parameter(entry: etree._Element, place: str) -> SsvParameter:
     typed = next((child for child in entry.iterchildren("{*}*") if child.tag.startswith(SSV)), None)
     if typed is None:
         raise FmuFileError(place, "has no value", "write it again")
@@ -149,7 +149,7 @@ def _parameter(entry: etree._Element, place: str) -> Parameter:
         shape = (len(values),)
     if math.prod(shape) != len(values):
         raise FmuFileError(place, f"has {len(values)} values for {math.prod(shape)} elements", "write the set again")
-    return Parameter(values if shape else values[0], typed.get("unit"), shape)
+    return SsvParameter(values if shape else values[0], typed.get("unit"), shape)
 
 
 def _values(typed: etree._Element, kind: str) -> Iterator[Scalar]:

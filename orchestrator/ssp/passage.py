@@ -18,7 +18,7 @@ NO_UNIT = NamedUnit()
 
 
 @dataclass(frozen=True)
-class Passage:
+class ValuePassage:
     """A value on its way: what it is by now, of what it was at first.
 
     Attributes:
@@ -30,7 +30,7 @@ class Passage:
     conversion: Conversion = SAME
     table: Entries = ()
 
-    def to(self, unit: NamedUnit, place: str) -> Passage:
+    def to(self, unit: NamedUnit, place: str) -> ValuePassage:
         """In another unit.
 
         Raises:
@@ -40,7 +40,9 @@ class Passage:
             return self
         return replace(self._changed(crossing(place, self.unit, unit).conversion, place), unit=unit)
 
-    def over(self, unit: NamedUnit | None, by_unit: bool, transformation: Transformation | None, place: str) -> Passage:
+    def over(
+        self, unit: NamedUnit | None, by_unit: bool, transformation: Transformation | None, place: str
+    ) -> ValuePassage:
         """Behind a connection, whose end is in this unit, None where that does not say.
 
         Raises:
@@ -56,7 +58,7 @@ class Passage:
             return replace(passed, table=transformation.entries)
         return passed._changed(Conversion(transformation.factor, transformation.offset), place)
 
-    def _changed(self, next_: Conversion, place: str) -> Passage:
+    def _changed(self, next_: Conversion, place: str) -> ValuePassage:
         if next_ == SAME:
             return self
         if self.table:
@@ -72,14 +74,14 @@ def meaning(name: str | None, known: Mapping[str, Unit]) -> NamedUnit | None:
     return NamedUnit(name, known.get(name) or units.parse(name), name in known)
 
 
-def begin(port: Port, connector: Connector, known: Mapping[str, Unit], place: str) -> Passage:
+def begin(port: Port, connector: Connector, known: Mapping[str, Unit], place: str) -> ValuePassage:
     """A value of a variable as its connector gives it.
 
     Raises:
         WiringError: they have units of different quantities.
     """
     said = meaning(connector.unit, known) if port.real else None
-    passage = Passage(port.measure if port.unit else said or NO_UNIT)
+    passage = ValuePassage(port.measure if port.unit else said or NO_UNIT)
     return passage if said is None else passage.to(said, place)
 
 
@@ -89,7 +91,7 @@ def unit_at(port: Port, connector: Connector, known: Mapping[str, Unit]) -> Name
     return said if said is not None or not port.unit else port.measure
 
 
-def end(passage: Passage, port: Port, place: str) -> Passage:
+def end(passage: ValuePassage, port: Port, place: str) -> ValuePassage:
     """A value as it arrives in a variable.
 
     Raises:

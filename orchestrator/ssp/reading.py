@@ -11,12 +11,12 @@ from fmus.errors import FmuFileError
 from fmus.packaging import archive
 from orchestrator.ssp.description import (
     Binding,
-    Component,
-    Connection,
     Connector,
     Description,
     DictionaryReference,
     Element,
+    SsdComponent,
+    SsdConnection,
     SystemElement,
 )
 from orchestrator.ssp.names import (
@@ -32,7 +32,7 @@ from orchestrator.ssp.names import (
     STEPS,
     Version,
 )
-from orchestrator.ssp.package import SYSTEM, Package
+from orchestrator.ssp.package import SYSTEM, SspPackage
 from orchestrator.ssp.parameters import mapping, parameters, required, transformation, truth, units
 
 if TYPE_CHECKING:
@@ -49,15 +49,15 @@ def read(path: Path) -> Description:
     Raises:
         FmuFileError: it is no SSP, refers to what it does not hold, holds itself, or is not as the standard has it.
     """
-    with Package(path) as package:
-        return _File(package, SYSTEM, ()).description()
+    with SspPackage(path) as package:
+        return _DescriptionFile(package, SYSTEM, ()).description()
 
 
 @dataclass(frozen=True)
-class _File:
+class _DescriptionFile:
     """A description on its way: its file in an archive, and those that it is inside of."""
 
-    package: Package
+    package: SspPackage
     name: str
     inside: tuple[str, ...]
 
@@ -135,16 +135,16 @@ class _File:
         if way not in ("any", "CoSimulation", "ModelExchange"):
             raise FmuFileError(place, f"is to be run by {way}", "export it for co-simulation")
         file = self.package.unpacked(name)
-        return Component(element.name, element.connectors, element.bindings, str(file), way == "ModelExchange")
+        return SsdComponent(element.name, element.connectors, element.bindings, str(file), way == "ModelExchange")
 
     def included(self, kind: str, name: str, element: Element) -> SystemElement:
         """The system of another file; the component's own bindings come after those that it has."""
         inside = (*self.inside, self.place)
         if kind == DEFINITION:
-            system = _File(self.package, name, inside).description().system
+            system = _DescriptionFile(self.package, name, inside).description().system
         else:
-            with Package(self.package.unpacked(name), self.package.place(name)) as package:
-                system = _File(package, SYSTEM, inside).description().system
+            with SspPackage(self.package.unpacked(name), self.package.place(name)) as package:
+                system = _DescriptionFile(package, SYSTEM, inside).description().system
         return replace(system, name=element.name, bindings=(*system.bindings, *element.bindings))
 
     def element(self, entry: etree._Element) -> Element:
@@ -163,14 +163,14 @@ class _File:
         kind, unit = typed(entry)
         return Connector(required(entry, "name", self.place), required(entry, "kind", self.place), kind, unit)
 
-    def connection(self, entry: etree._Element) -> Connection:
+    def connection(self, entry: etree._Element) -> SsdConnection:
         place = f"{self.place}:{entry.sourceline}"
         ends = [
             (entry.get(f"{end}Element", ""), _indexed(required(entry, f"{end}Connector", self.place), entry, end))
             for end in ("start", "end")
         ]
         by_unit = not truth(entry, "suppressUnitConversion", place)
-        return Connection(ends[0], ends[1], transformation(entry, place), by_unit)
+        return SsdConnection(ends[0], ends[1], transformation(entry, place), by_unit)
 
     def dictionary(self, entry: etree._Element) -> dict[str, Connector]:
         """The entries of a signal dictionary by name."""

@@ -71,7 +71,7 @@ def _archive(path: Path, place: str, called: str, level: int) -> Inside:
     return Inside(place, model, version, tuple(within), "" if fused is None else f"base step {fused.base_step:.9g} s")
 
 
-def _fused(system: manifest.Manifest) -> Iterator[Inside]:
+def _fused(system: manifest.SystemManifest) -> Iterator[Inside]:
     """The parts of a system in one FMU, in the order in which they are stepped, and its wires."""
     for part in system.parts:
         yield Inside(part.name, part.model, "", (), f"every {part.step:.9g} s, outputs hold {part.outputs_hold}")

@@ -18,7 +18,7 @@ Shape = tuple[int, ...]
 
 
 @dataclass(frozen=True)
-class Variable:
+class ConnectorVariable:
     """What one connector stands for.
 
     Attributes:
@@ -31,13 +31,13 @@ class Variable:
     shape: Shape = ()
 
 
-def variables(ports: Iterable[Port], version: Version) -> list[Variable]:
+def variables(ports: Iterable[Port], version: Version) -> list[ConnectorVariable]:
     """What has a connector of its own: in 2.0 an array as a whole, in 1.0 each of its elements."""
-    found: dict[str, Variable] = {}
+    found: dict[str, ConnectorVariable] = {}
     for port in ports:
         whole = port.array if version is Version.TWO else None
         name = port.name if whole is None else whole.name
-        found.setdefault(name, Variable(name, port, () if whole is None else whole.shape))
+        found.setdefault(name, ConnectorVariable(name, port, () if whole is None else whole.shape))
     return list(found.values())
 
 

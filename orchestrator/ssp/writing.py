@@ -16,13 +16,13 @@ from fmus.parameters.ssv import parameter_set_element
 from fmus.units import BASES
 from orchestrator.crossing import NamedUnit
 from orchestrator.fmi.clocks.declared import Clock
-from orchestrator.fmi.file import FmuDescription, Kind
+from orchestrator.fmi.file import FmuDescription, FmuKind
 from orchestrator.fmi.interface import Interface, Port, Value
 from orchestrator.ssp import package
 from orchestrator.ssp.annotations import ROOT, SYSTEM
 from orchestrator.ssp.names import FMU, SSC, SSD, Version
 from orchestrator.ssp.outline import Outline, Tool
-from orchestrator.ssp.variables import Variable, clock_attributes, indexed, set_values, type_name, variables
+from orchestrator.ssp.variables import ConnectorVariable, clock_attributes, indexed, set_values, type_name, variables
 from orchestrator.system import Connection, Endpoint
 
 OMS = "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd"
@@ -78,7 +78,7 @@ class _Writing:
         if inputs or outputs:
             connectors = ET.SubElement(system, f"{SSD}Connectors")
             for name in (*inputs, *outputs):
-                outer = Variable(_outer(name), self._port(name))
+                outer = ConnectorVariable(_outer(name), self._port(name))
                 self._add_connector(connectors, outer, "input" if name in inputs else "output")
         constants = {_outer(name): value for name, value in inputs.items() if value is not None}
         self._add_values(
@@ -113,7 +113,7 @@ class _Writing:
 
     def _component(self, name: str) -> ET.Element:
         file, interface = self.outline.files[name], self.outline.system.parts[name].interface
-        way = "CoSimulation" if self.outline.kinds[name] is Kind.CO_SIMULATION else "ModelExchange"
+        way = "CoSimulation" if self.outline.kinds[name] is FmuKind.CO_SIMULATION else "ModelExchange"
         element = ET.Element(f"{SSD}Component", {"name": name, "type": FMU, "source": self.resources[sha256(file)][1]})
         if way == "ModelExchange":
             element.set("implementation", way)
@@ -137,7 +137,7 @@ class _Writing:
             parent = ET.SubElement(element, f"{SSD}Annotations") if parent is None else parent
             parent.extend(ET.fromstring(one) for one in kept)
 
-    def _is_connector(self, component: str, variable: Variable) -> bool:
+    def _is_connector(self, component: str, variable: ConnectorVariable) -> bool:
         """Whether a variable is one: of an array in 1.0 an element that is connected, an enumeration where it is
         known."""
         port, sizes = variable.port, variable.port.causality == "structuralParameter"
@@ -172,7 +172,9 @@ class _Writing:
                 self.notes.append(f"{component}.{name}: {self.tool} does not take its value from an SSP")
         return taken
 
-    def _add_connector(self, parent: ET.Element, variable: Variable, kind: str, clock: Clock | None = None) -> None:
+    def _add_connector(
+        self, parent: ET.Element, variable: ConnectorVariable, kind: str, clock: Clock | None = None
+    ) -> None:
         connector, port = ET.SubElement(parent, f"{SSD}Connector", {"name": variable.name, "kind": kind}), variable.port
         if clock is not None:
             if self.outline.version is Version.TWO:

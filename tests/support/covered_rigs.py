@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from identification.estimation.parameters import InitialState, Parameter, ParameterSet
-from identification.output_error.search.estimator import Estimate, Options, Problem, Window, estimate
+from identification.output_error.search.estimator import Estimate, Problem, SearchOptions, Window, estimate
 from identification.output_error.search.options import IntervalOptions
 from identification.output_error.simulator import SystemFactory, SystemSimulator
 from identification.output_error.times.delays import Estimated, compared_rows
@@ -27,7 +27,9 @@ Stimuli = Callable[[int, FloatArray], FloatArray]
 Interval = tuple[float, float]
 
 
-OPTIONS = Options(cost_tolerance=1e-6, step_tolerance=1e-7, difference_step=1e-5, intervals=IntervalOptions("profile"))
+OPTIONS = SearchOptions(
+    cost_tolerance=1e-6, step_tolerance=1e-7, difference_step=1e-5, intervals=IntervalOptions("profile")
+)
 _LEAST = 1e-3  # of the truth: the lower bounds
 
 
@@ -60,7 +62,7 @@ class Rig:
     starts: Mapping[str, Sequence[float]] = field(default_factory=dict)
     constants: Mapping[str, Sequence[float]] = field(default_factory=dict)
     off: float = 1.02
-    options: Options = OPTIONS
+    options: SearchOptions = OPTIONS
 
     @property
     def latency(self) -> Estimated | None:

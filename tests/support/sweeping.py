@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from orchestrator.batch.sweep.runs.queue import Queue
-from orchestrator.batch.sweep.runs.setup import Done, Setup, Task
+from orchestrator.batch.sweep.runs.setup import Chunk, ChunkResult, Setup
 from orchestrator.batch.sweep.runs.worker import Worker
 
 FALLING = {
@@ -42,12 +42,12 @@ class Here:
     """
 
     slots: int = 2
-    told: Callable[[Task], None] = lambda task: None
+    told: Callable[[Chunk], None] = lambda task: None
 
     def check(self) -> None:
         return
 
-    def outcomes(self, queue: Queue, setup: Setup) -> Iterator[tuple[Task, Done]]:
+    def outcomes(self, queue: Queue, setup: Setup) -> Iterator[tuple[Chunk, ChunkResult]]:
         queue.slots = self.slots
         worker = Worker(setup)
         try:

@@ -11,7 +11,7 @@ from sympy.printing.mathml import MathMLPresentationPrinter
 
 from fmus.modelling.model import Model, element
 from fmus.modelling.symbolic import trace
-from fmus.packaging.description.interface import Exposed, Interface, ModelInterface
+from fmus.packaging.description.interface import DescribedInterface, Exposed, ModelInterface
 
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
@@ -50,7 +50,7 @@ def document(title: str, parts: Iterable[str]) -> bytes:
     return text.encode()
 
 
-def variables(interface: Interface) -> str:
+def variables(interface: DescribedInterface) -> str:
     """The table of an FMU's variables."""
     return table(("Name", "Unit", "Kind", "Default", "Bounds", "Meaning"), _rows(interface))
 
@@ -128,7 +128,7 @@ class _Printer(MathMLPresentationPrinter):
         return element
 
 
-def _rows(interface: Interface) -> Iterator[list[str]]:
+def _rows(interface: DescribedInterface) -> Iterator[list[str]]:
     """One row a variable; an array has one row, with its size as default."""
     for variable in interface.variables:
         name, place = element(variable.name) or ("", ())

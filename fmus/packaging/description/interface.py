@@ -35,7 +35,7 @@ class Exposed:
     derivative_of: str | None = None
 
 
-class Interface(Protocol):
+class DescribedInterface(Protocol):
     """The variables of an FMU in the order of its description, and its structure: unknown -> what it depends on.
 
     Attributes:

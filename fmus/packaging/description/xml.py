@@ -8,7 +8,7 @@ from xml.etree import ElementTree as ET
 
 from fmus import units
 from fmus.modelling.model import Number, element, element_names
-from fmus.packaging.description.interface import Exposed, Interface
+from fmus.packaging.description.interface import DescribedInterface, Exposed
 
 GENERATION_TOOL = "servotwin"
 REAL_DISPLAY_UNITS = {"rad": ("deg", 57.29577951308232), "rad/s": ("deg/s", 57.29577951308232)}
@@ -52,7 +52,7 @@ class Extras:
 PLAIN = Extras(LOG_CATEGORIES)
 
 
-def fmi2(interface: Interface, guid: str, offers: Sequence[Offer], extras: Extras = PLAIN) -> bytes:
+def fmi2(interface: DescribedInterface, guid: str, offers: Sequence[Offer], extras: Extras = PLAIN) -> bytes:
     """The XML document of an FMI 2.0 FMU."""
     root = _root(interface, "2.0", "guid", guid, offers)
     if any(offer.kind == "ModelExchange" for offer in offers):
@@ -77,7 +77,7 @@ def fmi2(interface: Interface, guid: str, offers: Sequence[Offer], extras: Extra
     return document(root)
 
 
-def fmi3(interface: Interface, token: str, offers: Sequence[Offer], extras: Extras = PLAIN) -> bytes:
+def fmi3(interface: DescribedInterface, token: str, offers: Sequence[Offer], extras: Extras = PLAIN) -> bytes:
     """The XML document of an FMI 3.0 FMU; the time takes the value reference after the last one of the model's array.
 
     Args:
@@ -123,7 +123,7 @@ def fmi3(interface: Interface, token: str, offers: Sequence[Offer], extras: Extr
 FMI3_TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean", "Enumeration": "Enumeration"}
 
 
-def time_name(interface: Interface) -> str:
+def time_name(interface: DescribedInterface) -> str:
     """Name of the independent variable: "time", unless the model has that name already."""
     return "time" if "time" not in interface.by_name else "independent_time"
 
@@ -143,7 +143,9 @@ def base_unit(name: str) -> dict[str, str] | None:
     return powers | {name: repr(value) for name, (value, default) in scale.items() if value != default}
 
 
-def _root(interface: Interface, version: str, id_name: str, identity: str, offers: Sequence[Offer]) -> ET.Element:
+def _root(
+    interface: DescribedInterface, version: str, id_name: str, identity: str, offers: Sequence[Offer]
+) -> ET.Element:
     root = ET.Element(
         "fmiModelDescription",
         {
@@ -174,7 +176,7 @@ def _common(root: ET.Element, extras: Extras) -> None:
     ET.SubElement(root, "DefaultExperiment", times | step)
 
 
-def _units(interface: Interface) -> set[str]:
+def _units(interface: DescribedInterface) -> set[str]:
     return {variable.unit for variable in interface.variables if variable.type == "Real"} - {"1"}
 
 
@@ -193,7 +195,7 @@ def _unit_definitions(root: ET.Element, names: set[str]) -> None:
             ET.SubElement(entry, "DisplayUnit", name=display, factor=repr(scale))
 
 
-def _type_definitions(root: ET.Element, interface: Interface, fmi: int) -> None:
+def _type_definitions(root: ET.Element, interface: DescribedInterface, fmi: int) -> None:
     """An enumeration for each variable with choices."""
     choosing = [variable for variable in interface.variables if variable.choices]
     if not choosing:
@@ -209,7 +211,7 @@ def _type_definitions(root: ET.Element, interface: Interface, fmi: int) -> None:
             ET.SubElement(enumeration, "Item", name=choice, value=str(number))
 
 
-def _type_name(interface: Interface, variable: Exposed) -> str:
+def _type_name(interface: DescribedInterface, variable: Exposed) -> str:
     return f"{interface.name}.{variable.name}"
 
 
@@ -224,7 +226,7 @@ def _named(variable: Exposed) -> dict[str, str]:
     return attributes | ({} if variable.initial is None else {"initial": variable.initial})
 
 
-def _type_attributes(interface: Interface, variable: Exposed, places: Mapping[str, str]) -> dict[str, str]:
+def _type_attributes(interface: DescribedInterface, variable: Exposed, places: Mapping[str, str]) -> dict[str, str]:
     attributes = {"declaredType": _type_name(interface, variable)} if variable.choices else {}
     if variable.type == "Real":
         attributes |= {"unit": variable.unit} if variable.unit != "1" else {}
@@ -240,12 +242,12 @@ def _type_attributes(interface: Interface, variable: Exposed, places: Mapping[st
     return attributes
 
 
-def _position(interface: Interface) -> dict[str, str]:
+def _position(interface: DescribedInterface) -> dict[str, str]:
     """Variables by their place in the description, from 1, as FMI 2.0 refers to them."""
     return {variable.name: str(place) for place, variable in enumerate(interface.variables, start=1)}
 
 
-def _reference(interface: Interface) -> dict[str, str]:
+def _reference(interface: DescribedInterface) -> dict[str, str]:
     """Variables by value reference, as FMI 3.0 refers to them; elements by that of their array."""
     references = {variable.name: str(variable.reference) for variable in interface.variables}
     for name, shape in interface.arrays.items():
@@ -254,7 +256,7 @@ def _reference(interface: Interface) -> dict[str, str]:
     return references
 
 
-def _grouped(interface: Interface) -> Iterator[tuple[Exposed, str | None]]:
+def _grouped(interface: DescribedInterface) -> Iterator[tuple[Exposed, str | None]]:
     """The scalar variables, and of each array its first element with the array's name."""
     for variable in interface.variables:
         found = element(variable.name)
@@ -262,7 +264,7 @@ def _grouped(interface: Interface) -> Iterator[tuple[Exposed, str | None]]:
             yield variable, found and found[0]
 
 
-def _array(parent: ET.Element, interface: Interface, name: str, of_first: Mapping[str, str]) -> None:
+def _array(parent: ET.Element, interface: DescribedInterface, name: str, of_first: Mapping[str, str]) -> None:
     """The variable of an array; `of_first` are the attributes that its first element would have."""
     shape = interface.arrays[name]
     starts = (interface.by_name[element_name].start or 0.0 for element_name in element_names(name, shape))

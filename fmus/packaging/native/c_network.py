@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from fmus.packaging.native import c_code
-from fmus.packaging.native.network import Frame, Network, Signal
+from fmus.packaging.native.network import Frame, FrameSignal, Network
 
 HEADER = "layout_network.h"
-_NOTHING = Signal("", 0, 0, False, False, False, 1.0, 0.0, 0.0, 0.0)  # C has no empty arrays
+_NOTHING = FrameSignal("", 0, 0, False, False, False, 1.0, 0.0, 0.0, 0.0)  # C has no empty arrays
 
 
 def tables(network: Network, references: Mapping[str, int], first: int) -> str:
@@ -47,7 +47,7 @@ def _array(head: str, entries: Sequence[str]) -> list[str]:
     return [f"static const {head} = {{", *(f"    {entry}," for entry in entries), "};"]
 
 
-def _signal(signal: Signal, reference: int) -> str:
+def _signal(signal: FrameSignal, reference: int) -> str:
     whole = [reference, signal.lowest, signal.length, signal.big_endian, signal.signed, signal.is_float]
     real = [signal.gain, signal.bias, signal.low, signal.high]
     return f"{{{', '.join([*(str(int(one)) for one in whole), *map(c_code.literal, real)])}}}"

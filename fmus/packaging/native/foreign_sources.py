@@ -46,7 +46,7 @@ class SourceFiles:
 
 
 @dataclass(frozen=True)
-class Sources:
+class ForeignSources:
     """What an FMU's library is made of.
 
     Attributes:
@@ -101,7 +101,7 @@ def build(path: Path, out: Path, platforms: Sequence[str] = ("host",)) -> tuple[
     return sources.notes
 
 
-def described(path: Path, files: Mapping[str, bytes]) -> Sources:
+def described(path: Path, files: Mapping[str, bytes]) -> ForeignSources:
     """What there is to be compiled, as the FMU says it.
 
     Args:
@@ -131,7 +131,7 @@ def described(path: Path, files: Mapping[str, bytes]) -> Sources:
     for name in (name for sets in found.values() for part in sets for name in part.files):
         if name not in there:
             raise FmuFileError(path, f"lists the source '{name}', which it does not hold", "ask its supplier for all")
-    return Sources(3 if modern else 2, {name: found[name] for name in identifiers}, tuple(dict.fromkeys(notes)))
+    return ForeignSources(3 if modern else 2, {name: found[name] for name in identifiers}, tuple(dict.fromkeys(notes)))
 
 
 def _listed_by_2(offer: etree._Element) -> tuple[SourceFiles, ...]:

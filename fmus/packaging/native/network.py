@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Signal:
+class FrameSignal:
     """Where a variable of the model lies in a frame: variable = gain * raw + bias.
 
     Attributes:
@@ -56,9 +56,9 @@ class Frame:
     fd: bool
     length: int
     period: int
-    signals: tuple[Signal, ...]
+    signals: tuple[FrameSignal, ...]
     rest: bytes = b""
-    counter: tuple[Signal, int] | None = None
+    counter: tuple[FrameSignal, int] | None = None
     checksum: Checksum | None = None
 
     @property

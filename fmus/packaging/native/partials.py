@@ -17,7 +17,7 @@ Partials = Mapping[tuple[str, str], sympy.Expr]
 
 
 @dataclass(frozen=True)
-class Linearised:
+class ModelPartials:
     """Partial derivatives by states, real inputs and real parameters.
 
     Attributes:
@@ -32,7 +32,7 @@ class Linearised:
 
 
 @lru_cache(maxsize=16)
-def linearised(model: Model) -> Linearised:
+def linearised(model: Model) -> ModelPartials:
     """The model's partial derivatives.
 
     Raises:
@@ -47,4 +47,4 @@ def linearised(model: Model) -> Linearised:
         names, found = [*results], jacobian(f"model {model.name}", [*results.values()], knowns)
         return {(names[row], knowns[column].name): found[row, column] for row, column in sorted(found)}
 
-    return Linearised(of(traced.derivatives), of(traced.outputs), of(traced.update))
+    return ModelPartials(of(traced.derivatives), of(traced.outputs), of(traced.update))

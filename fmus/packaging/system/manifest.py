@@ -25,7 +25,7 @@ class ListedPart:
 
 
 @dataclass(frozen=True)
-class Manifest:
+class SystemManifest:
     """The parts of a system in the order in which they are stepped, and the wires between them.
 
     Attributes:
@@ -51,11 +51,11 @@ def written(system: FusedSystem) -> bytes:
         )
         for name, part in system.parts.items()
     )
-    document = asdict(Manifest(system.name, system.description, float(system.base), parts, system.wires))
+    document = asdict(SystemManifest(system.name, system.description, float(system.base), parts, system.wires))
     return (json.dumps(document, indent=2, allow_nan=False, ensure_ascii=False) + "\n").encode()
 
 
-def read(place: str, content: bytes) -> Manifest:
+def read(place: str, content: bytes) -> SystemManifest:
     """What such a file says; `place` is named where it is none.
 
     Raises:
@@ -63,7 +63,7 @@ def read(place: str, content: bytes) -> Manifest:
     """
     try:
         found = json.loads(content)
-        return Manifest(
+        return SystemManifest(
             _text(found["name"]),
             _text(found["title"]),
             _positive(found["base_step"]),

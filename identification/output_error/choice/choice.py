@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from identification.output_error.choice.ranking import LEVEL, TELLING, Ranking
+from identification.output_error.choice.ranking import LEVEL, TELLING, CandidateRanking
 
 FEW = 10  # independent samples for each unknown, below which criteria say little
 
 
 @dataclass(frozen=True)
-class Outcome:
+class FittedCandidate:
     """A candidate that was fitted.
 
     Attributes:
@@ -43,8 +43,8 @@ class Choice:
         left: those that were not reached before it was stopped.
     """
 
-    ranking: Ranking
-    outcomes: Mapping[str, Outcome]
+    ranking: CandidateRanking
+    outcomes: Mapping[str, FittedCandidate]
     failed: Mapping[str, str]
     signals: tuple[str, ...]
     left: tuple[str, ...] = ()

@@ -43,7 +43,7 @@ class Ranked:
 
 
 @dataclass(frozen=True)
-class Ranking:
+class CandidateRanking:
     """Candidates in their order, the chosen one first.
 
     Attributes:
@@ -66,7 +66,7 @@ class Ranking:
         return tuple(name for name, row in self.rows.items() if not row.apart and name != self.chosen)
 
 
-def ranked(misfits: Mapping[str, Misfit], unseen: Mapping[str, FloatArray]) -> Ranking:
+def ranked(misfits: Mapping[str, Misfit], unseen: Mapping[str, FloatArray]) -> CandidateRanking:
     """The ranking.
 
     Args:
@@ -86,7 +86,7 @@ def ranked(misfits: Mapping[str, Misfit], unseen: Mapping[str, FloatArray]) -> R
         apart = name != chosen and not (alike and known[name].bic - known[chosen].bic < TELLING)
         mean = float(np.mean(unseen[name])) if windows else None
         rows[name] = Ranked(known[name], mean, worse, scatter, predicts[name], apart)
-    return Ranking(rows, windows, None if preferred == chosen else preferred)
+    return CandidateRanking(rows, windows, None if preferred == chosen else preferred)
 
 
 def _difference(errors: FloatArray, others: FloatArray) -> tuple[float, float]:

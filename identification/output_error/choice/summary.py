@@ -8,7 +8,7 @@ from typing import NotRequired
 
 from typing_extensions import TypedDict
 
-from identification.output_error.choice.choice import Choice, Outcome
+from identification.output_error.choice.choice import Choice, FittedCandidate
 from identification.output_error.choice.ranking import LEVEL, TELLING, Ranked
 from orchestrator.display.table import Cell
 
@@ -118,7 +118,7 @@ def _candidate(choice: Choice, name: str, row: Ranked, least: Sequence[float]) -
     }
 
 
-def _value(outcome: Outcome, name: str) -> CandidateValueSummary:
+def _value(outcome: FittedCandidate, name: str) -> CandidateValueSummary:
     std = outcome.std.get(name)
     return {
         "value": outcome.values[name],

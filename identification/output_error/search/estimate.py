@@ -17,7 +17,7 @@ from identification.estimation.validation import fit
 from identification.output_error.search.free_run import Tally
 from identification.output_error.search.intervals import LOCAL, Intervals
 from identification.output_error.search.problem import Problem
-from identification.output_error.search.steps import Flat
+from identification.output_error.search.steps import FlatStretch
 from identification.signals.resolution import ROUNDED
 from orchestrator.trace import FloatArray, ReadOnlyArrays
 
@@ -40,7 +40,7 @@ class StartReport:
 
 
 @dataclass(frozen=True)
-class Known:
+class PriorKnowledge:
     """What was known of a parameter before, beside what the recordings say.
 
     Attributes:
@@ -130,7 +130,7 @@ class Estimate(ReadOnlyArrays):
     warnings: tuple[str, ...]
     flat: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     noise: tuple[OutputNoise, ...] = ()
-    known: Mapping[str, Known] = field(default_factory=dict)
+    known: Mapping[str, PriorKnowledge] = field(default_factory=dict)
     told: Information | None = None
     intervals: Intervals = LOCAL
     local95: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -166,7 +166,7 @@ class Reached:
     starts: tuple[StartReport, ...] = ()
     found: Minimum | None = None
     wide: Mapping[int, float] = field(default_factory=dict)
-    flats: Mapping[int, Flat] = field(default_factory=dict)
+    flats: Mapping[int, FlatStretch] = field(default_factory=dict)
     noise: float = 1.0
 
 
@@ -221,7 +221,7 @@ def _with_ties(parameters: ParameterSet, std: dict[str, float]) -> dict[str, flo
     return std | {tie.name: abs(tie.factor) * std[tie.other] for tie in parameters.ties if tie.other in std}
 
 
-def _undetermined(parameters: ParameterSet, reach: FloatArray, flats: Mapping[int, Flat]) -> list[int]:
+def _undetermined(parameters: ParameterSet, reach: FloatArray, flats: Mapping[int, FlatStretch]) -> list[int]:
     """Columns of parameters without effect, and of those on a log scale of which not even the size is known.
 
     Args:
@@ -239,7 +239,7 @@ def _without(uncertainty: Covariance, lost: Sequence[int]) -> Covariance:
 
 
 def _flat_ranges(
-    parameters: ParameterSet, flats: Mapping[int, Flat], reach: FloatArray
+    parameters: ParameterSet, flats: Mapping[int, FlatStretch], reach: FloatArray
 ) -> dict[str, tuple[float, float]]:
     """name -> flat range of those that are not silent, where it is more than noise explains."""
     known = {parameters.free[c]: f for c, f in flats.items() if not f.silent and not f.width < reach[c] < math.inf}
@@ -247,7 +247,7 @@ def _flat_ranges(
 
 
 def _intervals(
-    parameters: ParameterSet, z: FloatArray, reach: FloatArray, flats: Mapping[int, Flat]
+    parameters: ParameterSet, z: FloatArray, reach: FloatArray, flats: Mapping[int, FlatStretch]
 ) -> dict[str, tuple[float, float]]:
     """name -> local interval of the free ones, symmetric in z; about a flat range where there is one."""
     intervals = {}
@@ -311,7 +311,7 @@ def _noise(problem: Problem, uncertainty: Covariance, residuals: Sequence[FloatA
     )
 
 
-def _known(problem: Problem, z: FloatArray, std: FloatArray) -> dict[str, Known]:
+def _known(problem: Problem, z: FloatArray, std: FloatArray) -> dict[str, PriorKnowledge]:
     """What was known of the free parameters before.
 
     Args:
@@ -322,5 +322,5 @@ def _known(problem: Problem, z: FloatArray, std: FloatArray) -> dict[str, Known]
         if (prior := parameter.prior) is not None:
             value = values[parameter.name]
             left = min(1.0, (float(own) / prior.std(value)) ** 2)
-            known[parameter.name] = Known(prior.text, prior.source, 1.0 - left, prior.distance(value))
+            known[parameter.name] = PriorKnowledge(prior.text, prior.source, 1.0 - left, prior.distance(value))
     return known

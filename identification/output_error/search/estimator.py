@@ -29,7 +29,7 @@ from identification.output_error.search.estimate import (
     initial_states,
     outputs,
 )
-from identification.output_error.search.options import IntervalOptions, Options, SearchState, Watch
+from identification.output_error.search.options import IntervalOptions, SearchOptions, SearchState, Watch
 from identification.output_error.search.problem import Problem, Window, spread_weights
 from identification.output_error.search.refits import Spoken, spoken
 from identification.output_error.search.steps import best_nearby, centred, flat, widened
@@ -43,11 +43,11 @@ __all__ = [
     "InitialState",
     "IntervalOptions",
     "Loss",
-    "Options",
     "Parameter",
     "ParameterSet",
     "Prediction",
     "Problem",
+    "SearchOptions",
     "SearchState",
     "Simulator",
     "StartReport",
@@ -67,7 +67,7 @@ SILENT = "nothing to find: the outputs do not depend on"
 
 @single_threaded
 def estimate(
-    problem: Problem, factory: Factory, options: Options | None = None, watch: Watch | None = None
+    problem: Problem, factory: Factory, options: SearchOptions | None = None, watch: Watch | None = None
 ) -> Estimate:
     """The parameters and initial states whose free runs match the windows best.
 
@@ -80,7 +80,7 @@ def estimate(
         EstimationInterrupted, EstimationFailed: an interrupt or such an error came when there was something better than
             the start already; it carries the estimate so far, without uncertainty.
     """
-    options = options or Options()
+    options = options or SearchOptions()
     if not problem.unknowns:
         raise IdentificationError("parameters", "nothing is free", "free a parameter, or use predict")
     if options.intervals.by == "bootstrap":
@@ -154,7 +154,7 @@ def _left(work: Work, found: Minimum) -> int:
 
 
 @single_threaded
-def predict(problem: Problem, factory: Factory, options: Options | None = None) -> Prediction:
+def predict(problem: Problem, factory: Factory, options: SearchOptions | None = None) -> Prediction:
     """Free runs with the parameters at their start values; estimated initial states are fitted, nothing else.
 
     For windows kept aside: `predict(unseen.fixed_at(estimate.values), factory)`.
@@ -162,7 +162,7 @@ def predict(problem: Problem, factory: Factory, options: Options | None = None) 
     Raises:
         FmuError: a window cannot be simulated.
     """
-    options = options or Options()
+    options = options or SearchOptions()
     problem = problem.fixed_at({})
     with open_pool(factory, options.processes, options.isolation) as pool:
         work = Work(problem, options, pool, Reached(), None)
@@ -231,7 +231,7 @@ def _spread(count: int, wanted: int) -> tuple[int, ...]:
     return tuple(int(i) for i in np.linspace(0, count - 1, wanted).round())
 
 
-def _start_vectors(problem: Problem, options: Options) -> list[FloatArray]:
+def _start_vectors(problem: Problem, options: SearchOptions) -> list[FloatArray]:
     """The declared start and a Latin hypercube between the bounds, all in z, (n,) each."""
     n = len(problem.parameters.free)
     vectors = [np.zeros(n)]

@@ -14,7 +14,7 @@ import numpy as np
 
 from fmus.errors import FmuError, TangentsMissing
 from identification.estimation.arrow_least_squares import Point
-from identification.estimation.workers import Pool, Task
+from identification.estimation.workers import Pool, SimulationTask
 from identification.output_error.search.problem import Problem
 from orchestrator.trace import FloatArray
 
@@ -27,7 +27,7 @@ Columns = Mapping[int, list[FloatArray]]
 
 
 @dataclass(frozen=True)
-class Chain:
+class ValueSlopes:
     """How the values that FMUs are given move with the entries of a window's free vector.
 
     Attributes:
@@ -41,7 +41,7 @@ class Chain:
     columns: tuple[int, ...]
 
 
-def chain(problem: Problem, point: Point, window: int) -> Chain:
+def chain(problem: Problem, point: Point, window: int) -> ValueSlopes:
     """The derivatives of all values of a window at a point."""
     moved = [*problem.slopes(window, point), *({state.name: state.size} for state in problem.estimated)]
     columns = [c for c, values in enumerate(moved) if all("." in name for name in values)]
@@ -50,7 +50,7 @@ def chain(problem: Problem, point: Point, window: int) -> Chain:
     for c in columns:
         for name, slope in moved[c].items():
             slopes[names.index(name), c] = slope
-    return Chain(names, slopes, tuple(columns))
+    return ValueSlopes(names, slopes, tuple(columns))
 
 
 def exact_columns(problem: Problem, pool: Pool, windows: Sequence[int], point: Point) -> Columns:
@@ -65,7 +65,9 @@ def exact_columns(problem: Problem, pool: Pool, windows: Sequence[int], point: P
         return {}
     given = {c for c in rules[0].columns if all(c in rule.columns for rule in rules)}
     asked = [row for row, rule in enumerate(rules) if rule.names]
-    tasks = [Task(windows[row], problem.values(windows[row], point, row), 0, rules[row].names) for row in asked]
+    tasks = [
+        SimulationTask(windows[row], problem.values(windows[row], point, row), 0, rules[row].names) for row in asked
+    ]
     columns = {c: [np.zeros(problem.windows[w].measured.size) for w in windows] for c in sorted(given)}
     for row, outcome in zip(asked, pool.run(tasks), strict=True):
         window = problem.windows[windows[row]]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fmus.errors import FmuError, IdentificationError, TangentsMissing
 from identification.estimation.arrow_least_squares import Iterate, Point, WindowBlock
-from identification.estimation.workers import Pool, Task
+from identification.estimation.workers import Pool, SimulationTask
 from identification.output_error.search.exact import WITNESSES, Columns, exact_columns, require_agreement, say
 from identification.output_error.search.problem import Problem
 from orchestrator.trace import FloatArray
@@ -219,7 +219,8 @@ class FreeRun:
     def _simulated(self, places: Sequence[tuple[int, Point, int | None]]) -> list[FloatArray | None]:
         """Residuals of (row, point, group); None where the simulation failed, or another one of the group before it."""
         tasks = [
-            Task(self.windows[row], self.problem.values(self.windows[row], at, row), group) for row, at, group in places
+            SimulationTask(self.windows[row], self.problem.values(self.windows[row], at, row), group)
+            for row, at, group in places
         ]
         outcomes = self.pool.run(tasks)
         self.tally.simulations += sum(outcome is not None for outcome in outcomes)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from identification.output_error.search.options import BootstrapKind, IntervalBy
-from identification.output_error.search.profile_curve import Profile
+from identification.output_error.search.profile_curve import CostProfile
 from orchestrator.trace import FloatArray, ReadOnlyArrays
 
 
@@ -41,7 +41,7 @@ class Intervals:
 
     by: IntervalBy = "local"
     ends: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    profiles: Mapping[str, Profile] = field(default_factory=dict)
+    profiles: Mapping[str, CostProfile] = field(default_factory=dict)
     bootstrap: Bootstrap | None = None
     remarks: tuple[str, ...] = ()
 

@@ -32,7 +32,7 @@ class IntervalOptions:
 
 
 @dataclass(frozen=True)
-class Options:
+class SearchOptions:
     """How the estimation searches.
 
     Attributes:

@@ -20,7 +20,7 @@ from identification.estimation.arrow_least_squares import Iterate, Point, evalua
 from identification.estimation.parameters import Parameter
 from identification.estimation.uncertainty import Covariance
 from identification.output_error.search.estimate import Reached
-from identification.output_error.search.profile_curve import Profile, Side
+from identification.output_error.search.profile_curve import CostProfile, ProfileSide
 from identification.output_error.search.work import Work, search
 
 _FIRST = 0.02  # scaled: the first step of a parameter whose local interval is not known
@@ -34,7 +34,7 @@ _TIGHT = 1e-3  # of the rise at an interval's end: to what the other parameters 
 class Profiled:
     """The profiles of parameters by name; and a better point than the estimate, where one was met on the way."""
 
-    curves: Mapping[str, Profile]
+    curves: Mapping[str, CostProfile]
     better: Iterate | None = None
 
 
@@ -46,7 +46,7 @@ def profiled(work: Work, found: Iterate, uncertainty: Covariance, columns: Itera
     work = _tightened(work, found, uncertainty)
     windows = work.all_windows
     found = search(work, windows, found, "profile", work.options.max_evaluations).at
-    curves: dict[str, Profile] = {}
+    curves: dict[str, CostProfile] = {}
     columns = list(columns)
     for number, column in enumerate(columns):
         tracing = _Tracing(work.at_share(number / len(columns)), column, found, uncertainty)
@@ -99,14 +99,14 @@ class _Tracing:
         """z of the estimate."""
         return float(self.origin.point.parameters[self.column])
 
-    def profile(self) -> Profile:
+    def profile(self) -> CostProfile:
         """To both sides, from the estimate until the threshold, a bound, or where it cannot be followed."""
         self.known[self.centre] = 0.0
         sides = [self._side(sign) for sign in (-1.0, 1.0) if self.better is None]
         ends = [side.end(self.parameter) for side in sides]
         reasons = {name: s.reason for name, s in zip(("lower", "upper"), sides, strict=False) if s.reason}
         points = sorted(self.known.items())
-        return Profile(
+        return CostProfile(
             name=self.parameter.name,
             values=np.array([self.parameter.value(z) for z, _ in points]),
             rise=np.array([rise for _, rise in points]),
@@ -116,11 +116,11 @@ class _Tracing:
             held_by={name: at for name, at in self.held_by.items() if name not in reasons},
         )
 
-    def _side(self, sign: float) -> Side:
+    def _side(self, sign: float) -> ProfileSide:
         lower, upper = self.parameter.z_bounds
         far = _FAR_LOG if self.parameter.scale == "log" else _FAR
         room = min(far, (upper - self.centre) if sign > 0 else (self.centre - lower))
-        side = Side(sign, self.centre, room, self.uncertainty.quantile, self._first(room), at_bound=room < far)
+        side = ProfileSide(sign, self.centre, room, self.uncertainty.quantile, self._first(room), at_bound=room < far)
         at = last = self.origin
         for _ in range(_MOST):
             if side.ended or self.better is not None:

@@ -16,7 +16,7 @@ _FAILURES = 6
 
 
 @dataclass(frozen=True, eq=False)
-class Profile(ReadOnlyArrays):
+class CostProfile(ReadOnlyArrays):
     """How the least cost rises as one parameter is held beside its estimate.
 
     Attributes:
@@ -38,7 +38,7 @@ class Profile(ReadOnlyArrays):
 
 
 @dataclass
-class Side:
+class ProfileSide:
     """One side of a profile by the root of the rise, which is a straight line where the outputs are linear.
 
     Attributes:

@@ -14,7 +14,7 @@ from identification.estimation.uncertainty import Covariance, covariance
 from identification.output_error.search.bootstrap import bootstrapped
 from identification.output_error.search.intervals import LOCAL, Intervals
 from identification.output_error.search.profile import profiled
-from identification.output_error.search.profile_curve import Profile
+from identification.output_error.search.profile_curve import CostProfile
 from identification.output_error.search.work import PERFECT, Work, is_perfect
 
 
@@ -68,7 +68,7 @@ def _seen(work: Work, at: Iterate, blocks: Sequence[WindowBlock]) -> Identifiabi
     )
 
 
-def _by_profiles(curves: Mapping[str, Profile]) -> Intervals:
+def _by_profiles(curves: Mapping[str, CostProfile]) -> Intervals:
     said = [
         f"{name}: its 95 % interval has no {side} end, {reason}"
         for name, curve in curves.items()

@@ -28,7 +28,7 @@ _CELLS, _REFINED = 9, 3  # of a grid that finds a range's end, and how often it 
 
 
 @dataclass(frozen=True)
-class Flat:
+class FlatStretch:
     """Between which z the outputs cannot tell a parameter's values apart; infinite where it is open.
 
     Attributes:
@@ -119,7 +119,7 @@ def _tried(run: FreeRun, point: Point, column: int, moves: Sequence[float] | Flo
     return [Iterate(there, r, loss.cost(r)) for there, r in found if r is not None]
 
 
-def flat(run: FreeRun, here: Iterate, column: int, loss: Loss) -> Flat:
+def flat(run: FreeRun, here: Iterate, column: int, loss: Loss) -> FlatStretch:
     """The range over which the cost of the other parameters at their estimates rises by no more than noise.
 
     It ends outside: at the first point found beyond it, or at a bound.
@@ -134,7 +134,7 @@ def flat(run: FreeRun, here: Iterate, column: int, loss: Loss) -> Flat:
     to_bounds = [reach is None for reach in reaches]
     low = float(lower[column]) if reaches[0] is None else z - reaches[0]
     high = float(upper[column]) if reaches[1] is None else z + reaches[1]
-    return Flat(low, high, all(to_bounds))
+    return FlatStretch(low, high, all(to_bounds))
 
 
 def _reach(run: FreeRun, here: Iterate, column: int, side: float, room: float, most: float, loss: Loss) -> float | None:
@@ -161,7 +161,7 @@ def _costs(run: FreeRun, point: Point, column: int, moves: FloatArray, loss: Los
     return np.array([math.inf if r is None else loss.cost(r) for r in found])
 
 
-def centred(run: FreeRun, here: Iterate, column: int, flat: Flat, loss: Loss) -> Iterate:
+def centred(run: FreeRun, here: Iterate, column: int, flat: FlatStretch, loss: Loss) -> Iterate:
     """The middle of a flat range, where it is as good as the point that was found."""
     if flat.silent or not math.isfinite(flat.width):
         return here

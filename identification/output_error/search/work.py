@@ -12,7 +12,7 @@ from identification.estimation.arrow_least_squares import ROUGH, Iterate, Minimu
 from identification.estimation.workers import Pool
 from identification.output_error.search.estimate import Reached
 from identification.output_error.search.free_run import FreeRun, Tally
-from identification.output_error.search.options import Options, SearchState, Watch
+from identification.output_error.search.options import SearchOptions, SearchState, Watch
 from identification.output_error.search.problem import Problem
 from orchestrator.trace import FloatArray
 
@@ -27,7 +27,7 @@ class Work:
     """One estimation at work: what it is asked, what it simulates with, and how far it has come."""
 
     problem: Problem
-    options: Options
+    options: SearchOptions
     pool: Pool
     reached: Reached
     watch: Watch | None

@@ -26,7 +26,7 @@ _TOGETHER = 1e-9  # stamps and instants so near are one [s]
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownDelay:
     """A delay that is known [s]."""
 
     seconds: float
@@ -62,12 +62,12 @@ class Estimated:
         return values[self.parameter]
 
 
-Delay = Known | Estimated
+Delay = KnownDelay | Estimated
 
 
 def known(delay: Delay | None) -> float:
     """What the stamps of an output are corrected by [s]."""
-    return delay.seconds if isinstance(delay, Known) else 0.0
+    return delay.seconds if isinstance(delay, KnownDelay) else 0.0
 
 
 def compared_rows(outputs: Iterable[Delay | None], step: Fraction, count: int) -> slice:
@@ -89,7 +89,7 @@ def _steps(duration: float, step: Fraction) -> int:
 
 
 @dataclass(frozen=True, eq=False)
-class Held(ReadOnlyArrays):
+class HeldCommand(ReadOnlyArrays):
     """A command that keeps the value of each sample until the next; before the first stamp it has the first value.
 
     Attributes:
@@ -105,11 +105,11 @@ class Held(ReadOnlyArrays):
         rows = np.searchsorted(self.time, instants + _TOGETHER, side="right") - 1
         return np.asarray(self.values[np.clip(rows, 0, None)])
 
-    def between(self, start: float, stop: float) -> Held:
+    def between(self, start: float, stop: float) -> HeldCommand:
         """The part that says what it is from start to stop [s]."""
         first = max(int(np.searchsorted(self.time, start, side="right")) - 1, 0)
         last = max(int(np.searchsorted(self.time, stop, side="right")), first + 1)
-        return Held(self.time[first:last], self.values[first:last])
+        return HeldCommand(self.time[first:last], self.values[first:last])
 
     def means(self, edges: FloatArray) -> FloatArray:
         """(N,) exact means between N + 1 rising edges [s]."""
@@ -122,16 +122,16 @@ class Held(ReadOnlyArrays):
         return np.asarray(known[rows] + self.values[rows] * (instants - self.time[rows]))
 
 
-class Lines(Held):
+class LinearCommand(HeldCommand):
     """A command that goes in lines from sample to sample; before the first and after the last it has their values."""
 
     def at(self, instants: FloatArray) -> FloatArray:
         return np.asarray(np.interp(instants, self.time, self.values))
 
-    def between(self, start: float, stop: float) -> Lines:
+    def between(self, start: float, stop: float) -> LinearCommand:
         first = max(int(np.searchsorted(self.time, start, side="right")) - 1, 0)
         last = max(int(np.searchsorted(self.time, stop)) + 1, first + 1)
-        return Lines(self.time[first:last], self.values[first:last])
+        return LinearCommand(self.time[first:last], self.values[first:last])
 
     def _integral(self, instants: FloatArray) -> FloatArray:
         time, values = self.time, self.values
@@ -149,7 +149,7 @@ class Command:
     """
 
     delay: Delay
-    held: Held
+    held: HeldCommand
     stepwise: bool = False
 
     def values(self, instants: FloatArray, delay: float) -> FloatArray:

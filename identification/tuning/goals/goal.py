@@ -24,7 +24,7 @@ Over = Literal["sum", "worst"]
 
 
 @dataclass(frozen=True)
-class Signal:
+class LoopSignal:
     """A signal of a loop: an output of the plant, or what the controller gives to an input of it."""
 
     name: str
@@ -58,7 +58,7 @@ class Goal:
     weight: float = 1.0
     hard: bool = True
     opened: Path | None = None
-    signal: Signal | None = None
+    signal: LoopSignal | None = None
     disturbed: int | None = None
     relative: Relative | None = None
     over: Over = "sum"
@@ -124,7 +124,7 @@ class Moves(Protocol):
         """Where what is tracked is to be."""
 
 
-class Trial:
+class LoopTrial:
     """The loops of one candidate, and their responses where a measure asks for them."""
 
     def __init__(self, loops: Loops, test: StepTest) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from identification.tuning.goals.goal import Goal, Measure, Need, Trial
+from identification.tuning.goals.goal import Goal, LoopTrial, Measure, Need
 from identification.tuning.loops import margins
 from identification.tuning.loops.open_loop import OpenLoop
 from orchestrator.trace import FloatArray
@@ -14,7 +14,7 @@ from orchestrator.trace import FloatArray
 _OPENED: frozenset[Need] = frozenset({"opened"})
 
 
-def _at(found: Callable[[OpenLoop], FloatArray]) -> Callable[[Trial, Goal], FloatArray]:
+def _at(found: Callable[[OpenLoop], FloatArray]) -> Callable[[LoopTrial, Goal], FloatArray]:
     return lambda trial, goal: found(trial.loops.opened(goal.opened))
 
 

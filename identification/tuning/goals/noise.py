@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from identification.tuning.goals.goal import Goal, Measure, Trial
+from identification.tuning.goals.goal import Goal, LoopTrial, Measure
 from orchestrator.trace import FloatArray
 
 
-def amplification(trial: Trial, goal: Goal) -> FloatArray:
+def amplification(trial: LoopTrial, goal: Goal) -> FloatArray:
     """(N,) rms of the first command over that of white noise on the goal's signal, which is tracked by default."""
     number = trial.loops.wiring.tracked if goal.signal is None else goal.signal.number
     command = trial.loops.wiring.commanded[0].target

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from identification.tuning.goals.goal import Goal, Measure, Trial
+from identification.tuning.goals.goal import Goal, LoopTrial, Measure
 from orchestrator.trace import FloatArray
 
 FAST = 1e-6  # modulus below which a pole is gone within a sample, and has no damping to speak of
 
 
-def damping(trial: Trial, goal: Goal) -> FloatArray:
+def damping(trial: LoopTrial, goal: Goal) -> FloatArray:
     """(N,) the least damping ratio of a closed-loop pole, of its counterpart in continuous time."""
     poles = trial.loops.poles
     logarithm = np.log(np.where(np.abs(poles) > FAST, poles, FAST))
@@ -19,7 +19,7 @@ def damping(trial: Trial, goal: Goal) -> FloatArray:
     return np.asarray(ratio.min(axis=1))
 
 
-def decay(trial: Trial, goal: Goal) -> FloatArray:
+def decay(trial: LoopTrial, goal: Goal) -> FloatArray:
     """(N,) [1/s] by which the slowest closed-loop pole fades."""
     return np.asarray(-np.log(np.maximum(trial.loops.radius, 1e-300)) / trial.loops.plants.step)
 

@@ -19,7 +19,7 @@ Measured = Callable[[ComplexArray], FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
-class Crossings:
+class LoopCrossings:
     """Where loops' responses cross something.
 
     Attributes:
@@ -53,7 +53,7 @@ class _Brackets:
         return _Brackets(*(np.concatenate(pair) for pair in zip(vars(self).values(), vars(more).values(), strict=True)))
 
 
-def crossings(loop: OpenLoop, measured: Measured, counts: Callable[[ComplexArray], BoolArray]) -> Crossings:
+def crossings(loop: OpenLoop, measured: Measured, counts: Callable[[ComplexArray], BoolArray]) -> LoopCrossings:
     """Where what is measured changes its sign, of those places that count."""
     omega, values = np.minimum(loop.frequencies, BEFORE * loop.frequencies[:, -1:]), measured(loop.values)
     last = np.nonzero(omega < loop.frequencies)
@@ -67,7 +67,7 @@ def crossings(loop: OpenLoop, measured: Measured, counts: Callable[[ComplexArray
     found = _zeros(lambda point: measured(loop.at(brackets.number, point)), brackets)
     value = loop.at(brackets.number, found)
     kept = counts(value)
-    return Crossings(brackets.number[kept], found[kept], value[kept])
+    return LoopCrossings(brackets.number[kept], found[kept], value[kept])
 
 
 def least(loop: OpenLoop, measured: Measured) -> FloatArray:

@@ -10,7 +10,7 @@ import numpy as np
 from identification.linear.model import LinearModel
 from identification.tuning.loops.open_loop import OpenLoop
 from identification.tuning.loops.plants import PlantSet
-from identification.tuning.loops.wiring import Path, Wiring
+from identification.tuning.loops.wiring import LoopWiring, Path
 from orchestrator.trace import ComplexArray, FloatArray
 
 
@@ -37,7 +37,7 @@ class Loops:
     with the reference r, disturbances d at the plants' inputs and noise n on what is measured.
     """
 
-    def __init__(self, plants: PlantSet, controller: LinearModel, wiring: Wiring) -> None:
+    def __init__(self, plants: PlantSet, controller: LinearModel, wiring: LoopWiring) -> None:
         self.plants, self.controller, self.wiring = plants, controller, wiring
         self._opened: dict[Path, OpenLoop] = {}
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from identification.tuning.loops.between import Crossings, crossings, least
+from identification.tuning.loops.between import LoopCrossings, crossings, least
 from identification.tuning.loops.open_loop import OpenLoop
 from orchestrator.trace import FloatArray
 
@@ -49,22 +49,22 @@ def disk_margins(loop: OpenLoop) -> FloatArray:
     return least(loop, lambda value: 2 * np.abs(1 + value) / np.maximum(np.abs(1 - value), 1e-300))
 
 
-def phase_crossings(loop: OpenLoop) -> Crossings:
+def phase_crossings(loop: OpenLoop) -> LoopCrossings:
     """Where L is real and negative, at zero and half the sampling frequency, too."""
     between = crossings(loop, lambda value: value.imag, lambda value: value.real < 0)
     parts = [between, _end(loop, 0), _end(loop, -1)]
     number, omega, value = (np.concatenate([getattr(p, name) for p in parts]) for name in ("number", "omega", "value"))
-    return Crossings(number, omega, value)
+    return LoopCrossings(number, omega, value)
 
 
-def gain_crossings(loop: OpenLoop) -> Crossings:
+def gain_crossings(loop: OpenLoop) -> LoopCrossings:
     """Where |L| is 1."""
     return crossings(loop, lambda value: np.log(np.maximum(np.abs(value), 1e-300)), np.isfinite)
 
 
-def _end(loop: OpenLoop, column: int) -> Crossings:
+def _end(loop: OpenLoop, column: int) -> LoopCrossings:
     """An end of the frequencies, where L is real, of those loops in which it is negative there."""
     value = loop.values[:, column]
     real = (value.real < 0) & (np.abs(value.imag) < REAL * np.abs(value.real)) & np.isfinite(value)
     number = np.flatnonzero(real)
-    return Crossings(number, loop.frequencies[number, column], value[number])
+    return LoopCrossings(number, loop.frequencies[number, column], value[number])

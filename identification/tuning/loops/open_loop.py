@@ -8,14 +8,14 @@ import numpy as np
 
 from identification.linear.model import LinearModel
 from identification.tuning.loops.plants import PlantSet, response
-from identification.tuning.loops.wiring import Path, Wiring
+from identification.tuning.loops.wiring import LoopWiring, Path
 from orchestrator.trace import ComplexArray, FloatArray
 
 
 class OpenLoop:
     """L of N loops, negative feedback: from behind the opening around to before it, with the sign turned (Eq. 4-2)."""
 
-    def __init__(self, plants: PlantSet, controller: LinearModel, wiring: Wiring, where: Path) -> None:
+    def __init__(self, plants: PlantSet, controller: LinearModel, wiring: LoopWiring, where: Path) -> None:
         self.plants, self.controller, self.wiring, self.where = plants, controller, wiring, where
         self._at_plant = where not in wiring.measured
 

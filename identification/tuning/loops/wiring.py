@@ -26,7 +26,7 @@ class Path:
 
 
 @dataclass(frozen=True)
-class Wiring:
+class LoopWiring:
     """The loop.
 
     Attributes:

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 from scipy.optimize import OptimizeResult, minimize
 
-from identification.tuning.procedures.problem import Judgement, TuningProblem
+from identification.tuning.procedures.problem import CandidateJudgement, TuningProblem
 from identification.tuning.procedures.procedure import HELD, Descent
 from identification.tuning.procedures.unknowns import Span
 from orchestrator.trace import FloatArray
@@ -23,7 +23,7 @@ MOST = 400  # evaluations on the way to a stable loop
 Merit = Callable[[FloatArray], float]
 
 
-def rank(judged: Judgement) -> tuple[float, float]:
+def rank(judged: CandidateJudgement) -> tuple[float, float]:
     """Feasible ones by their objective, before others by what they miss."""
     return (0.0, judged.objective) if judged.most_missed <= HELD else (judged.most_missed, judged.objective)
 
@@ -62,7 +62,7 @@ def _least(seen: Seen, points: Sequence[FloatArray]) -> FloatArray:
 class Judge(Protocol):
     """What judges candidates."""
 
-    def judged(self, values: Mapping[str, float]) -> Judgement:
+    def judged(self, values: Mapping[str, float]) -> CandidateJudgement:
         """What these values do."""
 
 
@@ -71,18 +71,18 @@ class Seen:
 
     def __init__(self, problem: Judge, unknowns: Sequence[Span]) -> None:
         self._problem, self._unknowns = problem, unknowns
-        self._known: dict[bytes, Judgement] = {}
+        self._known: dict[bytes, CandidateJudgement] = {}
 
     @property
     def evaluations(self) -> int:
         return len(self._known)
 
     @property
-    def judged(self) -> list[Judgement]:
+    def judged(self) -> list[CandidateJudgement]:
         """All candidates so far."""
         return list(self._known.values())
 
-    def __call__(self, point: FloatArray) -> Judgement:
+    def __call__(self, point: FloatArray) -> CandidateJudgement:
         inside = np.clip(point, 0.0, 1.0)
         key = inside.tobytes()
         if key not in self._known:
@@ -122,7 +122,7 @@ class Seen:
         return merit
 
 
-def _scale(judged: Judgement) -> float:
+def _scale(judged: CandidateJudgement) -> float:
     return abs(judged.objective) if np.isfinite(judged.objective) and judged.objective else 1.0
 
 

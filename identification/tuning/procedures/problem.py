@@ -10,11 +10,11 @@ from typing import Protocol
 import numpy as np
 
 from identification.linear.model import LinearModel
-from identification.tuning.goals.goal import Goal, StepTest, Trial
+from identification.tuning.goals.goal import Goal, LoopTrial, StepTest
 from identification.tuning.goals.table import MEASURES
 from identification.tuning.loops.loops import Loops
 from identification.tuning.loops.plants import PlantSet
-from identification.tuning.loops.wiring import Wiring
+from identification.tuning.loops.wiring import LoopWiring
 from orchestrator.trace import FloatArray
 
 UNSTABLE = 10.0  # by how much an unstable loop counts as missed, above every other miss
@@ -53,7 +53,7 @@ class StepBench(Protocol):
 
 
 @dataclass(frozen=True)
-class Held:
+class PartlyTuned:
     """A controller some of whose parameters are found."""
 
     whole: Controller
@@ -83,7 +83,7 @@ class Held:
 
 
 @dataclass(frozen=True, eq=False)
-class Judgement:
+class CandidateJudgement:
     """What a candidate does.
 
     Attributes:
@@ -159,7 +159,7 @@ class TuningProblem:
 
     plants: PlantSet
     controller: Controller
-    wiring: Wiring
+    wiring: LoopWiring
     test: StepTest
     goals: tuple[Goal, ...]
     draws: PlantSet | None = None
@@ -177,11 +177,11 @@ class TuningProblem:
         """The same for other plants alone."""
         return replace(self, plants=plants, draws=None, counted=None)
 
-    def trial(self, values: Mapping[str, float]) -> Trial:
+    def trial(self, values: Mapping[str, float]) -> LoopTrial:
         """The loops with these parameters of the controller."""
-        return Trial(Loops(self.plants, self.controller.linear(values), self.wiring), self.test)
+        return LoopTrial(Loops(self.plants, self.controller.linear(values), self.wiring), self.test)
 
-    def judged(self, values: Mapping[str, float]) -> Judgement:
+    def judged(self, values: Mapping[str, float]) -> CandidateJudgement:
         """What these parameters do; of loops that are not stable there are no figures."""
         trial = self.trial(values)
         radius, count = trial.loops.radius, len(self.plants)
@@ -194,4 +194,4 @@ class TuningProblem:
             figures[i, stable] = found
             missed[i, stable] = np.clip(goal.missed(found), -FURTHEST, FURTHEST)
         counted = count if self.counted is None else self.counted
-        return Judgement(dict(values), self.goals, figures, missed, radius, counted)
+        return CandidateJudgement(dict(values), self.goals, figures, missed, radius, counted)

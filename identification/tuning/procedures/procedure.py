@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from identification.linear.model import LinearModel
-from identification.tuning.procedures.problem import Judgement, TuningProblem
+from identification.tuning.procedures.problem import CandidateJudgement, TuningProblem
 from orchestrator.assembly.assembly import ComponentSpec
 from orchestrator.fmi.interface import Interface
 from orchestrator.progress import Progress
@@ -28,7 +28,7 @@ class Descent:
     """Where one start of a search led."""
 
     start: Mapping[str, float]
-    found: Judgement
+    found: CandidateJudgement
     evaluations: int
 
 
@@ -44,7 +44,7 @@ class Trade:
 
     goal: int
     asked: FloatArray
-    best: tuple[Judgement, ...]
+    best: tuple[CandidateJudgement, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,12 +63,12 @@ class Found:
         trades: of the goals that bind, where a search has found them.
     """
 
-    best: Judgement
+    best: CandidateJudgement
     starts: Mapping[str, float]
     descents: tuple[Descent, ...] = ()
     agreeing: int = 1
     remarks: tuple[str, ...] = ()
-    drawn: Judgement | None = None
+    drawn: CandidateJudgement | None = None
     share: float = 1.0
     figures: Mapping[str, float] = field(default_factory=dict)
     trades: tuple[Trade, ...] = ()
@@ -88,7 +88,7 @@ class Found:
         return tuple((i, int(j)) for i in best.hard for j in np.flatnonzero(best.missed[i] >= most - NEAR))
 
 
-def held_share(drawn: Judgement) -> float:
+def held_share(drawn: CandidateJudgement) -> float:
     """The share of loops that are stable and hold all hard goals, but for rounding."""
     return float(np.mean(drawn.misses <= HELD))
 

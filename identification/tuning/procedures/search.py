@@ -13,7 +13,7 @@ import numpy as np
 from fmus.errors import IdentificationError
 from identification.linear.model import LinearModel
 from identification.tuning.procedures.descent import descent, rank
-from identification.tuning.procedures.problem import Judgement, TuningProblem
+from identification.tuning.procedures.problem import CandidateJudgement, TuningProblem
 from identification.tuning.procedures.procedure import HELD, Descent, Found
 from identification.tuning.procedures.trade_off import trades
 from identification.tuning.procedures.unknowns import Span, Unknown, parts
@@ -105,11 +105,11 @@ def _port(interface: Interface, name: str) -> Port:
 def _with_draws(
     problem: TuningProblem,
     spans: Sequence[Span],
-    best: Judgement,
+    best: CandidateJudgement,
     points: Sequence[FloatArray],
     evaluations: int,
     tell: Progress,
-) -> tuple[Judgement, Judgement, TuningProblem]:
+) -> tuple[CandidateJudgement, CandidateJudgement, TuningProblem]:
     """The best values with which enough draws hold the hard goals, too, and what all draws do to these goals.
 
     Only those draws stand in the search that have spoilt an earlier round's values: a handful decides. It goes on from
@@ -150,7 +150,7 @@ def led(
     return Found(best, starts, tuple(descents), agreeing(spans, descents, best))
 
 
-def agreeing(unknowns: Sequence[Span], descents: Sequence[Descent], best: Judgement) -> int:
+def agreeing(unknowns: Sequence[Span], descents: Sequence[Descent], best: CandidateJudgement) -> int:
     """How many of them led to the best values."""
     there = parts(unknowns, best.values)
     return sum(bool(np.abs(parts(unknowns, d.found.values) - there).max() <= TOGETHER) for d in descents)

@@ -9,7 +9,7 @@ import numpy as np
 
 from identification.tuning.goals.goal import Goal
 from identification.tuning.procedures.descent import Seen, program, rank
-from identification.tuning.procedures.problem import Judgement, TuningProblem
+from identification.tuning.procedures.problem import CandidateJudgement, TuningProblem
 from identification.tuning.procedures.procedure import NEAR, Trade
 from identification.tuning.procedures.unknowns import Span, parts
 from orchestrator.progress import Progress
@@ -19,7 +19,9 @@ SHIFTS = (0.15, 0.3)  # by which a bound is moved either way, of its size
 MOST = 3  # goals of which the trade-off is told
 
 
-def trades(problem: TuningProblem, spans: Sequence[Span], best: Judgement, progress: Progress) -> tuple[Trade, ...]:
+def trades(
+    problem: TuningProblem, spans: Sequence[Span], best: CandidateJudgement, progress: Progress
+) -> tuple[Trade, ...]:
     """Optima under other bounds of the goals that bind most; each goes on from its neighbour.
 
     Args:
@@ -36,7 +38,7 @@ def trades(problem: TuningProblem, spans: Sequence[Span], best: Judgement, progr
     return tuple(found)
 
 
-def _binding(best: Judgement) -> list[int]:
+def _binding(best: CandidateJudgement) -> list[int]:
     """Hard goals with one bound that are at it, those that are missed most first."""
     if not best.stable:
         return []
@@ -47,8 +49,8 @@ def _binding(best: Judgement) -> list[int]:
 
 
 def _followed(
-    problem: TuningProblem, spans: Sequence[Span], best: Judgement, number: int, sign: int
-) -> Iterator[tuple[Goal, Judgement]]:
+    problem: TuningProblem, spans: Sequence[Span], best: CandidateJudgement, number: int, sign: int
+) -> Iterator[tuple[Goal, CandidateJudgement]]:
     """The goal with its bound moved to one side, step by step, and the optimum there."""
     point: FloatArray = parts(spans, best.values)
     for shift in SHIFTS:

@@ -12,11 +12,11 @@ from identification.tuning.goals.margins import MEASURES
 from identification.tuning.loops.margins import disk_margins
 from identification.tuning.loops.open_loop import OpenLoop
 from identification.tuning.loops.wiring import Path
-from identification.tuning.report.shown import Shown
+from identification.tuning.report.shown import ShownLoops
 from identification.tuning.tuning import Tuning
 from orchestrator.display.table import Cell
 from orchestrator.report import Section
-from orchestrator.report.chart import HEIGHT, Chart, ChartPoint, Curve, Mark, Panel
+from orchestrator.report.chart import HEIGHT, Chart, ChartLine, ChartPoint, Curve, Panel
 from orchestrator.trace import ComplexArray, FloatArray
 
 PLANE = 50  # of loops that are not drawn one by one, that are drawn in planes: those nearest to -1
@@ -26,7 +26,7 @@ LEVELS = 40.0  # decibels up and down that a Nichols chart shows
 WIDEST = 1.99  # alpha, above which a disk is hardly a disk any more
 
 
-def draw(section: Section, result: Tuning, every: Shown) -> None:
+def draw(section: Section, result: Tuning, every: ShownLoops) -> None:
     """Charts and margins of the loops at each place where a goal opens them."""
     loops = every.alone.loops
     goals = [goal for goal in result.found.best.goals if goal.measure in MEASURES]
@@ -40,7 +40,7 @@ def draw(section: Section, result: Tuning, every: Shown) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class Lines:
+class OpenedLoops:
     """Opened loops side by side.
 
     Attributes:
@@ -59,16 +59,16 @@ class Lines:
         with np.errstate(divide="ignore"):
             return np.asarray(20 * np.log10(np.abs(self.value)))
 
-    def only(self, numbers: np.ndarray) -> Lines:
+    def only(self, numbers: np.ndarray) -> OpenedLoops:
         """Some of them."""
-        return Lines(self.omega[numbers], self.value[numbers], self.phase[numbers])
+        return OpenedLoops(self.omega[numbers], self.value[numbers], self.phase[numbers])
 
     def on(self, values: FloatArray, omega: FloatArray) -> FloatArray:
         """(N, K) values (N, F) at frequencies (K,) between theirs."""
         return np.array([np.interp(np.log(omega), np.log(w), row) for w, row in zip(self.omega, values, strict=True)])
 
 
-def lines(loop: OpenLoop, first: float | None = None) -> Lines:
+def lines(loop: OpenLoop, first: float | None = None) -> OpenedLoops:
     """The loops, their phases beginning near `first` [deg], or between -270 and 90."""
     phase = np.rad2deg(np.unwrap(np.angle(loop.values), axis=1))
     near = np.full(len(phase), -90.0)
@@ -77,7 +77,7 @@ def lines(loop: OpenLoop, first: float | None = None) -> Lines:
     elif len(phase):
         near[1:] = phase[0, 0] + 360 * np.round((-90 - phase[0, 0]) / 360)
     phase += 360 * np.round((near - phase[:, 0]) / 360)[:, None]
-    return Lines(loop.frequencies, loop.values, phase)
+    return OpenedLoops(loop.frequencies, loop.values, phase)
 
 
 def disk(alpha: float) -> ComplexArray:
@@ -87,7 +87,7 @@ def disk(alpha: float) -> ComplexArray:
     return np.asarray((left + right) / 2 + (right - left) / 2 * turn)
 
 
-def _charts(section: Section, every: Shown, place: Path, goals: Sequence[Goal]) -> None:
+def _charts(section: Section, every: ShownLoops, place: Path, goals: Sequence[Goal]) -> None:
     loop = every.alone.loops.opened(place)
     alone = lines(loop)
     others = None if every.others is None else lines(every.others.loops.opened(place), float(alone.phase[0, 0]))
@@ -102,12 +102,12 @@ def _charts(section: Section, every: Shown, place: Path, goals: Sequence[Goal]) 
     section.figure(_nichols(every, alone, nearest, circle, goals), f"Nichols{said}; crossing bars are what is asked")
 
 
-def _nearest(others: Lines) -> Lines:
+def _nearest(others: OpenedLoops) -> OpenedLoops:
     away = np.abs(1 + others.value).min(axis=1)
     return others.only(np.argsort(away, kind="stable")[:PLANE])
 
 
-def _bode(every: Shown, alone: Lines, others: Lines | None) -> Chart:
+def _bode(every: ShownLoops, alone: OpenedLoops, others: OpenedLoops | None) -> Chart:
     panels = []
     grid = np.unique(alone.omega)
     for title, level, own, its in (
@@ -117,12 +117,12 @@ def _bode(every: Shown, alone: Lines, others: Lines | None) -> Chart:
         rows = enumerate(zip(every.names, alone.omega, own, strict=True))
         curves = [Curve(name, omega, row, colour=number) for number, (name, omega, row) in rows]
         bands = [] if others is None or its is None else [every.band(grid, others.on(its, grid))]
-        panels.append(Panel(title, curves, [Mark(level, "y")], bands))
+        panels.append(Panel(title, curves, [ChartLine(level, "y")], bands))
     end = float(alone.omega.max())
     return Chart(panels, x="frequency [rad/s]", log_x=True, x_range=(DECADES * end, end), legend=True)
 
 
-def _nyquist(every: Shown, alone: Lines, others: Lines | None, circle: ComplexArray | None) -> Chart:
+def _nyquist(every: ShownLoops, alone: OpenedLoops, others: OpenedLoops | None, circle: ComplexArray | None) -> Chart:
     curves = [] if others is None else [_bundle(every.word, others.value.real, others.value.imag)]
     if circle is not None:
         curves.append(Curve("disk", circle.real, circle.imag, tone="reference"))
@@ -133,7 +133,11 @@ def _nyquist(every: Shown, alone: Lines, others: Lines | None, circle: ComplexAr
 
 
 def _nichols(
-    every: Shown, alone: Lines, others: Lines | None, circle: ComplexArray | None, goals: Sequence[Goal]
+    every: ShownLoops,
+    alone: OpenedLoops,
+    others: OpenedLoops | None,
+    circle: ComplexArray | None,
+    goals: Sequence[Goal],
 ) -> Chart:
     curves = [] if others is None else [_bundle(every.word, others.phase, others.decibel)]
     if circle is not None:
@@ -141,13 +145,13 @@ def _nichols(
         curves.append(Curve("disk", turned, 20 * np.log10(np.abs(circle)), tone="reference"))
     rows = enumerate(zip(every.names, alone.phase, alone.decibel, strict=True))
     curves += [Curve(name, phase, level, colour=number) for number, (name, phase, level) in rows]
-    marks: list[Mark | ChartPoint] = [ChartPoint(-180.0, 0.0, "-1")]
+    marks: list[ChartLine | ChartPoint] = [ChartPoint(-180.0, 0.0, "-1")]
     for goal in goals:
         asked = goal.lower or 0.0
         if goal.measure == "gain margin":
-            marks.append(Mark(-180.0, "x", "", (-asked, asked)))
+            marks.append(ChartLine(-180.0, "x", "", (-asked, asked)))
         if goal.measure == "phase margin":
-            marks.append(Mark(0.0, "y", "", (-180.0 - asked, -180.0 + asked)))
+            marks.append(ChartLine(0.0, "y", "", (-180.0 - asked, -180.0 + asked)))
     panel = Panel("magnitude [dB]", curves, marks, range=(-LEVELS, LEVELS))
     return Chart([panel], x="phase [deg]", height=3 * HEIGHT, x_range=(-360.0, 0.0), legend=True)
 
@@ -158,7 +162,7 @@ def _bundle(word: str, x: FloatArray, y: FloatArray) -> Curve:
     return Curve(word, across, up, tone="measured")
 
 
-def _margins(section: Section, every: Shown, place: Path) -> None:
+def _margins(section: Section, every: ShownLoops, place: Path) -> None:
     goals = [Goal(measure, opened=place) for measure in MEASURES]
     found = [MEASURES[goal.measure].figures(every.alone, goal) for goal in goals]
     headers = ["plant", *(f"{goal.measure} [{MEASURES[goal.measure].unit}]" for goal in goals)]

@@ -7,14 +7,14 @@ from scipy.optimize import linear_sum_assignment
 
 from identification.tuning.goals.poles import FAST
 from identification.tuning.loops.loops import Loops
-from identification.tuning.report.shown import Shown
+from identification.tuning.report.shown import ShownLoops
 from identification.tuning.tuning import Tuning
 from orchestrator.report import Section
-from orchestrator.report.chart import HEIGHT, Chart, Curve, Mark, Panel
+from orchestrator.report.chart import HEIGHT, Chart, ChartLine, Curve, Panel
 from orchestrator.trace import ComplexArray
 
 
-def draw(section: Section, result: Tuning, every: Shown) -> None:
+def draw(section: Section, result: Tuning, every: ShownLoops) -> None:
     """Where the poles lie, as those of a continuous system, and how they move from plant to plant."""
     loops = every.alone.loops
     step, curves = loops.plants.step, []
@@ -25,7 +25,7 @@ def draw(section: Section, result: Tuning, every: Shown) -> None:
         curves.append(_contours(result, loops))
     for number, (name, poles) in enumerate(zip(every.names, continuous(loops.poles, step), strict=True)):
         curves.append(Curve(name, poles.real, poles.imag, "crosses", number))
-    panel = Panel("imaginary part [rad/s]", curves, [Mark(0.0, "x")])
+    panel = Panel("imaginary part [rad/s]", curves, [ChartLine(0.0, "x")])
     chart = Chart([panel], x="real part [1/s]", height=3 * HEIGHT, legend=True)
     said = "Closed-loop poles s = ln(z) / T, stable on the left; those that are gone within a sample are left out"
     section.figure(chart, said + every.remark)

@@ -5,29 +5,29 @@ from __future__ import annotations
 import numpy as np
 
 from identification.tuning.loops.loops import Response
-from identification.tuning.report.shown import Shown
+from identification.tuning.report.shown import ShownLoops
 from identification.tuning.tuning import Tuning
 from orchestrator.display.titles import with_unit
 from orchestrator.report import Section
-from orchestrator.report.chart import Chart, Curve, Mark, Panel
+from orchestrator.report.chart import Chart, ChartLine, Curve, Panel
 
 
-def draw(section: Section, result: Tuning, loops: Shown) -> None:
+def draw(section: Section, result: Tuning, loops: ShownLoops) -> None:
     """The responses of stable loops."""
     step, units = result.study.step, result.parts.units
     plants, wiring = loops.alone.loops.plants, loops.alone.loops.wiring
     tracked = plants.outputs[wiring.tracked]
-    followed = _chart(result, loops, None, Mark(step.height, "y", "reference"))
+    followed = _chart(result, loops, None, ChartLine(step.height, "y", "reference"))
     height = f"{step.height:g} {units.get(tracked, '')}".rstrip()
     section.figure(followed, f"A step of the reference by {height}{loops.remark}")
     for number in dict.fromkeys(path.target for path in wiring.commanded):
         name = plants.inputs[number]
         height = f"{step.disturbance:g} {units.get(name, '')}".rstrip()
         said = f"A step of {height} added to {name}, the reference at rest{loops.remark}"
-        section.figure(_chart(result, loops, number, Mark(0.0, "y")), said)
+        section.figure(_chart(result, loops, number, ChartLine(0.0, "y")), said)
 
 
-def _chart(result: Tuning, loops: Shown, disturbed: int | None, target: Mark) -> Chart:
+def _chart(result: Tuning, loops: ShownLoops, disturbed: int | None, target: ChartLine) -> Chart:
     """All outputs of the plant, and what the controller gives to its inputs."""
     alone = loops.alone.response(disturbed)
     others = None if loops.others is None else loops.others.response(disturbed)
@@ -42,7 +42,13 @@ def _chart(result: Tuning, loops: Shown, disturbed: int | None, target: Mark) ->
 
 
 def _panel(
-    loops: Shown, title: str, side: str, number: int, alone: Response, others: Response | None, marks: list[Mark]
+    loops: ShownLoops,
+    title: str,
+    side: str,
+    number: int,
+    alone: Response,
+    others: Response | None,
+    marks: list[ChartLine],
 ) -> Panel:
     own = getattr(alone, side)[:, :, number]
     style = "line" if side == "outputs" else "steps"

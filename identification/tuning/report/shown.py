@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from identification.tuning.goals.goal import Trial
+from identification.tuning.goals.goal import LoopTrial
 from identification.tuning.loops.plants import PlantSet
 from identification.tuning.tuning import Tuning
 from orchestrator.report.chart import Band
@@ -16,7 +16,7 @@ ALONE = 12  # plants that are drawn one by one
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class ShownLoops:
     """Loops with the values that were found.
 
     Attributes:
@@ -26,8 +26,8 @@ class Shown:
         unstable: how many loops are left out since they are not stable.
     """
 
-    alone: Trial
-    others: Trial | None = None
+    alone: LoopTrial
+    others: LoopTrial | None = None
     word: str = ""
     unstable: int = 0
 
@@ -47,21 +47,21 @@ class Shown:
         return Band(self.word, x, np.nanmin(values, axis=0), np.nanmax(values, axis=0))
 
 
-def shown(result: Tuning) -> Shown:
+def shown(result: Tuning) -> ShownLoops:
     """All loops of a tuning."""
     plants, draws = result.problem.plants, result.parts.unseen
     alone, more = plants.parted(ALONE)
     alone_trial = _trial(result, alone)
     if draws is None and not len(more):
-        return Shown(alone_trial)
+        return ShownLoops(alone_trial)
     if draws is None:
-        return Shown(alone_trial, _trial(result, more), "other plants")
+        return ShownLoops(alone_trial, _trial(result, more), "other plants")
     if not len(more):
-        return Shown(alone_trial, _trial(result, draws), "draws")
-    return Shown(alone_trial, _trial(result, more.joined(draws)), "other plants and draws")
+        return ShownLoops(alone_trial, _trial(result, draws), "draws")
+    return ShownLoops(alone_trial, _trial(result, more.joined(draws)), "other plants and draws")
 
 
-def stable(result: Tuning, every: Shown) -> Shown:
+def stable(result: Tuning, every: ShownLoops) -> ShownLoops:
     """Those of the loops that are stable."""
     alone, missing = _stable(result, every.alone)
     if every.others is None:
@@ -71,11 +71,11 @@ def stable(result: Tuning, every: Shown) -> Shown:
     return replace(every, alone=alone, others=kept, unstable=missing + more)
 
 
-def _trial(result: Tuning, plants: PlantSet) -> Trial:
+def _trial(result: Tuning, plants: PlantSet) -> LoopTrial:
     return result.problem.on(plants).trial(result.found.best.values)
 
 
-def _stable(result: Tuning, trial: Trial) -> tuple[Trial, int]:
+def _stable(result: Tuning, trial: LoopTrial) -> tuple[LoopTrial, int]:
     kept, plants = np.flatnonzero(trial.loops.stable), trial.loops.plants
     if len(kept) == len(plants):
         return trial, 0

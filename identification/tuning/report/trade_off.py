@@ -9,7 +9,7 @@ from identification.tuning.procedures.procedure import HELD, Trade
 from identification.tuning.tuning import Tuning
 from orchestrator.display.titles import with_unit
 from orchestrator.report import Section
-from orchestrator.report.chart import Chart, Curve, Mark, Panel
+from orchestrator.report.chart import Chart, ChartLine, Curve, Panel
 from orchestrator.trace import FloatArray
 
 
@@ -34,9 +34,9 @@ def _panels(result: Tuning, trade: Trade) -> list[Panel]:
     for name in result.found.starts:
         unit = result.parts.interface.ports[name].unit
         rows[with_unit(name, unit)] = np.array([best.values[name] for best in trade.best])
-    mark = Mark(float(trade.asked[len(trade.asked) // 2]), "x")
+    mark = ChartLine(float(trade.asked[len(trade.asked) // 2]), "x")
     return [_panel(title, trade.asked, values, mark) for title, values in rows.items()]
 
 
-def _panel(title: str, asked: FloatArray, values: FloatArray, mark: Mark) -> Panel:
+def _panel(title: str, asked: FloatArray, values: FloatArray, mark: ChartLine) -> Panel:
     return Panel(title, [Curve(title, asked, values)], [mark])

@@ -10,7 +10,7 @@ import numpy as np
 from fmus.errors import FmuError
 from identification.tuning.goals.goal import Goal
 from identification.tuning.goals.responses import MEASURES
-from identification.tuning.procedures.problem import FURTHEST, Judgement
+from identification.tuning.procedures.problem import FURTHEST, CandidateJudgement
 from identification.tuning.simulated.moves import Move
 from identification.tuning.simulated.plants import SimulatedLoop
 from orchestrator.engine import RunFailed
@@ -34,7 +34,7 @@ class SimulatedProblem:
     goals: tuple[Goal, ...]
     failures: dict[str, list[str]] = field(default_factory=dict)
 
-    def judged(self, values: Mapping[str, float]) -> Judgement:
+    def judged(self, values: Mapping[str, float]) -> CandidateJudgement:
         """What these parameters do; a loop whose run fails counts as unstable, and there are no figures of it."""
         count = len(self.loops)
         figures, missed = (np.full((len(self.goals), count), np.nan) for _ in range(2))
@@ -50,7 +50,7 @@ class SimulatedProblem:
             for i, goal in enumerate(self.goals):
                 figures[i, j] = found = MEASURES[goal.measure].figures(move, goal)[0]
                 missed[i, j] = np.clip(goal.missed(np.array([found]))[0], -FURTHEST, FURTHEST)
-        return Judgement(dict(values), self.goals, figures, missed, radius, count)
+        return CandidateJudgement(dict(values), self.goals, figures, missed, radius, count)
 
 
 def _share(error: FmuError, duration: float) -> float:

@@ -17,7 +17,7 @@ from orchestrator.assembly.whole_arrays import Values, elements
 from orchestrator.yaml_file import Block
 
 
-class LoopBlock(Block):
+class SimulatedLoopBlock(Block):
     """A closed loop, a case of a scenario; see `study.LoopSpec`.
 
     Attributes:
@@ -55,7 +55,7 @@ class SimulatedBlock(StudyBlock):
 
     method: Literal["tune-simulated"]
     controller: ComponentBlock
-    plants: dict[str, LoopBlock] = Field(min_length=1)
+    plants: dict[str, SimulatedLoopBlock] = Field(min_length=1)
     reference: str
     tracked: str
     command: str | None = None

@@ -12,7 +12,7 @@ from identification.built_system import BuiltSystem
 from identification.estimation.threads import single_threaded
 from identification.method import CalibratedFmu
 from identification.tuning.asked import FOLLOWING, bound
-from identification.tuning.goals.goal import Goal, Over, Relative, Signal
+from identification.tuning.goals.goal import Goal, LoopSignal, Over, Relative
 from identification.tuning.goals.table import MEASURES
 from identification.tuning.procedures.procedure import Found
 from identification.tuning.simulated.plants import SimulatedLoop
@@ -118,6 +118,6 @@ def _goal(spec: GoalSpec, study: SimulatedStudy) -> Goal:
     lower, upper = (
         bound(spec.place, key, end, measure.unit) for key, end in (("at_least", spec.lower), ("at_most", spec.upper))
     )
-    signal = Signal(name, "output", 0)
+    signal = LoopSignal(name, "output", 0)
     relative, over = cast("Relative | None", spec.relative), cast("Over", spec.over)
     return Goal(spec.measure, lower, upper, spec.weight, spec.hard, None, signal, None, relative, over)

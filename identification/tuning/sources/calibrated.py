@@ -9,12 +9,12 @@ import numpy as np
 from fmus.errors import IdentificationError
 from identification.output_error.schema import OutputErrorBlock
 from identification.results import STUDY, covariance_in, read_summary, result_file
-from identification.tuning.sources.system_plant import Spread
+from identification.tuning.sources.system_plant import ParameterSpread
 from orchestrator.assembly.assembly import SystemSpec
 from orchestrator.yaml_file import load
 
 
-def calibrated_system(folder: Path) -> tuple[SystemSpec, Spread]:
+def calibrated_system(folder: Path) -> tuple[SystemSpec, ParameterSpread]:
     """The system of the study in a result folder with its estimates, and their covariance.
 
     Raises:
@@ -29,11 +29,11 @@ def calibrated_system(folder: Path) -> tuple[SystemSpec, Spread]:
     return block.system(folder).given(values), _spread(folder)
 
 
-def _spread(folder: Path) -> Spread:
+def _spread(folder: Path) -> ParameterSpread:
     """Of the parameters; delays, which are no component's, are left out. Empty where the result has no covariance."""
     found = covariance_in(folder)
     if found is None:
-        return Spread()
+        return ParameterSpread()
     names, matrix = found
     kept = [i for i, name in enumerate(names) if "." in name]
-    return Spread(tuple(names[i] for i in kept), matrix[np.ix_(kept, kept)])
+    return ParameterSpread(tuple(names[i] for i in kept), matrix[np.ix_(kept, kept)])

@@ -14,7 +14,7 @@ from identification.built_system import BuiltSystem
 from identification.linear.model import LinearModel
 from identification.linearisation.equations import slopes
 from identification.linearisation.fmu_slopes import fmu_slopes
-from identification.linearisation.interconnection import Shown, joined
+from identification.linearisation.interconnection import ShownOutput, joined
 from identification.linearisation.slopes import Slopes
 from identification.tuning.sources.plants import LinearPlant
 from orchestrator.assembly.assembly import ComponentSpec, OpenSystem, SystemSpec
@@ -38,7 +38,7 @@ class PlantOutput:
 
 
 @dataclass(frozen=True, eq=False)
-class Spread:
+class ParameterSpread:
     """What is known of parameters: covariance about their values.
 
     Attributes:
@@ -85,7 +85,7 @@ class SystemPlant:
     system: SystemSpec
     inputs: Mapping[str, str]
     outputs: Mapping[str, PlantOutput]
-    spread: Spread = field(default_factory=Spread)
+    spread: ParameterSpread = field(default_factory=ParameterSpread)
 
     def linear(self, place: str, step: float) -> LinearPlant:
         """The linear model, sampled every `step` [s].
@@ -188,11 +188,11 @@ class _Wired:
         model = library.of_size(source if isinstance(source, Model) else library.find(str(source)), component.arrays)
         return slopes(place, model, values, count)
 
-    def _shown(self, name: str, output: PlantOutput) -> Shown:
+    def _shown(self, name: str, output: PlantOutput) -> ShownOutput:
         place = f"{self._place}.outputs.{name}"
         end = Endpoint.parse(output.of, place)
         require(self._system, end, "output", "can be seen", place)
-        return Shown(end, output.factor)
+        return ShownOutput(end, output.factor)
 
 
 def set_over(system: SystemSpec, values: Mapping[str, Value], place: str) -> SystemSpec:
@@ -208,6 +208,6 @@ def set_over(system: SystemSpec, values: Mapping[str, Value], place: str) -> Sys
     return system.given(values)
 
 
-def independent(deviations: Mapping[str, float]) -> Spread:
+def independent(deviations: Mapping[str, float]) -> ParameterSpread:
     """The spread of parameters with these standard deviations, each by itself."""
-    return Spread(tuple(deviations), np.diag(np.square(list(deviations.values()))))
+    return ParameterSpread(tuple(deviations), np.diag(np.square(list(deviations.values()))))

@@ -13,9 +13,9 @@ from math import ceil
 from pathlib import Path
 
 from fmus.errors import InputError, ServotwinError
-from orchestrator.batch.mutation.coverage import Outcome, clearer, document
+from orchestrator.batch.mutation.coverage import MutationOutcome, clearer, document
 from orchestrator.batch.mutation.effect import acts
-from orchestrator.batch.mutation.parameters import Change, changed, parameters, value_of
+from orchestrator.batch.mutation.parameters import MutatedValue, changed, parameters, value_of
 from orchestrator.engine import Timing
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.isolation import Isolation
@@ -85,15 +85,15 @@ class _Probed:
     def outcome(self, name: str) -> CaseDocument:
         """What the cases make of one parameter; the first that notices is enough."""
         if name in self._seen:
-            return document(name, Outcome.SEEN, self._seen[name])
+            return document(name, MutationOutcome.SEEN, self._seen[name])
         changes = [change for number in self._order if (change := self._change(name, number))]
-        outcome = Outcome.UNSEEN if name in self._acting else Outcome.WITHOUT_EFFECT
+        outcome = MutationOutcome.UNSEEN if name in self._acting else MutationOutcome.WITHOUT_EFFECT
         return document(name, outcome, ", ".join(dict.fromkeys(map(str, changes))))
 
-    def _change(self, name: str, number: int) -> Change | None:
+    def _change(self, name: str, number: int) -> MutatedValue | None:
         """How a parameter is changed in a case; None where it is zero there."""
         value = value_of(name, self._judged.cases[number], self.plain.system)
-        return None if value is None else Change(value, changed(name, value, self.plain.system))
+        return None if value is None else MutatedValue(value, changed(name, value, self.plain.system))
 
     def _look(self, number: int) -> None:
         """See which of the changes that no case has noticed so far this one does, in ever more of it, and which of the

@@ -13,7 +13,7 @@ SHARE = 0.01  # of its value by which a parameter is changed
 
 
 @dataclass(frozen=True)
-class Change:
+class MutatedValue:
     """A value before and after [unit of the parameter]."""
 
     old: float

@@ -17,12 +17,12 @@ import numpy as np
 from orchestrator.bridge.bus.traffic_report import TrafficReport
 from orchestrator.bridge.mapping import Coupling
 from orchestrator.bridge.safety.dependence import STOP
-from orchestrator.bridge.safety.resting import State, Status
+from orchestrator.bridge.safety.resting import OutputState, OutputStatus
 from orchestrator.bridge.safety.watchdog import Watchdog
 from orchestrator.bridge.signals.outputs import SentMessage, SentSignal
 from orchestrator.can.live.backlog import Backlog
 from orchestrator.can.live.bus import BusSettings
-from orchestrator.can.live.line import Line
+from orchestrator.can.live.line import SendingLine
 from orchestrator.can.live.link import linked
 from orchestrator.can.live.news import ErrorStates, News, troubles
 from orchestrator.can.live.receiver import Receiver
@@ -53,7 +53,7 @@ class BusTraffic:
 
     def __init__(
         self,
-        lines: Sequence[Line],
+        lines: Sequence[SendingLine],
         coupling: Coupling,
         watchdog: Watchdog,
         step: float,
@@ -65,7 +65,7 @@ class BusTraffic:
         self._odd, self._foreign, self._unconfirmed = Counter[str](), Counter[str](), list[SentMessage]()
         self._pending = ""
         self._step, self._rules = step, coupling.rules
-        self._status = {signal: Status() for message in coupling.sent for signal in message.guarded}
+        self._status = {signal: OutputStatus() for message in coupling.sent for signal in message.guarded}
         self._home = {signal: self._line(message) for message in coupling.sent for signal in message.signals}
         self._own = {message.key: message for message in coupling.sent}
         self._gone_out = dict.fromkeys(coupling.sent, -math.inf)
@@ -267,10 +267,10 @@ class BusTraffic:
             why = self._why(signal)
             self._status[signal] = after = status.seen(now, not why, self._rules)
             if after.state is not status.state:
-                again = State.INIT if status.state is State.INIT else "is sent again"
+                again = OutputState.INIT if status.state is OutputState.INIT else "is sent again"
                 changed.setdefault(f"rests: {why}" if after.rests else again, []).append(signal.spec.name)
         for what, names in changed.items():
-            said = "" if what == State.INIT else f"{', '.join(names)} {what}"
+            said = "" if what == OutputState.INIT else f"{', '.join(names)} {what}"
             self._watchdog.note(now, ", ".join(names), "rests" if what.startswith("rests") else "runs", said)
 
     def _why(self, signal: SentSignal) -> str:
@@ -293,7 +293,7 @@ class BusTraffic:
         """Whether steps are being made up for, and its latest frame is not half a period old."""
         return bool(self._late) and now - self._gone_out[message] < 0.5 * self._period(message)
 
-    def _line(self, message: SentMessage) -> Line:
+    def _line(self, message: SentMessage) -> SendingLine:
         return self._lines[message.place.number]
 
     def _send_safe_values(self, messages: Sequence[SentMessage], now: float, until: float = 0.0) -> list[SentMessage]:
@@ -303,7 +303,7 @@ class BusTraffic:
         refused = {message for message, took in taken if not took}
         return [message for message in messages if message not in refused]
 
-    def _not_out(self, now: float) -> list[Line]:
+    def _not_out(self, now: float) -> list[SendingLine]:
         """The buses on which not all is that was sent; where one has become full, the safe values are to be first."""
         for line in self._lines:
             line.take()
@@ -343,5 +343,7 @@ def on_buses(
             silences = [message.silence for message in messages if message.place.number == number]
             link = stack.enter_context(linked(bus, min(silences, default=_SILENCE), say))
             receiver = stack.enter_context(Receiver(link, QUEUE, arrived, patience))
-            lines.append(Line(link, receiver, Backlog(bus), patience, "the bus" if len(buses) == 1 else bus.place))
+            lines.append(
+                SendingLine(link, receiver, Backlog(bus), patience, "the bus" if len(buses) == 1 else bus.place)
+            )
         yield BusTraffic(lines, coupling, watchdog, step, news)

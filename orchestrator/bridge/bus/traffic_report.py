@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from orchestrator.bridge.mapping import Coupling
 from orchestrator.bridge.safety.watchdog import WatchdogReport
-from orchestrator.can.live.link import Loss
+from orchestrator.can.live.link import BusLoss
 from orchestrator.can.statistics import FrameStatistics
 
 
@@ -40,7 +40,7 @@ class TrafficReport:
     unsent: int
     skipped: int
     blocked: int
-    losses: tuple[Loss, ...]
+    losses: tuple[BusLoss, ...]
     loss_count: int
     malformed: int
     refused: int

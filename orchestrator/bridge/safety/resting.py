@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 
-class State(StrEnum):
+class OutputState(StrEnum):
     """What an output does: only while it is running is it sent as it is."""
 
     INIT = "init"
@@ -45,28 +45,28 @@ class Rules:
 
 
 @dataclass(frozen=True)
-class Status:
+class OutputStatus:
     """The state of an output, and since when all has been good [s], None while something is not."""
 
-    state: State = State.INIT
+    state: OutputState = OutputState.INIT
     good_since: float | None = None
 
     @property
     def rests(self) -> bool:
         """Whether the safe value is sent."""
-        return self.state is not State.RUNNING
+        return self.state is not OutputState.RUNNING
 
-    def seen(self, now: float, good: bool, rules: Rules) -> Status:
+    def seen(self, now: float, good: bool, rules: Rules) -> OutputStatus:
         """The status after a look at all that the output depends on."""
-        if self.state is State.ENDED:
+        if self.state is OutputState.ENDED:
             return self
         if not good:
-            return Status(State.SAFE if self.state is State.RUNNING else self.state)
+            return OutputStatus(OutputState.SAFE if self.state is OutputState.RUNNING else self.state)
         since = now if self.good_since is None else self.good_since
         resumes = not rules.latched and now - since >= rules.after
-        runs = resumes or self.state is not State.SAFE
-        return Status(State.RUNNING if runs else State.SAFE, since)
+        runs = resumes or self.state is not OutputState.SAFE
+        return OutputStatus(OutputState.RUNNING if runs else OutputState.SAFE, since)
 
-    def ended(self) -> Status:
+    def ended(self) -> OutputStatus:
         """The status from the end on."""
-        return Status(State.ENDED, self.good_since)
+        return OutputStatus(OutputState.ENDED, self.good_since)

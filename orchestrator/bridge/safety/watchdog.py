@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from orchestrator.bridge.signals.inputs import ReceivedMessage, ReceivedSignal, Taken
+from orchestrator.bridge.signals.inputs import ReceivedMessage, ReceivedSignal, TakenFrame
 from orchestrator.trace import FloatArray
 
 MOST = 1000  # events that are kept; beyond it they are only counted
@@ -13,7 +13,7 @@ SAID = 50  # events that are said
 
 
 @dataclass(frozen=True)
-class Event:
+class WatchdogEvent:
     """What the watchdog saw.
 
     Attributes:
@@ -60,7 +60,7 @@ class WatchdogReport:
 
     messages: dict[str, PeerPresence]
     event_count: int
-    events: list[Event]
+    events: list[WatchdogEvent]
 
 
 @dataclass(eq=False)
@@ -111,10 +111,10 @@ class Watchdog:
         self._messages, self._frames = tuple(messages), dict.fromkeys((message.name for message in messages), 0)
         self._say = say
         self.resting = {signal.input for signal in self._watches}
-        self.events: list[Event] = []
+        self.events: list[WatchdogEvent] = []
         self.event_count = 0
 
-    def took(self, taken: Taken, now: float) -> None:
+    def took(self, taken: TakenFrame, now: float) -> None:
         """Note what came of a frame."""
         for signal, fault in taken.faults.items():
             self._watches[signal].fault = fault
@@ -153,7 +153,7 @@ class Watchdog:
         """Keep an event, and say it where there is a line."""
         self.event_count += 1
         if len(self.events) < MOST:
-            self.events.append(Event(round(now, 6), name, kind))
+            self.events.append(WatchdogEvent(round(now, 6), name, kind))
         if line and self.event_count <= SAID:
             self._say(f"t = {now:.3f} s: {line}")
             if self.event_count == SAID:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import can
 
-from orchestrator.bridge.signals.location import Place
+from orchestrator.bridge.signals.location import MessageLocation
 from orchestrator.can.codec.single_decoding import SingleDecoder
 from orchestrator.can.database.database import Database
 from orchestrator.can.database.message import MessageSpec
@@ -54,7 +54,7 @@ class ReceivedMessage:
         silence: how long no good value may come [s].
     """
 
-    place: Place
+    place: MessageLocation
     signals: tuple[ReceivedSignal, ...]
     silence: float
 
@@ -75,7 +75,7 @@ class ReceivedMessage:
 
 
 @dataclass(frozen=True)
-class Taken:
+class TakenFrame:
     """What came of a frame: the signals that gave their inputs a good value, and those that did not -> why."""
 
     message: ReceivedMessage
@@ -103,7 +103,7 @@ class Reception:
         found = [decoder.statistics for decoder in self._decoders]
         return found[0] if len(found) == 1 else joined({f"can{n}.": own for n, own in enumerate(found)})
 
-    def take(self, frame: can.Message, inputs: FloatArray, bus: int = 0) -> Taken | None:
+    def take(self, frame: can.Message, inputs: FloatArray, bus: int = 0) -> TakenFrame | None:
         """Give the good values of a bus' frame to the inputs; None where it is of no message that is received."""
         decoder = self._decoders[bus]
         values = decoder.decode(frame)
@@ -111,7 +111,7 @@ class Reception:
         if message is None or frame.is_error_frame or frame.is_remote_frame:
             return None
         if values is None or decoder.fault:
-            return Taken(message, (), dict.fromkeys(message.signals, decoder.fault))
+            return TakenFrame(message, (), dict.fromkeys(message.signals, decoder.fault))
         good, faults = [], {}
         for signal in message.signals:
             if signal.name not in values:
@@ -125,7 +125,7 @@ class Reception:
                 continue
             inputs[signal.place] = within
             good.append(signal)
-        return Taken(message, tuple(good), faults)
+        return TakenFrame(message, tuple(good), faults)
 
 
 def _names(messages: Sequence[ReceivedMessage], bus: int) -> list[str]:

@@ -11,7 +11,7 @@ from orchestrator.can.database.message import MessageSpec, SignalSpec
 
 
 @dataclass(frozen=True)
-class Place:
+class MessageLocation:
     """A message on a bus.
 
     Attributes:
@@ -48,7 +48,7 @@ class Locations:
         for name, channel in homes.items():
             self._database(f"can.channel.{name}", channel).message(name)
 
-    def find(self, where: str, name: str, channel: int | None = None) -> tuple[Place, SignalSpec]:
+    def find(self, where: str, name: str, channel: int | None = None) -> tuple[MessageLocation, SignalSpec]:
         """A signal by its name, on the channel that is given, or its message's.
 
         Raises:
@@ -71,8 +71,8 @@ class Locations:
         assert problem is not None
         raise problem
 
-    def _placed(self, channel: int, message: MessageSpec, signal: SignalSpec) -> tuple[Place, SignalSpec]:
-        return Place(channel if len(self.databases) > 1 else None, message), signal
+    def _placed(self, channel: int, message: MessageSpec, signal: SignalSpec) -> tuple[MessageLocation, SignalSpec]:
+        return MessageLocation(channel if len(self.databases) > 1 else None, message), signal
 
     def _database(self, where: str, channel: int) -> Database:
         count = len(self.databases)

@@ -13,7 +13,7 @@ from itertools import cycle
 
 import can
 
-from orchestrator.bridge.signals.location import Place
+from orchestrator.bridge.signals.location import MessageLocation
 from orchestrator.can.codec.fields import unfit
 from orchestrator.can.codec.multiplexing import pages
 from orchestrator.can.database.message import SignalSpec
@@ -56,7 +56,7 @@ class SentMessage:
 
     def __init__(
         self,
-        place: Place,
+        place: MessageLocation,
         signals: Sequence[SentSignal],
         every: int,
         statistics: FrameStatistics,

@@ -22,7 +22,7 @@ _EXACT = 1 << 53  # whole numbers up to here are floats
 
 
 @dataclass(frozen=True)
-class Field:
+class BitField:
     """A number of at most 64 bits in a frame, and the value it stands for: scale * raw + offset.
 
     Attributes:

@@ -14,8 +14,8 @@ import numpy as np
 from orchestrator.can.codec.merging import Merger, Series, ascending, joined
 from orchestrator.can.codec.message_reader import MessageReader, columns
 from orchestrator.can.codec.routing import Group, Router, groups
-from orchestrator.can.codec.schedule import Schedule, counter_of, on_schedule
-from orchestrator.can.codec.streams import SignalNames, Stream, channel_name, wanted
+from orchestrator.can.codec.schedule import MessageSchedule, counter_of, on_schedule
+from orchestrator.can.codec.streams import FrameStream, SignalNames, channel_name, wanted
 from orchestrator.can.codec.time_stamps import StampRepair, smallest_step
 from orchestrator.can.codec.transport import Packet, Transport, frames_of, is_transport
 from orchestrator.can.database.bus import LogDatabase
@@ -59,7 +59,7 @@ class Decoder:
             [column for column in columns(owner, message) if chosen is None or (message.name, column.name) in chosen]
             for owner, message in zip(self._router.owners, self._router.messages, strict=True)
         ]
-        self._readers: dict[tuple[int, int, int], tuple[Stream, MessageReader]] = {}
+        self._readers: dict[tuple[int, int, int], tuple[FrameStream, MessageReader]] = {}
         self._source, self._transport = source, Transport()
         kinds = {message.addressing.kind for message in self._router.messages if message.addressing}
         self._has_groups = "J1939" in kinds
@@ -70,7 +70,7 @@ class Decoder:
         """Stamp of the first frame [s]; None before there was one."""
         return self._stamps.first
 
-    def marks(self, series: Mapping[Stream, Series], start: float) -> dict[Stream, list[Mark]]:
+    def marks(self, series: Mapping[FrameStream, Series], start: float) -> dict[FrameStream, list[Mark]]:
         """What of these series, of all frames so far, from `start` on and ascending, is not to be trusted."""
         end = float(since(start, np.array([self._stamps.latest]))[0])
         readers = dict(self._readers.values())
@@ -82,15 +82,15 @@ class Decoder:
         silent = [channel for channel in self._log.own if channel not in self._router.met]
         return SignalNames(self._log, streams, self.statistics, silent)
 
-    def feed(self, frames: Frames) -> dict[Stream, Series]:
+    def feed(self, frames: Frames) -> dict[FrameStream, Series]:
         """The signals of these frames by their names in the database; streams without a wanted one are only counted."""
-        pieces: dict[Stream, list[Series]] = {}
+        pieces: dict[FrameStream, list[Series]] = {}
         for begin in range(0, len(frames), CHUNK):
             for stream, series in self._chunk(frames[begin : begin + CHUNK]):
                 pieces.setdefault(stream, []).append(series)
         return {stream: joined(parts) for stream, parts in pieces.items()}
 
-    def _chunk(self, frames: Frames) -> Iterator[tuple[Stream, Series]]:
+    def _chunk(self, frames: Frames) -> Iterator[tuple[FrameStream, Series]]:
         self.statistics.frames += len(frames)
         frames = self._data_frames(self._stamps.straightened(frames))
         tick = smallest_step(frames.time)
@@ -102,7 +102,7 @@ class Decoder:
             yield from self._put_together(packets, tick)
         self.statistics.broken = self._transport.broken + self._transport.unfinished
 
-    def _put_together(self, packets: list[Packet], tick: float) -> Iterator[tuple[Stream, Series]]:
+    def _put_together(self, packets: list[Packet], tick: float) -> Iterator[tuple[FrameStream, Series]]:
         """The signals of messages that came in parts."""
         size = np.array([len(packet.data) for packet in packets])
         width = -(-int(size.max()) // 8) * 8
@@ -122,7 +122,7 @@ class Decoder:
 
     def _read(
         self, group: Group, time: FloatArray, length: Bytes, data: Bytes, tick: float
-    ) -> Iterator[tuple[Stream, Series]]:
+    ) -> Iterator[tuple[FrameStream, Series]]:
         message = self._router.messages[group.number]
         if message.addressing is not None and self._source not in (None, group.sender):
             self.statistics.other_sources[message.name] += len(time[group.rows])
@@ -132,13 +132,13 @@ class Decoder:
         if len(series) and series.values:
             yield stream, series
 
-    def _reader(self, group: Group) -> tuple[Stream, MessageReader]:
+    def _reader(self, group: Group) -> tuple[FrameStream, MessageReader]:
         key = group[:3]
         if key not in self._readers:
             message, name = self._router.messages[group.number], channel_name(group.channel, self._channels)
             sender = message.addressing.label(group.sender) if message.addressing else ""
             reader = MessageReader(message, self._columns[group.number], self.statistics)
-            self._readers[key] = Stream(message.name, name, sender), reader
+            self._readers[key] = FrameStream(message.name, name, sender), reader
         return self._readers[key]
 
     def _data_frames(self, frames: Frames) -> Frames:
@@ -158,7 +158,7 @@ class Decoder:
 
 
 @dataclass(frozen=True)
-class Decoded:
+class DecodedLog:
     """A log as a trace.
 
     Attributes:
@@ -173,9 +173,9 @@ class Decoded:
     trace: Trace
     start: float
     statistics: FrameStatistics
-    series: Mapping[Stream, Series]
+    series: Mapping[FrameStream, Series]
     names: SignalNames
-    schedules: tuple[Schedule, ...] = ()
+    schedules: tuple[MessageSchedule, ...] = ()
     marks: tuple[Mark, ...] = ()
 
 
@@ -189,7 +189,7 @@ def trace(
     name: str = "can",
     source: int | None = None,
     channels: Mapping[int, str] | None = None,
-) -> Decoded:
+) -> DecodedLog:
     """A whole log in memory: rows at all stamps.
 
     Args:
@@ -205,7 +205,7 @@ def trace(
     counters = {message: counter_of(log, message) for message in steady}
     added = [counter.name for counter in counters.values()]
     decoder = Decoder(log, None if signals is None else [*signals, *added], channels, source)
-    pieces: dict[Stream, list[Series]] = {}
+    pieces: dict[FrameStream, list[Series]] = {}
     for batch in frames:
         chosen = batch if channel is None else batch[batch.channel == channel]
         for stream, part in decoder.feed(chosen).items():
@@ -227,7 +227,7 @@ def trace(
         for stream, found in decoder.marks(series, start).items()
         for mark in found
     )
-    return Decoded(merger.feed(named), start, decoder.statistics, series, names, tuple(schedules), marks)
+    return DecodedLog(merger.feed(named), start, decoder.statistics, series, names, tuple(schedules), marks)
 
 
 def _from(start: float, series: Series) -> Series:

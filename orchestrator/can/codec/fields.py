@@ -6,16 +6,16 @@ import numpy as np
 from cantools.database.errors import Error as CantoolsError
 
 from fmus.errors import DatabaseError
-from orchestrator.can.codec.bits import Field
+from orchestrator.can.codec.bits import BitField
 from orchestrator.can.database.message import MessageSpec, SignalSpec
 from orchestrator.can.frames import LONGEST
 
 FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
 
 
-def field_of(signal: SignalSpec) -> Field:
+def field_of(signal: SignalSpec) -> BitField:
     """Where the signal lies and what its bits stand for."""
-    return Field(
+    return BitField(
         signal.lowest,
         signal.length,
         signal.big_endian,

@@ -16,7 +16,7 @@ from orchestrator.can.codec.time_stamps import spread
 from orchestrator.can.database import protection as checks
 from orchestrator.can.database.database import Database
 from orchestrator.can.database.message import MessageSpec, SignalSpec, checksum_byte
-from orchestrator.can.marking import Absences, Column, Rejections, marks
+from orchestrator.can.marking import Absences, FrameColumn, Rejections, marks
 from orchestrator.can.statistics import FrameStatistics, add
 from orchestrator.marks import Mark
 from orchestrator.trace import BoolArray, Bytes, FloatArray
@@ -43,7 +43,7 @@ class MessageRows:
     def big(self) -> bits.Words:
         return bits.words(self.data, bits.BIG)
 
-    def raw(self, place: bits.Field) -> bits.Words:
+    def raw(self, place: bits.BitField) -> bits.Words:
         """(K,) the bits of the field."""
         return place.raw(self.big if place.big_endian else self.little)
 
@@ -59,7 +59,7 @@ class SignalColumn:
 
     name: str
     spec: SignalSpec
-    place: bits.Field
+    place: bits.BitField
     low: float | None
     high: float | None
 
@@ -212,10 +212,10 @@ class MessageReader:
         return values
 
 
-def _marked(column: SignalColumn, values: FloatArray) -> Column:
+def _marked(column: SignalColumn, values: FloatArray) -> FrameColumn:
     low = -np.inf if column.low is None else column.low
     high = np.inf if column.high is None else column.high
-    return Column(column.name, values, (values < low) | (values > high), bool(column.spec.multiplexer))
+    return FrameColumn(column.name, values, (values < low) | (values > high), bool(column.spec.multiplexer))
 
 
 def _trimmed(data: Bytes) -> bytes:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from orchestrator.can.codec.bits import Field, Words
+from orchestrator.can.codec.bits import BitField, Words
 from orchestrator.can.database.message import MessageSpec, SignalSpec
 from orchestrator.trace import BoolArray
 
@@ -58,7 +58,7 @@ class Presence:
         return self._read[name]
 
 
-def whole(place: Field, raw: Words) -> Whole:
+def whole(place: BitField, raw: Words) -> Whole:
     """A multiplexer's values as whole numbers."""
     return np.clip(np.nan_to_num(place.values(raw)), -(2.0**62), 2.0**62).astype(np.int64)
 

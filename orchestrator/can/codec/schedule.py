@@ -22,7 +22,7 @@ BLOCKS = 2000  # parts of a stretch of which the earliest frame counts
 
 
 @dataclass(frozen=True)
-class Schedule:
+class MessageSchedule:
     """What was found of one message.
 
     Attributes:
@@ -68,7 +68,7 @@ def counter_of(log: LogDatabase, message: str) -> CounterSignal:
     return CounterSignal(name, spec.protection.modulus)
 
 
-def on_schedule(series: Series, message: str, counter: FloatArray, modulus: int) -> tuple[Series, Schedule]:
+def on_schedule(series: Series, message: str, counter: FloatArray, modulus: int) -> tuple[Series, MessageSchedule]:
     """The series with the stamps of its sender's schedule, each stretch without long gaps by itself.
 
     Args:
@@ -88,7 +88,7 @@ def on_schedule(series: Series, message: str, counter: FloatArray, modulus: int)
         periods.append(period)
         residuals.append(np.abs(stamps - line))
     late = np.concatenate(residuals)
-    found = Schedule(
+    found = MessageSchedule(
         message,
         float(np.median(periods)) if periods else 0.0,
         (float(np.median(late)), float(late.max())) if len(late) else (0.0, 0.0),

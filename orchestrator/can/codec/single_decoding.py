@@ -30,7 +30,7 @@ class SingleDecoder:
         self.fault, self.not_finite = "", list[str]()
         names = None if signals is None else {database.public_name(*database.signal(signal)) for signal in signals}
         self._readers = {
-            (message.id, message.extended): _Reader(
+            (message.id, message.extended): _MessageReader(
                 message,
                 [column for column in columns(database, message) if names is None or column.name in names],
                 self.statistics,
@@ -55,7 +55,7 @@ class SingleDecoder:
         return values
 
 
-class _Reader:
+class _MessageReader:
     """One message's frames.
 
     Attributes:

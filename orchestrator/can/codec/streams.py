@@ -18,7 +18,7 @@ from orchestrator.can.statistics import FrameStatistics
 
 
 @dataclass(frozen=True)
-class Stream:
+class FrameStream:
     """Whose frames they are: message, the channel's name, the sender's ("" for messages that have one sender)."""
 
     message: str
@@ -47,7 +47,7 @@ class Wanted:
         """Name of its message."""
         return self.spec.name
 
-    def fits(self, stream: Stream) -> bool:
+    def fits(self, stream: FrameStream) -> bool:
         """Whether it may come from there."""
         return stream.message == self.message and self.labels <= {*stream.channel.split("."), stream.sender}
 
@@ -78,17 +78,17 @@ class SignalNames:
     def __init__(
         self,
         log: LogDatabase,
-        streams: Mapping[Stream, Collection[str]],
+        streams: Mapping[FrameStream, Collection[str]],
         statistics: FrameStatistics,
         silent: Sequence[str] = (),
     ) -> None:
         self._log, self._statistics, self._silent = log, statistics, tuple(silent)
-        self._streams: dict[str, list[Stream]] = {}
+        self._streams: dict[str, list[FrameStream]] = {}
         for stream, signals in streams.items():
             for signal in signals:
                 self._streams.setdefault(signal, []).append(stream)
 
-    def name(self, stream: Stream, signal: str) -> str:
+    def name(self, stream: FrameStream, signal: str) -> str:
         """The name of a stream's signal."""
         others = self._streams[signal]
         lead = [stream.channel] if len({other.channel for other in others}) > 1 else []

@@ -34,7 +34,7 @@ class Packet:
 
 
 @dataclass
-class _Session:
+class _TransportSession:
     identifier: int
     size: int
     latest: float
@@ -58,7 +58,7 @@ class Transport:
     """
 
     broken: int = 0
-    _sessions: dict[Key, _Session] = field(default_factory=dict)
+    _sessions: dict[Key, _TransportSession] = field(default_factory=dict)
 
     @property
     def unfinished(self) -> int:
@@ -96,7 +96,7 @@ class Transport:
             self.broken += 1
             return
         to = destination if group >> 8 & 0xFF < 240 else 0
-        self._sessions[key] = _Session(6 << 26 | (group | to) << 8 | source, size, time)
+        self._sessions[key] = _TransportSession(6 << 26 | (group | to) << 8 | source, size, time)
 
     def _take(self, key: Key, time: float, data: bytes) -> Packet | None:
         session = self._sessions.get(key)

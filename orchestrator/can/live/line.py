@@ -13,7 +13,7 @@ from orchestrator.can.live.link import Link
 from orchestrator.can.live.receiver import Receiver
 
 
-class Line:
+class SendingLine:
     """A bus that may be full.
 
     Attributes:

@@ -31,7 +31,7 @@ _FULL_WORDS = ("full", "overflow", "no buffer space", "timed out", "timeout")  #
 
 
 @dataclass
-class Loss:
+class BusLoss:
     """A bus that was lost.
 
     Attributes:
@@ -64,8 +64,8 @@ class Link:
         self.reopens = settings.reopens
         self.trouble = ""
         self.no_room = self.unsent = self.loss_count = 0
-        self.losses: list[Loss] = []
-        self._loss = Loss("", 0.0)
+        self.losses: list[BusLoss] = []
+        self._loss = BusLoss("", 0.0)
         self._lost = self._tried = 0.0
         self._given: Counter[Key] = Counter()  # to the bus of now
         self._out: Counter[Key] = Counter()  # of those before
@@ -203,7 +203,7 @@ class Link:
         if self.trouble or bus is not self._bus:
             return
         self._lost = self._tried = time.monotonic()
-        self._loss = Loss(why, time.time())
+        self._loss = BusLoss(why, time.time())
         self.trouble = why
         self.loss_count += 1
         if len(self.losses) < _KEPT:

@@ -14,7 +14,7 @@ from orchestrator.can.database.sources import DatabaseFiles, paths
 from orchestrator.can.frames import moment
 from orchestrator.can.live.bus import BusSettings, OnBuses
 from orchestrator.can.live.channels import Channel
-from orchestrator.can.live.trigger import EVERYTHING, Limits, Trigger
+from orchestrator.can.live.trigger import EVERYTHING, RecordingLimits, Trigger
 from orchestrator.can.logs.rotation import LogFile, writer_of
 from orchestrator.can.statistics import FrameStatistics
 from orchestrator.results import versions
@@ -51,7 +51,7 @@ class BusRecording(OnBuses):
     queue: int = QUEUE
     encoding: str | None = None
     others: tuple[BusSettings, ...] = ()
-    limits: Limits = EVERYTHING
+    limits: RecordingLimits = EVERYTHING
 
     @property
     def database_names(self) -> str | None:

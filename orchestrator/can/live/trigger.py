@@ -30,7 +30,7 @@ _FORM = re.compile(r"\s*([^<>=!]*[^<>=!\s])\s*(<=|>=|==|!=|<|>)\s*(\S+)\s*")
 
 
 @dataclass(frozen=True)
-class Limits:
+class RecordingLimits:
     """From when to when is recorded.
 
     Attributes:
@@ -43,10 +43,10 @@ class Limits:
     before: float = 0.0
 
 
-EVERYTHING = Limits()
+EVERYTHING = RecordingLimits()
 
 
-class Condition:
+class TriggerCondition:
     """A comparison of a signal with a number, as `State.angle >= 0.5`; frames without the signal do not meet it.
 
     Raises:
@@ -96,7 +96,7 @@ class Trigger:
         overrun: of these, frames of the time before that were too many to be kept.
     """
 
-    def __init__(self, limits: Limits, log: LogDatabase | None, channels: Sequence[str]) -> None:
+    def __init__(self, limits: RecordingLimits, log: LogDatabase | None, channels: Sequence[str]) -> None:
         """Raises InputError or DatabaseError where a condition cannot be understood."""
         self._limits = limits
         if not 0 <= limits.before < math.inf:
@@ -168,12 +168,12 @@ class Trigger:
         return [line for line, holds in told.items() if holds]
 
 
-def _condition(text: str | None, log: LogDatabase | None, channels: Sequence[str]) -> Condition | None:
+def _condition(text: str | None, log: LogDatabase | None, channels: Sequence[str]) -> TriggerCondition | None:
     if text is None:
         return None
     if log is None:
         raise InputError(text, "is of a signal, and there is no database", "give --dbc")
-    return Condition(text, log, channels)
+    return TriggerCondition(text, log, channels)
 
 
 def _parsed(text: str) -> tuple[str, Callable[[float, float], bool], float]:

@@ -21,13 +21,13 @@ from orchestrator.can.frames import CLASSIC, LONGEST, Flag, Frames
 from orchestrator.can.ls_bus import stuffing
 from orchestrator.can.ls_bus.operations import (
     ArbitrationLost,
+    BusSetting,
     Configuration,
     Confirm,
     FormatError,
     Malformed,
     NodeState,
     Operation,
-    Setting,
     Status,
     Transmit,
     TransmitFd,
@@ -39,13 +39,13 @@ from orchestrator.can.ls_bus.operations import (
 )
 
 _GAP = 3  # bits between two frames
-_RATES = {Setting.BITRATE: "bitrate", Setting.DATA_BITRATE: "data_bitrate"}
+_RATES = {BusSetting.BITRATE: "bitrate", BusSetting.DATA_BITRATE: "data_bitrate"}
 Frame = Transmit | TransmitFd
 Request = tuple[float, int, int, Frame, bytes]  # time [s], running number, node, frame, as the operation that it is
 
 
 @dataclass
-class Node:
+class IdealBusNode:
     """Who is on the bus.
 
     Attributes:
@@ -83,7 +83,7 @@ class IdealBus:
 
     def reset(self) -> None:
         """Nothing is on the bus, and all nodes are as they begin."""
-        self.nodes = [Node(name) for name in self._names]
+        self.nodes = [IdealBusNode(name) for name in self._names]
         self.counts, self.carried = Counter[str](), 0
         self._rates = {what: (rate, "the bus") for what, rate in self._given.items() if rate}
         self._arrivals: list[Request] = []
@@ -227,8 +227,8 @@ class IdealBus:
         else:
             self.counts[f"operations of {node.name} that the bus does not carry: {type(operation).__name__}"] += 1
 
-    def _configure(self, node: Node, wanted: Configuration) -> None:
-        if wanted.setting is Setting.ARBITRATION_LOST:
+    def _configure(self, node: IdealBusNode, wanted: Configuration) -> None:
+        if wanted.setting is BusSetting.ARBITRATION_LOST:
             node.discards = wanted.value == WhenLost.DISCARD_AND_NOTIFY
             self._giving_back = any(one.discards for one in self.nodes)
         elif (what := _RATES.get(wanted.setting)) is None:

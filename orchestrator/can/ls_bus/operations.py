@@ -20,7 +20,7 @@ _LONGEST_XL = 2048
 _TOP = {False: 0x7FF, True: 0x1FFF_FFFF}  # the highest identifier, standard or extended
 
 
-class Setting(IntEnum):
+class BusSetting(IntEnum):
     """What a node configures of its bus."""
 
     BITRATE = 1
@@ -106,7 +106,7 @@ class BusFault(NamedTuple):
 class Configuration(NamedTuple):
     """What a node wants of its bus: a bit rate [bit/s], or a `WhenLost`."""
 
-    setting: Setting
+    setting: BusSetting
     value: int
 
 
@@ -223,7 +223,7 @@ def _encoded(operation: Operation) -> bytes:
         *plain, data = fields
         plain += [] if isinstance(operation, Transmit) else [len(data)]
         return layout.fields.pack(layout.code, layout.fields.size + len(data), *plain) + bytes(data)
-    if isinstance(operation, Configuration) and operation.setting is Setting.ARBITRATION_LOST:
+    if isinstance(operation, Configuration) and operation.setting is BusSetting.ARBITRATION_LOST:
         return _SHORT_CONFIGURATION.pack(layout.code, _SHORT_CONFIGURATION.size, *operation)
     return layout.fields.pack(layout.code, layout.fields.size, *operation)
 
@@ -264,8 +264,8 @@ def _made(kind: type[Any], values: list[Any]) -> Any:
         ValueError: a setting or state that there is not.
     """
     if kind is Configuration:
-        setting, value = Setting(values[0]), values[1]
-        return kind(setting, WhenLost(value) if setting is Setting.ARBITRATION_LOST else value)
+        setting, value = BusSetting(values[0]), values[1]
+        return kind(setting, WhenLost(value) if setting is BusSetting.ARBITRATION_LOST else value)
     return kind(NodeState(values[0])) if kind is Status else kind(*values)
 
 

@@ -23,14 +23,14 @@ from orchestrator.can.database.bus import load_all
 from orchestrator.can.database.sources import DatabaseFiles
 from orchestrator.can.live.backlog import Backlog
 from orchestrator.can.live.bus import BusSettings
-from orchestrator.can.live.line import Line
+from orchestrator.can.live.line import SendingLine
 from orchestrator.can.live.link import linked
 from orchestrator.can.live.news import ErrorStates, News
 from orchestrator.can.live.receiver import Receiver
-from orchestrator.can.sending.passed import Passage, Passed
+from orchestrator.can.sending.passed import Passed, PassedFrames
 from orchestrator.can.sending.routes import BOTH, RENAMED, TOO_MANY, Routes
 from orchestrator.can.sending.safe_end import NOTHING, Last, SafeEnd
-from orchestrator.can.sending.selection import EVERYTHING, Chosen
+from orchestrator.can.sending.selection import EVERYTHING, MessageSelection
 from orchestrator.can.slcan.flow import Key
 from orchestrator.can.statistics import identifier_text
 from orchestrator.processes.interrupts import endings, handling
@@ -70,7 +70,7 @@ class Gateway:
     buses: tuple[BusSettings, ...]
     database: DatabaseFiles | None = None
     encoding: str | None = None
-    chosen: Chosen = EVERYTHING
+    chosen: MessageSelection = EVERYTHING
     renamed: Sequence[str] = ()
     one_way: bool = False
     duration: float | None = None
@@ -121,14 +121,14 @@ def gateway(plan: Gateway, progress: Progress = silent, ready: Callable[[], None
 
 
 @contextmanager
-def _lines(buses: Sequence[BusSettings], arrived: Callable[[], None]) -> Iterator[list[Line]]:
+def _lines(buses: Sequence[BusSettings], arrived: Callable[[], None]) -> Iterator[list[SendingLine]]:
     """The open buses."""
     with ExitStack() as stack:
         lines = []
         for bus in buses:
             link = stack.enter_context(linked(bus, _REFUSING, lambda line: LOG.warning("%s", line)))
             receiver = stack.enter_context(Receiver(link, QUEUE, arrived, _WAITING))
-            lines.append(Line(link, receiver, Backlog(bus), _WAITING, bus.place))
+            lines.append(SendingLine(link, receiver, Backlog(bus), _WAITING, bus.place))
         yield lines
 
 
@@ -139,10 +139,10 @@ class _Work:
         lost: which bus is lost for good, and why; "" while none is.
     """
 
-    def __init__(self, plan: Gateway, lines: Sequence[Line], routes: Routes, end: SafeEnd) -> None:
+    def __init__(self, plan: Gateway, lines: Sequence[SendingLine], routes: Routes, end: SafeEnd) -> None:
         self._plan, self._lines, self._routes, self._end = plan, lines, routes, end
         there, back = (bus.place for bus in plan.buses)
-        self._ways = Passage(there, back), Passage(back, there)
+        self._ways = PassedFrames(there, back), PassedFrames(back, there)
         self._done = Passed(self._ways)
         self._states, self._said = ErrorStates(), set[tuple[int, Key]]()
         self._crowded = [False, False]
@@ -253,7 +253,7 @@ class _Work:
             self._done.last.append(_text(frame))
         return taken
 
-    def _not_out(self, frames: Sequence[tuple[int, can.Message]]) -> list[Line]:
+    def _not_out(self, frames: Sequence[tuple[int, can.Message]]) -> list[SendingLine]:
         """The buses on which not all is that was given; where one has become full, the last frames are given again."""
         now = time.monotonic()
         for number, line in enumerate(self._lines):

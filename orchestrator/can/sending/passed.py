@@ -11,7 +11,7 @@ from orchestrator.realtime.lateness import Lateness
 
 
 @dataclass
-class Passage:
+class PassedFrames:
     """What went one way.
 
     Attributes:
@@ -64,7 +64,7 @@ class Passed:
         told: whether adapters say which frames got out.
     """
 
-    ways: tuple[Passage, Passage]
+    ways: tuple[PassedFrames, PassedFrames]
     seconds: float = 0.0
     errors: int = 0
     missing: list[str] = field(default_factory=list)
@@ -93,7 +93,7 @@ class Passed:
         return [line for way in self.ways for line in _told(way)] + [line for line, holds in told.items() if holds]
 
 
-def _told(way: Passage) -> Iterator[str]:
+def _told(way: PassedFrames) -> Iterator[str]:
     late = way.lateness.document()
     times = (
         f", after {1e3 * late['median']:.2f} ms (median), {1e3 * late['p99']:.2f} ms (99 %), "

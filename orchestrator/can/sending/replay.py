@@ -26,7 +26,7 @@ from orchestrator.can.live.link import ECHOING, REFUSING
 from orchestrator.can.sending.last_frames import LastFrames
 from orchestrator.can.sending.passes import ahead, passes
 from orchestrator.can.sending.safe_end import NOTHING, Last, SafeEnd
-from orchestrator.can.sending.selection import EVERYTHING, Chosen, Selection
+from orchestrator.can.sending.selection import EVERYTHING, MessageSelection, Selection
 from orchestrator.can.slcan.flow import Key
 from orchestrator.can.statistics import identifier_text
 from orchestrator.processes.interrupts import endings, handling
@@ -161,7 +161,7 @@ class Replay:
     loop: int | None = 1
     database: DatabaseFiles | None = None
     encoding: str | None = None
-    chosen: Chosen = EVERYTHING
+    chosen: MessageSelection = EVERYTHING
     last: Last = NOTHING
 
     def __post_init__(self) -> None:

@@ -14,7 +14,7 @@ import can
 from fmus.errors import InputError
 from orchestrator.can.database.bus import LogDatabase
 from orchestrator.can.frames import from_messages
-from orchestrator.can.sending.selection import Chosen, Selection, identifier
+from orchestrator.can.sending.selection import MessageSelection, Selection, identifier
 from orchestrator.can.slcan.flow import Key
 from orchestrator.can.statistics import identifier_text
 
@@ -55,7 +55,7 @@ class Routes:
 
     def __init__(
         self,
-        chosen: Chosen,
+        chosen: MessageSelection,
         log: LogDatabase | None,
         channels: Mapping[int, str],
         renamed: Sequence[str] = (),

@@ -19,7 +19,7 @@ _LARGEST, _STANDARD = (1 << 29) - 1, (1 << 11) - 1
 
 
 @dataclass(frozen=True)
-class Chosen:
+class MessageSelection:
     """What is chosen by name.
 
     Attributes:
@@ -31,7 +31,7 @@ class Chosen:
     without: Sequence[str] = ()
 
 
-EVERYTHING = Chosen()
+EVERYTHING = MessageSelection()
 
 
 @dataclass
@@ -46,7 +46,7 @@ class Selection:
         InputError: a name is that of no message, and no identifier.
     """
 
-    chosen: Chosen
+    chosen: MessageSelection
     log: LogDatabase | None
     channels: Mapping[int, str]
     left_out: int = 0

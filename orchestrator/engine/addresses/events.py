@@ -16,9 +16,9 @@ from orchestrator.fmi.clocks import declared
 
 MOST = 64  # input clocks of one component
 _KINDS = {
-    declared.Interval.TUNABLE: Interval.TUNABLE,
-    declared.Interval.CHANGING: Interval.CHANGING,
-    declared.Interval.COUNTDOWN: Interval.COUNTDOWN,
+    declared.TickInterval.TUNABLE: Interval.TUNABLE,
+    declared.TickInterval.CHANGING: Interval.CHANGING,
+    declared.TickInterval.COUNTDOWN: Interval.COUNTDOWN,
 }
 _CALLED = ("EnterEventMode", "SetClock", "GetClock", "UpdateDiscreteStates", "GetIntervalDecimal", "EnterStepMode")
 
@@ -28,7 +28,7 @@ def inputs_of(slave: ClockedSlave) -> list[int]:
     return sorted(clock.reference for clock in slave.interface.clocks.values() if clock.causality == "input")
 
 
-class Events:
+class FmuEvents:
     """The events of one FMU, which is the node of a number in the core."""
 
     def __init__(self, core: Core, number: int, fmu: FmuNode) -> None:
@@ -61,7 +61,7 @@ class Events:
             found.append((packed, calls, part.places, part.discrete, bool(part.clocks), mask))
         return found
 
-    def route(self, ticks: Ticks, others: Mapping[int, Events]) -> tuple[int, int, list[int], list[tuple[Any, ...]]]:
+    def route(self, ticks: Ticks, others: Mapping[int, FmuEvents]) -> tuple[int, int, list[int], list[tuple[Any, ...]]]:
         """Ticks that go to another node, as an argument of `Core.add_routes`; `id` of a node -> its events."""
         target = others[id(ticks.target)]
         masks = [sum(target._bits[name] for name in ticks.clocks.get(clock, ())) for clock in self._outputs]

@@ -10,7 +10,7 @@ import numpy as np
 
 from orchestrator.engine._compiled import Storage
 from orchestrator.engine.addresses.memory import addresses, entry, moved
-from orchestrator.engine.loop import Node
+from orchestrator.engine.loop import LoopNode
 from orchestrator.fmi.functions.co_simulation import Fmi3
 from orchestrator.fmi.slave import Slave
 
@@ -25,7 +25,7 @@ class FmuNode:
         deferred: its outputs that are not instant, as (kind, address in the FMU's type, address as float).
     """
 
-    def __init__(self, node: Node, slots: Sequence[int]) -> None:
+    def __init__(self, node: LoopNode, slots: Sequence[int]) -> None:
         assert isinstance(node.component, Slave)
         self.node, self.slave = node, node.component
         self.held = np.zeros(len(node.sources))

@@ -24,7 +24,7 @@ _ATTRIBUTES = (
 )
 
 
-class Interval(StrEnum):
+class TickInterval(StrEnum):
     """How a clock comes by its next tick: all but the last by time, which the importer watches."""
 
     CONSTANT = "constant"
@@ -35,7 +35,7 @@ class Interval(StrEnum):
     TRIGGERED = "triggered"
 
 
-PERIODIC = (Interval.CONSTANT, Interval.FIXED, Interval.TUNABLE)
+PERIODIC = (TickInterval.CONSTANT, TickInterval.FIXED, TickInterval.TUNABLE)
 
 
 @dataclass(frozen=True)
@@ -50,14 +50,14 @@ class Clock:
     name: str
     reference: int
     causality: str
-    kind: Interval
+    kind: TickInterval
     interval: Fraction | None = None
     shift: Fraction = Fraction(0)
 
     @property
     def timed(self) -> bool:
         """Whether it is an input that ticks by time."""
-        return self.causality == "input" and self.kind is not Interval.TRIGGERED
+        return self.causality == "input" and self.kind is not TickInterval.TRIGGERED
 
     @property
     def periodic(self) -> bool:
@@ -112,20 +112,20 @@ def clocks(path: Path, description: ModelDescription) -> dict[str, Clock]:
 
 def _clock(place: str, variable: Any) -> Clock:
     text = variable.intervalVariability
-    if text not in list(Interval):
+    if text not in list(TickInterval):
         problem = "has no intervalVariability" if text is None else f"has the intervalVariability '{text}'"
-        raise FmuFileError(place, problem, f"give {', '.join(Interval)}")
-    kind = Interval(text)
+        raise FmuFileError(place, problem, f"give {', '.join(TickInterval)}")
+    kind = TickInterval(text)
     interval, shift = _length(place, variable, "interval"), _length(place, variable, "shift")
     clock = Clock(variable.name, int(variable.valueReference), variable.causality, kind, interval, shift or Fraction(0))
     if clock.causality not in ("input", "output", "local"):
         raise FmuFileError(place, f"is a clock and a {clock.causality}", "make it an input, an output or local")
-    if clock.causality == "output" and kind is not Interval.TRIGGERED:
+    if clock.causality == "output" and kind is not TickInterval.TRIGGERED:
         problem = f"is an output and ticks by time ({kind}): whoever imports the FMU would have to tick it"
         raise FmuFileError(place, problem, "make it an input, or `triggered`")
-    if kind is Interval.TRIGGERED and interval is not None:
+    if kind is TickInterval.TRIGGERED and interval is not None:
         raise FmuFileError(place, "is triggered and has an interval", "remove the interval, or make it periodic")
-    if kind is Interval.CONSTANT and interval is None:
+    if kind is TickInterval.CONSTANT and interval is None:
         raise FmuFileError(place, "is constant and has no interval", "give intervalDecimal or intervalCounter")
     if interval is not None and interval <= 0:
         raise FmuFileError(place, f"has the interval {float(interval):g} s", "give one above 0")

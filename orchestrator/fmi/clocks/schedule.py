@@ -8,8 +8,8 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 
-from orchestrator.fmi.clocks.declared import PERIODIC, Clock, Interval
-from orchestrator.rational import Clock as Count
+from orchestrator.fmi.clocks.declared import PERIODIC, Clock, TickInterval
+from orchestrator.rational import TickTimes as Count
 from orchestrator.rational import clock as counted
 
 Moment = tuple[int, float, float, bool]  # number and time of the next tick, time of the latest [s], whether it ticked
@@ -37,7 +37,7 @@ class Timed:
         self.last, self._count, self.next, self._ticked = start, None, math.inf, False
         if self.clock.interval is not None:
             self._every(start + self.clock.shift, self.clock.interval)
-        elif self.clock.kind is Interval.CHANGING:
+        elif self.clock.kind is TickInterval.CHANGING:
             self.next = float(start + self.clock.shift)
 
     def tick(self) -> None:
@@ -52,9 +52,9 @@ class Timed:
     def told(self, interval: Fraction, now: float) -> None:
         """Take an interval that the FMU gives [s] at a time [s]."""
         kind = self.clock.kind
-        if kind is Interval.COUNTDOWN:
+        if kind is TickInterval.COUNTDOWN:
             self.next = float(Fraction(repr(now)) + interval)
-        elif kind is Interval.CHANGING:
+        elif kind is TickInterval.CHANGING:
             self.next = float(self.last + interval)
         else:
             self._every(self.last + (interval if self._ticked else self.clock.shift), interval)
@@ -77,7 +77,7 @@ class Timed:
         self.next = float(first)
 
 
-class Schedule:
+class ClockSchedule:
     """The clocks of an instance that tick by time."""
 
     def __init__(self, clocks: Iterable[Clock]) -> None:
@@ -107,9 +107,9 @@ class Schedule:
         return [
             reference
             for reference, timed in self._timed.items()
-            if timed.clock.kind in (Interval.COUNTDOWN, Interval.TUNABLE)
-            or (timed.clock.kind is Interval.CHANGING and reference in ticked)
-            or (timed.clock.kind is Interval.FIXED and beginning)
+            if timed.clock.kind in (TickInterval.COUNTDOWN, TickInterval.TUNABLE)
+            or (timed.clock.kind is TickInterval.CHANGING and reference in ticked)
+            or (timed.clock.kind is TickInterval.FIXED and beginning)
         ]
 
     def told(self, reference: int, interval: float, now: float) -> None:

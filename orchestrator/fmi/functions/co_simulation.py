@@ -20,7 +20,7 @@ _ALMOST = 1 - 1e-9  # of a step that is whole but for rounding
 
 
 @dataclass(frozen=True)
-class Stop:
+class EarlyStop:
     """That an FMU ended a step by itself.
 
     Attributes:
@@ -54,7 +54,7 @@ class CoSimulation(FmiFunctions):
         """Advance from `time` by `duration` [s]. The status."""
 
     @abstractmethod
-    def stop(self, status: int, time: float) -> Stop | None:
+    def stop(self, status: int, time: float) -> EarlyStop | None:
         """How the FMU itself ended the step from a time [s] that returned this status, None where it did not."""
 
 
@@ -71,13 +71,13 @@ class Fmi2(Version2, CoSimulation):
     def step(self, time: float, duration: float) -> int:
         return int(self.do_step(self.handle, time, duration, 1))
 
-    def stop(self, status: int, time: float) -> Stop | None:
+    def stop(self, status: int, time: float) -> EarlyStop | None:
         if status != DISCARD or not (self.has("GetBooleanStatus") and self.has("GetRealStatus")):
             return None
         self.asked.value, self.reached.value = 0, time
         self.call("GetBooleanStatus", fmi2.fmi2Terminated, ctypes.byref(self.asked))
         self.call("GetRealStatus", fmi2.fmi2LastSuccessfulTime, ctypes.byref(self.reached))
-        return Stop(self.reached.value, True) if self.asked.value else None
+        return EarlyStop(self.reached.value, True) if self.asked.value else None
 
 
 class Fmi3(Version3, CoSimulation):
@@ -102,9 +102,9 @@ class Fmi3(Version3, CoSimulation):
     def step(self, time: float, duration: float) -> int:
         return int(self.do_step(self.handle, time, duration, True, *self._results))
 
-    def stop(self, status: int, time: float) -> Stop | None:
+    def stop(self, status: int, time: float) -> EarlyStop | None:
         _, asked, early = (flag.value for flag in self.flags)
-        return Stop(self.reached.value, asked) if status < FAILED and (asked or early) else None
+        return EarlyStop(self.reached.value, asked) if status < FAILED and (asked or early) else None
 
 
 class EventFmi3(Events3, Fmi3):

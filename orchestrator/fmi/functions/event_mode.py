@@ -10,7 +10,7 @@ from orchestrator.fmi.functions.version3 import Version3
 
 
 @dataclass(frozen=True)
-class News:
+class EventTurn:
     """What one turn of an event iteration brought.
 
     Attributes:
@@ -27,9 +27,9 @@ class News:
 class Events3(Version3):
     """What has event mode in FMI 3.0."""
 
-    def update(self) -> tuple[int, News]:
+    def update(self) -> tuple[int, EventTurn]:
         """One turn of an event iteration. The status and what it brought."""
         flags, time = [ctypes.c_bool() for _ in range(5)], ctypes.c_double()
         status = self.call("UpdateDiscreteStates", *map(ctypes.byref, flags), ctypes.byref(time))
         again, ending, _, _, known = (flag.value for flag in flags)
-        return status, News(again, ending, time.value if known else math.inf)
+        return status, EventTurn(again, ending, time.value if known else math.inf)

@@ -16,7 +16,7 @@ from fmpy import fmi2
 
 from fmus.errors import FmuFileError
 from orchestrator.fmi.functions.base import FAILED, FmiFunctions
-from orchestrator.fmi.functions.event_mode import Events3, News
+from orchestrator.fmi.functions.event_mode import Events3, EventTurn
 from orchestrator.fmi.functions.library import FMU2Model, FMU3Model
 from orchestrator.fmi.functions.version2 import Version2
 from orchestrator.trace import FloatArray
@@ -60,7 +60,7 @@ class ModelExchange(FmiFunctions):
     indicators: Vector
 
     @abstractmethod
-    def update(self) -> tuple[int, News]:
+    def update(self) -> tuple[int, EventTurn]:
         """One turn of an event iteration. The status and what it brought.
 
         That states or nominal values have changed is not among it: whoever goes on after an event asks for both.
@@ -136,11 +136,11 @@ class Exchange2(Version2, ModelExchange):
     def sizes(self) -> tuple[int, int]:
         return int(self.description.numberOfContinuousStates), int(self.description.numberOfEventIndicators)
 
-    def update(self) -> tuple[int, News]:
+    def update(self) -> tuple[int, EventTurn]:
         info = fmi2.fmi2EventInfo()
         status = self.call("NewDiscreteStates", ctypes.byref(info))
         next_event = info.nextEventTime if info.nextEventTimeDefined else math.inf
-        return status, News(bool(info.newDiscreteStatesNeeded), bool(info.terminateSimulation), next_event)
+        return status, EventTurn(bool(info.newDiscreteStatesNeeded), bool(info.terminateSimulation), next_event)
 
 
 class Exchange3(Events3, ModelExchange):

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from orchestrator.fmi.clocks.declared import Clock
-from orchestrator.fmi.clocks.schedule import Schedule, Timed
+from orchestrator.fmi.clocks.schedule import ClockSchedule, Timed
 from orchestrator.fmi.clocks.ticks import Arrival, Tick
 from orchestrator.fmi.functions.base import FmiFunctions
 from orchestrator.fmi.ticking.calls import ClockCalls
@@ -35,7 +35,7 @@ class Ticker:
         self._clocks = [*clocks]
         self._by_name = {clock.name: clock for clock in clocks}
         self._by_reference = {clock.reference: clock for clock in clocks}
-        self.schedule = self._schedule = Schedule(clocks)
+        self.schedule = self._schedule = ClockSchedule(clocks)
         self._arrivals: list[Arrival] = []
         self.passed: list[Tick] = []
 

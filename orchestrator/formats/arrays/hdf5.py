@@ -13,7 +13,7 @@ import numpy as np
 
 from fmus.errors import TraceError
 from orchestrator.formats.arrays import tree
-from orchestrator.formats.arrays.tree import DEEPEST, Node, Numbers, Other, Structure
+from orchestrator.formats.arrays.tree import DEEPEST, Node, NumberArray, Other, Structure
 from orchestrator.formats.layout import MAX_VALUES, Layout
 from orchestrator.formats.recording import Recording, excerpt
 from orchestrator.trace import FloatArray
@@ -90,7 +90,7 @@ class _Walk:
         return _numbers(held, shape[::-1] if kind else shape) if held.dtype.kind in "biuf" else Other(shape, "data")
 
 
-def _numbers(held: h5py.Dataset, shape: tuple[int, ...], field: str | None = None) -> Numbers:
+def _numbers(held: h5py.Dataset, shape: tuple[int, ...], field: str | None = None) -> NumberArray:
     """Numbers; MATLAB's, whose order of dimensions is the other way round, in MATLAB's shape."""
 
     def read() -> FloatArray:
@@ -100,7 +100,7 @@ def _numbers(held: h5py.Dataset, shape: tuple[int, ...], field: str | None = Non
         return whole.T if whole.shape != shape or held.attrs.get("MATLAB_class") is not None else whole
 
     unit = next((_text(held.attrs[key]) for key in ("unit", "units") if key in held.attrs), "")
-    return Numbers(shape, read, str(held.dtype), unit)
+    return NumberArray(shape, read, str(held.dtype), unit)
 
 
 def _elements(fields: dict[str, Node]) -> Structure:

@@ -17,7 +17,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from orchestrator.formats.arrays.tree import DEEPEST, Node, Numbers, Other, Structure
+from orchestrator.formats.arrays.tree import DEEPEST, Node, NumberArray, Other, Structure
 from orchestrator.trace import FloatArray
 
 MATRIX, COMPRESSED = 14, 15
@@ -91,7 +91,7 @@ def variables(file: BinaryIO) -> list[MatVariable]:
 def node(file: BinaryIO, variable: MatVariable) -> Node:
     """What a variable holds; numbers are read when they are asked for."""
     if variable.kind in NUMERIC:
-        return Numbers(variable.shape, lambda: _whole(file, variable), variable.kind)
+        return NumberArray(variable.shape, lambda: _whole(file, variable), variable.kind)
     if variable.kind in ("struct", "cell", "char"):
         return _node(_payload(file, variable, LARGEST), variable.order)
     return Other(variable.shape, variable.kind)
@@ -99,7 +99,7 @@ def node(file: BinaryIO, variable: MatVariable) -> Node:
 
 def _whole(file: BinaryIO, variable: MatVariable) -> FloatArray:
     read = _node(_payload(file, variable, 8 * variable.count + SLACK), variable.order)
-    if not isinstance(read, Numbers):
+    if not isinstance(read, NumberArray):
         raise ValueError(f"'{variable.name}' holds no numbers")
     return read.read()
 
@@ -117,7 +117,7 @@ def _node(data: bytes | memoryview, order: str, depth: int = 0) -> Node:
     count = math.prod(shape)
     if class_ in NUMERIC:
         numbers = _numbers(parts, count, order).reshape(shape, order="F")
-        return Numbers(shape, lambda: numbers.astype(float), class_)
+        return NumberArray(shape, lambda: numbers.astype(float), class_)
     if class_ == "char":
         return _text(parts, shape, order)
     if class_ == "cell":

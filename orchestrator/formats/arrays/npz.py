@@ -11,7 +11,7 @@ import numpy as np
 
 from fmus.errors import TraceError
 from orchestrator.formats.arrays import tree
-from orchestrator.formats.arrays.tree import Node, Numbers, Other, Structure
+from orchestrator.formats.arrays.tree import Node, NumberArray, Other, Structure
 from orchestrator.formats.layout import Layout
 from orchestrator.formats.recording import Recording, excerpt
 
@@ -60,5 +60,7 @@ def _numbers(path: Path, member: str | None, shape: tuple[int, ...], kind: np.dt
         return values[field] if field else values
 
     if kind.kind == "M":
-        return Numbers(shape, read, str(kind), stamped=True)
-    return Numbers(shape, lambda: read().astype(float), str(kind)) if kind.kind in "biuf" else Other(shape, str(kind))
+        return NumberArray(shape, read, str(kind), stamped=True)
+    return (
+        NumberArray(shape, lambda: read().astype(float), str(kind)) if kind.kind in "biuf" else Other(shape, str(kind))
+    )

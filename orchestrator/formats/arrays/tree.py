@@ -28,7 +28,7 @@ ONE_MATRIX = "save one real matrix with a row a sample, or a vector a channel"
 
 
 @dataclass(frozen=True)
-class Numbers:
+class NumberArray:
     """Real numbers, or instants where `stamped`; `read` gives them in their shape."""
 
     shape: tuple[int, ...]
@@ -65,7 +65,7 @@ class Structure:
     elements: Sequence[Mapping[str, Node]]
 
 
-Node: TypeAlias = "Numbers | Other | Structure | str | Sequence[Node]"
+Node: TypeAlias = "NumberArray | Other | Structure | str | Sequence[Node]"
 Tree: TypeAlias = Mapping[str, Node]
 
 
@@ -79,17 +79,20 @@ def read(path: Path, layout: Layout, tree: Tree) -> Recording:
         node = _named(path, tree, layout.variable)
         if isinstance(node, Structure) and any(channel.count > 1 for channel in _channels("", node)):
             return _of_channels(path, layout, {layout.variable: node})
-        if not (isinstance(node, Numbers) and node.is_matrix):
+        if not (isinstance(node, NumberArray) and node.is_matrix):
             what = f"is {_described(node)}, not a numeric matrix"
             raise TraceError(f"{path}: {layout.variable}", what, ONE_MATRIX)
         return _of_matrix(path, layout, layout.variable, node, tree)
-    matrices = {name: node for name, node in tree.items() if isinstance(node, Numbers) and node.is_matrix}
+    matrices = {name: node for name, node in tree.items() if isinstance(node, NumberArray) and node.is_matrix}
     tables = {name: node for name, node in matrices.items() if not node.is_vector}
     rows = {node.shape[0] for node in tables.values()}
     vectors = [
         node
         for node in tree.values()
-        if isinstance(node, Numbers) and node.is_vector and node.count > 1 and (node.is_matrix or node.count in rows)
+        if isinstance(node, NumberArray)
+        and node.is_vector
+        and node.count > 1
+        and (node.is_matrix or node.count in rows)
     ]
     if len(tables) == 1 and not vectors and not any(isinstance(node, Structure) for node in tree.values()):
         (found,) = tables.items()
@@ -101,7 +104,7 @@ def read(path: Path, layout: Layout, tree: Tree) -> Recording:
     return _of_channels(path, layout, tree)
 
 
-def _of_matrix(path: Path, layout: Layout, name: str, node: Numbers, tree: Tree) -> Recording:
+def _of_matrix(path: Path, layout: Layout, name: str, node: NumberArray, tree: Tree) -> Recording:
     rows, count = node.shape
     place = f"{path}: {name}"
     if not 0 < node.count <= MAX_VALUES:
@@ -140,9 +143,9 @@ def _of_channels(path: Path, layout: Layout, tree: Tree) -> Recording:
 
 def _channels(name: str, node: Node, depth: int = 0) -> Iterator[ArrayChannel]:
     """The vectors in a node, the columns of its matrices, what is in its structures; and what cannot be read."""
-    if isinstance(node, Numbers) and node.is_vector:
+    if isinstance(node, NumberArray) and node.is_vector:
         yield ArrayChannel(name, node.unit, node.count, lambda: node.read().ravel(), stamped=node.stamped)
-    elif isinstance(node, Numbers) and node.is_matrix:
+    elif isinstance(node, NumberArray) and node.is_matrix:
         yield from (
             ArrayChannel(f"{name}_{number}", node.unit, node.shape[0], lambda number=number: node.read()[:, number])  # type: ignore[misc]
             for number in range(min(node.shape[1], MOST))
@@ -159,9 +162,9 @@ def _channels(name: str, node: Node, depth: int = 0) -> Iterator[ArrayChannel]:
 
 def _may_be_meant(node: Node) -> bool:
     """Whether somebody may look for samples in what is no channel: in texts and single values nobody does."""
-    if isinstance(node, (Numbers, Other)):
+    if isinstance(node, (NumberArray, Other)):
         return math.prod(node.shape) > 1 or node.kind in ("object", "opaque")
-    return isinstance(node, (list, tuple)) and any(isinstance(part, (Numbers, Structure)) for part in node)
+    return isinstance(node, (list, tuple)) and any(isinstance(part, (NumberArray, Structure)) for part in node)
 
 
 def _unread(name: str, problem: str) -> ArrayChannel:
@@ -169,7 +172,9 @@ def _unread(name: str, problem: str) -> ArrayChannel:
 
 
 def _of_element(name: str, element: Mapping[str, Node], depth: int) -> Iterator[ArrayChannel]:
-    values = next((node for key, node in element.items() if key.lower() in VALUES and isinstance(node, Numbers)), None)
+    values = next(
+        (node for key, node in element.items() if key.lower() in VALUES and isinstance(node, NumberArray)), None
+    )
     label = _text(element, NAMES)
     if values is not None and label:
         yield from _channels(label, replace(values, unit=_text(element, UNITS)), depth)
@@ -191,7 +196,7 @@ def _capture(axes: Structure, curves: Structure, depth: int) -> Iterator[ArrayCh
         )
     for number, curve in enumerate(curves.elements, 1):
         index = next((node for key, node in curve.items() if key.lower() == "xindex"), None)
-        place = int(index.read().flat[0]) if isinstance(index, Numbers) and index.count == 1 else 1
+        place = int(index.read().flat[0]) if isinstance(index, NumberArray) and index.count == 1 else 1
         clock = clocks[place - 1] if 0 < place <= len(clocks) else ""
         named = {"Name": f"Y({number})", **{key: node for key, node in curve.items() if key != "XIndex" and node != ""}}
         yield from (replace(channel, clock=clock) for channel in _of_element(f"Y({number})", named, depth))
@@ -218,7 +223,7 @@ def _held(tree: Tree) -> str:
 
 
 def _described(node: Node) -> str:
-    if isinstance(node, (Numbers, Other)):
+    if isinstance(node, (NumberArray, Other)):
         return f"{' x '.join(map(str, node.shape))} {node.kind}".strip()
     if isinstance(node, Structure):
         return f"{len(node.elements)} struct" if len(node.elements) != 1 else "struct"

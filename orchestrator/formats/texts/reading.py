@@ -15,7 +15,7 @@ from pyarrow import compute, csv
 from fmus.encodings import SAMPLE, decoded, encoding_of
 from fmus.errors import TraceError
 from orchestrator.formats.arrow import numbers, texts
-from orchestrator.formats.layout import Choice, Decimal, FileColumns, Layout, choose
+from orchestrator.formats.layout import ColumnChoice, Decimal, FileColumns, Layout, choose
 from orchestrator.formats.recording import Recording, excerpt
 from orchestrator.formats.texts.cells import GROUPS, MINUS, MISSING, is_time_of_day, kind
 from orchestrator.formats.texts.grid import SEPARATORS, TextGrid, grid
@@ -142,7 +142,7 @@ def _columns(seen: TextGrid) -> FileColumns:
     return FileColumns(len(seen.kinds), seen.names, seen.units, useless, stamped, head, worded)
 
 
-def _table(file: BinaryIO, seen: TextGrid, encoding: str, choice: Choice, dates: int | None) -> Any:
+def _table(file: BinaryIO, seen: TextGrid, encoding: str, choice: ColumnChoice, dates: int | None) -> Any:
     names = [str(number) for number in range(len(seen.kinds))]
     wanted = [names[number] for number in sorted({*choice.wanted, *([] if dates is None else [dates])})]
     reading = csv.ReadOptions(

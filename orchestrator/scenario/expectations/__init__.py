@@ -1,6 +1,6 @@
 """What must hold in a run: one file a kind behind the contract of `base`, read by `schema`."""
 
-from orchestrator.scenario.expectations.base import Check, DrawnTraces, Draws, Expected, Ran, Tube, Wiring
+from orchestrator.scenario.expectations.base import Check, DrawnTraces, Draws, ExpectationScope, Expected, Ran, Tube
 from orchestrator.scenario.expectations.on_signal import OnSignal
 
-__all__ = ["Check", "DrawnTraces", "Draws", "Expected", "OnSignal", "Ran", "Tube", "Wiring"]
+__all__ = ["Check", "DrawnTraces", "Draws", "ExpectationScope", "Expected", "OnSignal", "Ran", "Tube"]

@@ -90,7 +90,7 @@ class Ran:
 
 
 @dataclass
-class Wiring:
+class ExpectationScope:
     """The variables that expectations are about.
 
     Attributes:
@@ -140,7 +140,7 @@ class Expected(ABC):
         """What it is made of in the end; itself where it is not made of others."""
         return (self,)
 
-    def brought(self, wiring: Wiring) -> Self:
+    def brought(self, wiring: ExpectationScope) -> Self:
         """The same with numbers and references in the units of the variables.
 
         Raises:
@@ -208,7 +208,7 @@ class Condition(ABC):
         """As in `Expected`."""
         return False
 
-    def brought(self, place: str, port: Port, wiring: Wiring) -> Self:
+    def brought(self, place: str, port: Port, wiring: ExpectationScope) -> Self:
         """As in `Expected`, for the variable that it is asked of."""
         return self
 

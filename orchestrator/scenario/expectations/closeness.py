@@ -10,8 +10,8 @@ import numpy as np
 
 from orchestrator.fmi.interface import Port
 from orchestrator.measures import correlation_lag, fit, largest_deviation, nrmse
-from orchestrator.scenario.expectations.base import Judgement, Wiring
-from orchestrator.scenario.expectations.figure import Bounds
+from orchestrator.scenario.expectations.base import ExpectationScope, Judgement
+from orchestrator.scenario.expectations.figure import FigureBounds
 from orchestrator.scenario.expectations.quantities import Dimension
 from orchestrator.scenario.expectations.reference import Against
 from orchestrator.trace import FloatArray
@@ -21,7 +21,7 @@ Measure = Callable[[FloatArray, FloatArray, FloatArray, bool], tuple[float, str]
 
 
 @dataclass(frozen=True)
-class Kind:
+class ClosenessKind:
     """A figure of closeness: what it is called, what it is, between which values it always lies, and how it is told."""
 
     words: str
@@ -41,11 +41,13 @@ def _lag(t: FloatArray, y: FloatArray, r: FloatArray, hold: bool) -> tuple[float
     return abs(lag), f" {'later' if lag > 0 else 'earlier'}, then correlated by {correlation:.4g}"
 
 
-KINDS: Mapping[str, Kind] = {
-    "nrmse": Kind("NRMSE", Dimension.SHARE, 0.0, float("inf"), lambda t, y, r, hold: (nrmse(t, y, r, hold), "")),
-    "fit": Kind("FIT", Dimension.SHARE, float("-inf"), 1.0, lambda t, y, r, hold: (fit(t, y, r, hold), "")),
-    "deviation": Kind("largest deviation", Dimension.DISTANCE, 0.0, float("inf"), _deviation),
-    "lag": Kind("lag", Dimension.TIME, 0.0, float("inf"), _lag),
+KINDS: Mapping[str, ClosenessKind] = {
+    "nrmse": ClosenessKind(
+        "NRMSE", Dimension.SHARE, 0.0, float("inf"), lambda t, y, r, hold: (nrmse(t, y, r, hold), "")
+    ),
+    "fit": ClosenessKind("FIT", Dimension.SHARE, float("-inf"), 1.0, lambda t, y, r, hold: (fit(t, y, r, hold), "")),
+    "deviation": ClosenessKind("largest deviation", Dimension.DISTANCE, 0.0, float("inf"), _deviation),
+    "lag": ClosenessKind("lag", Dimension.TIME, 0.0, float("inf"), _lag),
 }
 
 
@@ -58,13 +60,13 @@ class Close(Against):
     """
 
     kind: str
-    bounds: Bounds
+    bounds: FigureBounds
 
     def __str__(self) -> str:
         kind = KINDS[self.kind]
         return f"has {kind.words} {self.bounds.asked(kind.dimension)} to {self.reference.name}"
 
-    def brought(self, place: str, port: Port, wiring: Wiring) -> Self:
+    def brought(self, place: str, port: Port, wiring: ExpectationScope) -> Self:
         bounds = self.bounds.bounds_in(place, KINDS[self.kind].dimension, port)
         return replace(super().brought(place, port, wiring), bounds=bounds)
 

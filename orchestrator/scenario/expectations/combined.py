@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
 
-from orchestrator.scenario.expectations.base import Check, Draws, Expected, Ran, Wiring
+from orchestrator.scenario.expectations.base import Check, Draws, ExpectationScope, Expected, Ran
 from orchestrator.trace import FloatArray
 
 
@@ -51,7 +51,7 @@ class AtLeast(Expected):
     def drawn(self) -> tuple[tuple[str, Draws], ...]:
         return tuple(wanted for part in self.parts for wanted in part.drawn)
 
-    def brought(self, wiring: Wiring) -> Self:
+    def brought(self, wiring: ExpectationScope) -> Self:
         return replace(self, parts=tuple(part.brought(wiring) for part in self.parts))
 
     def check_covered(self, instants: FloatArray) -> None:

@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from orchestrator import measures
 from orchestrator.fmi.interface import Port
 from orchestrator.measures.events import Direction
-from orchestrator.scenario.expectations.base import Check, Condition, Expected, Judgement, Ran, Wiring
+from orchestrator.scenario.expectations.base import Check, Condition, ExpectationScope, Expected, Judgement, Ran
 from orchestrator.scenario.expectations.figure import Figure, shown
 from orchestrator.scenario.expectations.on_signal import OnSignal
 from orchestrator.scenario.expectations.quantities import Dimension, Distance, Level, Time, brought
@@ -68,7 +68,7 @@ class Events(Block, Condition):
         parts += [] if self.at_most is None else [f"at most {self.at_most}"]
         return " ".join(filter(None, ("has", " and ".join(parts), self.words)))
 
-    def brought(self, place: str, port: Port, wiring: Wiring) -> Self:
+    def brought(self, place: str, port: Port, wiring: ExpectationScope) -> Self:
         return brought(self, place, port)
 
     def judged(self, time: FloatArray, values: FloatArray, hold: bool, draws: Sequence[Trace]) -> Judgement:
@@ -220,7 +220,7 @@ class InOrder(Expected):
     def until(self) -> float:
         return max(step.until for step in self.steps)
 
-    def brought(self, wiring: Wiring) -> Self:
+    def brought(self, wiring: ExpectationScope) -> Self:
         return replace(self, steps=tuple(step.brought(wiring) for step in self.steps))
 
     def check(self, ran: Ran) -> Check:

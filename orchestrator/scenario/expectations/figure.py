@@ -10,13 +10,13 @@ import numpy as np
 from pydantic import model_validator
 
 from orchestrator.fmi.interface import Port
-from orchestrator.scenario.expectations.base import Condition, Judgement, Wiring
+from orchestrator.scenario.expectations.base import Condition, ExpectationScope, Judgement
 from orchestrator.scenario.expectations.quantities import Dimension, Number, brought
 from orchestrator.trace import FloatArray, Trace
 from orchestrator.yaml_file import Block, Quantity
 
 
-class Bounds(Block):
+class FigureBounds(Block):
     """Between which bounds a figure lies; each may have its unit, `5 %`, `20 ms`.
 
     Attributes:
@@ -92,7 +92,7 @@ class Bounds(Block):
         return " and ".join(parts)
 
 
-class Figure(Bounds, Condition):
+class Figure(FigureBounds, Condition):
     """A figure of a signal and its bounds.
 
     Attributes:
@@ -112,7 +112,7 @@ class Figure(Bounds, Condition):
     def __str__(self) -> str:
         return f"has {self.words} {self.asked(self.dimension)}"
 
-    def brought(self, place: str, port: Port, wiring: Wiring) -> Self:
+    def brought(self, place: str, port: Port, wiring: ExpectationScope) -> Self:
         return brought(self.bounds_in(place, self.dimension, port), place, port)
 
     def judged(self, time: FloatArray, values: FloatArray, hold: bool, draws: Sequence[Trace]) -> Judgement:

@@ -9,8 +9,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from orchestrator.fmi.interface import Port
-from orchestrator.measures import Tolerance, funnel
-from orchestrator.scenario.expectations.base import Judgement, Tube, Wiring
+from orchestrator.measures import FunnelTolerance, funnel
+from orchestrator.scenario.expectations.base import ExpectationScope, Judgement, Tube
 from orchestrator.scenario.expectations.figure import shown
 from orchestrator.scenario.expectations.limits import inside
 from orchestrator.scenario.expectations.quantities import Distance, Share, Time, brought
@@ -48,10 +48,10 @@ class FunnelBlock(Block):
         return self
 
     @property
-    def tolerance(self) -> Tolerance:
+    def tolerance(self) -> FunnelTolerance:
         """As plain numbers, when it is brought."""
         either = self.time or 0.0
-        return Tolerance(
+        return FunnelTolerance(
             float(self.value), self.relative, self.of_range, self.leading or either, self.lagging or either
         )
 
@@ -71,7 +71,7 @@ class Funnel(Tubed):
         times = f", {early:g} s early to {late:g} s late" if early or late else ""
         return f"stays in a funnel of {' + '.join(parts) or '0'}{times} about {self.reference.name}"
 
-    def brought(self, place: str, port: Port, wiring: Wiring) -> Self:
+    def brought(self, place: str, port: Port, wiring: ExpectationScope) -> Self:
         return replace(super().brought(place, port, wiring), block=brought(self.block, place, port))
 
     def compared(self, time: FloatArray, values: FloatArray, hold: bool) -> Judgement:

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from orchestrator.fmi.interface import Port
-from orchestrator.scenario.expectations.base import Condition, Judgement, Tube, Wiring
+from orchestrator.scenario.expectations.base import Condition, ExpectationScope, Judgement, Tube
 from orchestrator.scenario.expectations.figure import shown
 from orchestrator.scenario.expectations.quantities import Dimension, Level, Number, brought
 from orchestrator.trace import FloatArray, Trace
@@ -27,7 +27,7 @@ class Below(Condition):
     def __str__(self) -> str:
         return f"stays below {shown(self.limit)}"
 
-    def brought(self, place: str, port: Port, wiring: Wiring) -> Self:
+    def brought(self, place: str, port: Port, wiring: ExpectationScope) -> Self:
         return replace(self, limit=port.number(place, self.limit))
 
     def judged(self, time: FloatArray, values: FloatArray, hold: bool, draws: Sequence[Trace]) -> Judgement:
@@ -48,7 +48,7 @@ class Above(Condition):
     def __str__(self) -> str:
         return f"stays above {shown(self.limit)}"
 
-    def brought(self, place: str, port: Port, wiring: Wiring) -> Self:
+    def brought(self, place: str, port: Port, wiring: ExpectationScope) -> Self:
         return replace(self, limit=port.number(place, self.limit))
 
     def judged(self, time: FloatArray, values: FloatArray, hold: bool, draws: Sequence[Trace]) -> Judgement:
@@ -70,7 +70,7 @@ class Near(Condition):
     def __str__(self) -> str:
         return f"is {shown(self.target)} within {shown(self.within)}"
 
-    def brought(self, place: str, port: Port, wiring: Wiring) -> Self:
+    def brought(self, place: str, port: Port, wiring: ExpectationScope) -> Self:
         within = port.quantity(place, self.within, difference=True) if isinstance(self.within, str) else self.within
         return replace(self, target=port.number(place, self.target), within=within)
 
@@ -127,7 +127,7 @@ class Range(Block, Condition):
     def __str__(self) -> str:
         return f"stays within bounds of {len(self.pieces)} pieces"
 
-    def brought(self, place: str, port: Port, wiring: Wiring) -> Self:
+    def brought(self, place: str, port: Port, wiring: ExpectationScope) -> Self:
         return self.model_copy(update={"pieces": [brought(piece, place, port) for piece in self.pieces]})
 
     def judged(self, time: FloatArray, values: FloatArray, hold: bool, draws: Sequence[Trace]) -> Judgement:

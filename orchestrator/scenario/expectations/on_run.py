@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from fmus.errors import ScenarioError
 from orchestrator.scenario.expectations.base import Check, Expected, Ran
-from orchestrator.scenario.expectations.figure import Bounds
+from orchestrator.scenario.expectations.figure import FigureBounds
 from orchestrator.scenario.expectations.quantities import Dimension, Time
 
 NO_BUS = "not on a bus"
@@ -36,7 +36,7 @@ class Refusal(Expected):
         return Check(str(self), ran.error is not None and self.reason in found, found)
 
 
-class CountBlock(Bounds):
+class CountBlock(FigureBounds):
     """Bounds of a count, of all components together or of one.
 
     Attributes:
@@ -58,7 +58,7 @@ class CountBlock(Bounds):
         return float(counts[self.component])
 
 
-class ProcessorTimeBlock(Bounds):
+class ProcessorTimeBlock(FigureBounds):
     """Bounds of the processor time over a stored one.
 
     Attributes:
@@ -108,16 +108,16 @@ class RunKind:
 
     words: str
     dimension: Dimension
-    read: Callable[[Ran, Bounds], float | str]
+    read: Callable[[Ran, FigureBounds], float | str]
     only_told: bool = False
 
 
-def _warnings(ran: Ran, bounds: Bounds) -> float | str:
+def _warnings(ran: Ran, bounds: FigureBounds) -> float | str:
     assert isinstance(bounds, CountBlock)
     return "unknown" if ran.result is None else bounds.of(ran.result.warnings)
 
 
-def _steps(ran: Ran, bounds: Bounds) -> float | str:
+def _steps(ran: Ran, bounds: FigureBounds) -> float | str:
     assert isinstance(bounds, CountBlock)
     if ran.result is None:
         return "unknown"
@@ -125,20 +125,20 @@ def _steps(ran: Ran, bounds: Bounds) -> float | str:
     return bounds.of(calls)
 
 
-def _processor_time(ran: Ran, bounds: Bounds) -> float | str:
+def _processor_time(ran: Ran, bounds: FigureBounds) -> float | str:
     assert isinstance(bounds, ProcessorTimeBlock)
     return "unknown" if ran.processor is None else ran.processor / bounds.stored(ran.case)
 
 
-def _counted(name: str) -> Callable[[Ran, Bounds], float | str]:
+def _counted(name: str) -> Callable[[Ran, FigureBounds], float | str]:
     return lambda ran, bounds: NO_BUS if ran.bus is None else float(ran.bus[name])
 
 
-def _iterations(ran: Ran, bounds: Bounds) -> float | str:
+def _iterations(ran: Ran, bounds: FigureBounds) -> float | str:
     return "unknown" if ran.result is None else float(ran.result.iterations)
 
 
-def _real_time_factor(ran: Ran, bounds: Bounds) -> float | str:
+def _real_time_factor(ran: Ran, bounds: FigureBounds) -> float | str:
     return "unknown" if ran.result is None else ran.result.account.real_time_factor
 
 
@@ -153,7 +153,7 @@ KINDS: Mapping[str, RunKind] = {
 }
 
 
-def plain(block: Bounds, base: Path) -> Bounds:
+def plain(block: FigureBounds, base: Path) -> FigureBounds:
     """Bounds as plain numbers; a manifest is relative to `base`.
 
     Raises:
@@ -174,7 +174,7 @@ class OnRun(Expected):
     """
 
     kind: str
-    bounds: Bounds
+    bounds: FigureBounds
 
     def __str__(self) -> str:
         of = getattr(self.bounds, "component", None)

@@ -14,11 +14,11 @@ from orchestrator.scenario.expectations.base import (
     Condition,
     DrawnTraces,
     Draws,
+    ExpectationScope,
     Expected,
     Judgement,
     Ran,
     Tube,
-    Wiring,
 )
 from orchestrator.trace import FloatArray, Trace
 
@@ -65,7 +65,7 @@ class OnSignal(Expected):
     def accepted(self) -> bool:
         return self.condition.accepted
 
-    def brought(self, wiring: Wiring) -> Self:
+    def brought(self, wiring: ExpectationScope) -> Self:
         port = wiring.port(self.signal, self.place)
         if not port.numeric:
             raise WiringError(self.place, f"is a {port.type}, of which only `equals` can be asked", "ask for a text")
@@ -151,7 +151,7 @@ class Says(Expected):
     def until(self) -> float:
         return np.inf if self.before is None else self.before
 
-    def brought(self, wiring: Wiring) -> Self:
+    def brought(self, wiring: ExpectationScope) -> Self:
         port = wiring.port(self.signal, self.place)
         if port.type != "String":
             problem = f"is a {port.type}, and `equals` asks for a text"

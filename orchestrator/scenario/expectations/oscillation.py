@@ -9,8 +9,8 @@ from pydantic import Field, model_validator
 
 from orchestrator import measures
 from orchestrator.fmi.interface import Port
-from orchestrator.scenario.expectations.base import Condition, Judgement, Wiring
-from orchestrator.scenario.expectations.figure import Bounds, Figure, shown
+from orchestrator.scenario.expectations.base import Condition, ExpectationScope, Judgement
+from orchestrator.scenario.expectations.figure import Figure, FigureBounds, shown
 from orchestrator.scenario.expectations.quantities import Dimension, Distance, Frequency, Share, brought
 from orchestrator.trace import FloatArray, Trace
 from orchestrator.yaml_file import Block
@@ -87,8 +87,8 @@ class LimitCycle(Block, Condition):
         steady: share by which amplitudes may drift, and periods differ.
     """
 
-    amplitude: Bounds | None = None
-    period: Bounds | None = None
+    amplitude: FigureBounds | None = None
+    period: FigureBounds | None = None
     none_above: Distance | None = None
     steady: Share = Field(0.1, gt=0, lt=1)
 
@@ -105,7 +105,7 @@ class LimitCycle(Block, Condition):
         parts += [] if self.period is None else [f"a period of {self.period.asked(Dimension.TIME)}"]
         return f"has a limit cycle with {' and '.join(parts)}"
 
-    def brought(self, place: str, port: Port, wiring: Wiring) -> Self:
+    def brought(self, place: str, port: Port, wiring: ExpectationScope) -> Self:
         amplitude = self.amplitude and self.amplitude.bounds_in(place, Dimension.DISTANCE, port)
         period = self.period and self.period.bounds_in(place, Dimension.TIME)
         return brought(self, place, port).model_copy(update={"amplitude": amplitude, "period": period})

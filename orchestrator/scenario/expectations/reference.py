@@ -16,7 +16,7 @@ from orchestrator.assembly.stimulus import brought as trace_brought
 from orchestrator.crossing import NOTHING_GIVEN, GivenConversion
 from orchestrator.fmi.interface import Port
 from orchestrator.formats.schema import LayoutBlock
-from orchestrator.scenario.expectations.base import Condition, Judgement, Tube, Wiring
+from orchestrator.scenario.expectations.base import Condition, ExpectationScope, Judgement, Tube
 from orchestrator.scenario.expectations.figure import shown
 from orchestrator.scenario.expectations.limits import within
 from orchestrator.scenario.expectations.quantities import Number
@@ -73,7 +73,7 @@ class Reference:
     missing: str = ""
     step: float = 0.0
 
-    def brought(self, place: str, port: Port, wiring: Wiring) -> Reference:
+    def brought(self, place: str, port: Port, wiring: ExpectationScope) -> Reference:
         """The same in the unit of a variable.
 
         Raises:
@@ -162,7 +162,7 @@ class Against(Condition):
     def accepted(self) -> bool:
         return self.reference.accepted
 
-    def brought(self, place: str, port: Port, wiring: Wiring) -> Self:
+    def brought(self, place: str, port: Port, wiring: ExpectationScope) -> Self:
         return replace(self, reference=self.reference.brought(place, port, wiring))
 
     def check_covered(self, place: str, instants: FloatArray) -> None:
@@ -205,7 +205,7 @@ class Follows(Tubed):
     def __str__(self) -> str:
         return f"follows {self.reference.name} within {shown(self.within)}"
 
-    def brought(self, place: str, port: Port, wiring: Wiring) -> Self:
+    def brought(self, place: str, port: Port, wiring: ExpectationScope) -> Self:
         width = port.quantity(place, self.within, difference=True) if isinstance(self.within, str) else self.within
         return replace(super().brought(place, port, wiring), within=width)
 

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from orchestrator import measures
 from orchestrator.fmi.interface import Port
-from orchestrator.scenario.expectations.base import Condition, Judgement, Wiring
+from orchestrator.scenario.expectations.base import Condition, ExpectationScope, Judgement
 from orchestrator.scenario.expectations.figure import Figure
 from orchestrator.scenario.expectations.quantities import Dimension, Distance, Level, Share, Time, brought
 from orchestrator.trace import FloatArray, Trace
@@ -151,7 +151,7 @@ class Monotone(Block, Condition):
     def __str__(self) -> str:
         return f"is {self.direction} but for {self.slack}" if self.slack else f"is {self.direction}"
 
-    def brought(self, place: str, port: Port, wiring: Wiring) -> Monotone:
+    def brought(self, place: str, port: Port, wiring: ExpectationScope) -> Monotone:
         return brought(self, place, port)
 
     def judged(self, time: FloatArray, values: FloatArray, hold: bool, draws: Sequence[Trace]) -> Judgement:

@@ -15,7 +15,7 @@ from orchestrator.scenario.expectations.closeness import KINDS as CLOSE
 from orchestrator.scenario.expectations.closeness import Close
 from orchestrator.scenario.expectations.combined import AtLeast
 from orchestrator.scenario.expectations.events import Crossings, InOrder, ModeChanges, Saturated, Saturations
-from orchestrator.scenario.expectations.figure import Bounds
+from orchestrator.scenario.expectations.figure import FigureBounds
 from orchestrator.scenario.expectations.funnel import Funnel, FunnelBlock
 from orchestrator.scenario.expectations.limits import Above, Below, Near, Pieces, Range
 from orchestrator.scenario.expectations.on_run import CountBlock, OnRun, ProcessorTimeBlock, Refusal
@@ -64,14 +64,14 @@ def _word(kind: type[Block], words: Mapping[str, Any]) -> BeforeValidator:
     return BeforeValidator(read, json_schema_input_type=kind | Literal[tuple(words)] | None)
 
 
-NONE = _word(Bounds, {"none": {"at_most": 0}})
+NONE = _word(FigureBounds, {"none": {"at_most": 0}})
 NO_WARNINGS = _word(CountBlock, {"none": {"at_most": 0}})
 NO_LIMIT_CYCLE = _word(LimitCycle, {"none": {"none_above": 0}})
 RISING_OR_FALLING = _word(Monotone, {way: {"direction": way} for way in ("rising", "falling")})
 
 
 @dataclass(frozen=True)
-class Sources:
+class ReferenceSources:
     """Where references are found.
 
     Attributes:
@@ -99,7 +99,7 @@ class Sources:
         return Reference(trace, "its reference", file, accepted=True, missing=missing, step=step)
 
 
-class StepBlock(Block):
+class OrderedEventBlock(Block):
     """Events of a signal, as a step of `in_order`.
 
     Attributes:
@@ -112,7 +112,7 @@ class StepBlock(Block):
     mode_changes: ModeChanges | None = None
 
     @model_validator(mode="after")
-    def _one_kind(self) -> StepBlock:
+    def _one_kind(self) -> OrderedEventBlock:
         if sum(kind is not None for kind in self._kinds) != 1:
             raise ValueError("give one of crossings, saturations, mode_changes")
         return self
@@ -184,10 +184,10 @@ class ExpectationBlock(Block):
     reference: ReferenceBlock | Accepted | None = None
     within: Annotated[float, Field(ge=0)] | Quantity | None = None
     funnel: FunnelBlock | None = None
-    nrmse: Bounds | None = None
-    fit: Bounds | None = None
-    deviation: Bounds | None = None
-    lag: Bounds | None = None
+    nrmse: FigureBounds | None = None
+    fit: FigureBounds | None = None
+    deviation: FigureBounds | None = None
+    lag: FigureBounds | None = None
     band: BandBlock | None = None
 
     seeds: int | None = Field(None, ge=1, le=MOST_SEEDS)
@@ -219,17 +219,17 @@ class ExpectationBlock(Block):
     refused: str | None = None
     warnings: Annotated[CountBlock | None, NO_WARNINGS] = None
     steps: CountBlock | None = None
-    iterations: Bounds | None = None
-    real_time_factor: Bounds | None = None
+    iterations: FigureBounds | None = None
+    real_time_factor: FigureBounds | None = None
     processor_time: ProcessorTimeBlock | None = None
-    frames_lost: Annotated[Bounds | None, NONE] = None
-    late_steps: Annotated[Bounds | None, NONE] = None
+    frames_lost: Annotated[FigureBounds | None, NONE] = None
+    late_steps: Annotated[FigureBounds | None, NONE] = None
 
     all: list[ExpectationBlock] | None = Field(None, min_length=1)
     any: list[ExpectationBlock] | None = Field(None, min_length=1)
     some: SomeBlock | None = None
     warn: ExpectationBlock | None = None
-    in_order: list[StepBlock] | None = Field(None, min_length=2)
+    in_order: list[OrderedEventBlock] | None = Field(None, min_length=2)
 
     @model_validator(mode="after")
     def _one_kind(self) -> ExpectationBlock:
@@ -279,7 +279,7 @@ class ExpectationBlock(Block):
         Raises:
             TraceError: a reference cannot be read.
         """
-        sources = Sources(base, said, accepted)
+        sources = ReferenceSources(base, said, accepted)
         names = self.signals or ([] if self.signal is None else [self.signal])
         if not names:
             return (self._of_the_run(base) or self._of_others(sources),)
@@ -298,13 +298,13 @@ class ExpectationBlock(Block):
     def _given(self, names: Sequence[str]) -> list[str]:
         return [name for name in names if getattr(self, name) is not None]
 
-    def _drawn(self, signal: str, sources: Sources) -> Condition:
+    def _drawn(self, signal: str, sources: ReferenceSources) -> Condition:
         condition = self._condition(signal, sources)
         if self.seeds is None or self.share is None:
             return condition
         return Often(condition, Draws(self.seeds, tuple(self.vary or ())), self.share)
 
-    def _condition(self, signal: str, sources: Sources) -> Condition:
+    def _condition(self, signal: str, sources: ReferenceSources) -> Condition:
         if self.reference is not None:
             return self._against(sources.reference(self.reference, signal))
         if self.near is not None and self.within is not None:
@@ -340,7 +340,7 @@ class ExpectationBlock(Block):
         """Those that it is made of."""
         return self.all or self.any or (self.some.of if self.some else [self.warn] if self.warn else [])
 
-    def _of_others(self, sources: Sources) -> Expected:
+    def _of_others(self, sources: ReferenceSources) -> Expected:
         if self.in_order is not None:
             return InOrder(tuple(step.step(self.after, self.before) for step in self.in_order))
         parts = tuple(block.expectation(sources.base, sources.said, sources.accepted) for block in self._others)

@@ -13,7 +13,7 @@ from scipy.special import bdtr
 
 from orchestrator.fmi.interface import Port
 from orchestrator.measures import band, membership, share_interval
-from orchestrator.scenario.expectations.base import Condition, Draws, Judgement, Tube, Wiring
+from orchestrator.scenario.expectations.base import Condition, Draws, ExpectationScope, Judgement, Tube
 from orchestrator.scenario.expectations.quantities import Dimension, Share
 from orchestrator.scenario.expectations.reference import Against
 from orchestrator.trace import FloatArray, Trace
@@ -135,7 +135,7 @@ class Often(Condition):
         """Runs of which it must hold."""
         return int(np.ceil(self.share * (self.wanted.count + 1) - 1e-9))
 
-    def brought(self, place: str, port: Port, wiring: Wiring) -> Self:
+    def brought(self, place: str, port: Port, wiring: ExpectationScope) -> Self:
         return replace(self, condition=self.condition.brought(place, port, wiring))
 
     def check_covered(self, place: str, instants: FloatArray) -> None:

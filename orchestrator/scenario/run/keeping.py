@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
-from orchestrator.engine import Profile, Result, Run, Simulation, Sink
+from orchestrator.engine import Result, Run, RunProfile, Simulation, Sink
 
 Execute = Callable[[Simulation, Run, Sink | None], Result]
 
@@ -28,7 +28,7 @@ class Keeping:
     every: int = 1
     stream: Path | None = None
     log: Path | None = None
-    profile: Profile | None = None
+    profile: RunProfile | None = None
     execute: Execute | None = None
     first: int = 0
 

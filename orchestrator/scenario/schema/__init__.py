@@ -1,5 +1,5 @@
 """What scenario files may say, and how they are read."""
 
-from orchestrator.scenario.schema.scenario import PartBlock, ScenarioBlock, load_scenario
+from orchestrator.scenario.schema.scenario import ScenarioBlock, ScenarioPartBlock, load_scenario
 
-__all__ = ["PartBlock", "ScenarioBlock", "load_scenario"]
+__all__ = ["ScenarioBlock", "ScenarioPartBlock", "load_scenario"]

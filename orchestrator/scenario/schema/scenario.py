@@ -219,7 +219,7 @@ def _tell_unused(scenario: Path, asked: Sequence[Path]) -> list[str]:
     return lines
 
 
-class PartBlock(ScenarioBlock):
+class ScenarioPartBlock(ScenarioBlock):
     """What editors check a part of scenarios by: it may have any key of one.
 
     Attributes:

@@ -19,7 +19,7 @@ import numpy as np
 from orchestrator.can.codec import decoding
 from orchestrator.can.codec.encoding import Encoder
 from orchestrator.can.codec.merging import Merger
-from orchestrator.can.codec.streams import Stream
+from orchestrator.can.codec.streams import FrameStream
 from orchestrator.can.database import database
 from orchestrator.can.database.bus import LogDatabase
 from orchestrator.can.database.writing import Declared, generate
@@ -147,7 +147,7 @@ def different(base: database.Database, log: Frames) -> int:
     for message in base.messages:
         own = log[log.id == message.id]
         expected = [message.raw.decode(each.data, decode_choices=False) for each in own.messages()]
-        for name, values in decoded[Stream(message.name, "can0")].values.items():
+        for name, values in decoded[FrameStream(message.name, "can0")].values.items():
             wrong += int(np.count_nonzero(values != [each[name] for each in expected]))
     return wrong
 

@@ -23,7 +23,7 @@ from orchestrator.batch.sweep.runs.local import Local
 from orchestrator.batch.sweep.runs.preparation import prepared
 from orchestrator.batch.sweep.runs.queue import Queue
 from orchestrator.batch.sweep.runs.rows import Row
-from orchestrator.batch.sweep.runs.setup import Done, Setup, Task
+from orchestrator.batch.sweep.runs.setup import Chunk, ChunkResult, Setup
 from orchestrator.batch.sweep.runs.worker import Worker
 from orchestrator.batch.sweep.sweep import sweep
 from orchestrator.engine import Run
@@ -116,7 +116,7 @@ def parts(folder: Path) -> tuple[float, float, float]:
     """Processor time of a run simulated alone, of its whole work, and of keeping its row [s]."""
     with prepared(study(folder, ALONE)) as ready:
         worker = Worker(ready.setup)
-        task = Task(np.arange(ALONE), ready.design.points(0, ALONE))
+        task = Chunk(np.arange(ALONE), ready.design.points(0, ALONE))
         worker(task)
         begun = process_time()
         done = worker(task)
@@ -145,16 +145,16 @@ def parts(folder: Path) -> tuple[float, float, float]:
 class Repeating:
     """Gives the rows of all runs at once."""
 
-    done: Done
+    done: ChunkResult
 
     def check(self) -> None:
         return
 
-    def outcomes(self, queue: Queue, setup: Setup) -> Iterator[tuple[Task, Done]]:
-        queue.answered(Task(np.arange(1), np.zeros((1, 1))), Done(b"", 0, 1e-9))
+    def outcomes(self, queue: Queue, setup: Setup) -> Iterator[tuple[Chunk, ChunkResult]]:
+        queue.answered(Chunk(np.arange(1), np.zeros((1, 1))), ChunkResult(b"", 0, 1e-9))
         for task in queue:
             table = rows.unpacked(self.done.rows).take(task.runs)
-            done = Done(rows.packed(table), 0, 1e-9 * len(task.runs))
+            done = ChunkResult(rows.packed(table), 0, 1e-9 * len(task.runs))
             queue.answered(task, done)
             yield task, done
 
@@ -166,12 +166,12 @@ class Imagined:
     def check(self) -> None:
         return
 
-    def outcomes(self, queue: Queue, setup: Setup) -> Iterator[tuple[Task, Done]]:
+    def outcomes(self, queue: Queue, setup: Setup) -> Iterator[tuple[Chunk, ChunkResult]]:
         for task in queue:
             checks = [Check("", x > 1, "", x, x - 1) for x in task.points.sum(axis=1).tolist()]
             asked = range(len(setup.asked))
             made = [Row(rows.DONE, None, check.held, dict.fromkeys(asked, check)) for check in checks]
-            done = Done(rows.packed(rows.table(setup, task, made)), 0, 1e-6 * len(task.runs))
+            done = ChunkResult(rows.packed(rows.table(setup, task, made)), 0, 1e-6 * len(task.runs))
             queue.answered(task, done)
             yield task, done
 

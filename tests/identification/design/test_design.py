@@ -17,7 +17,7 @@ from fmus.errors import IdentificationError, ScenarioError
 from identification import calibrate, design, load_study
 from identification.design.criteria import covariance, figure, half_widths, unseen
 from identification.design.design import Design, name_of
-from identification.design.study import Options, Range
+from identification.design.study import ListedValues, ValueRange
 from orchestrator import read, run
 from orchestrator.cli.schemas import schema_of
 from tests.support.commands import servotwin
@@ -355,8 +355,8 @@ def test_what_is_not_seen_is_named() -> None:
 
 @given(st.floats(0, 1), st.floats(1e-3, 10), st.floats(1.01, 1e4))
 def test_a_choice_lies_between_its_ends(share: float, low: float, ratio: float) -> None:
-    assert low * (1 - 1e-9) <= Range(low, low * ratio).at(share) <= low * ratio * (1 + 1e-9)
-    assert Options((1, 2, 3)).at(share) in (1, 2, 3)
+    assert low * (1 - 1e-9) <= ValueRange(low, low * ratio).at(share) <= low * ratio * (1 + 1e-9)
+    assert ListedValues((1, 2, 3)).at(share) in (1, 2, 3)
 
 
 def test_names_tell_values_in_units() -> None:

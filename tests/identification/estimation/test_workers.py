@@ -10,7 +10,7 @@ import pytest
 
 from fmus.errors import FmuError, IdentificationError
 from identification.estimation import workers
-from identification.estimation.workers import LocalPool, ProcessPool, Task, open_pool
+from identification.estimation.workers import LocalPool, ProcessPool, SimulationTask, open_pool
 from orchestrator.fmi.isolation import Isolation
 from tests.support.identification.closed_form import Moody
 
@@ -34,7 +34,7 @@ def _alive(pid):
 
 
 def test_outcomes_come_in_the_order_of_the_tasks_whoever_simulated_them():
-    tasks = [Task(window, {"x": float(x)}) for window in range(5) for x in range(7)]
+    tasks = [SimulationTask(window, {"x": float(x)}) for window in range(5) for x in range(7)]
     expected = LocalPool(Moody).run(tasks)
     with open_pool(Moody, 2) as pool:
         outcomes = pool.run(tasks)
@@ -46,7 +46,7 @@ def test_outcomes_come_in_the_order_of_the_tasks_whoever_simulated_them():
 @pytest.mark.parametrize("processes", [1, 2])
 def test_a_failed_run_is_a_value_that_names_its_place(processes):
     with open_pool(Moody, processes) as pool:
-        first, second, third = pool.run([Task(0, ANSWER), Task(4, FAIL), Task(1, ANSWER)])
+        first, second, third = pool.run([SimulationTask(0, ANSWER), SimulationTask(4, FAIL), SimulationTask(1, ANSWER)])
     assert isinstance(second, FmuError)
     assert str(second) == "rig in window 4: does not want to"
     assert first[0, 0] == 0 and third[0, 0] == 10
@@ -55,7 +55,9 @@ def test_a_failed_run_is_a_value_that_names_its_place(processes):
 def test_a_crashed_worker_costs_one_simulation_and_is_replaced():
     with ProcessPool(Moody, 2) as pool:
         before = set(pool.pids)
-        outcomes = pool.run([Task(0, ANSWER), Task(7, DIE), *[Task(w, ANSWER) for w in range(6)]])
+        outcomes = pool.run(
+            [SimulationTask(0, ANSWER), SimulationTask(7, DIE), *[SimulationTask(w, ANSWER) for w in range(6)]]
+        )
         pids = pool.pids
         assert len(pids) == 2 and len(before & set(pids)) == 1
     assert isinstance(outcomes[1], FmuError)
@@ -67,7 +69,7 @@ def test_a_crashed_worker_costs_one_simulation_and_is_replaced():
 def test_a_worker_that_hangs_costs_one_simulation_and_is_replaced():
     with open_pool(Moody, 1, Isolation(0.5)) as pool:
         (hung,) = pool.pids
-        first, second = pool.run([Task(3, SLEEP), Task(1, ANSWER)])
+        first, second = pool.run([SimulationTask(3, SLEEP), SimulationTask(1, ANSWER)])
         assert pool.pids != [hung] and _gone([hung])
     assert isinstance(first, FmuError) and str(first).startswith("window 3: the simulating process gave no answer for")
     assert second[0, 0] == 10
@@ -75,7 +77,13 @@ def test_a_worker_that_hangs_costs_one_simulation_and_is_replaced():
 
 @pytest.mark.parametrize("isolation", [None, Isolation()])
 def test_once_a_task_has_failed_no_other_of_its_group_is_begun(isolation):
-    tasks = [Task(0, ANSWER), Task(1, FAIL, 5), Task(2, ANSWER, 5), Task(2, ANSWER), Task(3, ANSWER, 6)]
+    tasks = [
+        SimulationTask(0, ANSWER),
+        SimulationTask(1, FAIL, 5),
+        SimulationTask(2, ANSWER, 5),
+        SimulationTask(2, ANSWER),
+        SimulationTask(3, ANSWER, 6),
+    ]
     with open_pool(Moody, 1, isolation) as pool:
         first, failed, skipped, alone, other = pool.run(tasks)
     assert isinstance(failed, FmuError) and skipped is None
@@ -86,14 +94,14 @@ def test_workers_that_keep_dying_end_the_run_and_leave_nothing(monkeypatch):
     monkeypatch.setattr(workers, "MAX_RESTARTS", 1)
     with pytest.raises(FmuError, match="after 1 others"), ProcessPool(Moody, 1) as pool:
         pids = pool.pids
-        pool.run([Task(0, DIE)] * 3)
+        pool.run([SimulationTask(0, DIE)] * 3)
     assert _gone(pids)
 
 
 def test_a_bug_in_a_worker_is_raised_here_with_its_trace_and_leaves_nothing():
     with pytest.raises(ZeroDivisionError, match="a bug") as caught, ProcessPool(Moody, 2) as pool:
         pids = pool.pids
-        pool.run([Task(0, SLEEP), Task(1, BUG)])
+        pool.run([SimulationTask(0, SLEEP), SimulationTask(1, BUG)])
     assert "in simulate" in "".join(caught.value.__notes__)
     assert _gone(pids)
 
@@ -101,7 +109,7 @@ def test_a_bug_in_a_worker_is_raised_here_with_its_trace_and_leaves_nothing():
 def test_an_interrupt_ends_workers_in_the_middle_of_a_run():
     with pytest.raises(KeyboardInterrupt), ProcessPool(Moody, 1) as pool:
         pids = pool.pids
-        pool._processes._processes[0].send(Task(0, SLEEP))
+        pool._processes._processes[0].send(SimulationTask(0, SLEEP))
         raise KeyboardInterrupt
     assert _gone(pids)
 
@@ -110,7 +118,7 @@ def test_an_interrupt_ends_workers_in_the_middle_of_a_run():
 def test_leaving_the_pool_closes_the_simulators(processes, tmp_path):
     log = tmp_path / "log"
     with open_pool(_Logged(str(log)), processes) as pool:
-        pool.run([Task(0, ANSWER)])
+        pool.run([SimulationTask(0, ANSWER)])
         assert not log.exists()
     assert log.read_text() == "closed"
 
@@ -130,7 +138,7 @@ def _no_simulator():
 def test_a_factory_that_fails_is_reported_as_it_failed():
     with pytest.raises(FmuError, match=r"plant\.fmu: has no binary"), ProcessPool(_no_simulator, 2) as pool:
         pids = pool.pids
-        pool.run([Task(0, ANSWER)])
+        pool.run([SimulationTask(0, ANSWER)])
     assert _gone(pids)
 
 

@@ -16,7 +16,7 @@ from scipy.signal import cont2discrete
 
 from fmus.errors import IdentificationError, ScenarioError
 from identification.calibrate import calibrate_study, validate_result
-from identification.experiments.claims import Comparison, figures, judge
+from identification.experiments.claims import Inequality, figures, judge
 from identification.experiments.experiments import Experiments, run
 from identification.experiments.physical_modes import PhysicalMode, physical_modes
 from identification.experiments.schema import ExperimentsBlock, InequalityBlock
@@ -188,8 +188,8 @@ def test_a_claim_about_an_unknown_figure_is_refused(found: Experiments) -> None:
 
 def test_an_unstable_loop_is_worse_than_any_number() -> None:
     block = InequalityBlock(less=[1e6], than=["B_dat9.sfv"])
-    assert Comparison(block, 1e6, math.inf).held
-    assert not Comparison(block, math.inf, math.inf).held
+    assert Inequality(block, 1e6, math.inf).held
+    assert not Inequality(block, math.inf, math.inf).held
 
 
 def test_every_table_of_both_chapters_is_there(found: Experiments) -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from identification.inverse_dynamics.loop import Loop
-from identification.inverse_dynamics.regression import Regression, Rows, regress
+from identification.inverse_dynamics.loop import PositionLoop
+from identification.inverse_dynamics.regression import Regression, RegressionRows, regress
 from identification.inverse_dynamics.rows import AxisRecord, prepared, with_instruments
 from identification.inverse_dynamics.study import Filtering
 from identification.inverse_dynamics.terms import Term
@@ -19,7 +19,7 @@ AXIS = Axis()
 TRUTH = np.array([AXIS.mass, *AXIS.viscous, *AXIS.coulomb])
 LEAST = np.zeros(len(TERMS))
 HOW = Filtering(cutoff=200, rows_per_second=200, least_speed=0.01)
-LOOP = Loop("wanted", POSITION_GAIN, SPEED_GAIN)
+LOOP = PositionLoop("wanted", POSITION_GAIN, SPEED_GAIN)
 
 
 def record(position: FloatArray, command: FloatArray, wanted: FloatArray) -> AxisRecord:
@@ -30,7 +30,7 @@ def record(position: FloatArray, command: FloatArray, wanted: FloatArray) -> Axi
 def both_ways(given: AxisRecord, how: Filtering) -> tuple[Regression, Regression]:
     """Least squares, and instruments from the axis in its loop by the values of that."""
     one = prepared(given, how, TERMS)
-    plain = regress([Rows(one.y, one.x, one.x)], LEAST)
+    plain = regress([RegressionRows(one.y, one.x, one.x)], LEAST)
     values = dict(zip(TERMS, plain.values.tolist(), strict=True))
     return plain, regress([with_instruments(one, how, LOOP, values, TERMS, GAIN)], LEAST)
 

@@ -7,16 +7,16 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from fmus.errors import IdentificationError
-from identification.inverse_dynamics.regression import Rows, regress
+from identification.inverse_dynamics.regression import RegressionRows, regress
 from orchestrator.trace import FloatArray
 
 FREE = np.full(3, -np.inf)
 
 
-def rows(values: FloatArray, noise: float, seed: int, columns: int = 3) -> Rows:
+def rows(values: FloatArray, noise: float, seed: int, columns: int = 3) -> RegressionRows:
     rng = np.random.default_rng(seed)
     x = rng.standard_normal((400, columns))
-    return Rows(x @ values + noise * rng.standard_normal(400), x, x + 0.3 * rng.standard_normal(x.shape))
+    return RegressionRows(x @ values + noise * rng.standard_normal(400), x, x + 0.3 * rng.standard_normal(x.shape))
 
 
 def test_exact_rows_give_their_values_exactly_whatever_the_instruments() -> None:
@@ -29,7 +29,7 @@ def test_exact_rows_give_their_values_exactly_whatever_the_instruments() -> None
 
 def test_a_value_that_would_not_be_feasible_lies_at_the_least_and_the_others_are_the_best_beside_it() -> None:
     one = rows(np.array([3.0, -0.4, 0.5]), 0.1, 3)
-    plain = Rows(one.y, one.x, one.x)
+    plain = RegressionRows(one.y, one.x, one.x)
     found = regress([plain], np.array([0.0, 0.0, -np.inf]))
     bounded = lsq_linear(one.x, one.y, ([0.0, 0.0, -np.inf], np.inf)).x
     assert found.bound == (False, True, False)
@@ -42,10 +42,10 @@ def test_columns_that_say_the_same_are_refused(twice: float) -> None:
     x = one.x.copy()
     x[:, 2] = twice * x[:, 1]
     with pytest.raises(IdentificationError, match="do not tell apart"):
-        regress([Rows(one.y, x, x)], FREE)
+        regress([RegressionRows(one.y, x, x)], FREE)
 
 
 def test_too_few_rows_are_refused() -> None:
     one = rows(np.ones(3), 0.1, 5)
     with pytest.raises(IdentificationError, match="leave 20 rows for 3 parameters"):
-        regress([Rows(one.y[:20], one.x[:20], one.z[:20])], FREE)
+        regress([RegressionRows(one.y[:20], one.x[:20], one.z[:20])], FREE)

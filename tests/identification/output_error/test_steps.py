@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from identification.estimation.parameters import Parameter, ParameterSet
-from identification.output_error.search.estimator import PERFECT, SILENT, Options, estimate
+from identification.output_error.search.estimator import PERFECT, SILENT, SearchOptions, estimate
 from identification.output_error.search.problem import Problem, Window
 from tests.support.identification.closed_form import INSTANTS
 
@@ -83,7 +83,7 @@ def test_a_parameter_that_acts_on_one_side_only_is_open_to_the_other():
 
 def test_a_perfect_fit_is_told_from_a_failure():
     """One ends at the accuracy of what is simulated; the other where slopes lie about the cost."""
-    exact = estimate(problem(noise=0.0, windows=1), Switched, Options(cost_tolerance=1e-15, step_tolerance=1e-15))
+    exact = estimate(problem(noise=0.0, windows=1), Switched, SearchOptions(cost_tolerance=1e-15, step_tolerance=1e-15))
     assert exact.converged
 
     class Lying(Switched):

@@ -17,7 +17,7 @@ from fmus.errors import TraceError, WiringError
 from fmus.units import Conversion
 from identification.output_error.calibration import evenly_weighed
 from identification.output_error.study import StartSpec
-from identification.output_error.times.delays import Known
+from identification.output_error.times.delays import KnownDelay
 from identification.output_error.windows import FreeRunWindow, cut_windows, start_curve
 from identification.recordings.campaign import StudyTrace
 from orchestrator.crossing import noted
@@ -94,8 +94,8 @@ def test_what_is_measured_and_what_drives_are_interpolated_at_the_instants() -> 
 @pytest.mark.parametrize(
     "port", [Port("v", 0, "Boolean", "input"), Port("v", 0, "Real", "input", variability="discrete")]
 )
-@pytest.mark.parametrize("delay", [None, Known(0.0), Known(0.25)])
-def test_an_input_that_changes_in_steps_holds_each_sample(port: Port, delay: Known | None) -> None:
+@pytest.mark.parametrize("delay", [None, KnownDelay(0.0), KnownDelay(0.25)])
+def test_an_input_that_changes_in_steps_holds_each_sample(port: Port, delay: KnownDelay | None) -> None:
     time = np.sort(np.random.default_rng(1).uniform(0, 10, 700))
     trace = recorded(time, voltage=(np.sin(7 * time) > 0).astype(float))
     asked = plain_study(windows={"length": 4, "skip": 2, "most": 1})
@@ -278,7 +278,7 @@ def test_no_window_meets_a_mark_and_no_room_for_one_is_lost(
 def test_marks_reach_as_far_as_delays_and_readings_do(signal: str, delay: float, reading: float) -> None:
     initial = {"hand.angle_start": {"signal": "angle", "half_width": reading}} if reading else {}
     asked = plain_study(windows={"length": 1}, initial=initial)
-    late = {name: replace(spec, delay=Known(delay)) for name, spec in asked.run.inputs.items()}
+    late = {name: replace(spec, delay=KnownDelay(delay)) for name, spec in asked.run.inputs.items()}
     trace = replace(recorded(EVEN), marks=(Mark("gap", 3.5, 4.2, (signal,)),))
     begins = [round(cut.start, 6) for cut in cut_windows(replace(asked.run, inputs=late), [trace], asked.windows)]
     begin, end = {"voltage": (3.5 + delay, 4.2 + delay), "angle": (3.5, 4.2 + reading)}[signal]

@@ -12,7 +12,7 @@ import pytest
 from identification.recordings.bridged import safe_stretches
 from identification.recordings.campaign import TraceSource, load_campaign
 from orchestrator import formats
-from orchestrator.bridge.safety.watchdog import Event, PeerPresence, WatchdogReport
+from orchestrator.bridge.safety.watchdog import PeerPresence, WatchdogEvent, WatchdogReport
 from orchestrator.trace import Trace
 
 
@@ -21,7 +21,7 @@ def written(folder: Path, *events: tuple[float, str, str], first: float | None =
     time = 0.01 * np.arange(1001)
     formats.write(Trace(time, {"rig.speed": np.sin(time)}), folder / "run.parquet")
     peer = PeerPresence(900, first, 0.1, 1, 0.5, {"rig.speed": 0.0})
-    watchdog = WatchdogReport({"Sensors": peer}, len(events) + more, [Event(*event) for event in events])
+    watchdog = WatchdogReport({"Sensors": peer}, len(events) + more, [WatchdogEvent(*event) for event in events])
     document = {"cases": [{"name": "run", "trace": "run.parquet"}], "can": {"watchdog": asdict(watchdog)}}
     (folder / "manifest.json").write_text(json.dumps(document))
     return folder / "run.parquet"

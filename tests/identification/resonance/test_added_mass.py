@@ -7,7 +7,7 @@ import pytest
 
 from fmus.errors import IdentificationError
 from identification.resonance.added_mass import (
-    Bounds,
+    AddedMassBounds,
     Resonances,
     fit_damped,
     resonances,
@@ -17,7 +17,7 @@ from tests.support.identification.pendulum_resonance import bounds_around, reson
 P1, P3 = 0.00325, 0.04905
 MASS, LENGTH = np.linspace(0, 0.3, 12), 0.1
 DAMPING = 0.0005
-HELD = Bounds((0.002, DAMPING, 0.03), (0, DAMPING, 0), (0.03, DAMPING, 0.5))
+HELD = AddedMassBounds((0.002, DAMPING, 0.03), (0, DAMPING, 0), (0.03, DAMPING, 0.5))
 
 
 def noisy(std: float, seed: int, p2: float = 0.0) -> Resonances:
@@ -48,7 +48,7 @@ def test_eq_102_recovers_all_three_from_clean_resonances() -> None:
 
 def test_a_parameter_on_its_bound_is_named_and_has_no_interval() -> None:
     data = resonances(resonance_frequency(P1, 0.015, P3, MASS, LENGTH), MASS, LENGTH)
-    fit = fit_damped(data, Bounds((0.002, 0.001, 0.03), (0, 0, 0), (0.03, 0.01, 0.5)))
+    fit = fit_damped(data, AddedMassBounds((0.002, 0.001, 0.03), (0, 0, 0), (0.03, 0.01, 0.5)))
     assert fit.at_bound == ("p2",)
     assert fit.parameters["p2"].value == pytest.approx(0.01)
     assert not fit.parameters["p2"].known
@@ -57,7 +57,7 @@ def test_a_parameter_on_its_bound_is_named_and_has_no_interval() -> None:
 
 def test_equal_bounds_hold_a_parameter() -> None:
     data = resonances(resonance_frequency(P1, 0.004, P3, MASS, LENGTH), MASS, LENGTH)
-    fit = fit_damped(data, Bounds((0.002, 0.004, 0.03), (0, 0.004, 0), (0.03, 0.004, 0.5)))
+    fit = fit_damped(data, AddedMassBounds((0.002, 0.004, 0.03), (0, 0.004, 0), (0.03, 0.004, 0.5)))
     assert [fit.parameters[name].value for name in ("p1", "p2", "p3")] == pytest.approx([P1, 0.004, P3], rel=1e-6)
 
 
@@ -70,7 +70,7 @@ def test_as_many_resonances_as_parameters_leave_no_interval() -> None:
 
 def test_bounds_that_exclude_the_start_are_refused() -> None:
     with pytest.raises(IdentificationError, match="exclude the start"):
-        fit_damped(noisy(0, 0), Bounds((1, 1, 1), (0, 0, 0), (0.5, 2, 2)))
+        fit_damped(noisy(0, 0), AddedMassBounds((1, 1, 1), (0, 0, 0), (0.5, 2, 2)))
 
 
 def test_resonances_that_say_nothing_are_refused() -> None:

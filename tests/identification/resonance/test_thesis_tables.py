@@ -15,7 +15,7 @@ from fmus import library
 from fmus.errors import IdentificationError, TraceError
 from fmus.modelling.instance import Instance
 from identification.linear.records import InputOutputData
-from identification.resonance.added_mass import Bounds, fit_damped, resonances
+from identification.resonance.added_mass import AddedMassBounds, fit_damped, resonances
 from identification.resonance.log_gain import fit_magnitude
 from identification.resonance.resonance import resonance_from_two_largest_as_published
 from identification.resonance.steps import (
@@ -152,7 +152,7 @@ def test_table_2_follows_from_column_4_of_table_1() -> None:
     data = resonances([3.7740, 3.7705, 4.0492, 4.4680, 5.0265], MASSES, LENGTHS)
     free = fit_damped(data, SYNTHETIC_BOUNDS).parameters
     assert [free[name].value for name in ("p1", "p2", "p3")] == pytest.approx([0.0033, 0.0100, 0.0606], abs=6e-5)
-    held = Bounds((P1 / 2, P2, P3 / 2), (0, P2, 0), (1, P2, 1))
+    held = AddedMassBounds((P1 / 2, P2, P3 / 2), (0, P2, 0), (1, P2, 1))
     two = fit_damped(data, held).parameters
     assert [two["p1"].value, two["p3"].value] == pytest.approx([0.0033, 0.0453], abs=1e-4)
 
@@ -161,7 +161,7 @@ def test_table_5_lies_on_the_valley_floor_but_short_of_the_minimum() -> None:
     data = resonances([4.1889, 5.7606, 6.281], [0.052, 0.1205, 0.154], 0.104)
     free = fit_damped(data, TABLE_5_BOUNDS)
     assert free.at_bound == ("p2",)
-    at_printed = Bounds((0.002, 0.0188, 0.05), (0, 0.0188, 0), (0.1, 0.0188, 4))
+    at_printed = AddedMassBounds((0.002, 0.0188, 0.05), (0, 0.0188, 0), (0.1, 0.0188, 4))
     floor = fit_damped(data, at_printed)
     assert floor.parameters["p1"].value == pytest.approx(0.0028, abs=6e-5)
     assert floor.parameters["p3"].value == pytest.approx(0.0583, rel=0.01)

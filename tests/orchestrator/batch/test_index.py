@@ -10,7 +10,7 @@ import pytest
 
 from fmus.errors import InputError
 from orchestrator.batch.index import index_of, prepare, write_index
-from orchestrator.batch.summary import Summary
+from orchestrator.batch.summary import SuiteSummary
 from orchestrator.batch.verdict import Verdict
 from orchestrator.results import FileDocument
 from tests.support.tools.reports import EVIL
@@ -26,7 +26,7 @@ def document(title: str, out: Path, held: bool) -> FileDocument:
     }
 
 
-def suite(out: Path, word: str = "swing") -> Summary:
+def suite(out: Path, word: str = "swing") -> SuiteSummary:
     (out / "good" / word).mkdir(parents=True)
     (out / "good" / word / "report.html").write_text("")
     verdicts = [
@@ -34,7 +34,7 @@ def suite(out: Path, word: str = "swing") -> Summary:
         Verdict(Path("bad/slow.yaml"), 2.5, document("slow", out / "bad", False)),
         Verdict(Path("bad/none.yaml"), 0.1, None, "no such model"),
     ]
-    return Summary(verdicts, 4.0, 1)
+    return SuiteSummary(verdicts, 4.0, 1)
 
 
 def test_what_failed_comes_first_and_tells_why(tmp_path: Path) -> None:

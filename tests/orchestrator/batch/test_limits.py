@@ -10,8 +10,8 @@ import pytest
 
 from fmus.errors import InputError
 from orchestrator import formats
-from orchestrator.batch.discovery import Task, find_scenarios
-from orchestrator.batch.limits import Limits
+from orchestrator.batch.discovery import SuiteFile, find_scenarios
+from orchestrator.batch.limits import CaseLimits
 from orchestrator.batch.suite import run_suite
 from orchestrator.processes.last_words import LastWords
 from orchestrator.results import FileDocument
@@ -47,7 +47,7 @@ def test_a_case_that_crashes_or_hangs_is_one_failed_case(tmp_path: Path) -> None
     moods = {"first": CALM, "crash": Mood.SEGMENTATION, "second": CALM, "hang": Mood.HANG, "third": CALM}
     scenario(tmp_path / "moods.yaml", **moods)
     scenario(tmp_path / "calm.yaml", only=CALM)
-    calm, verdict = run_suite(find_scenarios([tmp_path], {}), tmp_path / "out", 2, limits=Limits(seconds=5))
+    calm, verdict = run_suite(find_scenarios([tmp_path], {}), tmp_path / "out", 2, limits=CaseLimits(seconds=5))
     assert calm.passed and not verdict.passed and verdict.document is not None
     assert {case["name"]: case["passed"] for case in verdict.cases} == {name: moods[name] == CALM for name in moods}
     crash, hang = (case for case in verdict.cases if not case["passed"])
@@ -61,20 +61,20 @@ def test_a_case_that_crashes_or_hangs_is_one_failed_case(tmp_path: Path) -> None
 
 @pytest.mark.slow
 def test_what_takes_more_memory_than_it_may_is_killed(tmp_path: Path) -> None:
-    tasks = [Task(tmp_path / "study.yaml", hoarding, Path("a", "study"))]
-    (verdict,) = run_suite(tasks, tmp_path / "out", 1, limits=Limits(megabytes=300))
+    tasks = [SuiteFile(tmp_path / "study.yaml", hoarding, Path("a", "study"))]
+    (verdict,) = run_suite(tasks, tmp_path / "out", 1, limits=CaseLimits(megabytes=300))
     assert "MB of memory, over the 300 MB of a case" in verdict.error and verdict.seconds < 60
 
 
 @pytest.mark.parametrize("limits", [{"seconds": 0}, {"megabytes": -1}, {"seconds": float("nan")}])
 def test_a_limit_that_nothing_keeps_is_refused(limits: dict[str, float]) -> None:
     with pytest.raises(InputError, match="give more than 0"):
-        Limits(**limits)
+        CaseLimits(**limits)
 
 
 def test_time_counts_from_when_a_process_has_come_to_its_case(tmp_path: Path) -> None:
     said = LastWords(tmp_path / "words")
-    limits, heard = Limits(seconds=100.0), LastWords(tmp_path / "words")
+    limits, heard = CaseLimits(seconds=100.0), LastWords(tmp_path / "words")
     assert limits.exceeded(0, heard, time.monotonic() - 101)
     with said.working_on(3):
         assert heard.part == 3 and not limits.exceeded(0, heard, time.monotonic() - 101)

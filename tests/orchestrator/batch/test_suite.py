@@ -11,7 +11,7 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from fmus.errors import InputError, ScenarioError
-from orchestrator.batch.discovery import Task, find_scenarios
+from orchestrator.batch.discovery import SuiteFile, find_scenarios
 from orchestrator.batch.junit import write_junit
 from orchestrator.batch.procedure import run_procedure
 from orchestrator.batch.suite import run_suite
@@ -80,7 +80,7 @@ def test_every_file_has_a_verdict_of_its_own_and_the_time_it_took(tmp_path: Path
     texts = ("break", "pass", "miss", "refuse", "crash")
     files = written(tmp_path, **{text: f"claims: {text}" for text in texts})
     told: list[Path] = []
-    judged = [Task(files[text], judge, Path("all", text)) for text in texts]
+    judged = [SuiteFile(files[text], judge, Path("all", text)) for text in texts]
     verdicts = run_suite(judged, tmp_path / "out", 2, lambda verdict: told.append(verdict.file))
     assert [verdict.file for verdict in verdicts] == [task.file for task in judged] == [files[text] for text in texts]
     assert sorted(told) == sorted(files.values())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from orchestrator.batch.summary import MOST, SLOWEST, Summary, github_lines
+from orchestrator.batch.summary import MOST, SLOWEST, SuiteSummary, github_lines
 from orchestrator.batch.verdict import Verdict
 from orchestrator.results import CheckDocument, FileDocument
 
@@ -25,25 +25,27 @@ def verdict(name: str, *held: bool, seconds: float = 1.0) -> Verdict:
 
 
 def test_the_sentence_counts_files_and_cases_and_says_what_side_by_side_has_gained() -> None:
-    summary = Summary([verdict("a", True, False), verdict("b", True), Verdict(Path("c"), 2.0, None, "broken")], 2.5, 2)
+    summary = SuiteSummary(
+        [verdict("a", True, False), verdict("b", True), Verdict(Path("c"), 2.0, None, "broken")], 2.5, 2
+    )
     assert summary.sentence == (
         "1 of 3 files and 2 of 4 cases passed in 2.5 s; one after the other they took 4.0 s (-j 2)"
     )
 
 
 def test_a_short_suite_lists_every_file_and_a_long_one_what_failed_and_what_took_longest() -> None:
-    short = Summary([verdict("a", True), verdict("b", False)], 1.0, 1)
+    short = SuiteSummary([verdict("a", True), verdict("b", False)], 1.0, 1)
     assert [row[:2] for row in short.rows()] == [("a", "passed"), ("b", "FAILED")]
     many = [verdict(f"{number:03}.yaml", number % 4 > 0, seconds=float(number)) for number in range(200)]
-    rows = Summary(many, 1.0, 1).rows()
+    rows = SuiteSummary(many, 1.0, 1).rows()
     assert sum(row[1] == "FAILED" for row in rows[:-1]) >= MOST
     assert {f"{number:03}.yaml" for number in range(200 - SLOWEST, 200)} <= {row[0] for row in rows}
     assert rows[-1][0] == f"and {50 - MOST} more" and len(rows) <= MOST + SLOWEST + 1
-    assert len(Summary(many, 1.0, 1).rows(all_files=True)) == 200
+    assert len(SuiteSummary(many, 1.0, 1).rows(all_files=True)) == 200
 
 
 def test_the_page_for_browsers_keeps_its_table_whatever_a_message_holds() -> None:
-    page = Summary([verdict("<a>.yaml", False)], 1.0, 1).markdown()
+    page = SuiteSummary([verdict("<a>.yaml", False)], 1.0, 1).markdown()
     (row,) = [line for line in page.splitlines() if "stays below" in line]
     assert "y \\| z stays below 1, found largest 2 ::error::" in row and row.count("|") == 5
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from orchestrator.batch.discovery import Task
+from orchestrator.batch.discovery import SuiteFile
 from orchestrator.batch.history import failed
 from orchestrator.batch.verdict import Verdict
 from tests.support.commands import servotwin
@@ -74,7 +74,7 @@ def test_what_an_interrupted_suite_has_found_is_known_the_next_time(
     suite: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupted(
-        tasks: Sequence[Task], out: Path, jobs: int, done: Callable[[Verdict], None], limits: object
+        tasks: Sequence[SuiteFile], out: Path, jobs: int, done: Callable[[Verdict], None], limits: object
     ) -> list[Verdict]:
         done(Verdict(tasks[0].file, 0.1, None, "failed"))
         raise KeyboardInterrupt

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from orchestrator.engine import Profile, profile
+from orchestrator.engine import RunProfile, profile
 from orchestrator.scenario.results import write_run
 from orchestrator.scenario.run import Keeping, ScenarioResult, run_scenario
 
@@ -25,7 +25,7 @@ cases: [{name: first}, {name: second, set: {hand.angle_start: 0.2}}]
 """
 
 
-def ran(folder: Path, watched: Profile | None) -> ScenarioResult:
+def ran(folder: Path, watched: RunProfile | None) -> ScenarioResult:
     file = folder / "swing.yaml"
     file.write_text(SCENARIO)
     return run_scenario(file, keeping=Keeping(profile=watched))
@@ -42,7 +42,7 @@ def events(document: dict[str, Any]) -> dict[str, list[dict[str, Any]]]:
 
 
 def test_every_step_is_an_event_within_its_case(tmp_path: Path) -> None:
-    watched = Profile()
+    watched = RunProfile()
     ran(tmp_path, watched)
     found = events(watched.document())
     assert set(found) == {"run", "motor", "hand"}
@@ -58,14 +58,14 @@ def test_every_step_is_an_event_within_its_case(tmp_path: Path) -> None:
 
 
 def test_a_watched_run_gives_the_same_and_says_why_it_is_slower(tmp_path: Path) -> None:
-    plain, watched = ran(tmp_path, None), ran(tmp_path, Profile())
+    plain, watched = ran(tmp_path, None), ran(tmp_path, RunProfile())
     for one, other in zip(plain.cases, watched.cases, strict=True):
         assert one.trace == other.trace
         assert other.result is not None and other.result.account.reason == "it was asked for"
 
 
 def test_the_profile_lies_beside_the_report_as_json(tmp_path: Path) -> None:
-    write_run(ran(tmp_path, Profile()), {}, tmp_path / "out")
+    write_run(ran(tmp_path, RunProfile()), {}, tmp_path / "out")
     document = json.loads((tmp_path / "out" / "profile.json").read_text())
     assert {"traceEvents", "displayTimeUnit"} <= set(document)
     assert [one["name"] for one in events(document)["run"]][-1] == "write the report"
@@ -75,7 +75,7 @@ def test_the_profile_lies_beside_the_report_as_json(tmp_path: Path) -> None:
 
 def test_what_is_left_out_of_a_long_profile_is_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(profile, "MOST", 30)
-    watched = Profile()
+    watched = RunProfile()
     ran(tmp_path, watched)
     document = watched.document()
     assert sum(len(own) for track, own in events(document).items() if track != "run") == 30

@@ -23,7 +23,7 @@ from fmus.packaging import targets
 from orchestrator.assembly.schema import ComponentBlock
 from orchestrator.engine import Simulation, Timing
 from orchestrator.fmi.exchange_slave import ExchangeSlave
-from orchestrator.fmi.file import FmuFile, Kind
+from orchestrator.fmi.file import FmuFile, FmuKind
 from orchestrator.fmi.slave import Slave
 from orchestrator.info import about
 from orchestrator.scenario.run import run_scenario
@@ -133,7 +133,7 @@ def test_fmpys_solver_agrees(version: int, model: str, name: str, within: float,
 @pytest.mark.parametrize("solver", METHODS, ids=lambda each: each.method)
 def test_openmodelicas_mass_spring_system_moves_exactly(solver: SolverSettings) -> None:
     A = np.block([[np.zeros((2, 2)), np.eye(2)], [np.array([[-2.0, 1.0], [1.0, -2.0]]), np.zeros((2, 2))]])
-    with FmuFile(third_party.mass_spring("System"), Kind.MODEL_EXCHANGE) as fmu:
+    with FmuFile(third_party.mass_spring("System"), FmuKind.MODEL_EXCHANGE) as fmu:
         found = trace(fmu, solver=solver)
     exact = [scipy.linalg.expm(time * A) @ [0.0, 1.0, 1.0, 0.0] for time in found.time]  # unit masses and springs
     states = np.column_stack([found[f"fmu.{name}"] for name in ("x1", "x2", "v1", "v2")])
@@ -252,7 +252,7 @@ def test_small_states_are_exact_where_their_nominal_value_is_small(shelf: Shelf)
 @pytest.mark.parametrize("nominal", [0.0, -2.0, float("inf")])
 def test_a_nominal_value_that_is_none_does_no_harm(nominal: float, shelf: Shelf) -> None:
     fmu = shelf("eventful")
-    with FmuFile(fmu.path, Kind.MODEL_EXCHANGE), ExitStack() as stack:
+    with FmuFile(fmu.path, FmuKind.MODEL_EXCHANGE), ExitStack() as stack:
         slave = ExchangeSlave(fmu, "fmu", TIGHT)
         stack.callback(slave.close)
         slave.set({"nominal": nominal})
@@ -300,8 +300,8 @@ def test_an_fmu_without_co_simulation_is_exchanged_and_one_with_both_only_where_
     solver: dict[str, Any] | None, shelf: Shelf
 ) -> None:
     for name, kind in (
-        ("Dahlquist3", Kind.CO_SIMULATION if solver is None else Kind.MODEL_EXCHANGE),
-        ("eventful", Kind.MODEL_EXCHANGE),
+        ("Dahlquist3", FmuKind.CO_SIMULATION if solver is None else FmuKind.MODEL_EXCHANGE),
+        ("eventful", FmuKind.MODEL_EXCHANGE),
     ):
         block = ComponentBlock.model_validate({"fmu": shelf(name).path, "solver": solver})
         spec = pickle.loads(pickle.dumps(block.spec(Path())))
@@ -309,8 +309,8 @@ def test_an_fmu_without_co_simulation_is_exchanged_and_one_with_both_only_where_
             component = spec.maker(file)(file, "fmu")
             stack.callback(component.close)
             assert file.kind is kind
-            assert isinstance(component, ExchangeSlave if kind is Kind.MODEL_EXCHANGE else Slave)
-            if solver and kind is Kind.MODEL_EXCHANGE:
+            assert isinstance(component, ExchangeSlave if kind is FmuKind.MODEL_EXCHANGE else Slave)
+            if solver and kind is FmuKind.MODEL_EXCHANGE:
                 assert component._settings == SolverSettings(SolverMethod.RADAU, 1e-9)
 
 
@@ -364,7 +364,7 @@ def test_a_clock_that_does_not_say_when_it_ticks_is_refused(tmp_path: Path) -> N
     clock = '<Clock name="tick" valueReference="99" causality="input" intervalVariability="constant"/>'
     path = with_xml(third_party.reference(3, "Dahlquist"), tmp_path, ("</ModelVariables>", f"{clock}</ModelVariables>"))
     with pytest.raises(FmuFileError, match="tick: is constant and has no interval; give intervalDecimal"):
-        FmuFile(path, Kind.MODEL_EXCHANGE)
+        FmuFile(path, FmuKind.MODEL_EXCHANGE)
 
 
 @pytest.mark.parametrize("count", ["-1", "99999999999"])

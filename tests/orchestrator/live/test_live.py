@@ -19,7 +19,7 @@ from orchestrator.fmi.interface import Value
 from orchestrator.live import panel as panels
 from orchestrator.live.keys import split
 from orchestrator.live.paced import Paced
-from orchestrator.live.panel import Panel, nudged, sparkline
+from orchestrator.live.panel import LivePanel, nudged, sparkline
 from orchestrator.live.requests import Requests
 from orchestrator.live.steering import Steering
 from orchestrator.live.watched_file import watched
@@ -184,7 +184,7 @@ def test_an_fmu_that_asks_to_stop_ends_the_run_well() -> None:
 
 def test_the_keys_choose_change_and_type_values() -> None:
     live = under_way()
-    panel, requests = Panel("a run"), Requests(live, 1e9)
+    panel, requests = LivePanel("a run"), Requests(live, 1e9)
     panel.press("up")  # before there is anything
     panel.begin(live, requests)
     for key in ["down", *"2.0", "\x7f", "5", "enter", "right", "up", "left", *"x", "enter"]:
@@ -198,7 +198,7 @@ def test_the_keys_choose_change_and_type_values() -> None:
 
 
 def test_space_ends_a_run_as_ctrl_c_does_whatever_is_typed() -> None:
-    panel = Panel("a run")
+    panel = LivePanel("a run")
     pressing = threading.Timer(0.1, lambda: [panel.press(key) for key in split("1 ")])
     pressing.start()
     with pytest.raises(KeyboardInterrupt):
@@ -208,7 +208,7 @@ def test_space_ends_a_run_as_ctrl_c_does_whatever_is_typed() -> None:
 
 def test_the_panel_shows_signals_values_and_why_one_was_not_taken() -> None:
     live = made().live(Run(), ["plant.y0"], lambda piece: None, None)
-    panel = Panel("a run")
+    panel = LivePanel("a run")
     panel.begin(live, Requests(live, 1.0))
     for _ in range(3):
         live.step()

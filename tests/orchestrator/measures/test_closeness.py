@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fmus.errors import TraceError
-from orchestrator.measures import Tolerance, correlation_lag, fit, funnel, largest_deviation, nrmse
+from orchestrator.measures import FunnelTolerance, correlation_lag, fit, funnel, largest_deviation, nrmse
 
 sets = st.lists(st.tuples(st.floats(0.05, 2.0), st.floats(-10, 10)), min_size=2, max_size=12)
 times = st.floats(0.0, 3.0)
@@ -64,7 +64,7 @@ def test_a_tube_is_all_rectangles_about_the_reference(
 ) -> None:
     s, r = signal(pairs)
     t = np.sort(np.random.default_rng(seed).uniform(s[0], s[-1], 9))
-    lower, upper = funnel(t, s, r, Tolerance(value, relative, of_range, leading, lagging), hold)
+    lower, upper = funnel(t, s, r, FunnelTolerance(value, relative, of_range, leading, lagging), hold)
     span = r.max() - r.min()
     for k, instant in enumerate(t):
         begin, end = max(instant - lagging, s[0]), min(instant + leading, s[-1])
@@ -85,14 +85,14 @@ def test_a_signal_that_comes_later_lies_within_its_lag_and_no_less(
     s, r = signal(pairs)
     t = np.linspace(s[0], s[-1], 101)
     y = np.interp(t - lag, s, r)
-    allowed = Tolerance(1e-7, leading=max(-lag, 0.0), lagging=max(lag, 0.0))
+    allowed = FunnelTolerance(1e-7, leading=max(-lag, 0.0), lagging=max(lag, 0.0))
     lower, upper = funnel(t, s, r, allowed)
     assert np.all((lower <= y) & (y <= upper))
 
 
 def test_a_lag_beyond_what_is_allowed_leaves_the_tube() -> None:
     t = np.linspace(0.0, 10.0, 1001)
-    lower, upper = funnel(t, t, np.sin(t), Tolerance(0.01, lagging=0.1))
+    lower, upper = funnel(t, t, np.sin(t), FunnelTolerance(0.01, lagging=0.1))
     allowed = np.sin(np.maximum(t - 0.1, 0.0))
     assert np.all((lower <= allowed) & (allowed <= upper))
     late = np.sin(np.maximum(t - 0.12, 0.0))
@@ -101,9 +101,11 @@ def test_a_lag_beyond_what_is_allowed_leaves_the_tube() -> None:
     assert np.any((early < lower) | (early > upper))
 
 
-@pytest.mark.parametrize("tolerance", [Tolerance(), Tolerance(leading=0.05), Tolerance(0.0, 0.0, 0.0, 0.2, 0.3)])
+@pytest.mark.parametrize(
+    "tolerance", [FunnelTolerance(), FunnelTolerance(leading=0.05), FunnelTolerance(0.0, 0.0, 0.0, 0.2, 0.3)]
+)
 @pytest.mark.parametrize("hold", [False, True])
-def test_a_signal_lies_within_any_tube_about_itself(tolerance: Tolerance, hold: bool) -> None:
+def test_a_signal_lies_within_any_tube_about_itself(tolerance: FunnelTolerance, hold: bool) -> None:
     t = np.arange(10_000) * 1e-3
     y = np.random.default_rng(0).standard_normal(len(t))
     lower, upper = funnel(t, t, y, tolerance, hold)
@@ -112,12 +114,12 @@ def test_a_signal_lies_within_any_tube_about_itself(tolerance: Tolerance, hold: 
 
 def test_a_bad_reference_or_tolerance_is_refused() -> None:
     with pytest.raises(TraceError, match="covers 0 to 1 s, not 0 to 2 s"):
-        funnel([0.0, 2.0], [0.0, 1.0], [0.0, 0.0], Tolerance(1.0))
+        funnel([0.0, 2.0], [0.0, 1.0], [0.0, 0.0], FunnelTolerance(1.0))
     with pytest.raises(TraceError, match="the value at 1 s is nan"):
-        funnel([0.0, 1.0], [0.0, 1.0], [0.0, math.nan], Tolerance(1.0))
+        funnel([0.0, 1.0], [0.0, 1.0], [0.0, math.nan], FunnelTolerance(1.0))
     for bad in (-1.0, math.nan, math.inf):
         with pytest.raises(TraceError, match="tolerance: lagging is"):
-            Tolerance(1.0, lagging=bad)
+            FunnelTolerance(1.0, lagging=bad)
 
 
 @pytest.mark.parametrize("hold", [False, True])
@@ -128,7 +130,7 @@ def test_a_long_signal_has_the_tube_that_each_of_its_instants_has(hold: bool, un
     t = np.arange(40_000) * 1e-3
     s = np.sort(np.append(rng.uniform(0.0, t[-1], 30_000), [0.0, t[-1]])) if uneven else t
     r = np.cumsum(rng.standard_normal(len(s)))
-    tolerance = Tolerance(0.1, 0.01, 0.0, lag, 2 * lag)
+    tolerance = FunnelTolerance(0.1, 0.01, 0.0, lag, 2 * lag)
     lower, upper = funnel(t, s, r, tolerance, hold)
     for row in range(0, len(t), 997):
         alone = funnel(t[row : row + 1], s, r, tolerance, hold)

@@ -13,7 +13,7 @@ from scipy import signal
 
 from fmus.errors import TraceError
 from orchestrator.measures import (
-    LimitCycle,
+    SteadyOscillation,
     dominant_oscillation,
     harmonic_amplitudes,
     limit_cycle,
@@ -81,7 +81,7 @@ def test_a_relay_with_hysteresis_cycles_as_its_closed_form() -> None:
     """An integrator behind a relay of 2 with switching points at +-0.5: a triangle of period 4 * 0.5 / 2."""
     t = np.linspace(0.0, 12.0, 6001)
     y = 0.5 * signal.sawtooth(2 * math.pi * t, 0.5)
-    assert limit_cycle(t, y) == LimitCycle(pytest.approx(0.5), pytest.approx(1.0), 11)
+    assert limit_cycle(t, y) == SteadyOscillation(pytest.approx(0.5), pytest.approx(1.0), 11)
 
 
 @pytest.mark.parametrize(

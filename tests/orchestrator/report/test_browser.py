@@ -11,7 +11,7 @@ import pytest
 
 from orchestrator.report import Chart, Curve, Panel, Report, figures
 from orchestrator.report.document import write_shared
-from orchestrator.report.entries import Entries, Entry
+from orchestrator.report.entries import Entries, ListEntry
 from orchestrator.trace import Trace
 from tests.support.tools.browser import Seen, browsing, opened
 from tests.support.tools.reports import EVIL, full_report
@@ -190,7 +190,7 @@ def test_a_chart_of_many_panels_fits_a_page_of_paper_as_it_is_shaped(browser: Br
 
 def test_a_list_shows_what_failed_alone_when_asked(browser: Browser, tmp_path: Path) -> None:
     page = Report("A suite")
-    entries = [Entry("ok", "good", None, ("1 of 1",)), Entry("error", "bad", "bad/report.html", ("0 of 1",))]
+    entries = [ListEntry("ok", "good", None, ("1 of 1",)), ListEntry("error", "bad", "bad/report.html", ("0 of 1",))]
     page.section("Verdicts").content.append(Entries(("scenario", "cases"), entries))
     with opened(browser, written(page, tmp_path)) as seen:
         assert seen.page.locator("tbody:visible").count() == 2

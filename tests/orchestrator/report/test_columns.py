@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from orchestrator.report import columns
-from orchestrator.report.columns import PART, RAW, STRETCH, Column, Columns, column
+from orchestrator.report.columns import PART, RAW, STRETCH, Columns, PageColumn, column
 from orchestrator.trace import FloatArray
 
 NUMBERS = st.floats(-1e6, 1e6) | st.sampled_from([np.nan, np.inf, -np.inf, 1e300, -1e300, 5e-324, 0.0])
@@ -26,7 +26,7 @@ def numbers(text: str) -> FloatArray:
     return sorted_bytes.reshape(4, -1).T.copy().view("<f4").ravel().astype(float)
 
 
-def values(one: Column) -> FloatArray:
+def values(one: PageColumn) -> FloatArray:
     """All samples, as a browser reads them."""
     pieces = [numbers(part) * one.head["scale"] + base for part, base in zip(one.parts, one.head["bases"], strict=True)]
     return np.concatenate(pieces) if pieces else np.zeros(0)

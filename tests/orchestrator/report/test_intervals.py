@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from orchestrator.report.columns import Columns
-from orchestrator.report.intervals import Interval, Intervals
+from orchestrator.report.intervals import IntervalChart, IntervalRow
 from tests.support.tools.reports import EVIL
 
 
@@ -20,7 +20,7 @@ def places(html: str) -> list[tuple[float, float]]:
 
 
 def test_an_interval_lies_about_the_middle_on_a_scale_that_holds_the_widest() -> None:
-    html = Intervals([Interval("p1", 2.0, (1.9, 2.1), "kg"), Interval("p2", -4.0, (-4.04, -3.96))]).markup(
+    html = IntervalChart([IntervalRow("p1", 2.0, (1.9, 2.1), "kg"), IntervalRow("p2", -4.0, (-4.04, -3.96))]).markup(
         "1", Columns()
     )
     assert "−5 % … +5 %" in html and "p1 [kg]" in html
@@ -29,14 +29,14 @@ def test_an_interval_lies_about_the_middle_on_a_scale_that_holds_the_widest() ->
 
 @pytest.mark.parametrize(("truth", "said"), [(2.05, "inside"), (2.2, "outside")])
 def test_the_truth_is_marked_and_said_to_be_inside_or_not(truth: float, said: str) -> None:
-    html = Intervals([Interval("p1", 2.0, (1.9, 2.1), "kg", truth)]).markup("1", Columns())
+    html = IntervalChart([IntervalRow("p1", 2.0, (1.9, 2.1), "kg", truth)]).markup("1", Columns())
     assert f"{said}: {truth}" in html
     [mark] = map(float, re.findall(r'<b style="left:([\d.]+)%">', html))
     assert mark == pytest.approx(50 + 50 * (truth - 2.0) / 2.0 / (0.05 if said == "inside" else 0.1))
 
 
 def test_an_interval_wider_than_the_estimate_is_cut_and_shows_it() -> None:
-    html = Intervals([Interval("p1", 1.0, (-4.0, 6.0))]).markup("1", Columns())
+    html = IntervalChart([IntervalRow("p1", 1.0, (-4.0, 6.0))]).markup("1", Columns())
     assert places(html) == [(0, 100)]
     assert 'class="k0 beyond"' in html
 
@@ -54,7 +54,9 @@ def test_an_interval_wider_than_the_estimate_is_cut_and_shows_it() -> None:
     )
 )
 def test_whatever_is_estimated_is_drawn_on_the_scale(rows: list[tuple[float, float, float, float | None]]) -> None:
-    shown = [Interval(EVIL, value, (value - below, value + above), EVIL, truth) for value, below, above, truth in rows]
-    html = Intervals(shown).markup("1", Columns())
+    shown = [
+        IntervalRow(EVIL, value, (value - below, value + above), EVIL, truth) for value, below, above, truth in rows
+    ]
+    html = IntervalChart(shown).markup("1", Columns())
     assert all(0 <= low <= high <= 100.001 for low, high in places(html)) and len(places(html)) == len(rows)
     assert "<script" not in html and "<img" not in html

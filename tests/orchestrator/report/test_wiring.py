@@ -10,17 +10,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from orchestrator.report.columns import Columns
-from orchestrator.report.wiring import Box, Wire, Wiring
+from orchestrator.report.wiring import DiagramBox, DiagramWire, WiringDiagram
 
 
 @st.composite
-def wirings(draw: st.DrawFn) -> Wiring:
+def wirings(draw: st.DrawFn) -> WiringDiagram:
     """Systems of any shape, with circles and wires back to the same box."""
     count = draw(st.integers(1, 7))
     names = [f"box {number}" for number in range(count)]
     sizes = [(draw(st.integers(1, 3)), draw(st.integers(1, 3))) for _ in names]
     boxes = [
-        Box(
+        DiagramBox(
             name,
             "a model",
             "every 1 s",
@@ -31,10 +31,12 @@ def wirings(draw: st.DrawFn) -> Wiring:
     ]
     ends = st.tuples(st.sampled_from(boxes), st.sampled_from(boxes))
     wires = [
-        Wire((one.name, draw(st.sampled_from(list(one.outputs)))), (two.name, draw(st.sampled_from(list(two.inputs)))))
+        DiagramWire(
+            (one.name, draw(st.sampled_from(list(one.outputs)))), (two.name, draw(st.sampled_from(list(two.inputs))))
+        )
         for one, two in draw(st.lists(ends, max_size=12))
     ]
-    return Wiring(boxes, wires)
+    return WiringDiagram(boxes, wires)
 
 
 def rectangles(svg: str) -> list[tuple[float, float, float, float]]:
@@ -44,7 +46,7 @@ def rectangles(svg: str) -> list[tuple[float, float, float, float]]:
 
 
 @given(wirings())
-def test_every_box_and_wire_is_drawn_once_and_no_box_lies_on_another(wiring: Wiring) -> None:
+def test_every_box_and_wire_is_drawn_once_and_no_box_lies_on_another(wiring: WiringDiagram) -> None:
     svg = wiring.markup("1", Columns())
     boxes = rectangles(svg)
     assert len(boxes) == len(wiring.boxes)
@@ -57,7 +59,7 @@ def test_every_box_and_wire_is_drawn_once_and_no_box_lies_on_another(wiring: Wir
 
 
 @given(wirings())
-def test_every_wire_begins_at_an_output_and_ends_at_an_input(wiring: Wiring) -> None:
+def test_every_wire_begins_at_an_output_and_ends_at_an_input(wiring: WiringDiagram) -> None:
     svg = wiring.markup("1", Columns())
     boxes = rectangles(svg)
     left, right = {round(x, 1) for x, *_ in boxes}, {round(x + wide, 1) for x, _, wide, _ in boxes}
@@ -68,11 +70,13 @@ def test_every_wire_begins_at_an_output_and_ends_at_an_input(wiring: Wiring) -> 
 
 
 CHAIN = ["controller", "drive", "arm"]
-FORWARD = [Wire((one, "y"), (two, "u")) for one, two in pairwise(CHAIN)]
+FORWARD = [DiagramWire((one, "y"), (two, "u")) for one, two in pairwise(CHAIN)]
 
 
-def chain(names: Iterable[str], wires: list[Wire]) -> str:
-    return Wiring([Box(name, "", "", {"u": "u"}, {"y": "y"}) for name in names], wires).markup("1", Columns())
+def chain(names: Iterable[str], wires: list[DiagramWire]) -> str:
+    return WiringDiagram([DiagramBox(name, "", "", {"u": "u"}, {"y": "y"}) for name in names], wires).markup(
+        "1", Columns()
+    )
 
 
 def from_the_left(svg: str) -> list[str]:
@@ -85,20 +89,24 @@ def test_a_chain_runs_from_the_left_to_the_right_however_it_is_listed() -> None:
 
 
 def test_feedback_runs_below_all_to_the_component_that_is_listed_first() -> None:
-    svg = chain(CHAIN, [*FORWARD, Wire(("arm", "y"), ("controller", "u"))])
+    svg = chain(CHAIN, [*FORWARD, DiagramWire(("arm", "y"), ("controller", "u"))])
     assert from_the_left(svg) == CHAIN
     [lane] = map(float, re.findall(r"h[\d.]+V([\d.]+)H", svg))
     assert lane > max(y + tall for _, y, _, tall in rectangles(svg))
 
 
 def test_a_wire_that_passes_a_box_runs_below_it() -> None:
-    boxes = [Box(name, "", "", {"u": "u"}, {"y": "y"}) for name in "abc"]
-    wires = [Wire(("a", "y"), ("b", "u")), Wire(("b", "y"), ("c", "u")), Wire(("a", "y"), ("c", "u"))]
-    svg = Wiring(boxes, wires).markup("1", Columns())
+    boxes = [DiagramBox(name, "", "", {"u": "u"}, {"y": "y"}) for name in "abc"]
+    wires = [
+        DiagramWire(("a", "y"), ("b", "u")),
+        DiagramWire(("b", "y"), ("c", "u")),
+        DiagramWire(("a", "y"), ("c", "u")),
+    ]
+    svg = WiringDiagram(boxes, wires).markup("1", Columns())
     assert len(re.findall(r"h[\d.]+V([\d.]+)H", svg)) == 1
 
 
 def test_a_deep_chain_is_drawn() -> None:
-    boxes = [Box(f"b{i}", "", "", {"u": "u"}, {"y": "y"}) for i in range(3000)]
-    wires = [Wire((f"b{i}", "y"), (f"b{i + 1}", "u")) for i in range(2999)]
-    assert Wiring(boxes, wires).markup("1", Columns()).count("<rect") == 3000
+    boxes = [DiagramBox(f"b{i}", "", "", {"u": "u"}, {"y": "y"}) for i in range(3000)]
+    wires = [DiagramWire((f"b{i}", "y"), (f"b{i + 1}", "u")) for i in range(2999)]
+    assert WiringDiagram(boxes, wires).markup("1", Columns()).count("<rect") == 3000

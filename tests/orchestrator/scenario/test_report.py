@@ -11,11 +11,11 @@ import pytest
 
 from fmus.files import sha256
 from orchestrator.formats import write
-from orchestrator.report import Chart, Mark
+from orchestrator.report import Chart, ChartLine
 from orchestrator.report.checks import Checks
-from orchestrator.report.content import Content, DataTable, Figure, Folded
+from orchestrator.report.content import Content, DataTable, DrawnFigure, Folded
 from orchestrator.report.document import Report
-from orchestrator.report.wiring import Wiring
+from orchestrator.report.wiring import WiringDiagram
 from orchestrator.scenario.report import OPEN_SIGNALS, report
 from orchestrator.scenario.run import ScenarioResult, run_scenario
 from orchestrator.trace import Trace
@@ -50,7 +50,7 @@ def contents(page: Report, heading: str) -> list[Content]:
 
 
 def charts(page: Report) -> list[Chart]:
-    drawn = [piece.drawing for piece in contents(page, "Traces") if isinstance(piece, Figure)]
+    drawn = [piece.drawing for piece in contents(page, "Traces") if isinstance(piece, DrawnFigure)]
     return [one for one in drawn if isinstance(one, Chart)]
 
 
@@ -98,7 +98,7 @@ def test_limits_tubes_and_references_are_drawn_with_the_signals_that_they_judge(
     panels = {panel.title: panel for panel in chart.panels}
     assert list(panels)[:3] == ["hand.angle [rad]", "hand.speed [rad/s]", "hand.energy [J]"]
     [limit] = panels["hand.angle [rad]"].marks
-    assert isinstance(limit, Mark)
+    assert isinstance(limit, ChartLine)
     assert (limit.axis, limit.value, limit.label, limit.span) == ("y", 2.5, "below 2.5", (0.5, 1.0))
     for title, width in (("hand.speed [rad/s]", 40), ("hand.energy [J]", 5)):
         [tube] = panels[title].bands
@@ -136,7 +136,7 @@ def test_signals_beyond_the_first_ones_are_a_click_away_and_none_is_lost(tmp_pat
     page = report(result)
     [first] = charts(page)
     [folded] = [piece for piece in contents(page, "Traces") if isinstance(piece, Folded)]
-    [rest] = [piece.drawing for piece in folded.content if isinstance(piece, Figure)]
+    [rest] = [piece.drawing for piece in folded.content if isinstance(piece, DrawnFigure)]
     assert isinstance(rest, Chart)
     assert len(first.panels) == OPEN_SIGNALS
     titles = [panel.title.split(" [")[0] for panel in (*first.panels, *rest.panels)]
@@ -145,7 +145,9 @@ def test_signals_beyond_the_first_ones_are_a_click_away_and_none_is_lost(tmp_pat
 
 def test_the_wiring_has_steps_units_and_what_drives_it(tmp_path: Path) -> None:
     pieces = contents(report(ran(tmp_path)), "System")
-    [wiring] = [piece.drawing for piece in pieces if isinstance(piece, Figure) and isinstance(piece.drawing, Wiring)]
+    [wiring] = [
+        piece.drawing for piece in pieces if isinstance(piece, DrawnFigure) and isinstance(piece.drawing, WiringDiagram)
+    ]
     boxes = {box.name: box for box in wiring.boxes}
     assert (boxes["motor"].about, boxes["motor"].rate) == ("dc_motor", "every 0.02 s")
     assert boxes["hand"].rate == "every 0.01 s"

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from orchestrator import Scenario, load_scenario, run
-from orchestrator.scenario.step_check import StepError, step_errors
+from orchestrator.scenario.step_check import StepCost, step_errors
 from tests.support.commands import servotwin
 
 COUPLED = """
@@ -36,7 +36,7 @@ def scenario(folder: Path, text: str) -> Scenario:
     return load_scenario(folder / "scenario.yaml")
 
 
-def errors(whole: Scenario) -> dict[str, StepError]:
+def errors(whole: Scenario) -> dict[str, StepCost]:
     return {error.signal: error for error in step_errors(whole, run(whole))}
 
 
@@ -56,7 +56,7 @@ def test_nothing_is_said_of_the_order_of_what_steps_do_not_change(tmp_path: Path
 
 @pytest.mark.parametrize("order", [0.0, -2.0, 36.0])
 def test_a_difference_that_does_not_fall_as_an_error_does_is_not_taken_for_one_that_is_known(order: float) -> None:
-    error = StepError("run", "y", "m", 0.5, 0.1, order)
+    error = StepCost("run", "y", "m", 0.5, 0.1, order)
     assert error.unsettled and error.error == 0.5
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from orchestrator.can.codec.merging import Series
-from orchestrator.can.codec.streams import Stream
+from orchestrator.can.codec.streams import FrameStream
 from orchestrator.can.frames import Flag, Frames, concatenated
 
 LENGTHS = [*range(9), 12, 16, 20, 24, 32, 48, 64]
@@ -126,7 +126,7 @@ def latest_difference(one: Frames, other: Frames) -> float:
     return float(np.abs(one.time - other.time).max()) if len(one) else math.nan
 
 
-def by_message(series: Mapping[Stream, Series]) -> dict[str, Series]:
+def by_message(series: Mapping[FrameStream, Series]) -> dict[str, Series]:
     """Message -> its series, where each has one."""
     assert len({stream.message for stream in series}) == len(series)
     return {stream.message: own for stream, own in series.items()}

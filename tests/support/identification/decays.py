@@ -8,7 +8,7 @@ from identification.estimation.arrow_least_squares import LEAST_SQUARES
 from identification.estimation.parameters import InitialState, Parameter, ParameterSet
 from identification.estimation.workers import LocalPool
 from identification.output_error.search.free_run import FreeRun, Tally
-from identification.output_error.search.options import Options
+from identification.output_error.search.options import SearchOptions
 from identification.output_error.search.problem import Problem, Window
 from tests.support.identification.closed_form import INSTANTS, Oscillator, oscillation
 
@@ -17,7 +17,7 @@ PARAMETERS = (Parameter("rig.damping", 0.2, 0.0, 2.0), Parameter("rig.stiffness"
 STARTS = np.random.default_rng(0).uniform([0.5, -2.0], [1.5, 2.0], (40, 2))
 
 # For simulators in closed form, exact to the last bits: FMUs deserve the coarser default.
-TIGHT = Options(cost_tolerance=1e-7, step_tolerance=1e-7, difference_step=1e-5)
+TIGHT = SearchOptions(cost_tolerance=1e-7, step_tolerance=1e-7, difference_step=1e-5)
 
 
 def decays(count=4, noise=0.0, seed=0, parameters=PARAMETERS, ties=(), loss=LEAST_SQUARES, free=True, error=0.1):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from identification.resonance.added_mass import Bounds
+from identification.resonance.added_mass import AddedMassBounds
 from orchestrator.trace import FloatArray
 
 
@@ -22,10 +22,10 @@ def resonance_frequency(
     return np.asarray(np.sqrt(np.maximum(squared, 0.0)))
 
 
-def bounds_around(p1: float, p2: float, p3: float, factor: float) -> Bounds:
+def bounds_around(p1: float, p2: float, p3: float, factor: float) -> AddedMassBounds:
     """Half a guess as the start, 0 to `factor` times the guess as bounds: what both scripts give fmincon."""
     guess = np.array([p1, p2, p3])
-    return Bounds(tuple(0.5 * guess), (0.0, 0.0, 0.0), tuple(factor * guess))
+    return AddedMassBounds(tuple(0.5 * guess), (0.0, 0.0, 0.0), tuple(factor * guess))
 
 
 # Table 5: the guess of the script for the recordings, from 0.2 kg at 0.104 m, 0.003 kg m^2, 0.001 N m s/rad.

@@ -12,11 +12,11 @@ from scipy.optimize import minimize_scalar
 from identification.linear.model import LinearModel
 from identification.tuning.loops.loops import Loops
 from identification.tuning.loops.plants import PlantSet
-from identification.tuning.loops.wiring import Path, Wiring
+from identification.tuning.loops.wiring import LoopWiring, Path
 from tests.support.identification.linear_systems import random_system
 
 MEASURED, COMMANDED = Path("plant.y -> controller.y", 0, 1), Path("controller.u -> plant.u", 0, 0)
-WIRING = Wiring((MEASURED,), (COMMANDED,), 0, 0, (2, 1, 1, 1))
+WIRING = LoopWiring((MEASURED,), (COMMANDED,), 0, 0, (2, 1, 1, 1))
 
 
 @dataclass(frozen=True)

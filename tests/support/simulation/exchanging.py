@@ -17,7 +17,7 @@ from fmus.packaging import archive, targets
 from fmus.packaging.native import compiler
 from orchestrator.engine import REFUSED, CycleSettings, Simulation, Timing
 from orchestrator.fmi.exchange_slave import ExchangeSlave
-from orchestrator.fmi.file import FmuFile, Kind
+from orchestrator.fmi.file import FmuFile, FmuKind
 from orchestrator.fmi.interface import Value
 from orchestrator.solvers.base import SolverMethod, SolverSettings
 from orchestrator.system import FeedThrough, Part
@@ -83,7 +83,7 @@ def open_shelf(folder: Path) -> Iterator[Shelf]:
 
     def get(name: str) -> FmuFile:
         if name not in opened:
-            opened[name] = FmuFile(path(name), Kind.MODEL_EXCHANGE)
+            opened[name] = FmuFile(path(name), FmuKind.MODEL_EXCHANGE)
         return opened[name]
 
     yield get

@@ -7,12 +7,12 @@ from typing import Any
 
 from fmus.errors import WiringError
 from orchestrator.fmi.interface import Port
-from orchestrator.scenario.expectations import Check, Ran, Wiring
+from orchestrator.scenario.expectations import Check, ExpectationScope, Ran
 from orchestrator.scenario.expectations.schema import ExpectationBlock
 from orchestrator.trace import Trace
 
 
-def wiring(trace: Trace, discrete: bool = False) -> Wiring:
+def wiring(trace: Trace, discrete: bool = False) -> ExpectationScope:
     """Variables with the units of a trace's signals, on lines between samples or held."""
 
     def port(name: str, place: str) -> Port:
@@ -21,7 +21,7 @@ def wiring(trace: Trace, discrete: bool = False) -> Wiring:
         variability = "discrete" if discrete else "continuous"
         return Port(name, 0, "Float64", "output", trace.unit(name), variability=variability)
 
-    return Wiring(port)
+    return ExpectationScope(port)
 
 
 def asked(fields: dict[str, Any], trace: Trace, base: Path = Path(), discrete: bool = False) -> Check:

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from orchestrator.report import Band, Chart, ChartPoint, Curve, Mark, Panel, Report, figures
-from orchestrator.report.wiring import Box, Wire, Wiring
+from orchestrator.report import Band, Chart, ChartLine, ChartPoint, Curve, Panel, Report, figures
+from orchestrator.report.wiring import DiagramBox, DiagramWire, WiringDiagram
 from orchestrator.trace import Trace
 
 EVIL = "<script>alert('x')</script><img src=x onerror=alert(1)>&\"</style>"
@@ -64,14 +64,14 @@ def full_report(word: str) -> Report:
     section.figure(figures.correlation_heatmap([word, "b"], [[1.0, -0.4], [-0.4, 1.0]]), caption=word)
     section.figure(figures.distribution(np.sin(np.arange(90.0)), word, word, {word: 0.1}), caption=word)
     section.figure(figures.counts([(0.0, 1.0, 4), (1.0, 10.0, 0), (10.0, 100.0, 2)], word, word), caption=word)
-    marked = [Mark(1.0, "y", word), Mark(0.5, "x", word, wrong=True), ChartPoint(0.5, 1.0, word)]
+    marked = [ChartLine(1.0, "y", word), ChartLine(0.5, "x", word, wrong=True), ChartPoint(0.5, 1.0, word)]
     tube = Band(word, [0.0, 1.0], [0.0, 0.0], [2.0, 2.0])
     section.figure(Chart([Panel(word, [Curve(word, [0.0, 1.0], [1.0, 1.0])], marked, [tube])], x=word), word)
     boxes = [
-        Box(word, word, word, {word: word}, {word: word}),
-        Box("b", word, "", {word: word}, {word: word}, outside=True),
+        DiagramBox(word, word, word, {word: word}, {word: word}),
+        DiagramBox("b", word, "", {word: word}, {word: word}, outside=True),
     ]
-    wires = [Wire((word, word), ("b", word), word), Wire(("b", word), (word, word), word)]
-    section.figure(Wiring(boxes, wires), word)
+    wires = [DiagramWire((word, word), ("b", word), word), DiagramWire(("b", word), (word, word), word)]
+    section.figure(WiringDiagram(boxes, wires), word)
     section.folded(word).figure(figures.overlay(trace), caption=word)
     return report

@@ -11,10 +11,10 @@ import numpy as np
 from fmus.errors import ScenarioError, ServotwinError
 from orchestrator.batch.sweep.points import designs, resolving
 from orchestrator.batch.sweep.points.covariance import drawn_together
-from orchestrator.batch.sweep.points.designs import Design
+from orchestrator.batch.sweep.points.designs import PointDesign
 from orchestrator.batch.sweep.points.factors import Factor, Law, Levels, Space, Target
 from orchestrator.batch.sweep.points.listing import columns
-from orchestrator.batch.sweep.points.resolving import Place
+from orchestrator.batch.sweep.points.resolving import FactorPlace
 from orchestrator.batch.sweep.points.schema import (
     DrawnBlock,
     GridBlock,
@@ -28,14 +28,14 @@ from orchestrator.settable import check_values
 
 
 @dataclass(frozen=True)
-class Chosen:
+class ChosenPoints:
     """What varies, and how its points are chosen."""
 
     space: Space
-    design: Design
+    design: PointDesign
 
 
-def chosen(block: SweepBlock, places: Sequence[Place]) -> Chosen:
+def chosen(block: SweepBlock, places: Sequence[FactorPlace]) -> ChosenPoints:
     """The points of a study.
 
     Args:
@@ -56,10 +56,10 @@ def chosen(block: SweepBlock, places: Sequence[Place]) -> Chosen:
         factors += together
     space = Space(tuple(factors), joint)
     _check_bounds(space, places)
-    return Chosen(space, _design(block, space, places[0].file))
+    return ChosenPoints(space, _design(block, space, places[0].file))
 
 
-def _design(block: SweepBlock, space: Space, file: Path) -> Design:
+def _design(block: SweepBlock, space: Space, file: Path) -> PointDesign:
     asked = block.design
     if isinstance(asked, GridBlock):
         return designs.Grid(space)
@@ -79,7 +79,7 @@ def _design(block: SweepBlock, space: Space, file: Path) -> Design:
     return _morris(asked, space, file)
 
 
-def _morris(asked: MorrisBlock, space: Space, file: Path) -> Design:
+def _morris(asked: MorrisBlock, space: Space, file: Path) -> PointDesign:
     unbounded = [one.name for one in space.alone if not one.law.bounded] + list(
         space.joint.names if space.joint else ()
     )
@@ -90,7 +90,7 @@ def _morris(asked: MorrisBlock, space: Space, file: Path) -> Design:
     return designs.Morris(space=space, count=count, seed=asked.seed, levels=asked.levels)
 
 
-def _listed(block: ListBlock, places: Sequence[Place]) -> Chosen:
+def _listed(block: ListBlock, places: Sequence[FactorPlace]) -> ChosenPoints:
     factors = []
     for name, levels in columns(block, places[0].file).items():
         found = []
@@ -103,7 +103,7 @@ def _listed(block: ListBlock, places: Sequence[Place]) -> Chosen:
     space = Space(tuple(factors))
     _check_bounds(space, places)
     table = [one.law.levels for one in factors]
-    return Chosen(space, designs.Listed(np.stack(table, axis=1)))
+    return ChosenPoints(space, designs.Listed(np.stack(table, axis=1)))
 
 
 def _one(name: str, found: Sequence[Factor]) -> Factor:
@@ -113,7 +113,7 @@ def _one(name: str, found: Sequence[Factor]) -> Factor:
     return found[0]
 
 
-def _check_bounds(space: Space, places: Sequence[Place]) -> None:
+def _check_bounds(space: Space, places: Sequence[FactorPlace]) -> None:
     """See that the ends of what has some lie within the bounds of the variables."""
     for factor in space.alone:
         if factor.target is not Target.VALUE:

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 
 from fmus.errors import ScenarioError
-from orchestrator.batch.sweep.points.factors import Factor, Joint, Normal
-from orchestrator.batch.sweep.points.resolving import Place
+from orchestrator.batch.sweep.points.factors import Factor, JointFactors, TruncatedNormal
+from orchestrator.batch.sweep.points.resolving import FactorPlace
 from orchestrator.batch.sweep.points.schema import CalibrationBlock
 from orchestrator.trace import FloatArray
 
 SUMMARY = "summary.json"
 
 
-def drawn_together(block: CalibrationBlock, place: Place) -> tuple[list[Factor], Joint]:
+def drawn_together(block: CalibrationBlock, place: FactorPlace) -> tuple[list[Factor], JointFactors]:
     """The parameters of a calibration in the units of the scenario's variables.
 
     Raises:
@@ -42,10 +42,10 @@ def drawn_together(block: CalibrationBlock, place: Place) -> tuple[list[Factor],
     spread = np.linalg.norm(root, axis=1)
     units = [place.target(name)[1].unit or "" for name in chosen]
     factors = [
-        Factor(name, Normal(float(middle), float(std)), unit=unit)
+        Factor(name, TruncatedNormal(float(middle), float(std)), unit=unit)
         for name, middle, std, unit in zip(chosen, mean, spread, units, strict=True)
     ]
-    return factors, Joint(tuple(chosen), mean, root)
+    return factors, JointFactors(tuple(chosen), mean, root)
 
 
 def _document(folder: Path) -> dict[str, Any]:
@@ -74,7 +74,7 @@ def _covariance(folder: Path, document: dict[str, Any]) -> tuple[list[str], Floa
         raise ScenarioError(folder, problem, "calibrate so, or give each parameter `normal` and `std`") from None
 
 
-def _scale(name: str, entry: dict[str, Any], place: Place) -> float:
+def _scale(name: str, entry: dict[str, Any], place: FactorPlace) -> float:
     """By what a value in the calibration's unit becomes one in the variable's."""
     _, port = place.target(name)
     unit = str(entry.get("unit", "1"))

@@ -21,7 +21,7 @@ from orchestrator.trace import FloatArray
 BLOCK = 1024  # points that are drawn together; a power of two
 
 
-class Design(Protocol):
+class PointDesign(Protocol):
     """Points in a space."""
 
     @property

@@ -32,7 +32,7 @@ class Law(Protocol):
 
 
 @dataclass(frozen=True)
-class Interval:
+class UniformBetween:
     """Uniform from end to end, or its logarithm is.
 
     Attributes:
@@ -63,7 +63,7 @@ class Interval:
 
 
 @dataclass(frozen=True)
-class Normal:
+class TruncatedNormal:
     """Normal, without what lies outside the ends."""
 
     mean: float
@@ -141,7 +141,7 @@ class Factor:
 
 
 @dataclass(frozen=True, eq=False)
-class Joint:
+class JointFactors:
     """Factors that are drawn together, normally: mean (k,) and a root R (k, k) of their covariance R R'."""
 
     names: tuple[str, ...]
@@ -159,7 +159,7 @@ class Space:
     """All factors; those that are drawn together come last."""
 
     factors: tuple[Factor, ...]
-    joint: Joint | None = None
+    joint: JointFactors | None = None
 
     def __len__(self) -> int:
         return len(self.factors)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from fmus.errors import ScenarioError, ServotwinError
 from orchestrator.assembly.stimulus import Stimulus
-from orchestrator.batch.sweep.points.factors import Factor, Interval, Law, Levels, Normal, Target
+from orchestrator.batch.sweep.points.factors import Factor, Law, Levels, Target, TruncatedNormal, UniformBetween
 from orchestrator.batch.sweep.points.schema import FactorBlock, Level, Number
 from orchestrator.fmi.interface import Port, Written
 from orchestrator.formats import read
@@ -19,7 +19,7 @@ from orchestrator.system import Endpoint, System
 
 
 @dataclass(frozen=True)
-class Place:
+class FactorPlace:
     """Where factors are resolved: the study's folder, a scenario and its system.
 
     Attributes:
@@ -44,7 +44,7 @@ class Place:
         return Target.VALUE, settable(self.system, name).port
 
 
-def factor(name: str, block: FactorBlock, place: Place) -> Factor:
+def factor(name: str, block: FactorBlock, place: FactorPlace) -> Factor:
     """What varies by this name.
 
     Raises:
@@ -83,7 +83,7 @@ def listed(name: str, levels: Sequence[Level], target: Target, port: Port) -> Fa
     return Factor(name, law, target, unit, whole=kind)
 
 
-def stimuli(block: FactorBlock, place: Place, name: str) -> tuple[Stimulus, ...]:
+def stimuli(block: FactorBlock, place: FactorPlace, name: str) -> tuple[Stimulus, ...]:
     """What drives an input at each level, in its unit.
 
     Raises:
@@ -113,15 +113,15 @@ def _law(name: str, block: FactorBlock, port: Port) -> Law:
     assert ends is not None
     if block.scale == "log" and ends[0] <= 0:
         raise ScenarioError(name, f"has no logarithm at {ends[0]:g}", "begin above 0, or leave `scale` out")
-    return Interval(ends[0], ends[1], block.scale == "log", block.count or 2)
+    return UniformBetween(ends[0], ends[1], block.scale == "log", block.count or 2)
 
 
-def _normal(name: str, mean: float, std: float, ends: Sequence[float]) -> Normal:
+def _normal(name: str, mean: float, std: float, ends: Sequence[float]) -> TruncatedNormal:
     if not std > 0:
         raise ScenarioError(name, f"has a standard deviation of {std:g}", "give more than 0")
     if (ends[0] - mean) / std > 8 or (mean - ends[1]) / std > 8:
         raise ScenarioError(name, "hardly ever lies in `between`", "correct `normal`, `std` or `between`")
-    return Normal(mean, std, ends[0], ends[1])
+    return TruncatedNormal(mean, std, ends[0], ends[1])
 
 
 def _spread(name: str, std: Number, port: Port) -> float:

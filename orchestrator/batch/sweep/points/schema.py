@@ -173,7 +173,7 @@ class CalibrationBlock(Block):
     parameters: list[str] | None = Field(None, min_length=1)
 
 
-class TracesBlock(Block):
+class SweepTracesBlock(Block):
     """What of each run's signals is kept in its row.
 
     Attributes:
@@ -212,7 +212,7 @@ class SweepBlock(Block):
     noise: list[str] = []
     design: Design = GridBlock(by="grid")
     measures: dict[Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")], ExpectationBlock] = {}
-    traces: TracesBlock | None = None
+    traces: SweepTracesBlock | None = None
     at_least: Annotated[Share, Field(gt=0, le=1)] | None = None
 
     @model_validator(mode="after")

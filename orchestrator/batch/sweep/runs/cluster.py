@@ -16,9 +16,9 @@ from time import monotonic, sleep
 from typing import TYPE_CHECKING, Any
 
 from fmus.errors import InputError
-from orchestrator.batch.sweep.runs.package import Package, Platform, Unable
+from orchestrator.batch.sweep.runs.package import Unable, WorkerPackage, WorkerPlatform
 from orchestrator.batch.sweep.runs.queue import Queue
-from orchestrator.batch.sweep.runs.setup import Done, Setup, Task
+from orchestrator.batch.sweep.runs.setup import Chunk, ChunkResult, Setup
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -52,23 +52,23 @@ class Cluster:
             InputError: there is none, a worker is not, or Dask is not installed.
         """
         with _connected(self.address, 0.0) as client:
-            wanted = Platform.here()
+            wanted = WorkerPlatform.here()
             for worker, found in client.run(_probe()).items():
-                if problem := Platform(*found).unfit(wanted):
+                if problem := WorkerPlatform(*found).unfit(wanted):
                     what, _, fix = problem.partition("; ")
                     raise InputError(f"worker {worker}", what, fix)
 
-    def outcomes(self, queue: Queue, setup: Setup) -> Iterator[tuple[Task, Done]]:
+    def outcomes(self, queue: Queue, setup: Setup) -> Iterator[tuple[Chunk, ChunkResult]]:
         """See `Runner`.
 
         Raises:
             InputError: the scheduler is gone for longer than the patience, or no worker can run anything.
         """
-        package, unable, silent = Package.of(setup), dict[str, str](), 0
+        package, unable, silent = WorkerPackage.of(setup), dict[str, str](), 0
         while silent < SILENT:
             silent += 1
             with _connected(self.address, self.patience) as client:
-                session = _Session(client, package, queue, unable)
+                session = _SchedulerSession(client, package, queue, unable)
                 for outcome in session.outcomes():
                     silent = 0
                     yield outcome
@@ -79,7 +79,7 @@ class Cluster:
         raise InputError(f"--scheduler {self.address}", problem, "look at its log and those of its workers")
 
 
-class _Session:
+class _SchedulerSession:
     """One connection to a scheduler.
 
     Attributes:
@@ -88,18 +88,18 @@ class _Session:
     It ends, too, when an answer that there was does not come: the scheduler may be another one than before.
     """
 
-    def __init__(self, client: Client, package: Package, queue: Queue, unable: dict[str, str]) -> None:
+    def __init__(self, client: Client, package: WorkerPackage, queue: Queue, unable: dict[str, str]) -> None:
         from distributed import as_completed  # noqa: PLC0415 (an extra)
 
         self._client, self._package, self._queue, self._unable = client, package, queue, unable
         self._name = f"servotwin-{package.key}"
-        self._active: dict[str, tuple[Future, Task]] = {}
+        self._active: dict[str, tuple[Future, Chunk]] = {}
         self._completed = as_completed(loop=client.loop)
         self._counted = self._seen = self._searched = -1e9
         self._numbered, self._bare = 0, Counter[str]()
         self._broken = self.finished = False
 
-    def outcomes(self) -> Iterator[tuple[Task, Done]]:
+    def outcomes(self) -> Iterator[tuple[Chunk, ChunkResult]]:
         """What came of tasks, until all are done or the scheduler is gone; then those on their way are put back."""
         from orchestrator.batch.sweep.runs.equipment import Equipment  # noqa: PLC0415 (see above)
 
@@ -170,7 +170,7 @@ class _Session:
             LOG.warning("%s has no workers; waiting for some: dask worker ADDRESS", self._client.scheduler.address)
             self._seen = now
 
-    def _come(self, future: Future) -> Iterator[tuple[Task, Done]]:
+    def _come(self, future: Future) -> Iterator[tuple[Chunk, ChunkResult]]:
         """A task that is done, or comes again."""
         from distributed import KilledWorker  # noqa: PLC0415 (see above)
 
@@ -191,7 +191,7 @@ class _Session:
             yield from self._queue.lost(task, 0 if len(task.runs) == 1 else None, reason, final=len(task.runs) == 1)
         elif error is not None:
             raise error
-        elif isinstance(answer, Done):
+        elif isinstance(answer, ChunkResult):
             self._queue.answered(task, answer)
             yield task, answer
         else:
@@ -217,7 +217,7 @@ class _Session:
 
 
 @contextmanager
-def _going(session: _Session) -> Iterator[None]:
+def _going(session: _SchedulerSession) -> Iterator[None]:
     """What a scheduler that goes meanwhile makes of it is no error."""
     try:
         yield

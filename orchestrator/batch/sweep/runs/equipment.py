@@ -13,8 +13,8 @@ from distributed import get_worker
 from distributed.diagnostics.plugin import WorkerPlugin
 
 from fmus.errors import ServotwinError
-from orchestrator.batch.sweep.runs.package import Package, Platform, Unable
-from orchestrator.batch.sweep.runs.setup import Done, Task
+from orchestrator.batch.sweep.runs.package import Unable, WorkerPackage, WorkerPlatform
+from orchestrator.batch.sweep.runs.setup import Chunk, ChunkResult
 from orchestrator.batch.sweep.runs.worker import Worker
 
 
@@ -28,18 +28,18 @@ class Equipment(WorkerPlugin):
 
     idempotent = True
 
-    def __init__(self, package: Package) -> None:
+    def __init__(self, package: WorkerPackage) -> None:
         self.package, self.name, self.problem = package, f"servotwin-{package.key}", ""
         self._folder = Path()
 
-    def __reduce__(self) -> tuple[Callable[[Package], Equipment], tuple[Package]]:
+    def __reduce__(self) -> tuple[Callable[[WorkerPackage], Equipment], tuple[WorkerPackage]]:
         return Equipment, (self.package,)
 
     def setup(self, worker: Any) -> None:
         """Called when the worker gets it."""
         self._workers: dict[int, Worker] = {}
         self._lock = threading.Lock()
-        self.problem = Platform.here().unfit(self.package.platform)
+        self.problem = WorkerPlatform.here().unfit(self.package.platform)
         self._folder = Path(worker.local_directory) / self.name
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
@@ -54,7 +54,7 @@ class Equipment(WorkerPlugin):
             one.close()
         shutil.rmtree(self._folder, ignore_errors=True)
 
-    def run(self, task: Task, worker: str) -> Done | Unable:
+    def run(self, task: Chunk, worker: str) -> ChunkResult | Unable:
         """What comes of a task in this thread."""
         if self.problem:
             return Unable(worker, self.problem)
@@ -81,18 +81,18 @@ def _put(file: Path, content: bytes) -> None:
         part.replace(file)
 
 
-async def equip(package: Package, dask_worker: Any) -> None:
+async def equip(package: WorkerPackage, dask_worker: Any) -> None:
     """Give a worker what it needs that came while the others were given it."""
     equipment = Equipment(package)
     if equipment.name not in dask_worker.plugins:
         await dask_worker.plugin_add(plugin=equipment, name=equipment.name)
 
 
-def work(name: str, task: Task) -> Done | Unable:
+def work(name: str, task: Chunk) -> ChunkResult | Unable:
     """What a worker does of a sweep, by the name of its equipment."""
     worker = get_worker()
     equipment = worker.plugins.get(name)
     if equipment is None:
         return Unable(worker.address, "", bare=True)
-    done: Done | Unable = equipment.run(task, worker.address)
+    done: ChunkResult | Unable = equipment.run(task, worker.address)
     return done

@@ -27,7 +27,7 @@ from pyarrow import compute, parquet
 from fmus.errors import InputError
 from fmus.files import atomic_write
 from orchestrator.batch.sweep.runs.rows import FAILED
-from orchestrator.batch.sweep.runs.setup import Done, Numbers
+from orchestrator.batch.sweep.runs.setup import ChunkResult, Numbers
 from orchestrator.results import check_target, permission, versions
 
 if sys.platform == "win32":
@@ -101,7 +101,7 @@ class Folder:
             if len(left):
                 yield left
 
-    def keep(self, runs: Numbers, rows: pa.Table, done: Done) -> None:
+    def keep(self, runs: Numbers, rows: pa.Table, done: ChunkResult) -> None:
         """Have the rows of some runs of one part on the disk, and know that.
 
         Raises:

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import partial
 
-from orchestrator.batch.limits import Limits
+from orchestrator.batch.limits import CaseLimits
 from orchestrator.batch.sweep.runs.queue import Queue
-from orchestrator.batch.sweep.runs.setup import Done, Setup, Task
+from orchestrator.batch.sweep.runs.setup import Chunk, ChunkResult, Setup
 from orchestrator.batch.sweep.runs.worker import Worker
 from orchestrator.processes.child import Died
 from orchestrator.processes.last_words import LastWords
@@ -28,12 +28,12 @@ class Local:
     """
 
     slots: int = field(default_factory=processors)
-    limits: Limits | None = None
+    limits: CaseLimits | None = None
 
     def check(self) -> None:
         """It is always there."""
 
-    def outcomes(self, queue: Queue, setup: Setup) -> Iterator[tuple[Task, Done]]:
+    def outcomes(self, queue: Queue, setup: Setup) -> Iterator[tuple[Chunk, ChunkResult]]:
         """See `Runner`.
 
         Raises:
@@ -41,7 +41,7 @@ class Local:
         """
         queue.slots = self.slots
         handed, watch = _Handed(queue), self._watched if self.limits else None
-        with Processes[Task, Done](partial(Worker, setup), self.slots, AHEAD, watch=watch) as pool:
+        with Processes[Chunk, ChunkResult](partial(Worker, setup), self.slots, AHEAD, watch=watch) as pool:
             for number, answer in pool.answers(handed):
                 task = handed.tasks.pop(number)
                 if isinstance(answer, Died):
@@ -55,14 +55,14 @@ class Local:
         return self.limits.exceeded(pid, words, begun)
 
 
-class _Handed(Iterator[Task]):
+class _Handed(Iterator[Chunk]):
     """Tasks on their way to a process, by the number in which they went."""
 
     def __init__(self, queue: Queue) -> None:
         self._queue, self._count = queue, 0
-        self.tasks: dict[int, Task] = {}
+        self.tasks: dict[int, Chunk] = {}
 
-    def __next__(self) -> Task:
+    def __next__(self) -> Chunk:
         task = next(self._queue)
         self.tasks[self._count] = task
         self._count += 1

@@ -29,7 +29,7 @@ class Unable:
 
 
 @dataclass(frozen=True)
-class Platform:
+class WorkerPlatform:
     """What runs can depend on, of a worker.
 
     Attributes:
@@ -41,11 +41,11 @@ class Platform:
     machine: str
 
     @classmethod
-    def here(cls) -> Platform:
+    def here(cls) -> WorkerPlatform:
         """That of this process."""
         return cls(version_of("servotwin"), f"{sys.platform} {platform.machine()}")
 
-    def unfit(self, wanted: Platform) -> str:
+    def unfit(self, wanted: WorkerPlatform) -> str:
         """Why it is none where another one is wanted; "" where it is as that one."""
         if self.version is None:
             return f"has no servotwin; install {wanted.version} there"
@@ -57,7 +57,7 @@ class Platform:
 
 
 @dataclass(frozen=True)
-class Package:
+class WorkerPackage:
     """What a worker needs.
 
     Attributes:
@@ -69,14 +69,14 @@ class Package:
 
     setup: Setup
     files: Mapping[str, bytes]
-    platform: Platform
+    platform: WorkerPlatform
     key: str
 
     @classmethod
-    def of(cls, setup: Setup) -> Package:
+    def of(cls, setup: Setup) -> WorkerPackage:
         """A setup with its FMUs."""
         places = {file: Path(f"{sha256(file)}.fmu") for variant in setup.variants for file in variant.files}
         content = {place.name: file.read_bytes() for file, place in places.items()}
-        moved, here = setup.moved(places), Platform.here()
+        moved, here = setup.moved(places), WorkerPlatform.here()
         key = hashlib.sha256(pickle.dumps((moved, sorted(content), here))).hexdigest()[:16]
         return cls(moved, content, here, key)

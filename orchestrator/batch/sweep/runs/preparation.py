@@ -16,9 +16,9 @@ from fmus.modelling.model import Model
 from orchestrator.assembly.stimulus import Stimulus
 from orchestrator.batch.sweep.points import resolving
 from orchestrator.batch.sweep.points.choosing import chosen
-from orchestrator.batch.sweep.points.designs import Design
+from orchestrator.batch.sweep.points.designs import PointDesign
 from orchestrator.batch.sweep.points.factors import Space, Target
-from orchestrator.batch.sweep.points.resolving import Place
+from orchestrator.batch.sweep.points.resolving import FactorPlace
 from orchestrator.batch.sweep.points.schema import MOST_RUNS, HypercubeBlock, SweepBlock, load_sweep
 from orchestrator.batch.sweep.runs.reach import unseen
 from orchestrator.batch.sweep.runs.setup import Asked, Kept, Setup, Variant
@@ -46,7 +46,7 @@ class PreparedSweep:
     file: Path
     block: SweepBlock
     setup: Setup
-    design: Design
+    design: PointDesign
     identity: Mapping[str, Any]
     notes: Sequence[str]
 
@@ -72,7 +72,7 @@ def prepared(file: Path) -> Iterator[PreparedSweep]:
     block = load_sweep(file)
     with tempfile.TemporaryDirectory(prefix="servotwin-") as folder:
         systems = wired(block, file, Path(folder))
-        places = [Place(file, one.scenario, one.system) for one in systems]
+        places = [FactorPlace(file, one.scenario, one.system) for one in systems]
         found = chosen(block, places)
         setup = _setup(block, file, found.space, systems)
         study = PreparedSweep(file, block, setup, found.design, _identity(block, file, systems), _notes(systems))
@@ -86,7 +86,7 @@ def _setup(block: SweepBlock, file: Path, space: Space, systems: Sequence[Wired]
     recordings, fmus = dict[int, tuple[Stimulus, ...]](), []
     for number, factor in enumerate(space.factors):
         if factor.target is Target.RECORDING:
-            where = Place(file, systems[0].scenario, systems[0].system)
+            where = FactorPlace(file, systems[0].scenario, systems[0].system)
             recordings[number] = resolving.stimuli(block.vary[factor.name], where, factor.name)
         elif factor.target is Target.FMU:
             fmus.append((number, len(factor.words)))

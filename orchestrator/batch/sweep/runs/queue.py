@@ -8,11 +8,11 @@ from typing import Protocol
 
 import numpy as np
 
-from orchestrator.batch.sweep.points.designs import Design
+from orchestrator.batch.sweep.points.designs import PointDesign
 from orchestrator.batch.sweep.runs import rows
 from orchestrator.batch.sweep.runs.folder import Folder
 from orchestrator.batch.sweep.runs.rows import Row
-from orchestrator.batch.sweep.runs.setup import Done, Numbers, Setup, Task
+from orchestrator.batch.sweep.runs.setup import Chunk, ChunkResult, Numbers, Setup
 
 LONG = 0.5  # that a task takes about [s]
 GROWTH = 4  # of a task over the one before, at most
@@ -29,27 +29,27 @@ class Runner(Protocol):
             InputError: it is not.
         """
 
-    def outcomes(self, queue: Queue, setup: Setup) -> Iterator[tuple[Task, Done]]:
+    def outcomes(self, queue: Queue, setup: Setup) -> Iterator[tuple[Chunk, ChunkResult]]:
         """What came of all tasks of the queue, as it comes; it is told what it has to know of them."""
 
 
-class Queue(Iterator[Task]):
+class Queue(Iterator[Chunk]):
     """Tasks of the runs that have no row yet; runs that were lost with their process come again.
 
     Attributes:
         slots: tasks that are worked on at the same time; whoever runs them says.
     """
 
-    def __init__(self, setup: Setup, design: Design, folder: Folder) -> None:
+    def __init__(self, setup: Setup, design: PointDesign, folder: Folder) -> None:
         self._setup, self._design, self.slots = setup, design, 1
         self._left = folder.left
         self._parts = folder.missing()
         self._of_part: Numbers = np.zeros(0, dtype=int)
-        self._again: deque[Task] = deque()
+        self._again: deque[Chunk] = deque()
         self._deaths: Counter[int] = Counter()
         self._size = 1
 
-    def __next__(self) -> Task:
+    def __next__(self) -> Chunk:
         if self._again:
             return self._again.popleft()
         if not len(self._of_part):
@@ -57,18 +57,20 @@ class Queue(Iterator[Task]):
         share = -(-self._left // (2 * self.slots))  # so that all end together
         runs, self._of_part = np.split(self._of_part, [max(1, min(self._size, share))])
         self._left -= len(runs)
-        return Task(runs, self._points(runs))
+        return Chunk(runs, self._points(runs))
 
-    def answered(self, task: Task, done: Done) -> None:
+    def answered(self, task: Chunk, done: ChunkResult) -> None:
         """Learn from a task how many runs the next ones are to have."""
         fitting = int(LONG * len(task.runs) / max(done.seconds, 1e-6))
         self._size = max(1, min(fitting, GROWTH * max(self._size, len(task.runs))))
 
-    def back(self, tasks: Sequence[Task]) -> None:
+    def back(self, tasks: Sequence[Chunk]) -> None:
         """Put tasks back that were not done."""
         self._again.extend(tasks)
 
-    def lost(self, task: Task, place: int | None, reason: str, final: bool = False) -> Iterator[tuple[Task, Done]]:
+    def lost(
+        self, task: Chunk, place: int | None, reason: str, final: bool = False
+    ) -> Iterator[tuple[Chunk, ChunkResult]]:
         """Put a task back whose process died at the run at this place; that run with its row, where it has failed for
         good.
 
@@ -88,7 +90,7 @@ class Queue(Iterator[Task]):
             self._again.append(one)
             return
         failed = [Row(rows.FAILED, reason, False, {})]
-        yield one, Done(rows.packed(rows.table(self._setup, one, failed)), 1, 0.0)
+        yield one, ChunkResult(rows.packed(rows.table(self._setup, one, failed)), 1, 0.0)
 
     def _points(self, runs: Numbers) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
         cases = len(self._setup.cases)

@@ -11,7 +11,7 @@ import pyarrow as pa
 
 from orchestrator.batch.sweep.points.designs import seed_of
 from orchestrator.batch.sweep.points.factors import Factor
-from orchestrator.batch.sweep.runs.setup import Setup, Task
+from orchestrator.batch.sweep.runs.setup import Chunk, Setup
 from orchestrator.scenario.expectations import Check
 from orchestrator.trace import FloatArray
 
@@ -57,7 +57,7 @@ def schema(setup: Setup) -> pa.Schema:
     return pa.schema(fields)
 
 
-def table(setup: Setup, task: Task, rows: Sequence[Row]) -> pa.Table:
+def table(setup: Setup, task: Chunk, rows: Sequence[Row]) -> pa.Table:
     """The rows of a task."""
     points, cases = np.divmod(task.runs, len(setup.cases))
     columns: list[Any] = [task.runs, points, [setup.cases[case] for case in cases]]

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from fmus.errors import InputError
-from orchestrator.batch.sweep.points.designs import Design
+from orchestrator.batch.sweep.points.designs import PointDesign
 from orchestrator.batch.sweep.runs.rows import values_of
 from orchestrator.batch.sweep.runs.setup import Setup
 
@@ -20,7 +20,7 @@ class SamePoints:
     """See `folder.Same`."""
 
     setup: Setup
-    design: Design
+    design: PointDesign
 
     @property
     def columns(self) -> Sequence[str]:

@@ -113,7 +113,7 @@ def _moved(variant: Variant, files: Mapping[Path, Path]) -> Variant:
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class Chunk:
     """Some runs.
 
     Attributes:
@@ -124,13 +124,13 @@ class Task:
     runs: Numbers
     points: FloatArray
 
-    def part(self, first: int, stop: int) -> Task:
+    def part(self, first: int, stop: int) -> Chunk:
         """Those at some places."""
-        return Task(self.runs[first:stop], self.points[first:stop])
+        return Chunk(self.runs[first:stop], self.points[first:stop])
 
 
 @dataclass(frozen=True)
-class Done:
+class ChunkResult:
     """What came of a task.
 
     Attributes:

@@ -16,7 +16,7 @@ from orchestrator.batch.sweep.points.designs import seed_of
 from orchestrator.batch.sweep.points.factors import Factor, Target
 from orchestrator.batch.sweep.runs import rows
 from orchestrator.batch.sweep.runs.rows import Row
-from orchestrator.batch.sweep.runs.setup import Done, Kept, Setup, Task, Variant
+from orchestrator.batch.sweep.runs.setup import Chunk, ChunkResult, Kept, Setup, Variant
 from orchestrator.engine import Run, Simulation
 from orchestrator.fmi.interface import Value
 from orchestrator.processes import last_words
@@ -55,7 +55,7 @@ class Worker:
             (place, factor) for place, factor in factors if factor.target in (Target.CONSTANT, Target.RECORDING)
         ]
 
-    def __call__(self, task: Task) -> Done:
+    def __call__(self, task: Chunk) -> ChunkResult:
         """The rows of a task; a run that fails is one of them."""
         begun = perf_counter()
         made = []
@@ -64,7 +64,7 @@ class Worker:
                 made.append(self._row(run, task.points[number]))
         data = rows.packed(rows.table(self._setup, task, made))
         failed = sum(row.state == rows.FAILED for row in made)
-        return Done(data, failed, perf_counter() - begun, platform.node())
+        return ChunkResult(data, failed, perf_counter() - begun, platform.node())
 
     def close(self) -> None:
         """Free all systems."""

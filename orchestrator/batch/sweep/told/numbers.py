@@ -20,7 +20,7 @@ SHOWN = 2000  # runs
 
 
 @dataclass(frozen=True, eq=False)
-class Numbers:
+class SweepNumbers:
     """Of n runs, spread evenly over all, what varied and what came out.
 
     Attributes:
@@ -60,7 +60,7 @@ class Numbers:
         return first, second
 
 
-def numbers_of(study: PreparedSweep, result: SweepResult) -> Numbers:
+def numbers_of(study: PreparedSweep, result: SweepResult) -> SweepNumbers:
     """The arrays of a sweep."""
     factors, asked = study.setup.space.factors, [one.name for one in study.setup.asked]
     names = [factor.name for factor in factors]
@@ -69,7 +69,7 @@ def numbers_of(study: PreparedSweep, result: SweepResult) -> Numbers:
     values = np.stack([_column(rows, one) for one in factors], axis=1) if factors else np.zeros((len(rows), 0))
     figures = _matrix(rows, asked)
     correlations = np.stack([rank_correlations(values, column) for column in figures.T], axis=1) if asked else None
-    return Numbers(
+    return SweepNumbers(
         names,
         [with_unit(factor.name, factor.unit) for factor in factors],
         values,

@@ -13,12 +13,12 @@ from orchestrator.batch.sweep.points.designs import Morris, SobolIndices
 from orchestrator.batch.sweep.runs.preparation import PreparedSweep
 from orchestrator.batch.sweep.runs.rows import MARGIN, TIME
 from orchestrator.batch.sweep.told.again import command
-from orchestrator.batch.sweep.told.numbers import Numbers, numbers_of
+from orchestrator.batch.sweep.told.numbers import SweepNumbers, numbers_of
 from orchestrator.batch.sweep.told.result import AskedDocument, SweepResult
 from orchestrator.batch.sweep.told.sensitivity import MISSING, Indices, indices
 from orchestrator.display.table import Cell
 from orchestrator.display.titles import with_unit
-from orchestrator.report import Band, Chart, Curve, Mark, Panel, Report, Section, figures
+from orchestrator.report import Band, Chart, ChartLine, Curve, Panel, Report, Section, figures
 from orchestrator.report.chart import ChartPoint
 from orchestrator.report.drawings import ChartGrid
 from orchestrator.results import versions
@@ -88,7 +88,7 @@ def _interval(asked: AskedDocument) -> str:
     return f"{100 * low:.4g} … {100 * high:.4g}"
 
 
-def _worst(section: Section, study: PreparedSweep, result: SweepResult, numbers: Numbers) -> None:
+def _worst(section: Section, study: PreparedSweep, result: SweepResult, numbers: SweepNumbers) -> None:
     """The runs with the smallest margins, with what runs each again."""
     rows: list[list[Cell]] = []
     for asked in result.document["asked"]:
@@ -130,7 +130,7 @@ def _spread(section: Section, result: SweepResult) -> None:
     section.table(headers, rows)
 
 
-def _dependence(page: Report, study: PreparedSweep, result: SweepResult, numbers: Numbers) -> None:
+def _dependence(page: Report, study: PreparedSweep, result: SweepResult, numbers: SweepNumbers) -> None:
     section = page.section("What figures depend on")
     titles = [asked["column"] for asked in result.document["asked"]]
     section.table(
@@ -143,7 +143,7 @@ def _dependence(page: Report, study: PreparedSweep, result: SweepResult, numbers
     _indices(section, study, result)
 
 
-def _scatter(numbers: Numbers, result: SweepResult) -> ChartGrid:
+def _scatter(numbers: SweepNumbers, result: SweepResult) -> ChartGrid:
     """The figures over the factors, those that matter most."""
     charts = []
     for place, asked in list(enumerate(result.document["asked"]))[:FIGURES]:
@@ -160,7 +160,7 @@ def _groups(x: FloatArray, y: FloatArray, held: FloatArray) -> list[Curve]:
     return [Curve("holds", x[good], y[good], "dots"), Curve("does not hold", x[bad], y[bad], "crosses", 1)]
 
 
-def _map(section: Section, numbers: Numbers, result: SweepResult) -> None:
+def _map(section: Section, numbers: SweepNumbers, result: SweepResult) -> None:
     """Which points pass, over the two factors that this depends on most."""
     if len(numbers.names) < 2:
         return
@@ -231,7 +231,7 @@ def _envelopes(section: Section, study: PreparedSweep, result: SweepResult) -> N
 
 def _bands(
     time: FloatArray, samples: Sequence[Sequence[float]]
-) -> tuple[list[Curve], list[Mark | ChartPoint], list[Band]]:
+) -> tuple[list[Curve], list[ChartLine | ChartPoint], list[Band]]:
     """Median and bands of samples that may end early."""
     padded = np.full((len(samples), len(time)), np.nan)
     for row, values in enumerate(samples):

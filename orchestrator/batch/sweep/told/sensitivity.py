@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from orchestrator.batch.sweep.points.designs import Design, Morris, SobolIndices
+from orchestrator.batch.sweep.points.designs import Morris, PointDesign, SobolIndices
 from orchestrator.trace import FloatArray
 
 RESAMPLES = 200  # of bootstrapped intervals
@@ -59,7 +59,7 @@ def rank_correlations(values: FloatArray, figures: FloatArray) -> FloatArray:
     return found
 
 
-def indices(design: Design, points: FloatArray, figures: FloatArray, names: Sequence[str]) -> Indices | None:
+def indices(design: PointDesign, points: FloatArray, figures: FloatArray, names: Sequence[str]) -> Indices | None:
     """The indices of figures (N,) at all points (N, d) of a design; None where it has none, or no group is whole.
 
     Raises:

@@ -105,7 +105,7 @@ WORD = np.frombuffer(SIGNATURE, "<u4")[0]
 
 
 @dataclass(frozen=True)
-class Chain:
+class ObjectChain:
     """The objects that lie one after the other in some bytes.
 
     Attributes:
@@ -121,7 +121,7 @@ class Chain:
     needed: int
 
 
-def chain(octets: Bytes, total: int) -> Chain:
+def chain(octets: Bytes, total: int) -> ObjectChain:
     """The objects in the first `total` bytes of `octets`, which has `SLACK` more."""
     starts = _signatures(octets[:total])
     if len(starts) == 0:
@@ -147,7 +147,7 @@ def chain(octets: Bytes, total: int) -> Chain:
             row, end = last + 1, int(starts[last])
         elif ends[last] > total or not whole[last]:
             needed = int(heads["size"][last]) if whole[last] else HEADER.itemsize
-            return Chain(_taken(starts, [*runs, (row, last)]), gaps, int(starts[last]), needed)
+            return ObjectChain(_taken(starts, [*runs, (row, last)]), gaps, int(starts[last]), needed)
         else:
             runs.append((row, last + 1))
             row, end = int(following[last]), int(ends[last])
@@ -161,7 +161,7 @@ def gather(octets: Bytes, positions: Positions, kind: np.dtype[Any]) -> NDArray[
     return everywhere[positions].view(kind)
 
 
-class Decoded(NamedTuple):
+class DecodedObjects(NamedTuple):
     """What some objects are.
 
     Attributes:
@@ -179,7 +179,7 @@ class Decoded(NamedTuple):
     unknown: dict[int, Positions]
 
 
-def decoded(octets: Bytes, starts: Positions, dated: Dated) -> Decoded:
+def decoded(octets: Bytes, starts: Positions, dated: Dated) -> DecodedObjects:
     """The frames among the objects.
 
     Args:
@@ -200,7 +200,7 @@ def decoded(octets: Bytes, starts: Positions, dated: Dated) -> Decoded:
     if len(lost):
         starts, heads, bodies = starts[~short], heads[~short], bodies[~short]
     frames, astray = _frames(Objects(octets, starts, heads, bodies), dated)
-    return Decoded(frames, skipped, lost, astray, unknown)
+    return DecodedObjects(frames, skipped, lost, astray, unknown)
 
 
 class Objects(NamedTuple):
@@ -245,14 +245,14 @@ def _taken(starts: Positions, runs: list[tuple[int, int]]) -> Positions:
 
 def _finished(
     runs: list[tuple[int, int]], gaps: list[tuple[int, int]], end: int, total: int, starts: Positions
-) -> Chain:
+) -> ObjectChain:
     """The chain once there is no further signature; the last bytes may be the first of one."""
     rest = min(total, max(end, total - len(SIGNATURE) + 1))
     if rest - end > PADDING:
         gaps.append((end, rest))
     else:
         rest = min(end, total)
-    return Chain(_taken(starts, runs), gaps, rest, total - rest + 1)
+    return ObjectChain(_taken(starts, runs), gaps, rest, total - rest + 1)
 
 
 def _least(types: NDArray[Any]) -> NDArray[np.int64]:

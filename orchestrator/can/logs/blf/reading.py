@@ -42,7 +42,7 @@ def frames(path: Path, findings: Findings) -> Iterator[tuple[Frames, float]]:
     size = path.stat().st_size
     with path.open("rb") as file:
         head = _header(file, findings)
-        stream = Stream(head.origin, findings)
+        stream = ObjectStream(head.origin, findings)
         for content in _contents(file, head.size, size, findings):
             for batch in stream.feed(content):
                 yield batch, min(1.0, file.tell() / size)
@@ -52,7 +52,7 @@ def frames(path: Path, findings: Findings) -> Iterator[tuple[Frames, float]]:
         findings.add(size, f"the file ends here, its header says after {head.file_size} bytes")
 
 
-class Stream:
+class ObjectStream:
     """Objects across containers: bytes go in, frames come out as soon as there are enough."""
 
     def __init__(self, origin: float, findings: Findings) -> None:

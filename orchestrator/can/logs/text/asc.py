@@ -10,8 +10,8 @@ import numpy as np
 
 from orchestrator.can.frames import CLASSIC, LENGTHS, Flag
 from orchestrator.can.logs.text.dates import moment
-from orchestrator.can.logs.text.form import Reading, State, TextFormat
-from orchestrator.can.logs.text.lines import Field, Lines
+from orchestrator.can.logs.text.form import HeaderState, LogReading, TextFormat
+from orchestrator.can.logs.text.lines import TextField, TextLines
 from orchestrator.can.logs.text.rows import (
     DIRECTIONS,
     FoundRows,
@@ -39,13 +39,13 @@ LONG = 0x1000  # among the flags of a CANFD line
 
 
 @dataclass(frozen=True)
-class AscState(State):
+class AscState(HeaderState):
     """The base of its numbers besides."""
 
     base: int = 16
 
 
-def _header(line: str, state: AscState, reading: Reading) -> AscState | None:
+def _header(line: str, state: AscState, reading: LogReading) -> AscState | None:
     if base := BASE.match(line):
         relative = state.relative if base[2] is None else base[2].lower() == "relative"
         if relative:
@@ -61,7 +61,7 @@ def _header(line: str, state: AscState, reading: Reading) -> AscState | None:
     return replace(state, start=begin.time)
 
 
-def _one(line: str, state: AscState, reading: Reading) -> LogRow | None:
+def _one(line: str, state: AscState, reading: LogReading) -> LogRow | None:
     if NOTHING.match(line) or BEGUN.match(line):
         return None
     words = line.split()
@@ -153,14 +153,14 @@ def _sent(direction: str) -> int:
     return Flag.SENT * (direction == "tx")
 
 
-def _many(lines: Lines, state: AscState, reading: Reading) -> FoundRows:
+def _many(lines: TextLines, state: AscState, reading: LogReading) -> FoundRows:
     words = lines.words
     fd = lines.equal(words[1], "canfd")
     time, right = lines.decimals(words[0])
     channel, numbered = lines.whole_numbers(words[np.where(fd, 2, 1)], 10, 3)
     direction = words[3]
     name = words[np.where(fd, 4, 2)]
-    extended = lines.equal(Field(np.maximum(name.end - 1, name.begin), name.end), "x")
+    extended = lines.equal(TextField(np.maximum(name.end - 1, name.begin), name.end), "x")
     identifier, named = lines.whole_numbers(name.without(0, extended), state.base, 8 if state.base == 16 else 10)
     sent, received = lines.equal(direction, "tx"), lines.equal(direction, "rx")
     switch = np.where(lines.equal(words[5], "0", "1"), 5, 6)
@@ -193,7 +193,7 @@ def _many(lines: Lines, state: AscState, reading: Reading) -> FoundRows:
     )
 
 
-def _state(lines: Sequence[str], reading: Reading) -> AscState:
+def _state(lines: Sequence[str], reading: LogReading) -> AscState:
     return AscState()
 
 

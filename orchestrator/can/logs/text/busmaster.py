@@ -10,8 +10,8 @@ import numpy as np
 
 from orchestrator.can.frames import CLASSIC, Flag
 from orchestrator.can.logs.text.dates import moment
-from orchestrator.can.logs.text.form import Reading, State, TextFormat
-from orchestrator.can.logs.text.lines import Field, Lines
+from orchestrator.can.logs.text.form import HeaderState, LogReading, TextFormat
+from orchestrator.can.logs.text.lines import TextField, TextLines
 from orchestrator.can.logs.text.rows import (
     DIRECTIONS,
     FoundRows,
@@ -33,7 +33,7 @@ DAY = 86400.0
 
 
 @dataclass(frozen=True)
-class BusmasterState(State):
+class BusmasterState(HeaderState):
     """The base of its numbers, and whether stamps are times of the day."""
 
     base: int = 16
@@ -44,11 +44,11 @@ class BusmasterState(State):
         return self.start - self.start % DAY if self.day else self.start
 
 
-def _state(lines: Sequence[str], reading: Reading) -> BusmasterState:
+def _state(lines: Sequence[str], reading: LogReading) -> BusmasterState:
     return BusmasterState()
 
 
-def _header(line: str, state: BusmasterState, reading: Reading) -> BusmasterState | None:
+def _header(line: str, state: BusmasterState, reading: LogReading) -> BusmasterState | None:
     if begun := BEGUN.match(line):
         begin = moment(begun[1])
         if begin is None:
@@ -66,7 +66,7 @@ def _header(line: str, state: BusmasterState, reading: Reading) -> BusmasterStat
     return replace(state, day=name.startswith("SYSTEM"), relative=name.startswith("RELATIVE"))
 
 
-def _one(line: str, state: BusmasterState, reading: Reading) -> LogRow | None:
+def _one(line: str, state: BusmasterState, reading: LogReading) -> LogRow | None:
     words = line.split()
     time = clock(words[0])
     direction, kind = word(words, 1, "direction").lower(), word(words, 4, "type").lower()
@@ -93,13 +93,13 @@ def clock(text: str) -> float:
     return 3600.0 * hours + 60.0 * minutes + stamp(f"{seconds}.{whole(parts[3], 10, 'time stamp'):0{len(parts[3])}d}")
 
 
-def _many(lines: Lines, state: BusmasterState, reading: Reading) -> FoundRows:
+def _many(lines: TextLines, state: BusmasterState, reading: LogReading) -> FoundRows:
     words = lines.words
     time, timed = _clocks(lines, words[0])
     sent, extended = lines.equal(words[1], "tx"), lines.equal(words[4], "x")
     channel, numbered = lines.whole_numbers(words[2], 10, 3)
     name = words[3]
-    prefixed = lines.equal(Field(name.begin, np.minimum(name.begin + 2, name.end)), "0x")
+    prefixed = lines.equal(TextField(name.begin, np.minimum(name.begin + 2, name.end)), "0x")
     identifier, named = lines.whole_numbers(name.without(2 * prefixed), state.base, 8 if state.base == 16 else 10)
     length, told = lines.whole_numbers(words[5], 10, 2)
     length = np.where(told, length, 255)
@@ -109,11 +109,11 @@ def _many(lines: Lines, state: BusmasterState, reading: Reading) -> FoundRows:
     return found((time, timed), identifier, flags, channel - 1, length, data, right)
 
 
-def _clocks(lines: Lines, field: Field) -> tuple[FloatArray, BoolArray]:
+def _clocks(lines: TextLines, field: TextField) -> tuple[FloatArray, BoolArray]:
     """Seconds of stamps as the tool writes them, in tenths of milliseconds."""
     colons = [lines.octets[field.end - place] == ord(":") for place in (5, 8, 11)]
     parts = [
-        lines.whole_numbers(Field(begin, end), 10, most)
+        lines.whole_numbers(TextField(begin, end), 10, most)
         for begin, end, most in (
             (field.begin, field.end - 11, 4),
             (field.end - 10, field.end - 8, 2),

@@ -11,8 +11,8 @@ import numpy as np
 from orchestrator.can.frames import CLASSIC, LONGEST, Flag
 from orchestrator.can.log_suffixes import LINES
 from orchestrator.can.logs.text.dates import moment
-from orchestrator.can.logs.text.form import Reading, State, TextFormat
-from orchestrator.can.logs.text.lines import Field, Lines
+from orchestrator.can.logs.text.form import HeaderState, LogReading, TextFormat
+from orchestrator.can.logs.text.lines import TextField, TextLines
 from orchestrator.can.logs.text.rows import (
     DIRECTIONS,
     FoundRows,
@@ -37,13 +37,13 @@ CALENDAR = 1e6  # [s]
 
 
 @dataclass(frozen=True)
-class CandumpState(State):
+class CandumpState(HeaderState):
     """What stands for the stamp of a line that has none [s]."""
 
     step: float = 0.0
 
 
-def _state(lines: Sequence[str], reading: Reading) -> CandumpState:
+def _state(lines: Sequence[str], reading: LogReading) -> CandumpState:
     told_by = [told["interface"] for line in lines if (told := LINES["candump"].match(line))]
     reading.channels.add(told_by)
     stamps = [told[1] for line in lines if (told := STAMP.match(line.strip()))]
@@ -60,11 +60,11 @@ def _state(lines: Sequence[str], reading: Reading) -> CandumpState:
     return CandumpState(relative=relative)
 
 
-def _header(line: str, state: CandumpState, reading: Reading) -> None:
+def _header(line: str, state: CandumpState, reading: LogReading) -> None:
     return None
 
 
-def _one(line: str, state: CandumpState, reading: Reading) -> LogRow | None:
+def _one(line: str, state: CandumpState, reading: LogReading) -> LogRow | None:
     told = STAMP.match(line)
     time = _time(told[1], reading) if told else state.step
     words = line[told.end() if told else 0 :].split()
@@ -78,7 +78,7 @@ def _one(line: str, state: CandumpState, reading: Reading) -> LogRow | None:
     return replace(row, channel=reading.channels.of(interface))
 
 
-def _time(text: str, reading: Reading) -> float:
+def _time(text: str, reading: LogReading) -> float:
     if "-" not in text:
         return stamp(text)
     date = moment(text)
@@ -144,7 +144,7 @@ def _identifier(name: str) -> tuple[int, int]:
     return (number & IDENTIFIER if flags & Flag.EXTENDED else number), flags
 
 
-def _many(lines: Lines, state: CandumpState, reading: Reading) -> FoundRows:
+def _many(lines: TextLines, state: CandumpState, reading: LogReading) -> FoundRows:
     words = lines.words
     stamped = words[0]
     time, timed = lines.decimals(stamped.without(1, 1))
@@ -155,10 +155,10 @@ def _many(lines: Lines, state: CandumpState, reading: Reading) -> FoundRows:
     if not logged.any():
         return _many_printed(lines, state, reading)
     digits = np.where(standard, 3, 8)
-    identifier, named = lines.whole_numbers(Field(frame.begin, frame.begin + digits), 16, 8)
+    identifier, named = lines.whole_numbers(TextField(frame.begin, frame.begin + digits), 16, 8)
     content = frame.begin + digits + 1
     fd = lines.octets[content] == ord("#")
-    bits, flagged = lines.whole_numbers(Field(content + 1, content + 2), 16, 1)
+    bits, flagged = lines.whole_numbers(TextField(content + 1, content + 2), 16, 1)
     begin = np.where(fd, content + 2, content)
     count, odd = np.divmod(frame.end - begin, 2)
     data = lines.octet_digits(begin, np.where(logged, count, -1), 2, LONGEST if fd.any() else CLASSIC)
@@ -174,7 +174,7 @@ def _many(lines: Lines, state: CandumpState, reading: Reading) -> FoundRows:
     return found((time, timed), identifier, flags, channel, count, data, right)
 
 
-def _many_printed(lines: Lines, state: CandumpState, reading: Reading) -> FoundRows:
+def _many_printed(lines: TextLines, state: CandumpState, reading: LogReading) -> FoundRows:
     """As the terminal shows them with a stamp that is a number, or without one."""
     words = lines.words
     stamped = (lines.starts(words[0]) == ord("(")) & (lines.octets[words[0].end - 1] == ord(")"))

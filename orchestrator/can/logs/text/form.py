@@ -9,7 +9,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from orchestrator.can.logs.findings import Findings
-from orchestrator.can.logs.text.lines import Field, Lines, Positions
+from orchestrator.can.logs.text.lines import Positions, TextField, TextLines
 from orchestrator.can.logs.text.rows import FoundRows, LogRow, NoFrameError
 from orchestrator.trace import BoolArray
 
@@ -17,7 +17,7 @@ MOST = 256  # interfaces
 
 
 @dataclass
-class Channels:
+class InterfaceNumbers:
     """Numbers of interfaces that have names: the number in a name where it is free, else the first free one."""
 
     findings: Findings
@@ -42,7 +42,7 @@ class Channels:
             raise NoFrameError(f"its interface is one of more than {MOST}")
         return self.numbers[name]
 
-    def many(self, lines: Lines, names: Field, rows: BoolArray) -> Positions:
+    def many(self, lines: TextLines, names: TextField, rows: BoolArray) -> Positions:
         """(n,) the numbers of the interfaces in some lines, -1 in the others."""
         found, places = lines.names(names, rows, MOST)
         self.add(found)
@@ -55,7 +55,7 @@ def _number(name: str) -> int | None:
 
 
 @dataclass(frozen=True)
-class State:
+class HeaderState:
     """What a header says; formats add their own.
 
     Attributes:
@@ -72,15 +72,15 @@ class State:
         return self.start
 
 
-S = TypeVar("S", bound=State)
+S = TypeVar("S", bound=HeaderState)
 
 
 @dataclass
-class Reading:
+class LogReading:
     """What is found, and which interface is which channel, while a log is read."""
 
     findings: Findings
-    channels: Channels
+    channels: InterfaceNumbers
 
 
 @dataclass(frozen=True)
@@ -95,8 +95,8 @@ class TextFormat(Generic[S]):
         many: the frames of the lines that look as most do.
     """
 
-    state: Callable[[Sequence[str], Reading], S]
+    state: Callable[[Sequence[str], LogReading], S]
     first: bytes
-    header: Callable[[str, S, Reading], S | None]
-    one: Callable[[str, S, Reading], LogRow | None]
-    many: Callable[[Lines, S, Reading], FoundRows]
+    header: Callable[[str, S, LogReading], S | None]
+    one: Callable[[str, S, LogReading], LogRow | None]
+    many: Callable[[TextLines, S, LogReading], FoundRows]

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from orchestrator.can.frames import CLASSIC, Flag
-from orchestrator.can.logs.text.form import Reading, State, TextFormat
-from orchestrator.can.logs.text.lines import Lines
+from orchestrator.can.logs.text.form import HeaderState, LogReading, TextFormat
+from orchestrator.can.logs.text.lines import TextLines
 from orchestrator.can.logs.text.rows import (
     FoundRows,
     LogRow,
@@ -33,15 +33,15 @@ DIRECTIONS = {"r": 0, "t": Flag.SENT}
 PADDED, STRIDE = 8, 4  # digits of an identifier; octets from one byte to the next
 
 
-def _state(lines: Sequence[str], reading: Reading) -> State:
-    return State()
+def _state(lines: Sequence[str], reading: LogReading) -> HeaderState:
+    return HeaderState()
 
 
-def _header(line: str, state: State, reading: Reading) -> State | None:
+def _header(line: str, state: HeaderState, reading: LogReading) -> HeaderState | None:
     return state if line.lower().startswith(HEAD) else None
 
 
-def _one(line: str, state: State, reading: Reading) -> LogRow | None:
+def _one(line: str, state: HeaderState, reading: LogReading) -> LogRow | None:
     words = line.split()
     if len(words) < 4:
         raise NoFrameError("ends before its direction")
@@ -70,7 +70,7 @@ def _flags(letters: str) -> int:
     return int(sum({letter: LETTERS[letter] for letter in letters.lower()}.values()))
 
 
-def _many(lines: Lines, state: State, reading: Reading) -> FoundRows:
+def _many(lines: TextLines, state: HeaderState, reading: LogReading) -> FoundRows:
     words = lines.words
     channel, numbered = lines.whole_numbers(words[0], 10, 3)
     identifier, named = lines.whole_numbers(words[1], 16, PADDED)

@@ -30,7 +30,7 @@ EXACT, FEW_DIGITS, LONGEST_NUMBER = 1 << 53, 17, 24  # whole numbers that a doub
 POWERS = 10.0 ** np.arange(23)
 
 
-class Field(NamedTuple):
+class TextField(NamedTuple):
     """Where a piece of each line begins, and ends (the position behind it)."""
 
     begin: Positions
@@ -40,31 +40,31 @@ class Field(NamedTuple):
     def length(self) -> Positions:
         return self.end - self.begin
 
-    def of(self, rows: Positions) -> Field:
+    def of(self, rows: Positions) -> TextField:
         """Of these lines only."""
-        return Field(self.begin[rows], self.end[rows])
+        return TextField(self.begin[rows], self.end[rows])
 
-    def without(self, front: int | BoolArray | Positions, back: int | BoolArray | Positions = 0) -> Field:
+    def without(self, front: int | BoolArray | Positions, back: int | BoolArray | Positions = 0) -> TextField:
         """Less so many octets at either side."""
-        return Field(self.begin + front, self.end - back)
+        return TextField(self.begin + front, self.end - back)
 
 
 @dataclass(frozen=True)
-class Pieces:
+class TextPieces:
     """The words or fields of lines one after the other: those of a line begin with its `first`."""
 
-    all: Field
+    all: TextField
     first: Positions
     count: Positions
 
-    def __getitem__(self, number: int | Positions) -> Field:
+    def __getitem__(self, number: int | Positions) -> TextField:
         """The piece with this number in each line, an empty one at its end where there are not so many."""
         place = self.first + (number if isinstance(number, int) and number < NEAR else np.minimum(number, self.count))
         begin, end = self.all.begin[place], self.all.end[place]
-        return Field(begin, np.where((number >= 0) & (number < self.count), end, begin))
+        return TextField(begin, np.where((number >= 0) & (number < self.count), end, begin))
 
 
-class Lines:
+class TextLines:
     """Lines of a text.
 
     Attributes:
@@ -72,15 +72,15 @@ class Lines:
         whole: the lines, without their ends.
     """
 
-    def __init__(self, octets: Bytes, whole: Field) -> None:
+    def __init__(self, octets: Bytes, whole: TextField) -> None:
         self.octets, self.whole = octets, whole
 
     def __len__(self) -> int:
         return len(self.whole.begin)
 
-    def __getitem__(self, rows: slice) -> Lines:
+    def __getitem__(self, rows: slice) -> TextLines:
         """Some of the lines."""
-        return Lines(self.octets, Field(self.whole.begin[rows], self.whole.end[rows]))
+        return TextLines(self.octets, TextField(self.whole.begin[rows], self.whole.end[rows]))
 
     def text(self, row: int) -> str:
         """A line, as UTF-8 where it is."""
@@ -92,21 +92,21 @@ class Lines:
         return ODD_BLANKS.sub("\ufffd", text).strip()
 
     @cached_property
-    def words(self) -> Pieces:
+    def words(self) -> TextPieces:
         """What stands between blanks."""
         first, last = self._bounds
         dark = np.concatenate(([False], self.octets[first:last] > BLANK, [False]))
         edges = np.flatnonzero(dark[1:] != dark[:-1]) + first
-        return self._pieces(Field(edges[0::2], edges[1::2]))
+        return self._pieces(TextField(edges[0::2], edges[1::2]))
 
-    def fields(self, separator: str) -> Pieces:
+    def fields(self, separator: str) -> TextPieces:
         """What stands between separators, without the blanks around it."""
         first, last = self._bounds
         text = self.octets[first : last + 1]
         cuts = np.flatnonzero((text == ord(separator)) | (text == NEWLINE)) + first
-        return self._pieces(self.trimmed(Field(np.concatenate(([first], cuts[:-1] + 1)), cuts)))
+        return self._pieces(self.trimmed(TextField(np.concatenate(([first], cuts[:-1] + 1)), cuts)))
 
-    def trimmed(self, field: Field, most: int = 4) -> Field:
+    def trimmed(self, field: TextField, most: int = 4) -> TextField:
         """Without some blanks and quotation marks around it."""
         begin, end = field
         for _ in range(most):
@@ -115,13 +115,13 @@ class Lines:
             if not (front.any() or back.any()):
                 break
             begin, end = begin + front, end - back
-        return Field(begin, end)
+        return TextField(begin, end)
 
-    def starts(self, field: Field) -> Bytes:
+    def starts(self, field: TextField) -> Bytes:
         """(n,) first octets, 0 where there is none."""
         return np.where(field.length > 0, self.octets[field.begin], 0).astype(np.uint8)
 
-    def equal(self, field: Field, *words: str) -> BoolArray:
+    def equal(self, field: TextField, *words: str) -> BoolArray:
         """(n,) which are one of these, in either case."""
         found = np.zeros(len(field.begin), bool)
         for word in words:
@@ -132,7 +132,7 @@ class Lines:
             found |= same
         return found
 
-    def names(self, field: Field, rows: BoolArray, most: int = 256) -> tuple[list[str], Positions]:
+    def names(self, field: TextField, rows: BoolArray, most: int = 256) -> tuple[list[str], Positions]:
         """The different plain words in some rows, and (n,) which of them stands where, -1 in all other rows."""
         found: list[str] = []
         places, left = np.full(len(rows), -1), rows & (field.length > 0)
@@ -153,7 +153,7 @@ class Lines:
         window = np.ndarray((len(self.octets) - width,), f"V{width}", self.octets, strides=(1,))
         return np.asarray(window[begin].view(np.uint8).reshape(len(begin), width))
 
-    def whole_numbers(self, field: Field, base: int, most: int) -> tuple[Positions, BoolArray]:
+    def whole_numbers(self, field: TextField, base: int, most: int) -> tuple[Positions, BoolArray]:
         """(n,) numbers of at most so many digits, and which are sound."""
         length = field.length
         value, sound = np.zeros(len(length), np.int64), (length > 0) & (length <= most)
@@ -163,7 +163,7 @@ class Lines:
             value = np.where(inside, value * base + digit, value)
         return value, sound
 
-    def decimals(self, field: Field) -> tuple[FloatArray, BoolArray]:
+    def decimals(self, field: TextField) -> tuple[FloatArray, BoolArray]:
         """(n,) numbers with a point, rounded as `float` does it, and which are sound."""
         length = field.length
         value, sound = np.zeros(len(length), np.int64), (length > 0) & (length <= LONGEST_NUMBER)
@@ -182,7 +182,7 @@ class Lines:
             number[inexact] = self._as_python_has_them(field.of(inexact))
         return number, sound
 
-    def _as_python_has_them(self, field: Field) -> FloatArray:
+    def _as_python_has_them(self, field: TextField) -> FloatArray:
         near = self.near(field.end - LONGEST_NUMBER, LONGEST_NUMBER)
         there = np.arange(LONGEST_NUMBER) >= LONGEST_NUMBER - field.length[:, None]
         digits = np.where(there, near, ord("0")).astype(np.uint8)
@@ -222,17 +222,17 @@ class Lines:
     def _bounds(self) -> tuple[int, int]:
         return (int(self.whole.begin[0]), int(self.whole.end[-1])) if len(self) else (SLACK, SLACK)
 
-    def _pieces(self, pieces: Field) -> Pieces:
+    def _pieces(self, pieces: TextField) -> TextPieces:
         first = np.searchsorted(pieces.begin, self.whole.begin)
         behind = np.searchsorted(pieces.begin, self.whole.end, side="right")
         beyond = np.full(NEAR, self._bounds[1])
-        padded = Field(np.concatenate([pieces.begin, beyond]), np.concatenate([pieces.end, beyond]))
-        return Pieces(padded, first, behind - first)
+        padded = TextField(np.concatenate([pieces.begin, beyond]), np.concatenate([pieces.end, beyond]))
+        return TextPieces(padded, first, behind - first)
 
 
-def lines_of(text: bytes) -> Lines:
+def lines_of(text: bytes) -> TextLines:
     """The lines of a text that ends with one."""
     octets = np.frombuffer(b"".join([bytes(SLACK), text, bytes(SLACK)]), np.uint8)
     ends = np.flatnonzero(octets == NEWLINE)
     begins = np.concatenate(([SLACK], ends[:-1] + 1))
-    return Lines(octets, Field(begins, ends))
+    return TextLines(octets, TextField(begins, ends))

@@ -14,8 +14,8 @@ import numpy as np
 from orchestrator.can.frames import Frames, concatenated
 from orchestrator.can.log_suffixes import first_lines, opened
 from orchestrator.can.logs.findings import COARSE, Findings
-from orchestrator.can.logs.text.form import Channels, Reading, State, TextFormat
-from orchestrator.can.logs.text.lines import Lines, lines_of
+from orchestrator.can.logs.text.form import HeaderState, InterfaceNumbers, LogReading, TextFormat
+from orchestrator.can.logs.text.lines import TextLines, lines_of
 from orchestrator.can.logs.text.rows import FoundRows, LogRow, NoFrameError, nothing, with_rows
 from orchestrator.trace import BoolArray
 
@@ -42,8 +42,8 @@ class LineBlock(NamedTuple):
 def frames(path: Path, text_format: TextFormat[Any], findings: Findings) -> Iterator[tuple[Frames, float]]:
     """The frames in batches, in the order of the file, and the share of it that is read by then."""
     size = path.stat().st_size
-    reading, lines = Reading(findings, Channels(findings)), first_lines(path)
-    reader = _Reader(text_format, text_format.state(lines, reading), reading)
+    reading, lines = LogReading(findings, InterfaceNumbers(findings)), first_lines(path)
+    reader = _BlockReader(text_format, text_format.state(lines, reading), reading)
     if any(FINE.search(line) for line in lines):
         findings.note(COARSE)
     with path.open("rb") as raw, opened(path, raw) as file:
@@ -51,10 +51,10 @@ def frames(path: Path, text_format: TextFormat[Any], findings: Findings) -> Iter
             yield reader.read(block), min(1.0, raw.tell() / size)
 
 
-class _Reader:
+class _BlockReader:
     """Turns blocks into frames, and remembers what the header said."""
 
-    def __init__(self, text_format: TextFormat[Any], state: State, reading: Reading) -> None:
+    def __init__(self, text_format: TextFormat[Any], state: HeaderState, reading: LogReading) -> None:
         self._format, self._state, self._reading = text_format, state, reading
         self._clock = 0.0  # the sum of stamps that count from the line before
         self._firsts = np.isin(np.arange(256), list(text_format.first))
@@ -79,11 +79,11 @@ class _Reader:
         parts.append(self._part(block, lines, begin, len(lines), heads))
         return concatenated(parts)
 
-    def _of_frames(self, lines: Lines) -> BoolArray:
+    def _of_frames(self, lines: TextLines) -> BoolArray:
         """(n,) which lines begin as those of frames do."""
         return np.asarray(self._firsts[lines.starts(lines.trimmed(lines.whole, 8))])
 
-    def _part(self, block: LineBlock, lines: Lines, begin: int, behind: int, heads: set[int]) -> Frames:
+    def _part(self, block: LineBlock, lines: TextLines, begin: int, behind: int, heads: set[int]) -> Frames:
         """The frames of lines that one header is valid for."""
         part = lines[begin:behind]
         many = nothing(len(part)) if len(part) < FEW else self._format.many(part, self._state, self._reading)
@@ -100,7 +100,7 @@ class _Reader:
         frames, origin = with_rows(many, rows), self._state.origin
         return replace(frames, time=self._reading.findings.dated(origin, frames.time)) if origin else frames
 
-    def _row(self, block: LineBlock, lines: Lines, place: int) -> LogRow | None:
+    def _row(self, block: LineBlock, lines: TextLines, place: int) -> LogRow | None:
         length = int(lines.whole.length[place])
         if length > MAX_LINE:
             self._complain(block, lines, place, f"a line of {length + 1} bytes is no frame")
@@ -113,7 +113,7 @@ class _Reader:
             return None
         return row
 
-    def _complain(self, block: LineBlock, lines: Lines, place: int, problem: str) -> None:
+    def _complain(self, block: LineBlock, lines: TextLines, place: int, problem: str) -> None:
         offset = block.offset + int(lines.whole.begin[place] - lines.whole.begin[0])
         self._reading.findings.add(offset, problem, block.number + place)
 
@@ -128,7 +128,7 @@ class _Reader:
         return FoundRows(replace(many.frames, time=time), many.sound), moved
 
 
-def _with_zeros(block: LineBlock, lines: Lines) -> BoolArray:
+def _with_zeros(block: LineBlock, lines: TextLines) -> BoolArray:
     """(n,) which lines have a zero byte."""
     places = np.flatnonzero(np.frombuffer(block.text, dtype=np.uint8) == 0) + lines.whole.begin[0]
     found = np.zeros(len(lines), dtype=bool)

@@ -12,8 +12,8 @@ import numpy as np
 from orchestrator.can.frames import CLASSIC, LENGTHS, LONGEST, Flag
 from orchestrator.can.logs.text.busmaster import clock
 from orchestrator.can.logs.text.dates import moment
-from orchestrator.can.logs.text.form import Reading, State, TextFormat
-from orchestrator.can.logs.text.lines import BLANK, Field, Lines, Pieces, Positions
+from orchestrator.can.logs.text.form import HeaderState, LogReading, TextFormat
+from orchestrator.can.logs.text.lines import BLANK, Positions, TextField, TextLines, TextPieces
 from orchestrator.can.logs.text.rows import (
     STANDARD_IDS,
     FoundRows,
@@ -49,7 +49,7 @@ BASE64[ord("=")] = 0
 
 
 @dataclass(frozen=True)
-class TableState(State):
+class TableState(HeaderState):
     """The columns, the unit of stamps as `10^-shift` s, and the number of the first channel besides."""
 
     head: TableHead | None = None
@@ -57,7 +57,7 @@ class TableState(State):
     first_channel: int = 0
 
 
-def _state(lines: Sequence[str], reading: Reading) -> TableState:
+def _state(lines: Sequence[str], reading: LogReading) -> TableState:
     for number, line in enumerate(lines):
         head = table_head(line)
         if head is not None:
@@ -65,7 +65,7 @@ def _state(lines: Sequence[str], reading: Reading) -> TableState:
     return TableState()
 
 
-def _with(head: TableHead, lines: Sequence[str], reading: Reading) -> TableState:
+def _with(head: TableHead, lines: Sequence[str], reading: LogReading) -> TableState:
     """The state with what the first rows tell and the names of the columns do not."""
     rows = [_cells(line, head) for line in lines if line.strip()]
     shift, stamps = head.shift, [row[head.columns["time"]] for row in rows if len(row) > head.columns["time"]]
@@ -82,7 +82,7 @@ def _with(head: TableHead, lines: Sequence[str], reading: Reading) -> TableState
     return TableState(head=head, shift=shift, first_channel=first)
 
 
-def _header(line: str, state: TableState, reading: Reading) -> TableState | None:
+def _header(line: str, state: TableState, reading: LogReading) -> TableState | None:
     head = table_head(line)
     if head is None or head == state.head:
         return state if head else None
@@ -93,7 +93,7 @@ def _cells(line: str, head: TableHead) -> list[str]:
     return [cell.strip(' "') for cell in line.split(head.separator)]
 
 
-def _one(line: str, state: TableState, reading: Reading) -> LogRow | None:
+def _one(line: str, state: TableState, reading: LogReading) -> LogRow | None:
     head = state.head
     if head is None:
         raise NoFrameError("there are no names of columns before it")
@@ -136,7 +136,7 @@ def _looks_extended(name: str, digits: str, identifier: int) -> bool:
     return name.endswith("x") or len(digits) > 4 or identifier >= STANDARD_IDS
 
 
-def _channel(bus: str, channel: str, state: TableState, reading: Reading) -> int:
+def _channel(bus: str, channel: str, state: TableState, reading: LogReading) -> int:
     name, first = (bus, 0) if bus else (_bare(channel), state.first_channel)
     if not name:
         return 0
@@ -175,18 +175,18 @@ def _data(cells: list[str], head: TableHead, told: int) -> bytes:
         raise NoFrameError(f"'{shown(text)}' are no data in base 64") from None
 
 
-def _many(lines: Lines, state: TableState, reading: Reading) -> FoundRows:
+def _many(lines: TextLines, state: TableState, reading: LogReading) -> FoundRows:
     head, count = state.head, len(lines)
     if head is None:
         return nothing(count)
     fields, none = lines.fields(head.separator), np.zeros(count, np.int64)
 
-    def cells(role: str) -> Field:
+    def cells(role: str) -> TextField:
         return fields[head.columns[role]]
 
     time, timed = lines.decimals(cells("time"))
     name = cells("id")
-    digits = name.without(2 * lines.equal(Field(name.begin, np.minimum(name.begin + 2, name.end)), "0x"))
+    digits = name.without(2 * lines.equal(TextField(name.begin, np.minimum(name.begin + 2, name.end)), "0x"))
     identifier, right = lines.whole_numbers(digits, 16, 8)
     flags = ((digits.length > 4) | (identifier >= STANDARD_IDS)) * int(Flag.EXTENDED)
     if "extended" in head.columns:
@@ -226,13 +226,13 @@ def _many(lines: Lines, state: TableState, reading: Reading) -> FoundRows:
     )
 
 
-def _answers(lines: Lines, field: Field) -> tuple[BoolArray, BoolArray]:
+def _answers(lines: TextLines, field: TextField) -> tuple[BoolArray, BoolArray]:
     """Which say yes, and which say yes or no in the usual words."""
     yes = lines.equal(field, "1", "true")
     return yes, yes | lines.equal(field, "0", "false")
 
 
-def _octets(lines: Lines, fields: Pieces, head: TableHead) -> tuple[Positions, tuple[Bytes, BoolArray]]:
+def _octets(lines: TextLines, fields: TextPieces, head: TableHead) -> tuple[Positions, tuple[Bytes, BoolArray]]:
     """Numbers of data bytes, these, and which are sound."""
     if head.octets:
         return _octet_fields(lines, fields, head.octets)
@@ -246,7 +246,9 @@ def _octets(lines: Lines, fields: Pieces, head: TableHead) -> tuple[Positions, t
     return length, (data, sound & (over == 0))
 
 
-def _octet_fields(lines: Lines, fields: Pieces, places: tuple[int, ...]) -> tuple[Positions, tuple[Bytes, BoolArray]]:
+def _octet_fields(
+    lines: TextLines, fields: TextPieces, places: tuple[int, ...]
+) -> tuple[Positions, tuple[Bytes, BoolArray]]:
     width = CLASSIC if len(places) <= CLASSIC else LONGEST
     data, sound = np.zeros((len(lines), width), np.uint8), np.ones(len(lines), bool)
     length = np.zeros(len(lines), np.int64)
@@ -260,7 +262,7 @@ def _octet_fields(lines: Lines, fields: Pieces, places: tuple[int, ...]) -> tupl
     return length, (data, sound)
 
 
-def _decoded(lines: Lines, field: Field) -> tuple[Positions, tuple[Bytes, BoolArray]]:
+def _decoded(lines: TextLines, field: TextField) -> tuple[Positions, tuple[Bytes, BoolArray]]:
     """Data bytes in base 64, up to twelve letters."""
     near = lines.near(field.begin, 12)
     there = np.arange(12) < field.length[:, None]

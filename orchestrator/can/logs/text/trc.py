@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from orchestrator.can.frames import CLASSIC, LENGTHS, LONGEST, Flag
-from orchestrator.can.logs.text.form import Reading, State, TextFormat
-from orchestrator.can.logs.text.lines import Field, Lines
+from orchestrator.can.logs.text.form import HeaderState, LogReading, TextFormat
+from orchestrator.can.logs.text.lines import TextField, TextLines
 from orchestrator.can.logs.text.rows import (
     DIRECTIONS,
     FoundRows,
@@ -40,17 +40,17 @@ def _columns(text: str) -> dict[str, int]:
 
 
 @dataclass(frozen=True)
-class TrcState(State):
+class TrcState(HeaderState):
     """The columns by their letters besides."""
 
     columns: dict[str, int] = field(default_factory=lambda: _columns(COLUMNS["1.0"]))
 
 
-def _state(lines: Sequence[str], reading: Reading) -> TrcState:
+def _state(lines: Sequence[str], reading: LogReading) -> TrcState:
     return TrcState()
 
 
-def _header(line: str, state: TrcState, reading: Reading) -> TrcState | None:
+def _header(line: str, state: TrcState, reading: LogReading) -> TrcState | None:
     name, _, value = line.partition("=")
     if name == ";$FILEVERSION":
         known = {**COLUMNS, **NEWER}
@@ -68,7 +68,7 @@ def _header(line: str, state: TrcState, reading: Reading) -> TrcState | None:
     return None
 
 
-def _one(line: str, state: TrcState, reading: Reading) -> LogRow | None:
+def _one(line: str, state: TrcState, reading: LogReading) -> LogRow | None:
     if line.startswith(";"):
         return None
     words, columns = line.split(), state.columns
@@ -98,11 +98,11 @@ def _one(line: str, state: TrcState, reading: Reading) -> LogRow | None:
     return data_row(time, identifier, flags, channel, length, octets(there[:length]))
 
 
-def _many(lines: Lines, state: TrcState, reading: Reading) -> FoundRows:
+def _many(lines: TextLines, state: TrcState, reading: LogReading) -> FoundRows:
     words, columns, nothing = lines.words, state.columns, np.zeros(len(lines), np.int64)
     every = np.ones(len(lines), bool)
 
-    def cells(name: str) -> Field:
+    def cells(name: str) -> TextField:
         return words[columns[name]]
 
     time, right = lines.decimals(cells("O"))

@@ -12,12 +12,12 @@ from scipy import stats
 from fmus.errors import IdentificationError
 from identification.estimation.parameters import Parameter, ParameterSet
 from identification.output_error.search.bootstrap import _levels
-from identification.output_error.search.estimator import Estimate, Options, Problem, Window, estimate
+from identification.output_error.search.estimator import Estimate, Problem, SearchOptions, Window, estimate
 from identification.output_error.search.options import IntervalOptions
 from orchestrator.trace import FloatArray
 
 TIME = np.linspace(0.0, 1.0, 20)
-OPTIONS = Options(intervals=IntervalOptions("bootstrap", resamples=200, seed=4))
+OPTIONS = SearchOptions(intervals=IntervalOptions("bootstrap", resamples=200, seed=4))
 
 
 class Line:
@@ -40,7 +40,7 @@ def scattered(windows: int, rng: np.random.Generator) -> Problem:
     return Problem(ParameterSet((Parameter("m.slope", 0.9), Parameter("m.nothing", 1.0, 0.0, 2.0))), tuple(cut), ("y",))
 
 
-def fitted(problem: Problem, options: Options = OPTIONS) -> Estimate:
+def fitted(problem: Problem, options: SearchOptions = OPTIONS) -> Estimate:
     return estimate(problem, Line, options)
 
 

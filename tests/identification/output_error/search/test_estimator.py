@@ -13,7 +13,7 @@ from fmus.errors import FmuError
 from identification.estimation.arrow_least_squares import Loss
 from identification.estimation.parameters import Parameter, ParameterSet, Tie
 from identification.output_error.search.estimator import estimate, predict
-from identification.output_error.search.options import Options
+from identification.output_error.search.options import SearchOptions
 from identification.output_error.search.problem import Problem, Window
 from tests.support.identification.closed_form import INSTANTS, Oscillator, ServoHand, oscillation
 from tests.support.identification.decays import PARAMETERS, STARTS, TIGHT, TRUE, decays, run_over
@@ -174,14 +174,14 @@ def test_a_rough_cost_is_followed_by_coarser_differences():
         def simulate(self, window, values):
             return np.round(super().simulate(window, values), 4)
 
-    found = estimate(decays(), Stepped, Options(difference_step=1e-5))
+    found = estimate(decays(), Stepped, SearchOptions(difference_step=1e-5))
     assert [found.values[name] for name in TRUE] == pytest.approx(list(TRUE.values()), rel=5e-3)
     assert np.all(found.fit > 0.999)
 
 
 def test_the_result_does_not_depend_on_the_number_of_processes():
     problem = decays(count=3, noise=0.05)
-    here, there = (estimate(problem, Oscillator, Options(processes=n)) for n in (1, 2))
+    here, there = (estimate(problem, Oscillator, SearchOptions(processes=n)) for n in (1, 2))
     assert here.values == there.values and here.std == there.std and here.ci95 == there.ci95
     assert all(np.array_equal(a, b) for a, b in zip(here.simulated, there.simulated, strict=True))
     assert here.tally == there.tally
@@ -196,7 +196,7 @@ def test_progress_is_told_with_a_falling_cost():
 
 
 def test_running_out_of_evaluations_is_said():
-    result = estimate(decays(noise=0.05), Oscillator, Options(max_evaluations=1))
+    result = estimate(decays(noise=0.05), Oscillator, SearchOptions(max_evaluations=1))
     assert not result.converged
     assert result.message.startswith("stopped")
 

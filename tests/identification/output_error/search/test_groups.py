@@ -18,7 +18,7 @@ from identification.calibrate import calibrate, calibrate_study, validate_result
 from identification.estimation.arrow_least_squares import Point
 from identification.estimation.groups import Grouping, parted
 from identification.estimation.parameters import InitialState, Parameter, ParameterSet, Tie
-from identification.output_error.search.estimator import Options, Problem, Window, estimate
+from identification.output_error.search.estimator import Problem, SearchOptions, Window, estimate
 from identification.output_error.search.free_run import known_before
 from identification.study import load_study
 from orchestrator import formats
@@ -232,7 +232,7 @@ def lines(around: float | None) -> tuple[Problem, FloatArray]:
 def test_values_about_a_common_mean_are_those_of_the_penalised_least_squares(around: float) -> None:
     """Against least squares with rows for the spread about the mean, by the noise that is left over without them."""
     problem, measured = lines(around)
-    found = estimate(problem, Lines, Options(cost_tolerance=1e-12, step_tolerance=1e-10))
+    found = estimate(problem, Lines, SearchOptions(cost_tolerance=1e-12, step_tolerance=1e-10))
     values = np.array([found.values[f"line.slope@{name}"] for name in "abc"])
     apart = measured @ TIME / (TIME @ TIME)
     noise = np.sqrt(np.sum((measured - apart[:, None] * TIME) ** 2) / (measured.size - 3))

@@ -13,11 +13,11 @@ from scipy import stats
 from fmus.errors import IdentificationError
 from identification.estimation.parameters import Parameter, ParameterSet
 from identification.estimation.prior import LogNormal, Normal, Prior, Uniform
-from identification.output_error.search.estimator import Estimate, Options, Problem, Window, estimate
+from identification.output_error.search.estimator import Estimate, Problem, SearchOptions, Window, estimate
 from identification.output_error.search.options import IntervalOptions
 from orchestrator.trace import FloatArray
 
-TIGHT = Options(cost_tolerance=1e-10, step_tolerance=1e-10)
+TIGHT = SearchOptions(cost_tolerance=1e-10, step_tolerance=1e-10)
 TIME = np.linspace(0.0, 2.0, 50)
 COLUMNS = np.column_stack([np.ones(50), TIME])
 TRUTH = np.array([1.0, -2.0])
@@ -49,7 +49,7 @@ def fitted(
     model: Callable[[Mapping[str, float]], FloatArray],
     clean: FloatArray,
     parameters: tuple[Parameter, ...],
-    options: Options = TIGHT,
+    options: SearchOptions = TIGHT,
     windows: int = 1,
 ) -> tuple[Estimate, Problem]:
     rng = np.random.default_rng(1)

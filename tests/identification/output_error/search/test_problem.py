@@ -10,7 +10,7 @@ import pytest
 from fmus.errors import IdentificationError
 from identification.estimation.parameters import InitialState, ParameterSet
 from identification.output_error.search.estimator import estimate
-from identification.output_error.search.options import Options
+from identification.output_error.search.options import SearchOptions
 from identification.output_error.search.problem import Problem, Window, spread_weights
 from tests.support.identification.closed_form import INSTANTS, Oscillator
 from tests.support.identification.decays import PARAMETERS, decays
@@ -36,8 +36,8 @@ def test_spread_weights_make_outputs_comparable():
         (lambda: replace(decays(), outputs={"a": "1", "b": "1"}), "decay 0: has 1 measured columns"),
         (lambda: replace(decays(), windows=decays(2).windows), r"rig\.angle_start: has 4 start values for 2"),
         (lambda: replace(decays(), initial_states=(InitialState("rig.damping", (0.0,) * 4),)), "declared twice"),
-        (lambda: Options(starts=0), "options.starts: 0 is too few"),
-        (lambda: Options(difference_step=0.0), "options.difference_step"),
+        (lambda: SearchOptions(starts=0), "options.starts: 0 is too few"),
+        (lambda: SearchOptions(difference_step=0.0), "options.difference_step"),
         (lambda: estimate(decays(free=False).fixed_at({}), Oscillator), "parameters: nothing is free"),
     ],
 )

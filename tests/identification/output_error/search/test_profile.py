@@ -14,11 +14,11 @@ from scipy.optimize import brentq, least_squares
 from fmus.errors import FmuError
 from identification.estimation.arrow_least_squares import Loss
 from identification.estimation.parameters import InitialState, Parameter, ParameterSet, Tie
-from identification.output_error.search.estimator import SILENT, Estimate, Options, Problem, Window, estimate
+from identification.output_error.search.estimator import SILENT, Estimate, Problem, SearchOptions, Window, estimate
 from identification.output_error.search.options import IntervalOptions
 from orchestrator.trace import FloatArray
 
-PROFILE = Options(cost_tolerance=1e-9, step_tolerance=1e-9, intervals=IntervalOptions("profile"))
+PROFILE = SearchOptions(cost_tolerance=1e-9, step_tolerance=1e-9, intervals=IntervalOptions("profile"))
 Model = Callable[[int, Mapping[str, float]], FloatArray]
 
 
@@ -55,7 +55,7 @@ def question(
     return Problem(ParameterSet(parameters, ties), cut, outputs, states)
 
 
-def fitted(problem: Problem, model: Model, options: Options = PROFILE) -> Estimate:
+def fitted(problem: Problem, model: Model, options: SearchOptions = PROFILE) -> Estimate:
     return estimate(problem, lambda: Plain(model), options)
 
 

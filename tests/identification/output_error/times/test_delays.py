@@ -23,7 +23,7 @@ from fmus.models.plants import dc_motor, pendulum
 from fmus.parameters.ssv import read_values
 from identification.calibrate import calibrate_study, validate_result
 from identification.output_error.schema import OutputErrorBlock
-from identification.output_error.times.delays import Held, late_outputs
+from identification.output_error.times.delays import HeldCommand, late_outputs
 from identification.output_error.windows import FreeRunWindow, cut_windows
 from identification.recordings.campaign import StudyTrace
 from orchestrator import formats
@@ -237,7 +237,7 @@ def test_a_held_command_has_the_mean_of_its_pieces(
         np.sum(values * np.maximum(0.0, np.minimum(stops, high) - np.maximum(starts, low))) / (high - low)
         for low, high in itertools.pairwise(limits)
     ]
-    held = Held(time, values)
+    held = HeldCommand(time, values)
     np.testing.assert_allclose(held.means(limits), expected, atol=1e-12)
     part = held.between(float(limits[0]), float(limits[-1]))
     np.testing.assert_allclose(part.means(limits), expected, atol=1e-12)
@@ -275,7 +275,7 @@ def test_a_delayed_command_is_right_to_the_last_instant_for_every_delay_within_t
     inputs = {"motor.voltage": {"signal": "voltage", "delay": "lag", "factor": 2}}
     window = cut(inputs=inputs, parameters=late())
     edges = 0.5 + np.arange(102) * 0.01 - delay
-    expected = 2 * Held(STAMPS, STAIRS).means(edges)
+    expected = 2 * HeldCommand(STAMPS, STAIRS).means(edges)
     np.testing.assert_allclose(window.driven({"lag": delay})["motor.voltage"], expected, atol=1e-9)
 
 

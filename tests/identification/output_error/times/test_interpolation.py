@@ -15,7 +15,7 @@ from scipy import integrate, signal
 from fmus.errors import WiringError
 from identification.output_error.calibration import judge
 from identification.output_error.schema import OutputErrorBlock
-from identification.output_error.times.delays import Held, Known, Lines
+from identification.output_error.times.delays import HeldCommand, KnownDelay, LinearCommand
 from identification.output_error.windows import cut_windows
 from identification.recordings.campaign import StudyTrace
 from orchestrator.assembly.assembly import assemble
@@ -98,7 +98,7 @@ def test_lines_have_the_mean_of_what_is_under_them(
     time = np.concatenate([[0.0], np.cumsum(stamps)])
     values = np.random.default_rng(seed).normal(size=len(time))
     limits = begin + np.concatenate([[0.0], np.cumsum(edges)])
-    lines = Lines(time, values)
+    lines = LinearCommand(time, values)
     expected = []
     for low, high in itertools.pairwise(limits):
         corners = np.unique(np.concatenate([[low, high], time[(time > low) & (time < high)]]))
@@ -116,7 +116,7 @@ def test_frames_of_a_bus_are_held_where_nothing_else_is_said() -> None:
     assert block.signals.commands == {"voltage"} and other.signals.commands == frozenset()
     assert "voltage" in other.signals.measured
     asked = other.study(other.system(Path()), other.source(Path())).run.by_means()
-    assert asked.inputs["motor.voltage"].linear and asked.inputs["motor.voltage"].delay == Known(0.0)
+    assert asked.inputs["motor.voltage"].linear and asked.inputs["motor.voltage"].delay == KnownDelay(0.0)
 
 
 def test_lines_to_an_input_that_changes_in_steps_are_refused() -> None:
@@ -132,6 +132,6 @@ def test_lines_to_an_input_that_changes_in_steps_are_refused() -> None:
 
 def test_the_first_and_the_last_value_last() -> None:
     time, values = np.array([0.0, 1.0, 3.0]), np.array([1.0, 2.0, -1.0])
-    for curve in (Held(time, values), Lines(time, values)):
+    for curve in (HeldCommand(time, values), LinearCommand(time, values)):
         assert curve.means(np.array([-2.0, -1.0, 0.0])) == pytest.approx([1.0, 1.0])
         assert curve.means(np.array([3.0, 4.0, 9.0])) == pytest.approx([-1.0, -1.0])

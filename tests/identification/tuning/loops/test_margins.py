@@ -13,7 +13,7 @@ from identification.linear.model import LinearModel
 from identification.tuning.loops import margins
 from identification.tuning.loops.loops import Loops
 from identification.tuning.loops.plants import PlantSet, delayed
-from identification.tuning.loops.wiring import Wiring
+from identification.tuning.loops.wiring import LoopWiring
 from tests.support.identification.tuned_loops import (
     COMMANDED,
     MEASURED,
@@ -98,7 +98,7 @@ def test_so_has_one_with_states_in_the_controller_and_outputs_that_go_nowhere() 
     model = plant(3)
     lag = np.array([[0.5]]), np.array([[0.4, -0.4]]), np.ones((2, 1)), np.zeros((2, 2))
     controller = LinearModel(*lag, model.step, ("r", "y"), ("u", "v"))
-    found = Loops(PlantSet.of({"plant": model}), controller, Wiring((MEASURED,), (COMMANDED,), 0, 0, (2, 2, 1, 1)))
+    found = Loops(PlantSet.of({"plant": model}), controller, LoopWiring((MEASURED,), (COMMANDED,), 0, 0, (2, 2, 1, 1)))
     assert found.opened().values == pytest.approx(found.opened(COMMANDED).values)
 
 

@@ -18,7 +18,7 @@ from identification.tuning.report.poles import continuous, followed
 from identification.tuning.schema import TuneBlock
 from identification.tuning.tuning import Tuning, tune
 from orchestrator.report.chart import Chart, Panel
-from orchestrator.report.content import Figure
+from orchestrator.report.content import DrawnFigure
 from orchestrator.yaml_file import load
 from tests.support.identification.tuned_loops import loops, plant
 from tests.support.identification.tuning_study import driven, study, write
@@ -34,7 +34,7 @@ def charts(result: Tuning) -> dict[str, Chart]:
     found = {}
     for section in report(result).sections:
         for piece in section.content:
-            if isinstance(piece, Figure) and isinstance(piece.drawing, Chart):
+            if isinstance(piece, DrawnFigure) and isinstance(piece.drawing, Chart):
                 found[piece.caption.split(":")[0].split(";")[0]] = piece.drawing
     return found
 

@@ -11,7 +11,7 @@ import pytest
 
 from fmus.errors import InputError
 from orchestrator.batch.mutation import judge
-from orchestrator.batch.mutation.coverage import Coverage, Outcome, outcome_of
+from orchestrator.batch.mutation.coverage import Coverage, MutationOutcome, outcome_of
 from orchestrator.batch.mutation.judge import MutationJudge
 from orchestrator.batch.verdict import Verdict
 from orchestrator.scenario.schema import load_scenario
@@ -34,7 +34,7 @@ def scenario(folder: Path, name: str = "swing", **more: Any) -> Path:
     return folder / f"{name}.yaml"
 
 
-def outcomes(file: Path) -> dict[str, Outcome]:
+def outcomes(file: Path) -> dict[str, MutationOutcome]:
     document = MutationJudge()(file, Path("unused"))
     assert document["passed"] == all(case["passed"] for case in document["cases"])
     return {case["name"]: outcome_of(case) for case in document["cases"]}
@@ -43,14 +43,14 @@ def outcomes(file: Path) -> dict[str, Outcome]:
 def test_a_loose_expectation_sees_no_change_and_a_narrow_one_does(tmp_path: Path) -> None:
     loose = outcomes(scenario(tmp_path, expect=[{"signal": "hand.angle", "below": 3}]))
     narrow = outcomes(scenario(tmp_path, expect=[{"signal": "hand.angle", "below": 0.5001}]))
-    assert loose["hand.angle_start"] == Outcome.UNSEEN and narrow["hand.angle_start"] == Outcome.SEEN
-    assert loose["hand.inertia"] == narrow["hand.inertia"] == Outcome.UNSEEN
+    assert loose["hand.angle_start"] == MutationOutcome.UNSEEN and narrow["hand.angle_start"] == MutationOutcome.SEEN
+    assert loose["hand.inertia"] == narrow["hand.inertia"] == MutationOutcome.UNSEEN
 
 
 def test_what_moves_no_output_has_no_effect(tmp_path: Path) -> None:
     found = outcomes(scenario(tmp_path))
-    assert found["hand.friction_speed"] == Outcome.WITHOUT_EFFECT  # without friction
-    assert found[GRAVITY] == Outcome.UNSEEN
+    assert found["hand.friction_speed"] == MutationOutcome.WITHOUT_EFFECT  # without friction
+    assert found[GRAVITY] == MutationOutcome.UNSEEN
     assert "hand.viscous_friction" not in found  # 1 % of nothing
 
 
@@ -60,7 +60,7 @@ def test_what_is_not_recorded_counts_for_it_is_an_output_all_the_same(tmp_path: 
         "motor": {"model": "dc_motor", "parameters": {"resistance": 2.0}},
     }
     found = outcomes(scenario(tmp_path, components=components, stimuli={"motor.voltage": {"constant": 1.0}}))
-    assert found["motor.resistance"] == Outcome.UNSEEN  # of the current
+    assert found["motor.resistance"] == MutationOutcome.UNSEEN  # of the current
 
 
 @pytest.mark.slow
@@ -75,9 +75,9 @@ def test_what_changes_no_more_than_the_step_does_is_told_from_what_acts(tmp_path
     held = {"components": components, "connections": connections, "run": {"stop": 2, "step": 0.1}}
     coarse = outcomes(scenario(tmp_path, "coarse", **held))
     fine = outcomes(scenario(tmp_path, "fine", **{**held, "run": {"stop": 2, "step": 0.0001}}))
-    assert coarse["hand.viscous_friction"] == Outcome.WITHOUT_EFFECT
-    assert fine["hand.viscous_friction"] == Outcome.UNSEEN
-    assert fine["motor.torque_gain"] == Outcome.UNSEEN
+    assert coarse["hand.viscous_friction"] == MutationOutcome.WITHOUT_EFFECT
+    assert fine["hand.viscous_friction"] == MutationOutcome.UNSEEN
+    assert fine["motor.torque_gain"] == MutationOutcome.UNSEEN
 
 
 def test_each_case_has_its_own_value_changed_and_one_that_sees_it_is_enough(tmp_path: Path) -> None:
@@ -91,7 +91,7 @@ def test_each_case_has_its_own_value_changed_and_one_that_sees_it_is_enough(tmp_
         for case in MutationJudge()(scenario(tmp_path, cases=cases), tmp_path)["cases"]
         if "start" in case["name"] and "angle" in case["name"]
     ]
-    assert outcome_of(found) == Outcome.SEEN
+    assert outcome_of(found) == MutationOutcome.SEEN
     assert found["checks"][0]["found"].startswith("0.8 -> 0.808: high: hand.angle stays below 0.8001, found")
 
 
@@ -108,7 +108,7 @@ def test_changes_that_are_run_in_one_go_come_out_as_alone(
     document = MutationJudge()(file, tmp_path)
     monkeypatch.setattr(judge, "TOGETHER", together)
     assert MutationJudge()(file, tmp_path) == document
-    assert {outcome_of(case) for case in document["cases"]} == set(Outcome)
+    assert {outcome_of(case) for case in document["cases"]} == set(MutationOutcome)
 
 
 UNTIL = [{"signal": "hand.angle", "before": before, "below": 3} for before in (0.1, 0.115, 0.3, 0.301, 0.9)]
@@ -146,7 +146,7 @@ def test_parts_of_a_case_notice_what_all_of_it_does(tmp_path: Path, monkeypatch:
     found = outcomes(file)
     monkeypatch.setattr(judge, "parts", lambda case, timing: [])
     assert outcomes(file) == found
-    assert {Outcome.SEEN, Outcome.UNSEEN} <= set(found.values())
+    assert {MutationOutcome.SEEN, MutationOutcome.UNSEEN} <= set(found.values())
 
 
 def test_a_scenario_that_fails_as_it_is_cannot_notice_anything(tmp_path: Path) -> None:
@@ -158,8 +158,8 @@ def test_the_share_is_of_changes_that_show_and_names_what_no_file_notices(tmp_pa
     loose = scenario(tmp_path, "loose")
     narrow = scenario(tmp_path, "narrow", expect=[{"signal": "hand.angle", "below": 0.5001}])
     coverage = Coverage.of(Verdict(file, 1.0, MutationJudge()(file, tmp_path)) for file in (loose, narrow))
-    shown = [outcome for outcome in coverage.outcomes.values() if outcome != Outcome.WITHOUT_EFFECT]
-    assert coverage.share == shown.count(Outcome.SEEN) / len(shown) and 0 < coverage.share < 1
+    shown = [outcome for outcome in coverage.outcomes.values() if outcome != MutationOutcome.WITHOUT_EFFECT]
+    assert coverage.share == shown.count(MutationOutcome.SEEN) / len(shown) and 0 < coverage.share < 1
     assert "hand.angle_start" not in coverage.unnoticed
     assert coverage.unnoticed[GRAVITY] == [loose, narrow]
     assert coverage.unseen["hand.angle_start"] == [loose]

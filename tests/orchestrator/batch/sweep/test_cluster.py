@@ -13,7 +13,7 @@ import pytest
 from fmus.errors import InputError
 from orchestrator.batch.sweep.runs import queue
 from orchestrator.batch.sweep.runs.cluster import Cluster
-from orchestrator.batch.sweep.runs.package import Package, Platform
+from orchestrator.batch.sweep.runs.package import WorkerPackage, WorkerPlatform
 from orchestrator.batch.sweep.runs.preparation import prepared
 from orchestrator.batch.sweep.sweep import sweep
 from tests.support.dask_cluster import DaskCluster, dask_cluster
@@ -168,7 +168,7 @@ def test_without_dask_a_cluster_says_what_to_install(monkeypatch: pytest.MonkeyP
 def test_a_worker_knows_a_package_by_the_name_that_it_has_here(tmp_path: Path) -> None:
     """A worker that answers to another name than it is asked by gets its task again and again."""
     with prepared(larger(tmp_path)) as ready:
-        package = Package.of(ready.setup)
+        package = WorkerPackage.of(ready.setup)
     there = pickle.loads(pickle.dumps(package))  # whose own pickle is longer: names are no longer one object
     again = pickle.loads(pickle.dumps(there))
     assert pickle.dumps(there) != pickle.dumps(package) and package.key == there.key == again.key
@@ -179,10 +179,10 @@ def test_a_worker_knows_a_package_by_the_name_that_it_has_here(tmp_path: Path) -
 def test_a_worker_that_does_not_keep_what_it_is_given_is_left_alone(
     shared: DaskCluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def renamed(self: Package) -> tuple[type[Package], tuple[object, ...]]:
-        return Package, (self.setup, self.files, self.platform, "another")
+    def renamed(self: WorkerPackage) -> tuple[type[WorkerPackage], tuple[object, ...]]:
+        return WorkerPackage, (self.setup, self.files, self.platform, "another")
 
-    monkeypatch.setattr(Package, "__reduce__", renamed)
+    monkeypatch.setattr(WorkerPackage, "__reduce__", renamed)
     monkeypatch.setattr("distributed.Client.register_plugin", lambda self, plugin: None)
     with pytest.raises(InputError, match="does not keep the FMUs that it is given"):
         sweep(study(tmp_path), tmp_path / "out", Cluster(shared.address))
@@ -198,5 +198,5 @@ def test_a_worker_that_does_not_keep_what_it_is_given_is_left_alone(
     ],
 )
 def test_a_worker_has_to_be_like_the_machine_that_asks(version: str | None, machine: str, problem: str) -> None:
-    found = Platform(version, machine).unfit(Platform("1.0", "linux x86_64"))
+    found = WorkerPlatform(version, machine).unfit(WorkerPlatform("1.0", "linux x86_64"))
     assert found.startswith(problem) and bool(found) == bool(problem)

@@ -12,20 +12,26 @@ from hypothesis import strategies as st
 from scipy.stats import kstest, norm
 
 from orchestrator.batch.sweep.points.designs import (
-    Design,
     Grid,
     Hypercubes,
     MonteCarlo,
     Morris,
+    PointDesign,
     SobolIndices,
     SobolSequence,
     seed_of,
 )
-from orchestrator.batch.sweep.points.factors import Factor, Interval, Joint, Levels, Normal, Space
+from orchestrator.batch.sweep.points.factors import Factor, JointFactors, Levels, Space, TruncatedNormal, UniformBetween
 
-SPACE = Space((Factor("a.x", Interval(2.0, 4.0)), Factor("a.y", Normal(1.0, 0.5)), Factor("a.z", Levels((1.0, 5.0)))))
-UNIT = Space(tuple(Factor(f"a.x{number}", Interval(0.0, 1.0)) for number in range(3)))
-KINDS: dict[str, Callable[[Space, int], Design]] = {
+SPACE = Space(
+    (
+        Factor("a.x", UniformBetween(2.0, 4.0)),
+        Factor("a.y", TruncatedNormal(1.0, 0.5)),
+        Factor("a.z", Levels((1.0, 5.0))),
+    )
+)
+UNIT = Space(tuple(Factor(f"a.x{number}", UniformBetween(0.0, 1.0)) for number in range(3)))
+KINDS: dict[str, Callable[[Space, int], PointDesign]] = {
     "monte-carlo": lambda space, count: MonteCarlo(space=space, count=count, seed=1),
     "sobol": lambda space, count: SobolSequence(space=space, count=count, seed=1),
     "hypercubes": lambda space, count: Hypercubes(space=space, count=count, seed=1, size=40),
@@ -73,15 +79,15 @@ def test_drawn_values_have_their_distributions() -> None:
 
 
 def test_a_normal_law_between_ends_is_the_truncated_one() -> None:
-    law, shares = Normal(1.0, 0.5, 0.8, 2.0), np.linspace(0.01, 0.99, 50)
+    law, shares = TruncatedNormal(1.0, 0.5, 0.8, 2.0), np.linspace(0.01, 0.99, 50)
     low, high = norm.cdf([0.8, 2.0], 1.0, 0.5)
     assert (norm.cdf(law.at(shares), 1.0, 0.5) - low) / (high - low) == pytest.approx(shares)
 
 
 def test_factors_that_are_drawn_together_have_their_covariance() -> None:
     covariance = np.array([[4.0, 1.2], [1.2, 1.0]])
-    joint = Joint(("a.x", "a.y"), np.array([10.0, -3.0]), np.linalg.cholesky(covariance))
-    space = Space((Factor("a.x", Normal(10.0, 2.0)), Factor("a.y", Normal(-3.0, 1.0))), joint)
+    joint = JointFactors(("a.x", "a.y"), np.array([10.0, -3.0]), np.linalg.cholesky(covariance))
+    space = Space((Factor("a.x", TruncatedNormal(10.0, 2.0)), Factor("a.y", TruncatedNormal(-3.0, 1.0))), joint)
     points = MonteCarlo(space=space, count=20_000, seed=5).points(0, 20_000)
     assert points.mean(axis=0) == pytest.approx([10, -3], abs=0.06)
     assert np.cov(points.T) == pytest.approx(covariance, abs=0.12)

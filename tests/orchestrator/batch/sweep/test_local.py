@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from orchestrator.batch.limits import Limits
+from orchestrator.batch.limits import CaseLimits
 from orchestrator.batch.sweep.runs import queue
 from orchestrator.batch.sweep.runs.local import Local
 from orchestrator.batch.sweep.sweep import sweep
@@ -118,7 +118,7 @@ def test_an_fmu_that_crashes_or_hangs_fails_its_runs_alone(tmp_path: Path) -> No
     }
     moods = [0, int(Mood.SEGMENTATION), 0, 0, int(Mood.HANG), 0, int(Mood.EXIT), 0]
     file = study(tmp_path, scenario, vary={"lag.mood": moods}, design={"by": "grid"}, traces=None)
-    rows = sweep(file, tmp_path / "out", Local(2, Limits(2.0))).table().to_pylist()
+    rows = sweep(file, tmp_path / "out", Local(2, CaseLimits(2.0))).table().to_pylist()
     assert [row["state"] == "failed" for row in rows] == [mood != 0 for mood in moods]
     assert "crashed the process that ran it, which died (SIGSEGV)" in rows[1]["reason"]
     assert "was killed after 2 s" in rows[4]["reason"] and "exit code 7" in rows[6]["reason"]

@@ -11,7 +11,7 @@ import pytest
 
 from fmus.errors import InputError
 from orchestrator.batch.sweep.runs import folder as folders
-from orchestrator.batch.sweep.runs.setup import Task
+from orchestrator.batch.sweep.runs.setup import Chunk
 from orchestrator.batch.sweep.sweep import sweep
 from orchestrator.scenario.run import run_scenario
 from tests.support.sweeping import FALLING, Here, results, study
@@ -24,7 +24,7 @@ class Killed(BaseException):
 def killed_after(count: int) -> Here:
     seen = []
 
-    def told(task: Task) -> None:
+    def told(task: Chunk) -> None:
         seen.append(task)
         if len(seen) > count:
             raise Killed

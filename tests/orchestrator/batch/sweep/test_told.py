@@ -11,7 +11,7 @@ import pytest
 import orchestrator
 from fmus.errors import InputError
 from orchestrator.batch.sweep.points.designs import Morris, SobolIndices
-from orchestrator.batch.sweep.points.factors import Factor, Interval, Space
+from orchestrator.batch.sweep.points.factors import Factor, Space, UniformBetween
 from orchestrator.batch.sweep.runs.preparation import prepared
 from orchestrator.batch.sweep.sweep import sweep
 from orchestrator.batch.sweep.told.again import alone
@@ -24,7 +24,7 @@ from orchestrator.trace import FloatArray
 from tests.support.commands import servotwin
 from tests.support.sweeping import FALLING, Here, study
 
-ANGLES = Space(tuple(Factor(f"a.x{number}", Interval(-np.pi, np.pi)) for number in range(1, 4)))
+ANGLES = Space(tuple(Factor(f"a.x{number}", UniformBetween(-np.pi, np.pi)) for number in range(1, 4)))
 FIRST, TOTAL = (0.3139, 0.4424, 0.0), (0.5576, 0.4424, 0.2437)  # of Ishigami's function, a = 7, b = 0.1
 
 
@@ -55,7 +55,7 @@ def test_groups_with_a_failed_run_are_left_out_and_counted() -> None:
 
 @pytest.mark.needs("sensitivity")
 def test_elementary_effects_of_a_plane_are_its_slopes() -> None:
-    space = Space(tuple(Factor(f"a.x{number}", Interval(0.0, 1.0)) for number in range(3)))
+    space = Space(tuple(Factor(f"a.x{number}", UniformBetween(0.0, 1.0)) for number in range(3)))
     design = Morris(space=space, count=40, seed=1)
     points = design.points(0, design.count)
     found = indices(design, points, points @ [3.0, -1.0, 0.5], space.names)

@@ -20,7 +20,7 @@ from orchestrator.bridge.safety.watchdog import Watchdog
 from orchestrator.can.database.database import Database
 from orchestrator.can.live.backlog import Backlog
 from orchestrator.can.live.bus import BusSettings, occupied
-from orchestrator.can.live.line import Line
+from orchestrator.can.live.line import SendingLine
 from orchestrator.can.live.news import News
 from orchestrator.can.live.receiver import Receiver
 from orchestrator.scenario.can_block import CanBlock
@@ -47,7 +47,7 @@ def on(bus: ScriptedBus, rig: Database, said: list[str], setting: BusSettings = 
     coupling = coupled(block, sample_system(), [rig], Fraction(1, 1000))
     watchdog = Watchdog(coupling.reception.messages, said.append)
     link, receiver = bus.linked(said.append)
-    line = Line(link, cast(Receiver, receiver), Backlog(setting), coupling.rules.most_late)
+    line = SendingLine(link, cast(Receiver, receiver), Backlog(setting), coupling.rules.most_late)
     return BusTraffic([line], coupling, watchdog, STEP, News(said.append))
 
 

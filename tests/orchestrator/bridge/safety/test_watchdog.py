@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from orchestrator.bridge.mapping import coupled
 from orchestrator.bridge.safety.watchdog import MOST, SAID, PeerPresence, Watchdog
-from orchestrator.bridge.signals.inputs import ReceivedMessage, Taken
+from orchestrator.bridge.signals.inputs import ReceivedMessage, TakenFrame
 from orchestrator.scenario.can_block import CanBlock
 from orchestrator.trace import FloatArray
 from tests.support.can.coupling_samples import sample_database, sample_system
@@ -44,7 +44,7 @@ def driven() -> FloatArray:
 
 def heard(watchdog: Watchdog, message: ReceivedMessage, now: float) -> None:
     """A good frame."""
-    watchdog.took(Taken(message, message.signals, {}), now)
+    watchdog.took(TakenFrame(message, message.signals, {}), now)
 
 
 def command(watchdog: Watchdog, now: float) -> PeerPresence:

@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from orchestrator.bridge.mapping import coupled
-from orchestrator.bridge.signals.location import Place
+from orchestrator.bridge.signals.location import MessageLocation
 from orchestrator.bridge.signals.outputs import SentMessage, SentSignal
 from orchestrator.can.codec.encoding import Encoder
 from orchestrator.can.codec.fields import raw_limits
@@ -60,7 +60,7 @@ def test_any_value_goes_into_any_message_as_the_nearest_that_it_holds(made: Any,
         signals = [signal for signal in message.signals if not signal.is_multiplexer]  # whose pages take turns
         given = [SentSignal(signal, "rig.any", place, AS_IT_IS, None) for place, signal in enumerate(signals)]
         values = data.draw(st.lists(FINITE, min_size=len(given), max_size=len(given)))
-        sender, found = SentMessage(Place(None, message), given, 1, statistics), dict[str, float]()
+        sender, found = SentMessage(MessageLocation(None, message), given, 1, statistics), dict[str, float]()
         for _ in sender.pages:
             found |= message.raw.decode(sent(sender, values), decode_choices=False)
         for signal, value in zip(signals, values, strict=True):

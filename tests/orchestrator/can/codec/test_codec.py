@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from fmus.errors import DatabaseError, TraceError
 from orchestrator.can import frames
 from orchestrator.can.codec import decoding
-from orchestrator.can.codec.bits import BIG, LITTLE, Field, words
+from orchestrator.can.codec.bits import BIG, LITTLE, BitField, words
 from orchestrator.can.codec.decoding import Decoder
 from orchestrator.can.codec.encoding import Encoder
 from orchestrator.can.codec.fields import raw_limits
@@ -138,14 +138,14 @@ def expected(message: MessageSpec, values: dict[str, float], resting: list[str])
     raw = {name: message.raw.get_signal_by_name(name).scaled_to_raw(value) for name, value in values.items()}
     for name in resting:
         signal = message.signal(name)
-        low, high = Field(0, signal.length, False, signal.is_signed, False, 1, 0).limits()
+        low, high = BitField(0, signal.length, False, signal.is_signed, False, 1, 0).limits()
         raw[name] = int(min(max(raw[name], low), high))
     return bytes(message.raw.encode(raw, scaling=False, strict=False))
 
 
 @given(st.binary(min_size=2, max_size=2), st.integers(0, 48), st.booleans())
 def test_floats_of_16_bits_are_those_of_the_standard(half: bytes, lowest: int, big: bool) -> None:
-    field = Field(lowest + 15 if big else lowest, 16, big, False, True, 1, 0)
+    field = BitField(lowest + 15 if big else lowest, 16, big, False, True, 1, 0)
     number = int.from_bytes(half, "little") << (48 - lowest if big else lowest)
     data = np.frombuffer(number.to_bytes(8, "big" if big else "little"), np.uint8).reshape(1, 8)
     value = float(field.values(field.raw(words(data, BIG if big else LITTLE)))[0])
@@ -249,7 +249,7 @@ def test_values_that_do_not_fit_are_limited_and_counted(base: Database) -> None:
 
 @pytest.mark.parametrize(("signed", "low", "high"), [(False, 0, 255), (True, -128, 127)])
 def test_a_value_counts_as_limited_when_its_nearest_raw_number_does_not_fit(signed: bool, low: int, high: int) -> None:
-    field = Field(0, 8, False, signed, False, 0.5, 3.0)
+    field = BitField(0, 8, False, signed, False, 0.5, 3.0)
     raw = np.array([low - 0.6, low - 0.4, low, high, high + 0.4, high + 0.6])
     bits, limited = field.encoded(0.5 * raw + 3.0, *field.limits())
     assert limited.tolist() == [True, False, False, False, False, True]

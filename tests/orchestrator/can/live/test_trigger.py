@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from fmus.errors import DatabaseError, InputError
 from orchestrator.can.database.bus import LogDatabase, load_all
-from orchestrator.can.live.trigger import Limits, Trigger
+from orchestrator.can.live.trigger import RecordingLimits, Trigger
 
 DATABASE = """VERSION ""
 BS_:
@@ -49,7 +49,7 @@ def speeds(*values: int) -> list[can.Message]:
     ]
 
 
-def places(limits: Limits, messages: list[can.Message], size: int = 3) -> list[int]:
+def places(limits: RecordingLimits, messages: list[can.Message], size: int = 3) -> list[int]:
     """Which of the frames pass, given so many at once."""
     trigger = Trigger(limits, log(), ["can0"])
     parts = [messages[begin : begin + size] for begin in range(0, len(messages), size)]
@@ -60,23 +60,23 @@ def places(limits: Limits, messages: list[can.Message], size: int = 3) -> list[i
 @pytest.mark.parametrize(
     ("limits", "passing"),
     [
-        (Limits(), range(8)),
-        (Limits(start="speed > 4"), range(5, 8)),
-        (Limits(start="speed>=4"), range(4, 8)),
-        (Limits(start="State.speed == 4", before=0.25), range(2, 8)),
-        (Limits(stop="speed > 4"), range(6)),
-        (Limits(start="speed > 2", stop="speed != 0"), range(3, 5)),  # the one that starts it does not end it
-        (Limits(start="speed > 2", stop="State.angle < -1", before=100), range(8)),
-        (Limits(start="speed > 99", before=1), ()),
+        (RecordingLimits(), range(8)),
+        (RecordingLimits(start="speed > 4"), range(5, 8)),
+        (RecordingLimits(start="speed>=4"), range(4, 8)),
+        (RecordingLimits(start="State.speed == 4", before=0.25), range(2, 8)),
+        (RecordingLimits(stop="speed > 4"), range(6)),
+        (RecordingLimits(start="speed > 2", stop="speed != 0"), range(3, 5)),  # the one that starts it does not end it
+        (RecordingLimits(start="speed > 2", stop="State.angle < -1", before=100), range(8)),
+        (RecordingLimits(start="speed > 99", before=1), ()),
     ],
 )
-def test_frames_pass_from_the_one_to_the_other(limits: Limits, passing: Iterable[int]) -> None:
+def test_frames_pass_from_the_one_to_the_other(limits: RecordingLimits, passing: Iterable[int]) -> None:
     assert places(limits, speeds(*range(8))) == list(passing)
 
 
 @given(st.lists(st.integers(-5, 5), max_size=40), st.integers(1, 7), st.integers(0, 20))
 def test_what_passes_does_not_depend_on_how_many_frames_come_at_once(values: list[int], size: int, before: int) -> None:
-    limits = Limits("speed > 2", "speed < -2", before * 0.1)
+    limits = RecordingLimits("speed > 2", "speed < -2", before * 0.1)
     found = places(limits, speeds(*values), size)
     assert found == places(limits, speeds(*values), 1)
     first = next((k for k, value in enumerate(values) if value > 2), None)
@@ -90,7 +90,7 @@ def test_what_passes_does_not_depend_on_how_many_frames_come_at_once(values: lis
 
 def test_only_frames_of_the_channel_that_has_the_signal_count() -> None:
     own = LogDatabase(None, {"right": log().databases[0]})
-    trigger = Trigger(Limits(start="speed > 0"), own, ["left", "right"])
+    trigger = Trigger(RecordingLimits(start="speed > 0"), own, ["left", "right"])
     other, own_message = speeds(1, 1)
     own_message.channel = 1
     assert trigger.passed([other]) == []
@@ -98,7 +98,7 @@ def test_only_frames_of_the_channel_that_has_the_signal_count() -> None:
 
 
 def test_a_condition_that_never_held_is_told_with_what_was_seen() -> None:
-    trigger = Trigger(Limits(start="speed > 9"), log(), ["can0"])
+    trigger = Trigger(RecordingLimits(start="speed > 9"), log(), ["can0"])
     trigger.passed(speeds(1, 2, 3))
     assert trigger.remarks() == ["'speed > 9' has never held in 3 frames, so none was recorded"]
 
@@ -106,20 +106,20 @@ def test_a_condition_that_never_held_is_told_with_what_was_seen() -> None:
 @pytest.mark.parametrize(
     ("limits", "problem"),
     [
-        (Limits(start="speed"), "write SIGNAL < NUMBER"),
-        (Limits(start="speed > fast"), "write SIGNAL < NUMBER"),
-        (Limits(stop="speed > nan"), "write SIGNAL < NUMBER"),
-        (Limits(stop="sped > 1"), "did you mean 'speed'"),
-        (Limits(stop="angle > 1"), "write 'State.angle' or 'Other.angle'"),
-        (Limits(before=1.0), "--start-when"),
-        (Limits(start="speed > 1", before=float("nan")), "number of seconds"),
+        (RecordingLimits(start="speed"), "write SIGNAL < NUMBER"),
+        (RecordingLimits(start="speed > fast"), "write SIGNAL < NUMBER"),
+        (RecordingLimits(stop="speed > nan"), "write SIGNAL < NUMBER"),
+        (RecordingLimits(stop="sped > 1"), "did you mean 'speed'"),
+        (RecordingLimits(stop="angle > 1"), "write 'State.angle' or 'Other.angle'"),
+        (RecordingLimits(before=1.0), "--start-when"),
+        (RecordingLimits(start="speed > 1", before=float("nan")), "number of seconds"),
     ],
 )
-def test_what_cannot_be_understood_is_refused(limits: Limits, problem: str) -> None:
+def test_what_cannot_be_understood_is_refused(limits: RecordingLimits, problem: str) -> None:
     with pytest.raises((InputError, DatabaseError), match=problem):
         Trigger(limits, log(), ["can0"])
 
 
 def test_a_condition_needs_a_database() -> None:
     with pytest.raises(InputError, match="give --dbc"):
-        Trigger(Limits(start="speed > 1"), None, ["can0"])
+        Trigger(RecordingLimits(start="speed > 1"), None, ["can0"])

@@ -16,12 +16,12 @@ from orchestrator.can.ls_bus import stuffing
 from orchestrator.can.ls_bus.ideal_bus import IdealBus
 from orchestrator.can.ls_bus.operations import (
     ArbitrationLost,
+    BusSetting,
     Configuration,
     Confirm,
     FormatError,
     NodeState,
     Operation,
-    Setting,
     Status,
     Transmit,
     TransmitFd,
@@ -146,7 +146,7 @@ def test_a_sender_that_asks_for_it_has_its_frame_confirmed() -> None:
 def test_a_frame_that_is_not_to_wait_is_given_back_when_it_loses() -> None:
     bus = a_bus()
     bus.nodes[1].notified = True
-    give(bus, 1, 0.0, Configuration(Setting.ARBITRATION_LOST, WhenLost.DISCARD_AND_NOTIFY), frame(0x200))
+    give(bus, 1, 0.0, Configuration(BusSetting.ARBITRATION_LOST, WhenLost.DISCARD_AND_NOTIFY), frame(0x200))
     give(bus, 0, 0.0, frame(0x100))
     bus.run(LATE)
     assert got(bus, 1) == [ArbitrationLost(0x200), frame(0x100)]
@@ -190,7 +190,7 @@ def test_what_is_malformed_goes_back_to_who_sent_it_and_is_counted() -> None:
 
 def test_nodes_configure_the_bit_rate_that_the_bus_was_not_given() -> None:
     bus, sent = a_bus(2, None), frame(0x123)
-    give(bus, 0, 0.0, Configuration(Setting.BITRATE, 100_000), sent)
+    give(bus, 0, 0.0, Configuration(BusSetting.BITRATE, 100_000), sent)
     bus.run(LATE)
     assert bus.frames().time[0] == (stuffing.bits(*sent) - 3) / 100_000
 
@@ -198,11 +198,11 @@ def test_nodes_configure_the_bit_rate_that_the_bus_was_not_given() -> None:
 def test_bit_rates_that_contradict_each_other_name_who_wants_them() -> None:
     bus = a_bus(2)
     with pytest.raises(BusError, match=r"can0\.bitrate: .* 100000 bit/s by n1 and to 500000 .* by the bus"):
-        give(bus, 1, 0.0, Configuration(Setting.BITRATE, 100_000))
+        give(bus, 1, 0.0, Configuration(BusSetting.BITRATE, 100_000))
     bus = a_bus(2, None)
-    give(bus, 0, 0.0, Configuration(Setting.BITRATE, 250_000))
+    give(bus, 0, 0.0, Configuration(BusSetting.BITRATE, 250_000))
     with pytest.raises(BusError, match=r"to 125000 bit/s by n1 and to 250000 bit/s by n0"):
-        give(bus, 1, 0.0, Configuration(Setting.BITRATE, 125_000))
+        give(bus, 1, 0.0, Configuration(BusSetting.BITRATE, 125_000))
 
 
 def test_a_bus_without_a_bit_rate_says_so() -> None:

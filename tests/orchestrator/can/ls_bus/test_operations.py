@@ -10,13 +10,13 @@ from orchestrator.can.frames import LENGTHS
 from orchestrator.can.ls_bus.operations import (
     ArbitrationLost,
     BusFault,
+    BusSetting,
     Configuration,
     Confirm,
     FormatError,
     Malformed,
     NodeState,
     Operation,
-    Setting,
     Status,
     Transmit,
     TransmitFd,
@@ -60,10 +60,10 @@ OPERATIONS = st.one_of(
     st.builds(BusFault, ANY_ID, st.integers(1, 6), st.integers(1, 2), st.booleans()),
     st.builds(
         Configuration,
-        st.sampled_from([Setting.BITRATE, Setting.DATA_BITRATE, Setting.XL_BITRATE]),
+        st.sampled_from([BusSetting.BITRATE, BusSetting.DATA_BITRATE, BusSetting.XL_BITRATE]),
         WORD,
     ),
-    st.builds(Configuration, st.just(Setting.ARBITRATION_LOST), st.sampled_from(list(WhenLost))),
+    st.builds(Configuration, st.just(BusSetting.ARBITRATION_LOST), st.sampled_from(list(WhenLost))),
     st.builds(Status, st.sampled_from(list(NodeState))),
     st.just(Wakeup()),
 )
@@ -98,7 +98,7 @@ def test_a_remote_frame_tells_a_length_and_brings_no_data() -> None:
 
 def test_the_behaviour_at_lost_arbitration_takes_one_byte() -> None:
     laid = bytes.fromhex("40000000 0A000000 04 02")
-    assert encoded([Configuration(Setting.ARBITRATION_LOST, WhenLost.DISCARD_AND_NOTIFY)]) == laid
+    assert encoded([Configuration(BusSetting.ARBITRATION_LOST, WhenLost.DISCARD_AND_NOTIFY)]) == laid
 
 
 @pytest.mark.parametrize(
@@ -112,7 +112,7 @@ def test_the_behaviour_at_lost_arbitration_takes_one_byte() -> None:
         ("99000000 08000000", "the code 0x99, which no operation for CAN has"),
         ("20000000 08000000", "has 8 bytes where a Confirm has 12"),
         ("41000000 09000000 07", "7 is not a valid NodeState"),
-        ("40000000 0D000000 09 00000000", "9 is not a valid Setting"),
+        ("40000000 0D000000 09 00000000", "9 is not a valid BusSetting"),
         ("20000000 07000000 00000000", "says that it has 7 bytes where there are 12"),
         ("200000", "ends after 3 of 8 bytes of its head"),
     ],

@@ -21,7 +21,7 @@ from orchestrator.can.live.bus import BusSettings, opened
 from orchestrator.can.sending.gateway import TOO_LONG, Gateway, gateway
 from orchestrator.can.sending.passed import Passed
 from orchestrator.can.sending.routes import AGAINST, BOTH, MOST, NOT_CHOSEN, RENAMED, TOO_MANY, Routes
-from orchestrator.can.sending.selection import EVERYTHING, Chosen
+from orchestrator.can.sending.selection import EVERYTHING, MessageSelection
 from orchestrator.can.slcan.hub import hub_process
 from tests.support.can.can_samples import DBC
 from tests.support.can.wiring import HANG, command, frame, heard, joined, number, until_said
@@ -29,17 +29,17 @@ from tests.support.can.wiring import HANG, command, frame, heard, joined, number
 NAMES = {0: "can0", 1: "can1"}
 
 
-def routes(chosen: Chosen = EVERYTHING, **options: Any) -> Routes:
+def routes(chosen: MessageSelection = EVERYTHING, **options: Any) -> Routes:
     return Routes(chosen, None, NAMES, **options)
 
 
 def test_what_is_chosen_passes_both_ways_and_the_rest_does_not() -> None:
-    found = routes(Chosen(only=["100", "18FF0003"]))
+    found = routes(MessageSelection(only=["100", "18FF0003"]))
     assert found.of(frame(0), 0).key == (0x100, False)
     assert found.of(can.Message(arbitration_id=0x18FF0003), 1).key == (0x18FF0003, True)
     assert found.of(frame(0, 0x101), 0).why == NOT_CHOSEN
     assert found.of(can.Message(arbitration_id=0x100), 0).why == NOT_CHOSEN, "an extended one is another"
-    assert routes(Chosen(without=["100"])).of(frame(0), 0).why == NOT_CHOSEN
+    assert routes(MessageSelection(without=["100"])).of(frame(0), 0).why == NOT_CHOSEN
     assert routes(one_way=True).of(frame(0), 1).why == AGAINST
 
 

@@ -23,7 +23,7 @@ from orchestrator.can.live.single_encoding import SingleEncoder
 from orchestrator.can.sending import replay as replaying
 from orchestrator.can.sending.replay import Replay, Replayed
 from orchestrator.can.sending.safe_end import Last
-from orchestrator.can.sending.selection import Chosen
+from orchestrator.can.sending.selection import MessageSelection
 from orchestrator.can.slcan.hub import hub_process
 from orchestrator.can.statistics import FrameStatistics
 from orchestrator.progress import Progress, silent
@@ -250,14 +250,14 @@ def mixed(path: Path, count: int = 30) -> Path:
 @pytest.mark.parametrize(
     ("chosen", "first"),
     [
-        (Chosen(only=["Command"]), [0, 3, 6]),
-        (Chosen(only=["Sensors", "0x7AB"]), [1, 2, 4, 5]),
-        (Chosen(without=["7AB", "Sensors"]), [0, 3]),
-        (Chosen(only=["100", "101"], without=["Sensors"]), [0, 3]),
+        (MessageSelection(only=["Command"]), [0, 3, 6]),
+        (MessageSelection(only=["Sensors", "0x7AB"]), [1, 2, 4, 5]),
+        (MessageSelection(without=["7AB", "Sensors"]), [0, 3]),
+        (MessageSelection(only=["100", "101"], without=["Sensors"]), [0, 3]),
     ],
 )
 def test_messages_are_chosen_by_name_or_identifier(
-    tmp_path: Path, rig: Path, listener: can.BusABC, deadlines: list[float], chosen: Chosen, first: list[int]
+    tmp_path: Path, rig: Path, listener: can.BusABC, deadlines: list[float], chosen: MessageSelection, first: list[int]
 ) -> None:
     done = replay(BUS, mixed(tmp_path / "log.blf"), database=rig, chosen=chosen)
     assert [number(message) for message in heard(listener, len(first))][: len(first)] == first
@@ -266,15 +266,15 @@ def test_messages_are_chosen_by_name_or_identifier(
 
 def test_what_is_chosen_and_not_there_is_told_or_refused(tmp_path: Path, rig: Path, listener: can.BusABC) -> None:
     log = mixed(tmp_path / "log.blf")
-    done = replay(BUS, log, chosen=Chosen(only=["0x100", "0x123"]))
+    done = replay(BUS, log, chosen=MessageSelection(only=["0x100", "0x123"]))
     assert "the log holds no frame of 0x123" in done.lines()
     for loop in (1, None):
         with pytest.raises(InputError, match="none of the frames that are chosen, among 30"):
-            replay(BUS, log, chosen=Chosen(only=["0x123"]), loop=loop)
+            replay(BUS, log, chosen=MessageSelection(only=["0x123"]), loop=loop)
     with pytest.raises(InputError, match="give --dbc"):
-        replay(BUS, log, chosen=Chosen(only=["Command"]))
+        replay(BUS, log, chosen=MessageSelection(only=["Command"]))
     with pytest.raises(DatabaseError, match="did you mean 'Command'"):
-        replay(BUS, log, chosen=Chosen(without=["Comand"]), database=rig)
+        replay(BUS, log, chosen=MessageSelection(without=["Comand"]), database=rig)
 
 
 def test_passes_follow_each_other_at_the_mean_distance(

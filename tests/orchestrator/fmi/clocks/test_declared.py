@@ -9,7 +9,7 @@ import pytest
 
 from fmus.errors import FmuFileError
 from fmus.packaging import archive
-from orchestrator.fmi.clocks.declared import Clock, Interval
+from orchestrator.fmi.clocks.declared import Clock, TickInterval
 from orchestrator.fmi.file import FmuDescription
 from tests.support.fmus.clocks import CLOCKS, description
 
@@ -24,7 +24,7 @@ def test_all_kinds_of_clocks_are_read(tmp_path: Path) -> None:
     assert {name: str(clock.kind) for name, clock in found.items()} == {
         name: text.partition('intervalVariability="')[2].partition('"')[0] for name, text in CLOCKS.items()
     }
-    assert found["tick"] == Clock("tick", 1, "input", Interval.CONSTANT, Fraction(1, 10))
+    assert found["tick"] == Clock("tick", 1, "input", TickInterval.CONSTANT, Fraction(1, 10))
     assert [name for name, clock in found.items() if clock.timed] == ["tick", "changing", "countdown", "tune", "fixed"]
 
 

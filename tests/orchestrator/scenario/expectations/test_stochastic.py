@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from fmus.errors import ScenarioError
 from orchestrator import formats
 from orchestrator.report import Chart
-from orchestrator.report.content import Figure
+from orchestrator.report.content import DrawnFigure
 from orchestrator.scenario.expectations import Check, Draws, Ran
 from orchestrator.scenario.expectations.schema import ExpectationBlock
 from orchestrator.scenario.report import report
@@ -136,7 +136,7 @@ def test_the_report_draws_the_band_of_other_seeds_which_the_reference_keeps_to(t
         piece.drawing
         for section in page.sections
         for piece in section.content
-        if isinstance(piece, Figure) and isinstance(piece.drawing, Chart)
+        if isinstance(piece, DrawnFigure) and isinstance(piece.drawing, Chart)
     ]
     [panel] = [panel for panel in chart.panels if panel.title.startswith("channel.measured")]
     band, tube = panel.bands
