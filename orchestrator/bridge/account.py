@@ -2,16 +2,53 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 from fmus.files import sha256
 from orchestrator.bridge.bus.traffic_report import TrafficReport
 from orchestrator.can.frames import moment
 from orchestrator.can.live.bus import BusSettings
-from orchestrator.realtime.deadlines import Deadlines
+from orchestrator.can.statistics import StatisticsDocument
+from orchestrator.realtime.deadlines import DeadlineFigures, Deadlines
+
+
+class DescribedBus(TypedDict):
+    """Which bus it was; rates in bit/s."""
+
+    interface: str
+    channel: str
+    bitrate: int | None
+    fd: bool
+    data_bitrate: int | None
+
+
+class BusAccountDocument(DescribedBus):
+    """What passed over a bus, or over it and `others`, and how deadlines were kept."""
+
+    mode: str
+    others: list[DescribedBus]
+    database: dict[str, str]
+    received: StatisticsDocument
+    sent: StatisticsDocument
+    losses: list[dict[str, str | float | None]]
+    loss_count: int
+    malformed_lines: int
+    refused_lines: int
+    trouble: str
+    over: str
+    unconfirmed: list[str]
+    pending: bool
+    not_finite: dict[str, int]
+    sent_by_others: dict[str, int]
+    notes: list[str]
+    started: str
+    seconds: float
+    deadlines: DeadlineFigures
+    watchdog: Mapping[str, object]
 
 
 @dataclass(frozen=True)
@@ -40,13 +77,13 @@ class BusAccount(TrafficReport):
         lost = self.dropped + self.late + self.no_room + self.unsent + self.skipped
         return {"frames lost": lost, "late steps": self.deadlines.late}
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> BusAccountDocument:
         """For the manifest."""
         bus, *others = map(_described, self.buses)
         return {
-            "mode": self.mode,
             **bus,
-            **({"others": others} if others else {}),
+            "mode": self.mode,
+            "others": others,
             "database": {
                 "file": ", ".join(file.name for file in self.database),
                 "sha256": ", ".join(map(sha256, self.database)),
@@ -120,7 +157,7 @@ class BusAccount(TrafficReport):
         ]
 
 
-def _described(bus: BusSettings) -> dict[str, Any]:
+def _described(bus: BusSettings) -> DescribedBus:
     return {
         "interface": bus.interface,
         "channel": bus.channel,

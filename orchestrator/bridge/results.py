@@ -5,9 +5,10 @@ from __future__ import annotations
 import logging
 import shutil
 from pathlib import Path
-from typing import Any
+from typing import cast
 
 from fmus.errors import InputError
+from orchestrator.bridge.account import BusAccountDocument
 from orchestrator.bridge.bridge import BridgeResult
 from orchestrator.can.frames import moment
 from orchestrator.report import Report, Section, figures
@@ -41,14 +42,20 @@ def _take(record: Path, place: Path) -> None:
         shutil.move(record, place)
 
 
-def document_of(bridged: BridgeResult, folder: Path) -> dict[str, Any]:
+class BridgeDocument(results.RunDocument):
+    """What ran on which bus and how it went, as manifest.json holds it."""
+
+    ended: str
+    can: BusAccountDocument
+
+
+def document_of(bridged: BridgeResult, folder: Path) -> BridgeDocument:
     """What ran on which bus and how it went, as plain values."""
     run = results.document_of(bridged.result, {}, folder)
-    cases = [
-        told | ({"trace": _trace_file(bridged, case)} if "trace" in told else {})
-        for case, told in zip(bridged.result.cases, map(dict, run["cases"]), strict=True)
-    ]
-    return {**run, "cases": cases, "ended": how(bridged), "can": bridged.account.document()}
+    for case, told in zip(bridged.result.cases, cast("list[results.RunCaseDocument]", run["cases"]), strict=True):
+        if "trace" in told:
+            told["trace"] = _trace_file(bridged, case)
+    return {**run, "ended": how(bridged), "can": bridged.account.document()}
 
 
 def _trace_file(bridged: BridgeResult, case: CaseResult) -> str:
@@ -101,12 +108,18 @@ def _bus(bridged: BridgeResult, section: Section) -> None:
         rows = [(event.time, event.name, event.kind) for event in watchdog.events[:EVENTS]]
         section.table(["time [s]", "of", "event"], rows, caption=f"{watchdog.event_count} events in all.")
     document = account.document()
-    named = ("mode", "interface", "channel", "bitrate", "fd", "started", "seconds")
-    section.provenance({name: _cell(document[name]) for name in named} | document["database"])
-
-
-def _cell(value: Any) -> str | float | None:
-    return value if isinstance(value, str | float | None) else str(value)
+    section.provenance(
+        {
+            "mode": document["mode"],
+            "interface": document["interface"],
+            "channel": document["channel"],
+            "bitrate": document["bitrate"],
+            "fd": str(document["fd"]),
+            "started": document["started"],
+            "seconds": document["seconds"],
+            **document["database"],
+        }
+    )
 
 
 def _deadlines(bridged: BridgeResult, section: Section) -> None:

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 
 MOST = 1000  # different unknown identifiers, or places, that are kept; beyond it they are only counted
 OTHERS = "others"
+StatisticsDocument = dict[str, int | dict[str, int] | list[dict[str, float]]]
+"""Count, or name -> count, or setbacks, by what is counted."""
 
 
 @dataclass(frozen=True)
@@ -117,9 +119,9 @@ class FrameStatistics:
             found.append(f"clock jumped backwards {places}; later stamps were moved to follow on")
         return found
 
-    def document(self) -> dict[str, object]:
+    def document(self) -> StatisticsDocument:
         """All counts by name, for JSON; what did not occur is left out."""
-        kept: dict[str, object] = {"frames": self.frames, "messages": dict(self.messages)}
+        kept: StatisticsDocument = {"frames": self.frames, "messages": dict(self.messages)}
         for name, value in vars(self).items():
             if name not in (*kept, "setbacks") and value:
                 kept[name] = dict(value) if isinstance(value, Counter) else value

@@ -15,6 +15,7 @@ from orchestrator.cli.terminal import Answer, Listing, Terminal, command
 
 if TYPE_CHECKING:
     from orchestrator.can.live.bus import BusSettings
+    from orchestrator.can.live.manifest import RecordingManifest
 
 T = TypeVar("T")
 
@@ -131,8 +132,7 @@ def record(
     said = f"waiting for {start_when} on" if start_when else "recording"
     with terminal.live(bus.place) as move:
         manifest = record_bus(recording, move, lambda: terminal.say(f"{said} {recording.places}"))
-    document = manifest.document()
-    return Answer(document, [_counts(document), *manifest.remarks(), f"recorded into {folder}"])
+    return Answer(manifest.document(), [_counts(manifest), *manifest.remarks(), f"recorded into {folder}"])
 
 
 @command(app)
@@ -170,7 +170,7 @@ def replay(
     )
     with terminal.bar(log.name) as move:
         done = replay_log(plan, move)
-    document = {"log": str(log), "speed": speed} | done.document()
+    document = {"log": str(log), "speed": speed, **done.document()}
     stopped = f"interrupted after {done.sent:,} frames" if done.stopped else ""
     return Answer(document, done.lines(), interrupted=stopped)
 
@@ -267,9 +267,9 @@ def database(
     return Answer({"database": str(out), "messages": document}, [table, f"written to {out}"])
 
 
-def _counts(document: dict[str, Any]) -> Listing:
+def _counts(manifest: RecordingManifest) -> Listing:
     """Frames by message, or by identifier without a database."""
-    counts = sorted(document["found"].get("messages", {}).items())
-    counts += sorted(document["found"].get("identifiers", {}).items())
-    rows = [(name, f"{count:,}") for name, count in counts]
-    return Listing(("message", "frames"), rows, f"{document['frames']:,} frames")
+    statistics = manifest.statistics
+    counts = statistics.unknown if manifest.recording.database is None else statistics.messages
+    rows = [(name, f"{count:,}") for name, count in sorted(counts.items())]
+    return Listing(("message", "frames"), rows, f"{manifest.frames:,} frames")

@@ -51,7 +51,7 @@ class ConvertedLog:
     what: str
     start: float | None = None
     notes: tuple[str, ...] = ()
-    found: dict[str, object] = field(default_factory=dict)
+    found: Mapping[str, object] = field(default_factory=dict)
 
     @property
     def begin(self) -> str | None:

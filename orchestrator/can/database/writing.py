@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -234,7 +234,7 @@ def _plain(name: str) -> str:
     return plain if re.match(r"[A-Za-z_]", plain) else f"_{plain}"[:LONGEST_NAME]
 
 
-def _distinct(name: str, taken: Any) -> str:
+def _distinct(name: str, taken: Container[str]) -> str:
     """The name, with a number behind it where it is taken."""
     found, number = name, 1
     while found in taken:
@@ -243,9 +243,9 @@ def _distinct(name: str, taken: Any) -> str:
     return found
 
 
-def _definitions(loads: Sequence[_Load], whole: bool, fd: bool) -> dict[str, Any]:
+def _definitions(loads: Sequence[_Load], whole: bool, fd: bool) -> dict[str, DbcAttributeDefinition[Any]]:
     """Attributes of messages: the cycle time [ms], with a fraction where one needs it; the kind of frame."""
-    found: dict[str, Any] = {}
+    found: dict[str, DbcAttributeDefinition[Any]] = {}
     if any(load.every is not None for load in loads):
         kind, least, most = ("INT", 0, 65535) if whole else ("FLOAT", 0.0, 65535.0)
         found["GenMsgCycleTime"] = DbcAttributeDefinition("GenMsgCycleTime", least, "BO_", kind, least, most)

@@ -12,7 +12,7 @@ import re
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypedDict
 
 import can
 from can.util import cast_from_string
@@ -119,11 +119,12 @@ def open_bus(settings: BusSettings) -> can.BusABC:
     Raises:
         BusError: the adapter does not open.
     """
-    values: dict[str, Any] = {name: cast_from_string(value) for name, value in settings.options.items()}
+    options = {name: cast_from_string(value) for name, value in settings.options.items()}
     try:
+        keywords: dict[str, Any] = {**_rates(settings), **options}
         if settings.interface == "slcan" and "://" not in settings.channel:
-            return SlcanBus(settings.channel, **_rates(settings) | values)
-        return can.Bus(settings.channel, settings.interface, ignore_config=True, **_rates(settings) | values)
+            return SlcanBus(settings.channel, **keywords)
+        return can.Bus(settings.channel, settings.interface, ignore_config=True, **keywords)
     except Exception as error:  # drivers raise anything: ImportError, AttributeError, their own
         text = " ".join(str(error).split()) or type(error).__name__
         raise BusError(
@@ -144,7 +145,15 @@ def opened(settings: BusSettings) -> Iterator[can.BusABC]:
             bus.shutdown()
 
 
-def _rates(settings: BusSettings) -> dict[str, Any]:
+class _BitRates(TypedDict, total=False):
+    timing: can.BitTimingFd
+    bitrate: int
+    data_bitrate: int
+    protocol: can.CanProtocol
+    fd: bool
+
+
+def _rates(settings: BusSettings) -> _BitRates:
     """The bit rates as the interface wants them."""
     if settings.fd and settings.interface in _TIMED:
         timing = can.BitTimingFd.from_sample_point(
@@ -154,13 +163,17 @@ def _rates(settings: BusSettings) -> dict[str, Any]:
             data_bitrate=settings.data_bitrate or 0,
             data_sample_point=_SAMPLE_POINT,
         )
-        return {"timing": timing} | ({"fd": True} if settings.interface == "pcan" else {})
-    values: dict[str, Any] = {"bitrate": settings.bitrate, "data_bitrate": settings.data_bitrate}
+        return {"timing": timing, "fd": True} if settings.interface == "pcan" else {"timing": timing}
+    values: _BitRates = {}
+    if settings.bitrate is not None:
+        values["bitrate"] = settings.bitrate
+    if settings.data_bitrate is not None:
+        values["data_bitrate"] = settings.data_bitrate
     if settings.interface == "virtual":
         values["protocol"] = can.CanProtocol.CAN_FD if settings.fd else can.CanProtocol.CAN_20
     elif settings.fd or settings.interface == "udp_multicast":  # that one's own default is CAN FD
         values["fd"] = settings.fd
-    return {name: value for name, value in values.items() if value is not None}
+    return values
 
 
 def send(bus: can.BusABC, message: can.Message, patience: float = 1.0) -> None:

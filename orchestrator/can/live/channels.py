@@ -9,7 +9,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from heapq import merge
 from operator import attrgetter
-from typing import Any
+from typing import TypedDict
 
 import can
 
@@ -17,6 +17,33 @@ from orchestrator.can.frames import moment
 from orchestrator.can.live.bus import BusSettings, opened
 from orchestrator.can.live.receiver import Receiver
 from orchestrator.can.slcan.adapter_clock import AdapterClock
+
+
+class PauseDocument(TypedDict):
+    """A time in which nothing could be received [s], and its end."""
+
+    until: str
+    seconds: float
+
+
+class ChannelDocument(TypedDict):
+    """A bus that was listened to; the offset of its clock in seconds."""
+
+    interface: str
+    channel: str
+    bitrate: int | None
+    fd: bool
+    data_bitrate: int | None
+    options: dict[str, str]
+    frames: int
+    dropped: int
+    malformed_lines: int
+    refused_lines: int
+    pauses: list[PauseDocument]
+    pause_count: int
+    clock_offset: float | None
+    adapter_stamps: int | None
+    failure: str | None
 
 
 @dataclass
@@ -48,7 +75,7 @@ class Channel:
         """Commands that the adapter refused."""
         return int(getattr(self.bus, "refused", 0))
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> ChannelDocument:
         """For the manifest."""
         settings, failure, clock = self.settings, self.receiver.failure, self.clock
         return {

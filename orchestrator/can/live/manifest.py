@@ -7,16 +7,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 from fmus.errors import InputError
 from orchestrator.can.database.sources import DatabaseFiles, paths
 from orchestrator.can.frames import moment
 from orchestrator.can.live.bus import BusSettings, OnBuses
-from orchestrator.can.live.channels import Channel
-from orchestrator.can.live.trigger import EVERYTHING, RecordingLimits, Trigger
-from orchestrator.can.logs.rotation import LogFile, writer_of
-from orchestrator.can.statistics import FrameStatistics
+from orchestrator.can.live.channels import Channel, ChannelDocument
+from orchestrator.can.live.trigger import EVERYTHING, RecordingLimits, Trigger, TriggerDocument
+from orchestrator.can.logs.rotation import LogFile, LogFileDocument, writer_of
+from orchestrator.can.statistics import FrameStatistics, StatisticsDocument
 from orchestrator.results import versions
 
 _ROOM = (65536, 4096)  # for the last manifest, the first that there is [bytes]
@@ -65,6 +65,27 @@ class BusRecording(OnBuses):
             raise InputError(twice, "is to be recorded twice", "give each --channel once")
 
 
+class RecordingManifestDocument(TypedDict):
+    """The manifest of a recording; `found` has the identifiers where there is no database."""
+
+    kind: str
+    channels: list[ChannelDocument]
+    database: str | None
+    started: str
+    stopped: str | None
+    ended: str
+    failure: str | None
+    trigger: TriggerDocument
+    frames: int
+    dropped: int
+    error_frames: int
+    bus_off: list[str]
+    files: list[LogFileDocument]
+    found: StatisticsDocument
+    versions: dict[str, str]
+    remarks: list[str]
+
+
 @dataclass(frozen=True)
 class RecordingManifest:
     """How a recording went.
@@ -107,7 +128,7 @@ class RecordingManifest:
         lines = [f"{channel.settings.place}: {channel.receiver.failure}" for channel in failed]
         return "; ".join([*filter(None, [self.unwritten]), *lines]) or None
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> RecordingManifestDocument:
         """As the file has it."""
         recording, channels = self.recording, self.channels
         found = self.statistics.document()

@@ -8,7 +8,7 @@ import re
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TypedDict
 
 import can
 
@@ -44,6 +44,18 @@ class RecordingLimits:
 
 
 EVERYTHING = RecordingLimits()
+
+
+class TriggerDocument(TypedDict):
+    """From when to when was recorded; stamps and `before` in seconds."""
+
+    start: str | None
+    stop: str | None
+    before: float
+    started: float | None
+    stopped: float | None
+    watched: int
+    overrun: int
 
 
 class TriggerCondition:
@@ -145,7 +157,7 @@ class Trigger:
         self.watched += not starts
         return starts
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> TriggerDocument:
         """For the manifest."""
         limits = self._limits
         return {

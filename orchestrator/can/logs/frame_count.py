@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Any
+from typing import Literal, NotRequired, TypedDict
 
 import numpy as np
 
@@ -12,7 +12,37 @@ from fmus.words import listed
 from orchestrator.can.frames import CALENDAR, Flag, Frames, since
 
 MOST = 1 << 16  # different identifiers that are kept apart
-SPECIAL = {"error": Flag.ERROR, "remote": Flag.REMOTE, "CAN FD": Flag.FD, "sent": Flag.SENT}
+Special = Literal["error frames", "remote frames", "CAN FD frames", "sent frames"]
+SPECIAL: dict[Special, Flag] = {
+    "error frames": Flag.ERROR,
+    "remote frames": Flag.REMOTE,
+    "CAN FD frames": Flag.FD,
+    "sent frames": Flag.SENT,
+}
+
+
+class IdentifierDocument(TypedDict):
+    id: str
+    frames: int
+    period: float | None
+
+
+FrameCountDocument = TypedDict(
+    "FrameCountDocument",
+    {
+        "frames": int,
+        "duration": float,
+        "start": str,
+        "channels": list[int],
+        "error frames": NotRequired[int],
+        "remote frames": NotRequired[int],
+        "CAN FD frames": NotRequired[int],
+        "sent frames": NotRequired[int],
+        "identifiers": list[IdentifierDocument],
+        "frames of more identifiers": NotRequired[int],
+    },
+)
+"""Counts over a stream of frames; times in seconds, the start as `moment` tells it."""
 
 
 @dataclass
@@ -43,7 +73,7 @@ class FrameCount:
     frames: int = 0
     identifiers: dict[str, Identifier] = field(default_factory=dict)
     others: int = 0
-    special: dict[str, int] = field(default_factory=dict)
+    special: dict[Special, int] = field(default_factory=dict)
     channels: set[int] = field(default_factory=set)
     first: float = np.inf
     last: float = -np.inf
@@ -61,21 +91,23 @@ class FrameCount:
                 self.special[name] = self.special.get(name, 0) + count
         self._feed_identifiers(frames[~frames.has(Flag.ERROR)])
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> FrameCountDocument:
         """All of it as plain values."""
-        entries = [
-            {"id": name, "frames": frames.count, "period": frames.period}
-            for name, frames in sorted(self.identifiers.items())
-        ]
-        return {
+        document: FrameCountDocument = {
             "frames": self.frames,
             "duration": round(_span(self.first, self.last), 9) if self.frames else 0.0,
             "start": moment(self.first) if self.frames else "",
             "channels": sorted(self.channels),
-            **{f"{name} frames": count for name, count in self.special.items()},
-            "identifiers": entries,
-            **({"frames of more identifiers": self.others} if self.others else {}),
+            "identifiers": [
+                {"id": name, "frames": frames.count, "period": frames.period}
+                for name, frames in sorted(self.identifiers.items())
+            ],
         }
+        for name, count in self.special.items():
+            document[name] = count
+        if self.others:
+            document["frames of more identifiers"] = self.others
+        return document
 
     def listed(self, most: int = 10) -> str:
         """The identifiers, the most frequent first."""

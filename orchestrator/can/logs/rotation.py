@@ -9,13 +9,24 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import can
 
 from fmus.errors import InputError, RecordError
 from fmus.files import sha256
 from orchestrator.can.logs.writing import AscWriter
+
+
+class LogFileDocument(TypedDict):
+    """A file of a recording; stamps in seconds."""
+
+    file: str
+    frames: int
+    bytes: int
+    first: float | None
+    last: float | None
+    sha256: str
 
 
 @dataclass
@@ -28,7 +39,7 @@ class LogFile:
     last: float | None = None
     sha256: str = ""
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> LogFileDocument:
         """For the manifest."""
         return {
             "file": self.path.name,

@@ -5,9 +5,34 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TypedDict
 
-from orchestrator.realtime.lateness import Lateness
+from orchestrator.realtime.lateness import Lateness, LatenessFigures
+
+PassedFramesDocument = TypedDict(
+    "PassedFramesDocument",
+    {
+        "from": str,
+        "to": str,
+        "passed": int,
+        "lost": int,
+        "dropped": int,
+        "messages": dict[str, int],
+        "left_out": dict[str, int],
+        "lateness": LatenessFigures,
+    },
+)
+
+
+class PassedDocument(TypedDict):
+    """What a gateway has passed, for --json."""
+
+    ways: list[PassedFramesDocument]
+    seconds: float
+    error_frames: int
+    missing: list[str]
+    last: list[str]
+    confirmed: bool
 
 
 @dataclass
@@ -38,7 +63,7 @@ class PassedFrames:
         """Frames that were to be passed, and did not get out."""
         return self.given.total() - self.out + self.unsent + self.dropped
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> PassedFramesDocument:
         """For --json."""
         return {
             "from": self.source,
@@ -71,7 +96,7 @@ class Passed:
     last: list[str] = field(default_factory=list)
     told: bool = True
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> PassedDocument:
         """For --json."""
         return {
             "ways": [way.document() for way in self.ways],

@@ -11,7 +11,7 @@ import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 import can
 
@@ -31,7 +31,7 @@ from orchestrator.can.slcan.flow import Key
 from orchestrator.can.statistics import identifier_text
 from orchestrator.processes.interrupts import endings, handling
 from orchestrator.progress import Progress, silent
-from orchestrator.realtime.lateness import Lateness
+from orchestrator.realtime.lateness import Lateness, LatenessFigures
 from orchestrator.realtime.pacing import quiet
 from orchestrator.realtime.stopping import Stop, stop_requests
 
@@ -42,6 +42,29 @@ _HEARD = 65536  # frames of others that are kept between two looks at most
 _STOOD = 0.2  # after which a process that is not woken in time has stood still [s]
 _REFUSED = 0.2  # for which an adapter may refuse all frames [s]
 _ECHO = 0.3  # after the last frame, until the adapter has sent what it keeps and has said what there is to say [s]
+
+
+class ReplayDocument(TypedDict):
+    """What was sent, for --json; times in seconds."""
+
+    sent: int
+    refused: int
+    dropped: int
+    skipped: int
+    left_out: int
+    missing: list[str]
+    homeless: int
+    channels: list[int]
+    last: list[str]
+    setbacks: int
+    error_frames: int
+    pauses: int
+    paused: float
+    sent_by_others: list[str]
+    duration: float
+    stopped: bool
+    lateness: LatenessFigures
+    damage: list[str]
 
 
 @dataclass
@@ -91,7 +114,7 @@ class Replayed:
         """Frames that were neither refused nor dropped."""
         return self.sent - self.refused - self.dropped
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> ReplayDocument:
         """For --json."""
         return {
             "sent": self.out,

@@ -288,11 +288,11 @@ class Hub:
 
     def statistics(self) -> HubStatistics:
         """What has passed until now."""
-        document = self._ask("tell")
+        document = json.loads(self._ask("tell"))
         ports = tuple(PortStatistics(**port) for port in document.pop("ports"))
         return HubStatistics(**document, ports=ports)
 
-    def _ask(self, order: str) -> dict[str, Any]:
+    def _ask(self, order: str) -> str:
         orders, answers = self._process.stdin, self._process.stdout
         assert orders is not None
         assert answers is not None
@@ -301,8 +301,8 @@ class Hub:
         return _answer(answers, _ENDING, self._process)
 
 
-def _answer(answers: IO[str], patience: float, process: subprocess.Popen[str]) -> dict[str, Any]:
-    """The hub's next document.
+def _answer(answers: IO[str], patience: float, process: subprocess.Popen[str]) -> str:
+    """The hub's next line, a document.
 
     Raises:
         BusError: it gave none in time.
@@ -311,10 +311,9 @@ def _answer(answers: IO[str], patience: float, process: subprocess.Popen[str]) -
     line = answers.readline() if select.select([answers], [], [], patience)[0] else ""
     if not line:
         raise BusError("slcan hub", f"gives no answer (process {process.pid})", "see what it said before")
-    document: dict[str, Any] = json.loads(line)
-    if "refused" in document:
-        raise InputError(*document["refused"])
-    return document
+    if refused := json.loads(line).get("refused"):
+        raise InputError(*refused)
+    return line
 
 
 @contextlib.contextmanager
