@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 import zipfile
 import zlib
 from collections.abc import Mapping
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -16,6 +17,7 @@ from fmus.files import absence, atomic_write
 if TYPE_CHECKING:
     from lxml import etree
 
+LOG = logging.getLogger("servotwin.archive")
 LARGEST_UNPACKED = 4 << 30
 MOST_ENTRIES = 100_000
 LARGEST_RATIO, SMALL = 200, 64 << 20  # of what is inside to the file, where that is more than a few [bytes]
@@ -81,8 +83,36 @@ def opened(path: Path) -> zipfile.ZipFile:
     for info in archive.infolist():
         info.filename = _canonical(info.filename)
     archive.filelist[:] = [info for info in archive.infolist() if info.filename]
+    if twice := _twice(archive, path):
+        archive.close()
+        raise FmuFileError(path, f"holds {twice}, with different contents", "zip it again with the one that is meant")
     archive.NameToInfo = {info.filename: info for info in archive.infolist()}
+    archive.filelist[:] = archive.NameToInfo.values()
     return archive
+
+
+def _twice(archive: zipfile.ZipFile, path: Path) -> str:
+    """Two entries of which it is not sure which one counts; empty where there are none.
+
+    Names that differ only in case are two files of resources here and one on other systems, which is told.
+    """
+    known: dict[str, zipfile.ZipInfo] = {}
+    for info in archive.infolist():
+        other = known.setdefault(info.filename.lower(), info)
+        if info.is_dir() or (other.CRC, other.file_size) == (info.CRC, info.file_size):
+            continue
+        if other.filename == info.filename:
+            return f"'{info.filename}' twice"
+        both = f"'{other.filename}' and '{info.filename}'"
+        if "/" not in info.filename or info.filename.startswith("binaries/"):
+            return both
+        _tell(path, both)
+    return ""
+
+
+@cache  # once for each archive, however often it is opened
+def _tell(path: Path, both: str) -> None:
+    LOG.warning("%s: holds %s, which are one file on Windows", path, both)
 
 
 def _too_much(archive: zipfile.ZipFile, size: int) -> str:

@@ -8,6 +8,7 @@ from typing import NoReturn
 
 from fmus.errors import FmuEnded, TangentsMissing
 from orchestrator.fmi.file import FmuFile
+from orchestrator.fmi.functions.base import DISCARD
 from orchestrator.fmi.functions.co_simulation import CoSimulation, Fmi2, Fmi3
 from orchestrator.fmi.functions.values import VariableGroup
 from orchestrator.fmi.instance import FmuInstance, returned, stepping
@@ -94,7 +95,10 @@ class Slave(FmuInstance[CoSimulation]):
         stop = self._fmi.stop(status, time)
         if stop is None:
             if status:
-                self._check(status, stepping(time, duration))
+                fix = (
+                    "it did not get through the whole step: give the run a shorter `step`" if status == DISCARD else ""
+                )
+                self._check(status, stepping(time, duration), fix)
         elif stop.whole(time, duration):
             self._asked = True
         elif stop.asked and not self._complained:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 import zipfile
 from pathlib import Path
 
@@ -86,6 +87,43 @@ def test_a_path_that_leaves_the_archive_is_refused(tmp_path: Path, name: str) ->
 @pytest.mark.parametrize("name", ["..a", "a..b/c", "resources/...", "a/b:c"])
 def test_a_strange_name_that_stays_inside_is_read(tmp_path: Path, name: str) -> None:
     assert name in archive.read(zipped(tmp_path / "a.fmu", name))
+
+
+def entries(path: Path, *pairs: tuple[str, bytes]) -> Path:
+    with warnings.catch_warnings(), zipfile.ZipFile(path, "w") as file:
+        warnings.simplefilter("ignore")  # zipfile's about names that are there twice
+        for name, content in pairs:
+            file.writestr(zipfile.ZipInfo(name), content)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "told"),
+    [
+        ("modelDescription.xml", "modelDescription.xml", "'modelDescription.xml' twice"),
+        ("modelDescription.xml", "./modelDescription.xml", "'modelDescription.xml' twice"),
+        ("modelDescription.xml", "ModelDescription.xml", "'modelDescription.xml' and 'ModelDescription.xml'"),
+        ("binaries/linux64/a.so", "binaries\\linux64\\a.so", "'binaries/linux64/a.so' twice"),
+        ("binaries/linux64/a.so", "Binaries/Linux64/A.so", "'binaries/linux64/a.so' and 'binaries/linux64/A.so'"),
+        ("resources/a.txt", "Resources/a.txt", "'resources/a.txt' twice"),
+    ],
+)
+def test_two_entries_of_which_one_counts_are_refused(tmp_path: Path, first: str, second: str, told: str) -> None:
+    message = refusal(entries(tmp_path / "a.fmu", (first, b"one"), (second, b"two")))
+    assert f"holds {told}, with different contents; zip it again" in message
+
+
+def test_an_entry_that_is_there_twice_and_the_same_is_read_once(tmp_path: Path) -> None:
+    path = entries(tmp_path / "a.fmu", ("a", b"one"), ("a", b"one"), ("b/", b""), ("b/", b""))
+    assert archive.read(path) == {"a": b"one"} and len(archive.opened(path).infolist()) == 2
+
+
+def test_resources_that_differ_in_case_are_told_once_and_read(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = entries(tmp_path / "a.fmu", ("resources/a.txt", b"one"), ("resources/A.txt", b"two"))
+    assert archive.read(path) == archive.read(path) == {"resources/a.txt": b"one", "resources/A.txt": b"two"}
+    assert [record.getMessage() for record in caplog.records] == [
+        f"{path}: holds 'resources/a.txt' and 'resources/A.txt', which are one file on Windows"
+    ]
 
 
 def test_a_missing_file_and_a_folder_are_no_archives(tmp_path: Path) -> None:

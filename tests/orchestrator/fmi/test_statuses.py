@@ -61,6 +61,8 @@ def test_every_status_but_ok_and_warning_is_an_error_with_the_message_formatted(
     if (place, STATUS_NAMES[status]) == ("exit", "discard"):
         problem = ": there is no start from these values"
         fix = "; change its parameters, start values or first inputs"
+    if (place, STATUS_NAMES[status]) == ("step", "discard"):
+        fix = "; it did not get through the whole step: give the run a shorter `step`"
     assert str(failed.value) == f"fmu: {action}: returned {STATUS_NAMES[status]}{problem} ({said}){fix}"
     assert failed.value.exit_code == 3
 
