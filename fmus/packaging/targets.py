@@ -6,6 +6,7 @@ import logging
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache as once
 from functools import lru_cache
@@ -143,7 +144,7 @@ class _Order:
             parts = _native_parts(self.fmi, self.platforms, self.network)
         else:
             parts = [library.source_file(self.model).read_bytes(), runtime.files(self.model.name)]
-        return _key(f"model {self.model.name}", self.target, self.model, starts, tables, parts)
+        return _key(f"model {self.model.name}", self.target, _told(self.model), starts, tables, parts)
 
 
 @dataclass(frozen=True)
@@ -167,6 +168,19 @@ class _SystemOrder:
         shown = (system.name, system.description, system.outputs, system.parameters, system.finite)
         native = _native_parts(self.fmi, self.platforms)
         return _key(f"system {system.name}", "system", parts, wires, times, shown, native)
+
+
+def _told(model: Model) -> Model | str:
+    """What stands for a model in a key: of one of the library, which nobody changes, its hash."""
+    if library.file_of(model.name) is not None and library.find(model.name) is model:
+        with suppress(NoFingerprintError):
+            return _of_library(model.name)
+    return model
+
+
+@once
+def _of_library(name: str) -> str:
+    return fingerprint(library.find(name))
 
 
 def _starts_of(part: FusedPart) -> tuple[str, dict[str, bytes]]:
@@ -201,6 +215,8 @@ def read_ahead() -> None:
     """Read what each lookup in the cache of built FMUs needs, for processes that are forked from this one."""
     for fmi in sources.VERSIONS:
         sources.fixed(fmi)
+    for name in library.names():
+        _told(library.find(name))
     _code(_stamps())
     version("sympy")
 

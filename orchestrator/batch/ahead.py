@@ -9,11 +9,8 @@ import lxml.etree  # noqa: F401
 
 import orchestrator.batch.scenario_judge
 import orchestrator.formats.parquet  # noqa: F401
-from fmus import library
 from fmus.packaging import targets
 from orchestrator.results import versions
 
-for _name in library.names():
-    library.find(_name)
 targets.read_ahead()
 versions()

@@ -47,7 +47,7 @@ class CaseLimits:
             words: what it says of itself.
             begun: when it was given its task, by the monotonic clock [s].
         """
-        if self.seconds is not None and monotonic() - (words.part_since or begun) > self.seconds:
+        if self.seconds is not None and monotonic() - max(words.part_since or 0.0, begun) > self.seconds:
             return f"was killed after {self.seconds:g} s, the limit of a case"
         if self.megabytes is not None and (taken := resident(pid) / MEGABYTE) > self.megabytes:
             return f"was killed with {taken:.0f} MB of memory, over the {self.megabytes:g} MB of a case"

@@ -4,24 +4,29 @@ from __future__ import annotations
 
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
+from typing import cast
 
 from fmus.errors import InternalError, ours
+from fmus.packaging import targets
 from orchestrator.batch.discovery import SuiteFile
 from orchestrator.batch.limits import CaseLimits
 from orchestrator.batch.procedure import run_procedure
 from orchestrator.batch.scenario_judge import LostCase, ScenarioJudge
 from orchestrator.batch.verdict import FileJudge, Verdict
+from orchestrator.fmi import unpacked
+from orchestrator.processes import last_words
 from orchestrator.processes.child import Died
 from orchestrator.processes.interrupts import requested
 from orchestrator.processes.last_words import LastWords
-from orchestrator.processes.pool import Processes, calling
-from orchestrator.results import Permission, permission, permitted
+from orchestrator.processes.pool import Processes
+from orchestrator.results import FileDocument, Permission, permission, permitted
 
+MOST_FILES = 50  # of a process: libraries that it has loaded stay
 AHEAD = ["orchestrator.batch.ahead", __name__]
 
 
@@ -32,8 +37,9 @@ def run_suite(
     done: Callable[[Verdict], None] | None = None,
     limits: CaseLimits | None = None,
 ) -> list[Verdict]:
-    """Run each file in a process of its own, at most `processes` at a time; verdicts in the order of the tasks.
+    """Run the files in processes, at most `processes` at a time; verdicts in the order of the tasks.
 
+    A process takes another file only where none but native FMUs of models have run in it, and memory is not limited.
     An FMU that crashes its process, or a case over its limits, fails that case alone: the scenario is run once more
     without it. A fault of ours fails its file. An interrupt ends those that run, too.
 
@@ -44,7 +50,9 @@ def run_suite(
     queue = _Queue(tasks, out)
     watch = partial(queue.watched, limits) if limits else None
     verdicts: dict[Path, Verdict] = {}
-    with Processes[Callable[[], Verdict], Verdict](calling, processes, AHEAD, fresh=True, watch=watch) as pool:
+    alone = limits is not None and limits.megabytes is not None  # what a process has taken for others is not counted
+    spent = partial(_spent, alone)
+    with Processes[Callable[[], Verdict], Verdict](_SuiteWorker, processes, AHEAD, spent=spent, watch=watch) as pool:
         for number, answer in pool.answers(queue):
             verdict = queue.answered(number, answer)
             if verdict is None:
@@ -53,6 +61,30 @@ def run_suite(
             if done is not None:
                 done(verdict)
     return [verdicts[task.file] for task in tasks]
+
+
+def _spent(alone: bool, verdict: Verdict) -> bool:
+    return alone or verdict.last
+
+
+class _SuiteWorker:
+    """What judges files in a process, one after the other."""
+
+    def __init__(self) -> None:
+        self._files = 0
+        unpacked.keep()
+
+    def __call__(self, task: Callable[[], Verdict]) -> Verdict:
+        self._files += 1
+        last_words.own().forget(last_words.GONE)
+        verdict = task()
+        return replace(verdict, last=self._files >= MOST_FILES or not _of_models_alone(verdict.document))
+
+
+def _of_models_alone(document: FileDocument | None) -> bool:
+    """Whether all that has run is C made here: other FMUs, and Python code in ours, may leave anything behind."""
+    fmus = cast("Mapping[str, str]", {} if document is None else document.get("fmus", {}))
+    return set(fmus.values()) == {"model"} and targets.preferred() == "native"
 
 
 class _Queue(Iterator[Callable[[], Verdict]]):

@@ -19,6 +19,7 @@ class Verdict:
     Attributes:
         seconds: wall time of all that was done for it [s].
         fault: where the error is a fault of this project, its traceback.
+        last: whether the process that it is from is to take no other file.
     """
 
     file: Path
@@ -26,6 +27,7 @@ class Verdict:
     document: FileDocument | None
     error: str = ""
     fault: str = ""
+    last: bool = True
 
     @property
     def passed(self) -> bool:

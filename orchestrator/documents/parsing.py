@@ -9,7 +9,8 @@ from typing import Any
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap
 from ruamel.yaml.events import AliasEvent, CollectionEndEvent, CollectionStartEvent, NodeEvent, ScalarEvent
-from ruamel.yaml.parser import RoundTripParser
+from ruamel.yaml.parser import Parser
+from ruamel.yaml.scanner import Scanner
 
 from fmus.errors import ScenarioError
 from fmus.files import absence
@@ -38,7 +39,7 @@ def parse(path: Path) -> CommentedMap:
         raise ScenarioError(path, f"cannot be read ({error})", fix) from error
     try:
         yaml = YAML(pure=True)  # libyaml is faster, but does not keep the line of each key
-        yaml.Parser = _CarefulParser
+        yaml.Parser, yaml.Scanner = _CarefulParser, Scanner  # not those that keep comments, which nobody reads here
         document = yaml.load(text)
     except ScenarioError as error:
         raise ScenarioError(f"{path}{error.place}", error.problem, error.fix) from None
@@ -52,7 +53,7 @@ def parse(path: Path) -> CommentedMap:
     return document
 
 
-class _CarefulParser(RoundTripParser):
+class _CarefulParser(Parser):
     """Refuses on the way what `_refuse_exotic` does; places lack the file."""
 
     depth = 0

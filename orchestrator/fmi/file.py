@@ -10,8 +10,9 @@ import logging
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from functools import lru_cache
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 LOG = logging.getLogger("servotwin.fmu")
 DESCRIPTION = "modelDescription.xml"
 LARGEST_DESCRIPTION = 256 << 20
+KEPT_DESCRIPTION = 100_000  # bytes up to which what was read is kept for files that say the same
 TREE = 25  # memory of what is made of a description, by its size
 
 
@@ -114,7 +116,7 @@ class FmuFile(FmuDescription):
         """Let go of the folder."""
         if self._open:
             self._open = False
-            unpacked.give_back(self.folder)
+            unpacked.give_back(self.folder, again=self.is_ours)
 
     def __enter__(self) -> FmuFile:
         return self
@@ -173,15 +175,32 @@ def read_description(path: Path) -> ModelDescription:
             path, f"a {DESCRIPTION} of {info.file_size:,} bytes", TREE * info.file_size, "have fewer variables in it"
         )
         text = zipped.read(info)
-    root = archive.parse_xml(f"{path}: {DESCRIPTION}", text)
-    with _guarded(path, DESCRIPTION):
-        description = read_model_description(_alone(_readable(root, text)), validate=False)
-        _amend(description, root)
+    parsed = _parsed if len(text) > KEPT_DESCRIPTION else _parsed_once
+    description = parsed(_Text(text, path))
     if description.fmiVersion.split(".")[0] not in ("2", "3"):
         raise FmuFileError(path, f"is of FMI version {description.fmiVersion}", "export it for FMI 2.0 or 3.0")
     if not _offers(description):
         raise FmuFileError(path, "offers neither co-simulation nor model exchange", "export it for one of them")
     return description
+
+
+@dataclass(frozen=True)
+class _Text:
+    """A description as it is in a file; equal ones are read alike."""
+
+    text: bytes
+    path: Path = field(compare=False)
+
+
+def _parsed(given: _Text) -> ModelDescription:
+    root = archive.parse_xml(f"{given.path}: {DESCRIPTION}", given.text)
+    with _guarded(given.path, DESCRIPTION):
+        description = read_model_description(_alone(_readable(root, given.text)), validate=False)
+        _amend(description, root)
+    return description
+
+
+_parsed_once = lru_cache(maxsize=16)(_parsed)
 
 
 def _readable(root: etree._Element, text: bytes) -> bytes:

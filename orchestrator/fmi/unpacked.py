@@ -1,6 +1,7 @@
 """Folders of unpacked FMUs: all in this process that open equal files share one, so that its library is loaded once.
 
-A folder goes when the last who took it has given it back.
+A folder goes when the last who took it has given it back; in a process that keeps them, those that are wanted again
+go with it.
 """
 
 from __future__ import annotations
@@ -21,6 +22,13 @@ _NEVER_RUN = ("sources/", "documentation/")  # what an FMU may not look for wher
 _lock = threading.Lock()
 _shared: dict[str, Path] = {}  # hash of a file -> where it is unpacked
 _users: Counter[Path] = Counter()
+_keeping = False
+
+
+def keep() -> None:
+    """Have this process keep folders for files that are opened again; its temporary files are removed with it."""
+    global _keeping  # noqa: PLW0603 (there is one set of folders in a process)
+    _keeping = True
 
 
 def take(path: Path, alone: bool) -> Path:
@@ -40,11 +48,15 @@ def take(path: Path, alone: bool) -> Path:
     return folder
 
 
-def give_back(folder: Path) -> None:
-    """Let go of a folder that was taken; the last one removes it."""
+def give_back(folder: Path, again: bool = False) -> None:
+    """Let go of a folder that was taken; the last one removes it.
+
+    Args:
+        again: whether it is still as it was unpacked, for those who open an equal file later.
+    """
     with _lock:
         _users[folder] -= 1
-        if _users[folder]:
+        if _users[folder] or (_keeping and again):
             return
         del _users[folder]
         for digest in [known for known, shared in _shared.items() if shared == folder]:

@@ -102,7 +102,7 @@ class Child:
             code = self._process.exitcode
             ending = signal.Signals(-code).name if code is not None and code < 0 else f"exit code {code}"
             seconds = monotonic() - self._begun
-            at_part = monotonic() - (words.part_since or self._begun)
+            at_part = monotonic() - max(words.part_since or 0.0, self._begun)
             return Died(self._silent or f"died ({ending})", seconds, fmus, part, at_part, bool(self._silent))
         if answer is Ready:
             self._begun, self._ready = monotonic(), True

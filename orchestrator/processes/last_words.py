@@ -90,9 +90,17 @@ class LastWords:
         known = bool(self._said[kind, text])
         self._said[kind, text] += times
         if known != bool(self._said[kind, text]):
-            body = json.dumps([entry for entry, count in self._said.items() if count > 0]).encode()
-            if len(body) <= SIZE - _TEXT:
-                self._memory[_TEXT:] = body.ljust(SIZE - _TEXT, b"\0")
+            self._tell()
+
+    def forget(self, kind: str) -> None:
+        """Take back all that was said of a kind."""
+        self._said = Counter({entry: count for entry, count in self._said.items() if entry[0] != kind})
+        self._tell()
+
+    def _tell(self) -> None:
+        body = json.dumps([entry for entry, count in self._said.items() if count > 0]).encode()
+        if len(body) <= SIZE - _TEXT:
+            self._memory[_TEXT:] = body.ljust(SIZE - _TEXT, b"\0")
 
     @contextmanager
     def saying(self, kind: str, text: object) -> Iterator[None]:

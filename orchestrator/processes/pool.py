@@ -61,7 +61,8 @@ class Processes(Generic[T, A]):
         make: called in each process; what it gives answers tasks, and is closed in the end where it has a `close`.
         count: how many work at the same time.
         modules: what they need, to be loaded ahead.
-        fresh: whether each task gets a process of its own.
+        spent: whether a process that has given this answer takes no more tasks, of which another one then begins
+            when there is one for it; None has all of them go on.
         patience: how long an answer may take before its process is killed [s]; None waits for ever.
         silence: what is logged once where it waits for ever, and nothing has come for a minute.
         watch: asked all the time about those that work.
@@ -73,12 +74,12 @@ class Processes(Generic[T, A]):
         count: int,
         modules: Sequence[str] = (),
         *,
-        fresh: bool = False,
+        spent: Callable[[A], bool] | None = None,
         patience: float | None = None,
         silence: str = "",
         watch: Watch | None = None,
     ) -> None:
-        self._make, self._count, self._fresh, self._patience = make, count, fresh, patience
+        self._make, self._count, self._spent, self._patience = make, count, spent, patience
         self._silence, self._watch = silence, watch
         self._context = context_of(modules)
         self._processes: list[Child] = []
@@ -110,11 +111,11 @@ class Processes(Generic[T, A]):
                 answer = process.answer()
                 if answer is Ready:
                     continue
-                if self._fresh or isinstance(answer, Died):
+                if isinstance(answer, Died) or (self._spent is not None and self._spent(answer)):
                     process.dismiss()
                     process.stop(PATIENCE)
                     self._processes.remove(process)
-                    if not self._fresh:
+                    if self._spent is None:
                         self._start()
                 yield busy.pop(process), answer
 
@@ -125,7 +126,7 @@ class Processes(Generic[T, A]):
 
     def __enter__(self) -> Self:
         try:
-            while not self._fresh and len(self._processes) < self._count:
+            while self._spent is None and len(self._processes) < self._count:
                 self._start()
         except BaseException:
             self._stop(patience=0.0)

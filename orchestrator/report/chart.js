@@ -2,8 +2,7 @@
 // Draws the charts of a report. Their numbers lie in the page in parts that are inflated when they are looked at; long
 // columns bring the extremes of their stretches along (levels), so that no view of many samples misses a peak.
 (() => {
-  const PART = 8192; // samples of a part
-  const RAW = 32768; // samples in view up to which all are drawn
+  const [PART, RAW] = [8192, 32768]; // samples of a part, and in view up to which all are drawn
   const [LEFT, RIGHT, TOP, GAP, AXIS] = [68, 22, 22, 12, 30]; // around panels [px]
   const [root, print] = [document.documentElement, matchMedia("print")];
   const DASHES = [[], [8, 3], [2, 3], [10, 3, 2, 3], [16, 4], [5, 2, 1, 2, 1, 2]];
@@ -12,10 +11,8 @@
 
   async function inflated(text) {
     const packed = Uint8Array.fromBase64?.(text) ?? Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
-    const { writable, readable } = new DecompressionStream("deflate"), writer = writable.getWriter();
-    writer.write(packed);
-    writer.close();
-    const sorted = new Uint8Array(await new Response(readable).arrayBuffer());
+    const unpacking = new Response(packed).body.pipeThrough(new DecompressionStream("deflate"));
+    const sorted = new Uint8Array(await new Response(unpacking).arrayBuffer());
     const [bytes, count] = [new Uint8Array(sorted.length), sorted.length / 4];
     for (let byte = 0; byte < 4; byte++)
       for (let i = 0; i < count; i++) bytes[4 * i + byte] = sorted[byte * count + i];
@@ -40,6 +37,8 @@
       Object.assign(this, { levels: [], parts: [], asked: new Set(), number }, head);
       for (const level of this.levels) inflated(level.text).then((numbers) => redrawn((level.numbers = numbers)));
     }
+
+    part = (value) => PART * Math.max(sought(this.bases.length, value, (i) => this.bases[i]), 0); // its first sample
 
     // Whether the samples from one to another are there; those that are not are fetched.
     ready(first, last) {
@@ -70,7 +69,7 @@
     // Number of the last sample of an increasing column that is not beyond a value, -1 before all.
     index(value) {
       if (this.step) return limited(Math.floor((value - this.start) / this.step + 1e-9), -1, this.count - 1);
-      const first = PART * Math.max(sought(this.bases.length, value, (i) => this.bases[i]), 0);
+      const first = this.part(value);
       const last = Math.min(first + PART, this.count) - 1;
       if (this.ready(first, last)) return first + sought(last - first + 1, value, (i) => this.at(first + i));
       const level = this.levels.find((one) => one.numbers);
@@ -117,6 +116,8 @@
       if (lowest < drawn[end - 2]) drawn[end - 2] = lowest;
       if (highest > drawn[end - 1]) drawn[end - 1] = highest;
     };
+    const ends = rising && !xs.step ? [scale.from, scale.to].map(xs.part) : [0, Infinity];
+    if (ends[1] - ends[0] < RAW) ys.ready(...ends); // fetched beside the instants, which tell what of it is in view
     const first = rising ? Math.max(xs.index(scale.from), 0) : 0;
     const last = rising ? Math.min(xs.index(scale.to) + 1, ys.count - 1) : ys.count - 1;
     found.samples = last - first;
@@ -304,8 +305,7 @@
         const ends = [Math.min(x, from.x), Math.max(x, from.x)].map((px) => limited(px, LEFT, this.width - RIGHT));
         this.zoom(...ends.map(this.scale.value));
       };
-      canvas.onpointerleave = () => this.leave();
-      canvas.ondblclick = () => this.draw(this.whole());
+      [canvas.onpointerleave, canvas.ondblclick] = [() => this.leave(), () => this.draw(this.whole())];
       canvas.onwheel = (event) => {
         if (!event.ctrlKey && !event.metaKey) return; // a page with charts still scrolls
         event.preventDefault();

@@ -159,13 +159,13 @@ class Report:
             sections=sections,
         )
 
-    def write(self, path: str | Path, shared: str | None = None) -> Path:
-        """The path, once the whole document is there; `shared` as in `render`.
+    def write(self, path: str | Path, shared: str | None = None, *, for_good: bool = True) -> Path:
+        """The path, once the whole document is there; `shared` as in `render`, `for_good` as of `atomic_write`.
 
         Raises:
             InputError: the place cannot be written.
         """
-        return atomic_write(path, self.render(shared).encode())
+        return atomic_write(path, self.render(shared).encode(), for_good=for_good)
 
 
 def write_shared(folder: Path) -> None:

@@ -107,7 +107,7 @@ def write_run(result: ScenarioResult, overrides: Mapping[str, Value], target: Pa
             shutil.copyfile(log, folder / LOG_FILE)
         write_json(folder / "manifest.json", document_of(result, overrides, target))
         with result.keeping.span("write the report"):
-            report(result).write(folder / "report.html", shared)
+            report(result).write(folder / "report.html", shared, for_good=shared is None)
         if result.keeping.profile is not None:
             write_json(folder / PROFILE, result.keeping.profile.document())
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import SimpleNamespace
 from typing import Any
 
 from fmpy import fmi2, fmi3
@@ -17,14 +19,11 @@ class _Absent:
         raise AttributeError(absent(self._name))
 
 
-class _Forgiving:
-    """A library that has every function."""
-
-    def __init__(self, library: Any) -> None:
-        self._library = library
+class _Blank:
+    """Stands for a library, to be told of its functions."""
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self._library, name, None) or _Absent(name)
+        return SimpleNamespace()
 
 
 def absent(name: str) -> str:
@@ -34,11 +33,19 @@ def absent(name: str) -> str:
 
 class _Lenient:
     dll: Any
+    _functions: dict[str, Any]
+    _known: Mapping[str, SimpleNamespace] = {}  # names and types of C, which FMPy takes from each of its methods anew
 
     def _loadFunctions(self) -> None:  # noqa: N802 - FMPy's name
-        library, self.dll = self.dll, _Forgiving(self.dll)
-        super()._loadFunctions()  # type: ignore[misc]
-        self.dll = library
+        if not self._known:
+            library, self.dll = self.dll, _Blank()
+            super()._loadFunctions()  # type: ignore[misc]
+            type(self)._known, self.dll = dict(self._functions), library
+        for name, told in self._known.items():
+            function: Any = getattr(self.dll, name, None) or _Absent(name)
+            self._functions[name] = function
+            function.argnames = told.argnames
+            function.argtypes, function.restype = told.argtypes, told.restype
 
 
 def _lenient(kind: Any) -> Any:

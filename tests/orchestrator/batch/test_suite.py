@@ -1,4 +1,4 @@
-"""The suite judges each file by its keys, in a process of its own, and says so in JUnit's words."""
+"""The suite judges each file by its keys, in another process, and says so in JUnit's words."""
 
 from __future__ import annotations
 
@@ -11,8 +11,10 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from fmus.errors import InputError, ScenarioError
+from fmus.packaging.native import compiler
 from orchestrator.batch.discovery import SuiteFile, find_scenarios
 from orchestrator.batch.junit import write_junit
+from orchestrator.batch.limits import CaseLimits
 from orchestrator.batch.procedure import run_procedure
 from orchestrator.batch.suite import run_suite
 from orchestrator.batch.verdict import Verdict
@@ -96,6 +98,42 @@ def test_every_file_has_a_verdict_of_its_own_and_the_time_it_took(tmp_path: Path
     assert all(verdict.seconds >= 0.05 for verdict in verdicts)
     processes = {verdict.document["cases"][0]["checks"][0]["found"] for verdict in verdicts if verdict.document}
     assert len(processes) == 2 and f"in process {os.getpid()}" not in processes
+
+
+def judge_that_tells_of_fmus(file: Path, out: Path) -> FileDocument:
+    """As `judge`; says that it has run what the file names: a model, a file, or nothing."""
+    document = judge(file, out)
+    kind = file.read_text().split()[-1]
+    return {**document, "fmus": {} if kind == "nothing" else {"hand": kind}}  # type: ignore[typeddict-unknown-key]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not compiler.available(), reason="no C compiler here")
+@pytest.mark.parametrize("limits", [None, CaseLimits(seconds=60), CaseLimits(megabytes=4000)])
+def test_a_process_takes_files_until_one_has_run_what_may_leave_something_behind(
+    tmp_path: Path, limits: CaseLimits | None
+) -> None:
+    kinds = ["pass model", "miss model", "pass file", "pass nothing", "pass model", "crash", "pass model", "refuse"]
+    files = [tmp_path / f"{number}.yaml" for number in range(len(kinds))]
+    for file, text in zip(files, kinds, strict=True):
+        file.write_text(f"claims: {text}")
+    tasks = [SuiteFile(file, judge_that_tells_of_fmus, Path("all", file.stem)) for file in files]
+    verdicts = run_suite(tasks, tmp_path / "out", 1, limits=limits)
+    assert [verdict.passed for verdict in verdicts] == [text.startswith("pass") for text in kinds]
+    assert "died (exit code 3)" in verdicts[5].error and "is refused" in verdicts[7].error
+    told = [verdict.cases[0]["checks"][0]["found"] for verdict in verdicts if verdict.document]
+    alike = [told.index(one) for one in told]
+    assert alike == ([0, 0, 0, 3, 4, 5] if limits is None or limits.megabytes is None else [0, 1, 2, 3, 4, 5])
+
+
+@pytest.mark.slow
+def test_a_scenario_gives_the_same_bytes_beside_others_in_a_process_as_alone(tmp_path: Path) -> None:
+    written(tmp_path, a=RUN, b=RUN.replace("pendulum", "dc_motor"), c=RUN)
+    for jobs in (1, 3):
+        verdicts = run_suite(find_scenarios([tmp_path], {}), tmp_path / str(jobs), jobs)
+        assert all(verdict.passed for verdict in verdicts)
+    traces = [{file.parent.name: file.read_bytes() for file in (tmp_path / jobs).rglob("*.parquet")} for jobs in "13"]
+    assert set(traces[0]) == {"a", "b", "c"} and traces[0] == traces[1] and traces[0]["a"] == traces[0]["c"]
 
 
 @pytest.mark.slow

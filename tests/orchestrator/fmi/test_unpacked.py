@@ -13,7 +13,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from fmus.packaging import archive, targets
+from fmus.packaging.native import compiler
 from orchestrator.engine import Result, Simulation, Timing
+from orchestrator.fmi import unpacked
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part
@@ -127,3 +129,21 @@ def test_a_folder_that_somebody_has_removed_is_made_anew() -> None:
             assert (second.folder / XML).is_file()
             first.close()
             assert (second.folder / XML).is_file()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
+@pytest.mark.skipif(not compiler.available(), reason="no C compiler here")
+def test_a_process_that_keeps_folders_loads_ours_once_for_all_that_come_one_after_the_other(
+    tmp_path: Path, scratch: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(unpacked, "_keeping", True)
+    ours, theirs = targets.build("pendulum", tmp_path / "pendulum.fmu"), third_party.reference(2, "Dahlquist")
+    first = alone(ours, angle_start=0.2).trace
+    for name in ("copy", "another"):
+        again = alone(Path(shutil.copy(ours, tmp_path / f"{name}.fmu")), angle_start=0.2).trace
+        assert again["c.angle"].tolist() == first["c.angle"].tolist()
+    alone(theirs)
+    assert len(list(scratch.iterdir())) == len(libraries(scratch) - {str(theirs)}) - 1 == 1
+    monkeypatch.setattr(unpacked, "_keeping", False)
+    with FmuFile(ours):
+        pass

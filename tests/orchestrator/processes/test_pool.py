@@ -46,6 +46,11 @@ def note_and_hang(folder: str, number: int) -> None:
     note_and_hang(folder, number)
 
 
+def spent(answer: object) -> bool:
+    """Whatever it was."""
+    return True
+
+
 def alive(pid: int) -> bool:
     try:
         os.kill(pid, 0)
@@ -63,13 +68,13 @@ def wait_until(holds: Callable[[], bool]) -> None:
 
 @pytest.mark.parametrize("fresh", [False, True])
 def test_each_task_has_its_answer_whoever_gives_it(fresh: bool) -> None:
-    with Processes[Task, object](calling, 2, fresh=fresh) as pool:
+    with Processes[Task, object](calling, 2, spent=spent if fresh else None) as pool:
         answers = dict(pool.answers([partial(divmod, number, 3) for number in range(7)]))
     assert answers == {number: divmod(number, 3) for number in range(7)}
 
 
 def test_a_fresh_process_takes_one_task_and_another_takes_all() -> None:
-    with Processes[Task, object](calling, 1, fresh=True) as pool:
+    with Processes[Task, object](calling, 1, spent=spent) as pool:
         fresh = [pid for _, pid in pool.answers([os.getpid] * 3)]
     with Processes[Task, object](calling, 1) as pool:
         kept = [pid for _, pid in pool.answers([os.getpid] * 3)]
@@ -79,7 +84,7 @@ def test_a_fresh_process_takes_one_task_and_another_takes_all() -> None:
 @pytest.mark.parametrize("fresh", [False, True])
 def test_a_death_costs_one_task_and_is_named(fresh: bool) -> None:
     tasks: list[Task] = [os.getpid, partial(signal.raise_signal, signal.SIGKILL), os.getpid, os.getpid]
-    with Processes[Task, object](calling, 1, fresh=fresh) as pool:
+    with Processes[Task, object](calling, 1, spent=spent if fresh else None) as pool:
         answers = dict(pool.answers(tasks))
     died = answers.pop(1)
     assert isinstance(died, Died) and died.ending == "died (SIGKILL)"

@@ -120,4 +120,4 @@ def test_the_script_and_the_writer_cut_columns_alike() -> None:
     from importlib import resources
 
     script = (resources.files("orchestrator.report") / "chart.js").read_text(encoding="utf-8")
-    assert f"const PART = {PART};" in script and f"const RAW = {RAW};" in script
+    assert f"const [PART, RAW] = [{PART}, {RAW}];" in script
