@@ -180,7 +180,7 @@ class ColumnChoice:
         signals = {key: coded[key][0] if key in coded else column(index) for key, index in self.signals.items()}
         trace, report = ordered(time, signals, self.units, str(self.place))
         trace = replace(trace, texts={key: texts for key, (_, texts) in coded.items()})
-        found = stamps or Stamps(time)
+        found = stamps or Stamps(time, notes=_coarse(time / self.seconds, self.seconds))
         return Recording(
             replace(trace, name=name or self.place.stem),
             report,
@@ -196,6 +196,12 @@ class ColumnChoice:
         if self.seconds == 1.0 and not self.layout.units.get("time") and stamps.ndim == 1 and len(stamps) > 1:
             _check_scale(stamps, self.place)
         return stamps if self.seconds == 1.0 else stamps * self.seconds
+
+
+def _coarse(stamps: FloatArray, unit: float) -> tuple[str, ...]:
+    """A line about whole numbers (K,) of a unit [s] that doubles do not tell apart."""
+    largest = float(np.abs(stamps).max(initial=0.0))
+    return (f"its times are kept to {np.spacing(largest) * unit:.1g} s",) if 2.0**53 <= largest < np.inf else ()
 
 
 _SCALES = (

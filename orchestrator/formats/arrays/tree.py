@@ -192,14 +192,20 @@ def _capture(axes: Structure, curves: Structure, depth: int) -> Iterator[ArrayCh
     clocks = ["time" if number == 1 else f"time_{number}" for number in range(1, len(axes.elements) + 1)]
     for clock, axis in zip(clocks, axes.elements, strict=True):
         yield from (
-            replace(channel, name=clock, clock=clock) for channel in _of_element(clock, {"Name": clock, **axis}, depth)
+            replace(channel, name=clock, clock=clock)
+            for channel in _of_element(clock, {"Name": clock, **_filled(axis)}, depth)
         )
     for number, curve in enumerate(curves.elements, 1):
         index = next((node for key, node in curve.items() if key.lower() == "xindex"), None)
         place = int(index.read().flat[0]) if isinstance(index, NumberArray) and index.count == 1 else 1
         clock = clocks[place - 1] if 0 < place <= len(clocks) else ""
-        named = {"Name": f"Y({number})", **{key: node for key, node in curve.items() if key != "XIndex" and node != ""}}
+        named = {"Name": f"Y({number})", **_filled({key: node for key, node in curve.items() if key != "XIndex"})}
         yield from (replace(channel, clock=clock) for channel in _of_element(f"Y({number})", named, depth))
+
+
+def _filled(element: Mapping[str, Node]) -> Mapping[str, Node]:
+    """Without its empty texts."""
+    return {key: node for key, node in element.items() if node != ""}
 
 
 def _text(element: Mapping[str, Node], keys: Sequence[str]) -> str:

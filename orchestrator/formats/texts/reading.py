@@ -25,6 +25,8 @@ from orchestrator.trace import FloatArray
 TYPES = {"number": pa.float64(), "missing": pa.float64(), "flag": pa.bool_()}
 DATES = ("date", "datum")
 _CLOCK = re.compile(r"[0-2]\d[0-5]\d[0-5]\d([.,]\d+)?")
+DIGITS = 17  # of a double
+_NO_DIGITS = re.compile(r"^[-+]?[0.,]*|[eE].*$|[.,]")  # of those that tell a number
 NULLS = [
     spelling for word in MISSING for spelling in {word, word.upper(), word.capitalize(), word.replace("nan", "NaN")}
 ]
@@ -71,6 +73,8 @@ def read_text(file: BinaryIO, layout: Layout, path: Path) -> Recording:
 
     times = table[str(choice.time)]
     notes = [*guessed, *seen.notes]
+    if not stamped and any(len(_NO_DIGITS.sub("", row[choice.time])) > DIGITS for row in seen.head):
+        notes.append(f"its times have more than {DIGITS} digits, of which the last are not kept")
     if dates is not None:
         times = compute.binary_join_element_wise(compute.utf8_trim_whitespace(table[str(dates)]), times, " ")
         notes.append(f"its dates are those of column {seen.names[dates] if seen.names else dates}")

@@ -97,6 +97,15 @@ def test_a_capture_is_its_curves_over_their_axes(tmp_path: Path, save: Callable[
 
 
 @pytest.mark.parametrize("save", MATLAB)
+@pytest.mark.parametrize("name", ["", "elapsed"])
+def test_the_axis_of_a_capture_may_be_in_milliseconds(tmp_path: Path, save: Callable[..., None], name: str) -> None:
+    axis = records(Name=[name, "other"], Data=[TIME * 1000, TIME], Unit=["ms", "s"])
+    curves = records(Name=["n", "slow"], Data=[SPEED, -SPEED], Unit=["rpm", "V"], XIndex=[1.0, 2.0])
+    save(tmp_path / "x.mat", {"exp_001": {"X": axis, "Y": curves}})
+    assert np.allclose(read(tmp_path / "x.mat").trace.time, TIME, rtol=1e-12)
+
+
+@pytest.mark.parametrize("save", MATLAB)
 def test_a_structure_with_time_is_its_signals(tmp_path: Path, save: Callable[..., None]) -> None:
     both = np.column_stack([SPEED, -SPEED])
     save(

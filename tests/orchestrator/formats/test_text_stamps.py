@@ -9,7 +9,7 @@ import pandas
 import pytest
 
 from fmus.errors import TraceError
-from orchestrator.formats import read
+from orchestrator.formats import Layout, read
 
 TIME = np.array([0.0, 0.5, 1.5, 2.0])
 SPEED = np.array([1.5, 1234.25, -0.125, 7.0])
@@ -65,3 +65,26 @@ def test_times_that_are_written_otherwise_are_refused_with_what_to_write(
 def test_what_is_finer_than_nanoseconds_is_told(tmp_path: Path) -> None:
     recording = read(written(tmp_path, "time,a\n2026-01-02T09:15:00.1234567891,1\n2026-01-02T09:15:00.1234567902,2\n"))
     assert recording.trace.time.tolist() == [0.0, 1e-9] and "its times are cut at nanoseconds" in recording.notes
+
+
+@pytest.mark.parametrize(("scale", "unit", "digits"), [(1, "ns", 0), (10**9, "s", 9)])
+def test_what_a_double_does_not_keep_of_times_since_1970_is_told(
+    tmp_path: Path, scale: int, unit: str, digits: int
+) -> None:
+    stamps = 1767323045123456789 + np.arange(4) * 1_000_037
+    told = (f"{n // scale}.{n % scale:0{digits}d}".rstrip(".") if digits else str(n) for n in stamps.tolist())
+    path = written(tmp_path, "time,a\n" + "".join(f"{text},{k}\n" for k, text in enumerate(told)))
+    recording = read(path, Layout(units={"time": unit}))
+    assert np.abs(recording.trace.time - stamps / 1e9).max() < 0.3e-6
+    assert "its times have more than 17 digits, of which the last are not kept" in recording.notes
+
+
+def test_all_digits_of_short_times_are_kept(tmp_path: Path) -> None:
+    path = written(tmp_path, "time,a\n0.00012345678901234567,1\n0.00022345678901234567,2\n1e-3,3\n")
+    assert read(path).notes == ()
+
+
+def test_whole_numbers_that_a_double_does_not_tell_apart_are_told(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", time=1767323045123456789 + np.arange(4) * 1_000_037, a=np.arange(4.0))
+    notes = read(tmp_path / "a.npz", Layout(units={"time": "ns"})).notes
+    assert "its times are kept to 3e-07 s" in notes
