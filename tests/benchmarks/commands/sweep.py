@@ -12,13 +12,16 @@ import os
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from time import perf_counter, process_time
 
 import numpy as np
+import pyarrow.parquet as pq
 from ruamel.yaml import YAML
 
 from orchestrator.batch.sweep.runs import rows
+from orchestrator.batch.sweep.runs.cluster import Cluster
 from orchestrator.batch.sweep.runs.local import Local
 from orchestrator.batch.sweep.runs.preparation import prepared
 from orchestrator.batch.sweep.runs.queue import Queue
@@ -28,6 +31,7 @@ from orchestrator.batch.sweep.runs.worker import Worker
 from orchestrator.batch.sweep.sweep import sweep
 from orchestrator.engine import Run
 from orchestrator.scenario.expectations import Check
+from tests.support.dask_cluster import dask_cluster
 
 from ..figure import Figure
 from ..memory import peak_megabytes
@@ -53,6 +57,7 @@ def figures() -> list[Figure]:
         simulating, worker, keeping = parts(folder)
         small, large = (peak(folder, count) for count in ROWS)
         size = written(folder) / RUNS
+        cluster = on_cluster(folder, two) if find_spec("distributed") else ("Dask is not there", "-")
     scaling = one / (2 * two)
     overhead = worker - simulating + keeping
     return [
@@ -69,6 +74,8 @@ def figures() -> list[Figure]:
         Figure("keeping its row", "-", f"{1e3 * keeping:.3f} ms"),
         Figure(f"processor time of all {RUNS:,} runs so", "-", f"{RUNS * (worker + keeping):.1f} s"),
         Figure("overhead of a run", "less than 1 ms", f"{1e3 * overhead:.2f} ms", overhead < 1e-3),
+        Figure(f"{RUNS:,} runs on two workers of a Dask cluster on this machine", "-", cluster[0]),
+        Figure("what the cluster adds to a run on this machine", "-", cluster[1]),
         Figure("a row on the disk", "-", f"{size:.0f} bytes"),
         Figure(
             f"peak memory with {ROWS[0]:,} and {ROWS[1]:,} rows",
@@ -105,6 +112,18 @@ def timed(folder: Path, runs: int, processes: int) -> float:
     begun = perf_counter()
     sweep(file, out, Local(processes))
     return perf_counter() - begun
+
+
+def on_cluster(folder: Path, local: float) -> tuple[str, str]:
+    """The study on two workers here, and the wall time a run that goes beyond that of two processes [s], in words."""
+    file, out = study(folder, RUNS), folder / "out-cluster"
+    with dask_cluster(folder) as cluster:
+        begun = perf_counter()
+        sweep(file, out, Cluster(cluster.address))
+        spent = perf_counter() - begun
+    same = pq.read_table(out / "runs").equals(pq.read_table(folder / f"out-{RUNS}-2" / "runs"))
+    rows_told = "the same rows" if same else "OTHER ROWS"
+    return f"{spent:.1f} s, {RUNS / spent:.0f} runs/s, {rows_told}", f"{1e3 * (spent - local) / RUNS:.2f} ms"
 
 
 def written(folder: Path) -> int:

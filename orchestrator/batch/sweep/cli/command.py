@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from fmus.errors import InputError
 from orchestrator.cli.suite import Limited
 from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 
@@ -19,9 +21,9 @@ def sweep(
     terminal: Terminal,
     study: Annotated[Path, typer.Argument(help="A study: a YAML file with the key `sweep`.")],
     *,
-    jobs: Annotated[int, typer.Option("-j", "--jobs", min=1, help="Runs at a time; one a processor by default.")] = (
-        os.cpu_count() or 1
-    ),
+    jobs: Annotated[
+        int | None, typer.Option("-j", "--jobs", min=1, help="Runs at a time; one a processor by default.")
+    ] = None,
     scheduler: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="Run on the Dask cluster with this scheduler instead.")
     ] = None,
@@ -41,10 +43,17 @@ def sweep(
     from orchestrator.batch.sweep.sweep import sweep as run
     from orchestrator.batch.sweep.told.result import HEADERS
 
+    limits = limited.limits()
+    of_processes = {"--jobs": jobs, "--time-limit": limits.seconds, "--memory-limit": limits.megabytes}
     if one is not None:
+        given = {"--scheduler": scheduler, "--retry": retry or None, **of_processes}
+        _refuse(given, "is for many runs, and --run is one by itself", "leave out one of them")
         return _again(terminal, study, one, out or Path("out") / f"{study.stem}-{one}")
     folder = out or Path("out") / study.stem
-    runner = Local(jobs, limited.limits()) if scheduler is None else Cluster(scheduler)
+    if scheduler is not None:
+        fix = "leave it out, or run without --scheduler"
+        _refuse(of_processes, "is of processes of this machine, and not kept by the workers of a cluster", fix)
+    runner = Local(jobs or os.cpu_count() or 1, limits) if scheduler is None else Cluster(scheduler)
     try:
         with terminal.bar(study.stem) as move:
             result = run(study, folder, runner, move, retry)
@@ -54,6 +63,17 @@ def sweep(
     listing = Listing(HEADERS, result.rows(), document["title"])
     shown: list[Listing | str] = [listing, *document["notes"], result.sentence]
     return Answer({**document, "out": str(folder)}, [*shown, f"written to {folder}"], result.passed)
+
+
+def _refuse(options: Mapping[str, object], problem: str, fix: str) -> None:
+    """See that none of these options is given.
+
+    Raises:
+        InputError: one is.
+    """
+    for name, value in options.items():
+        if value is not None:
+            raise InputError(name, problem, fix)
 
 
 def _again(terminal: Terminal, study: Path, run: int, out: Path) -> Answer:

@@ -10,6 +10,7 @@ import pytest
 
 from fmus.errors import ServotwinError
 from orchestrator.batch.sweep.sweep import sweep
+from tests.support.commands import servotwin
 from tests.support.sweeping import FALLING, Here, study
 
 DRAWN = {"by": "monte-carlo", "samples": 5, "seed": 1}
@@ -112,6 +113,14 @@ def test_what_the_system_of_one_case_can_see_is_varied_in_all(tmp_path: Path) ->
     seen = {"name": "seen", "components": {"hand": FALLING["components"]["hand"]}, "expect": [looked_at]}  # type: ignore[index]
     found = sweep(study(tmp_path, TWO | {"cases": [{"name": "not"}, seen]}, **OTHER), tmp_path / "out", Here())
     assert found.document["runs"] == 4 and found.document["failed"] == 0
+
+
+@pytest.mark.parametrize("of_one", [["--run", "3"], ["--scheduler", "tcp://127.0.0.1:1"]])
+@pytest.mark.parametrize("option", ["--jobs", "--time-limit", "--memory-limit"])
+def test_an_option_that_nothing_would_keep_is_refused(of_one: list[str], option: str, tmp_path: Path) -> None:
+    answer = servotwin("sweep", str(study(tmp_path)), "--out", str(tmp_path / "out"), option, "2", *of_one)
+    assert answer.exit_code == 2 and f"{option}: is " in answer.stderr and "leave" in answer.stderr
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_disk_that_is_full_is_told_and_what_was_done_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
