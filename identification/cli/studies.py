@@ -242,11 +242,13 @@ def _candidates(document: Summary) -> list[Listing]:
 
 
 def _windows(document: Summary) -> list[str]:
-    """How recordings have chosen windows, where they did."""
-    from identification.output_error.results import windows_words
+    """How recordings have chosen windows, and what became of segments of these, where that is."""
+    from identification.output_error.results import shooting_words, windows_words
 
-    windows = cast("OutputErrorSummary", document).get("windows")
-    return [f"note: {windows_words(windows)}"] if windows else []
+    made = cast("OutputErrorSummary", document)
+    windows, shot = made.get("windows"), cast("Mapping[str, Any]", made).get("search", {}).get("shooting")
+    said = [windows_words(windows)] if windows else []
+    return [f"note: {words}" for words in (*said, *([shooting_words(shot)] if shot else []))]
 
 
 def _cell(header: str, value: object) -> str:

@@ -20,7 +20,7 @@ from orchestrator.trace import FloatArray
 ROUGH = "the cost falls no further than its own roughness"
 LossKind = Literal["linear", "soft_l1", "huber", "cauchy"]
 _SUFFICIENT = 1e-4
-_NO_DAMPING = 1e-12
+NO_DAMPING = 1e-12
 _MOST_DAMPING = 1e12
 _CAREFUL = 0.1  # damping, at least, after a point that could not be evaluated: it may have cost a long wait
 _ROUGHNESS = 1e3  # times the tolerance: what a linear model may still promise of a cost that does not follow it
@@ -306,7 +306,7 @@ def minimise(
     for iteration in range(limits.iterations):
         model = ArrowModel([loss.scaled(block) for block in system.linearise(here.point, here.residuals)])
         scale = _larger(scale, model.norms())
-        newton = model.reduction(model.step(_NO_DAMPING, scale, box.around(here.point)))
+        newton = model.reduction(model.step(NO_DAMPING, scale, box.around(here.point)))
         if newton <= limits.cost * here.cost:
             return Minimum(here, iteration, True, "no step promises a relevant reduction")
         there = search.downhill(model, here, scale)
@@ -347,7 +347,7 @@ class _DampingSearch:
 
     def _trust(self, gain: float) -> None:
         if gain > 0.75 and not self.failed:
-            self.damping = max(0.1 * self.damping, _NO_DAMPING)
+            self.damping = max(0.1 * self.damping, NO_DAMPING)
         elif gain < 0.25:
             self.damping *= 3.0
 

@@ -201,6 +201,14 @@ def basis(columns: FloatArray) -> FloatArray:
     return np.asarray(orth(columns, rcond=1e-10)) if columns.any() else np.zeros((len(columns), 0))
 
 
+def growth(states: FloatArray) -> float:
+    """How many times as much as in the first tenth of a window (N, s) its start values do later on; 0 where nothing."""
+    if not states.any():
+        return 0.0
+    first = np.abs(states[: max(len(states) // 10, 1)]).max(axis=0)
+    return float(np.divide(np.abs(states).max(axis=0), first, out=np.zeros(states.shape[1]), where=first > 0).max())
+
+
 def lengths_of(blocks: Sequence[WindowBlock]) -> FloatArray:
     """(n,) length of each parameter's column."""
     return np.asarray(np.sqrt(sum(np.sum(block.parameters**2, axis=0) for block in blocks)))

@@ -12,13 +12,13 @@ from identification.estimation.groups import Grouping
 from identification.estimation.parameters import Parameter, Scale, Tie
 from identification.estimation.prior import LogNormal, Normal, Prior, Uniform
 from identification.output_error.search.options import BootstrapKind, IntervalBy, IntervalOptions, SearchOptions
-from identification.output_error.study import AutoWindows, StartSpec, WindowSpec
+from identification.output_error.study import AutoWindows, Shooting, StartSpec, WindowSpec
 from identification.output_error.times.spans import SpanEntry, WidthEntry, amount
 from orchestrator.assembly.schema import ComponentBlock, Connections
 from orchestrator.assembly.whole_arrays import Values
 from orchestrator.crossing import GivenConversion, quantity
 from orchestrator.fmi.interface import Value
-from orchestrator.yaml_file import Block, Quantity, exact
+from orchestrator.yaml_file import Block, Quantity, Seconds, exact
 
 
 def _number_or_name(value: Any) -> Any:
@@ -130,6 +130,29 @@ class ValidationBlock(WindowsBlock):
 
     at_least: float | None = None
     worst_at_least: float | None = None
+
+
+class ShootingBlock(Block):
+    """Multiple shooting: windows begin the search in segments with start values of their own, which join as it goes on.
+
+    Attributes:
+        segments: of each window.
+        length: of each segment at most [s], in the place of their number.
+    """
+
+    segments: int | None = Field(None, ge=2)
+    length: Seconds | None = None
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> ShootingBlock:
+        if (self.segments is None) == (self.length is None):
+            raise ValueError("give `segments` or `length`")
+        if self.length is not None and self.length <= 0:
+            raise ValueError("`length` must be positive")
+        return self
+
+    def spec(self) -> Shooting:
+        return Shooting(self.segments, self.length)
 
 
 class PriorBlock(Block):

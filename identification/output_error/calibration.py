@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fmus.errors import FmuError, TraceError
+from fmus.errors import FmuError
 from identification.built_system import BuiltSystem
 from identification.estimation.arrow_least_squares import Loss
 from identification.estimation.parameters import InitialState, Parameter, ParameterSet
@@ -19,11 +19,14 @@ from identification.output_error.choice.choice import Choice
 from identification.output_error.chosen_windows import PickedWindows, chosen_length, picked_windows
 from identification.output_error.search.estimator import Estimate, SearchState, estimate, predict
 from identification.output_error.search.options import SearchOptions, Watch
-from identification.output_error.search.problem import Problem, spread_weights
+from identification.output_error.search.problem import Problem
+from identification.output_error.shooting.shooting import shoot
+from identification.output_error.shooting.shots import Shots, cut
+from identification.output_error.shooting.states import State, states
 from identification.output_error.simulator import SystemFactory
 from identification.output_error.start_values import UnreadStart, start_warnings, unread_starts
 from identification.output_error.study import OutputErrorStudy, WindowSpec
-from identification.output_error.windows import FreeRunWindow, length_warnings
+from identification.output_error.windows import FreeRunWindow, evenly_weighed, length_warnings, weighed
 from identification.quantities import SECONDS
 from identification.recordings.campaign import StudyTrace, load_campaign, recorded_bytes, recording_warnings, split
 from identification.results import GROUPS
@@ -158,6 +161,7 @@ class PreparedStudy:
         wired: how values pass through the connections.
         unread: start values that nobody gives.
         picked: how windows were chosen, where the recordings do.
+        shots: the windows to be fitted in segments, where the study asks for that.
     """
 
     study: OutputErrorStudy
@@ -169,6 +173,7 @@ class PreparedStudy:
     wired: tuple[Crossing, ...]
     unread: tuple[UnreadStart, ...]
     picked: PickedWindows | None = None
+    shots: Shots | None = None
 
     @classmethod
     def of(cls, study: OutputErrorStudy, recorded: Sequence[StudyTrace]) -> PreparedStudy:
@@ -180,12 +185,15 @@ class PreparedStudy:
         fitted, kept = split(list(recorded), study.traces.hold_out)
         study = study.of_groups([trace.trace.name for trace in fitted], [trace.trace.name for trace in kept])
         system = BuiltSystem(study.system, sorted(study.run.inputs))
-        units, ports, wired, unread = _checked(study, system.assembled)
+        units, ports, wired, unread, found = _checked(study, system.assembled)
         length = chosen_length(study, fitted)
         train, of_train = picked_windows(study.run, fitted, study.windows, length, ports)
         unseen, of_unseen = picked_windows(study.run, kept, study.validation, length, ports)
         picked = None if length is None else PickedWindows(length, {**of_train, **of_unseen})
-        return cls(study, tuple(recorded), system, tuple(train), tuple(unseen), units, wired, tuple(unread), picked)
+        shots = cut(study, train, fitted, found, ports)
+        return cls(
+            study, tuple(recorded), system, tuple(train), tuple(unseen), units, wired, tuple(unread), picked, shots
+        )
 
     def calibration(self, found: Estimate, why: str = "") -> Calibration:
         """What there is once something is estimated; `why` there is no more."""
@@ -217,7 +225,7 @@ class PreparedStudy:
         """
         study, assembled, unseen = self.study, self.system.assembled, self.unseen
         try:
-            found = _fit(study, assembled, self.train, self.units, _watch(study, progress))
+            found = _fit(self, _watch(study, progress))
         except STOPPED as stop:
             stop.result = self.calibration(stop.result, stop.result.message)
             raise
@@ -264,7 +272,8 @@ def _watch(study: OutputErrorStudy, progress: Progress) -> Watch:
     limit = study.options.max_evaluations
 
     def watch(at: SearchState) -> None:
-        stages = {"fit": 0.1 + 0.6 * min(at.iteration / limit, 1), "uncertainty": 0.7}
+        done = min(at.iteration / limit, 1)
+        stages = {"segments": LOADED + 0.05 * done, "fit": 0.1 + 0.6 * done, "uncertainty": 0.7}
         stages |= dict.fromkeys(("profile", "bootstrap"), 0.7 + 0.15 * at.share)
         fraction = stages.get(at.stage, LOADED)
         progress(fraction, f"{at.stage} {at.iteration}, cost {at.cost:.4g}, {at.simulations} simulations")
@@ -272,17 +281,17 @@ def _watch(study: OutputErrorStudy, progress: Progress) -> Watch:
     return watch
 
 
-def _fit(
-    study: OutputErrorStudy,
-    assembled: Assembled,
-    windows: Sequence[FreeRunWindow],
-    units: Mapping[str, str],
-    watch: Watch,
-) -> Estimate:
+def _fit(prepared: PreparedStudy, watch: Watch) -> Estimate:
+    study, assembled, windows = prepared.study, prepared.system.assembled, prepared.train
     declared = study.parameters
-    parameters = tuple(replace(parameter, unit=units[parameter.name]) for parameter in declared.parameters)
+    parameters = tuple(replace(parameter, unit=prepared.units[parameter.name]) for parameter in declared.parameters)
     problem = _problem(study, weighed(study, windows), replace(declared, parameters=parameters), study.loss)
-    return estimate(problem, _factory(study, assembled, windows), _options(study, assembled, problem), watch)
+    options, factory = _options(study, assembled, problem), _factory(study, assembled, windows)
+    shot = None
+    if (shots := prepared.shots) is not None:
+        segments = replace(factory, windows=shots.windows, outputs=shots.recorded)
+        shot = shoot(shots, problem, segments, options, watch)
+    return estimate(problem, factory, options, watch, shot)
 
 
 def _options(study: OutputErrorStudy, assembled: Assembled, problem: Problem) -> SearchOptions:
@@ -322,39 +331,6 @@ def _problem(
     return Problem(parameters, tuple(windows), study.outputs, states, loss, study.grouped)
 
 
-def evenly_weighed(windows: Sequence[FreeRunWindow]) -> list[FreeRunWindow]:
-    """Windows to be judged: weights by the spread of each output, 1 for one that rests in all of them."""
-    spread = np.concatenate([window.measured for window in windows]).std(axis=0)
-    return [replace(window, weight=1 / np.where(spread > 0, spread, 1.0)) for window in windows]
-
-
-def weighed(study: OutputErrorStudy, windows: Sequence[FreeRunWindow]) -> list[FreeRunWindow]:
-    """Windows to be fitted, with the study's weights.
-
-    Raises:
-        TraceError: an output rests in a window that is to be scaled by its spread there.
-        IdentificationError: an output rests in all windows.
-    """
-    if study.weight == "window":
-        return [replace(window, weight=_window_weight(study, window)) for window in windows]
-    if study.weight == "output":
-        weight = spread_weights([window.measured for window in windows])
-        return [replace(window, weight=weight) for window in windows]
-    return list(windows)
-
-
-def _window_weight(study: OutputErrorStudy, window: FreeRunWindow) -> FloatArray:
-    """(m,) weights by the spread within a window; an output that rests there has none."""
-    for name, measured in zip(study.outputs, window.measured.T, strict=True):
-        if np.all(measured == measured[0]):
-            raise TraceError(
-                window.name,
-                f"{name} does not move there, so `weight: window` means nothing",
-                "skip the window, or weight: output",
-            )
-    return spread_weights([window.measured])
-
-
 def ports_of(study: OutputErrorStudy, system: System) -> dict[str, Port]:
     """component.variable -> what a signal or value of the traces goes to or is compared with."""
     names = (*study.run.outputs, *study.run.inputs, *study.run.initial, *study.traces.values)
@@ -363,9 +339,9 @@ def ports_of(study: OutputErrorStudy, system: System) -> dict[str, Port]:
 
 def _checked(
     study: OutputErrorStudy, assembled: Assembled
-) -> tuple[dict[str, str], dict[str, Port], tuple[Crossing, ...], list[UnreadStart]]:
-    """Units of the parameters, what signals go to, the connections, and start values that nobody gives, once all of the
-    study is seen to exist."""
+) -> tuple[dict[str, str], dict[str, Port], tuple[Crossing, ...], list[UnreadStart], list[State]]:
+    """Units of the parameters, what signals go to, the connections, start values that nobody gives, and the states that
+    can be set, once all of the study is seen to exist."""
     delays, parameters = study.delays, study.parameters
     with OpenSystem(assembled) as opened:
         system = opened.system
@@ -387,7 +363,8 @@ def _checked(
         units = {name: port.unit or "1" for name, port in ports.items()}
         units |= dict.fromkeys(delays, "s")
         crossings = (*system.crossings, *_converted(study, system))
-        return units, ports_of(study, system), crossings, unread_starts(study, system)
+        settable = states(system, assembled.system.values())
+        return units, ports_of(study, system), crossings, unread_starts(study, system), settable
 
 
 def _converted(study: OutputErrorStudy, system: System) -> Iterator[Crossing]:

@@ -10,12 +10,13 @@ import numpy as np
 
 from fmus.errors import FmuError, IdentificationError, InputError
 from identification.estimation.stopped import stopped
-from identification.output_error.calibration import Calibration, Judged, PreparedStudy, isolated, weighed
+from identification.output_error.calibration import Calibration, Judged, PreparedStudy, isolated
 from identification.output_error.choice.choice import Choice, FittedCandidate
 from identification.output_error.choice.criteria import Misfit
 from identification.output_error.choice.ranking import ranked
 from identification.output_error.search.options import IntervalOptions
 from identification.output_error.study import OutputErrorStudy
+from identification.output_error.windows import weighed
 from identification.recordings.campaign import StudyTrace, TraceSource, load_campaign
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.progress import Progress, silent

@@ -11,7 +11,7 @@ from identification.estimation.validation import whiteness
 from identification.fits import told
 from identification.output_error.calibration import Calibration, Judged
 from identification.output_error.choice.report import draw_candidates
-from identification.output_error.results import WindowsSummary, summary, windows_words
+from identification.output_error.results import WindowsSummary, shooting_words, summary, windows_words
 from identification.output_error.uncertainty_report import uncertainty
 from identification.output_error.windows import FreeRunWindow
 from identification.results import data_summary, draw_parameters, provenance, verdict_callout
@@ -39,6 +39,8 @@ def report(calibration: Calibration) -> Report:
     uncertainty(result.section("Uncertainty"), calibration)
     if "windows" in (found := summary(calibration)):
         _windows(result.section("Windows"), found["windows"])
+    if (shot := found["search"].get("shooting")) is not None:
+        result.section("Segments").paragraph(f"{shooting_words(shot)[0].upper()}{shooting_words(shot)[1:]}.")
     data = data_summary(calibration.recorded, calibration.study.traces.hold_out)
     provenance(result.section("Provenance"), data, documents_of(calibration.crossings))
     return result

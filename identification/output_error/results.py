@@ -102,6 +102,22 @@ class UncertaintySummary(TypedDict):
     weak: list[str]
 
 
+class ShootingSummary(TypedDict):
+    """What segments of the windows came to, where the search began.
+
+    Attributes:
+        gap: the largest left between two of them, in sizes of the states; `joined` where it counts for none.
+        growth: how many times as much windows make at most of a deviation at their start.
+    """
+
+    segments: int
+    joined: bool
+    gap: float
+    growth: float
+    iterations: int
+    simulations: int
+
+
 class SearchSummary(TypedDict):
     """What the search took, and the first few reasons of simulations that failed."""
 
@@ -113,6 +129,7 @@ class SearchSummary(TypedDict):
     failures: int
     differences: str
     reasons: list[str]
+    shooting: NotRequired[ShootingSummary]
 
 
 class PickedSummary(TypedDict):
@@ -178,6 +195,15 @@ def summary(calibration: Calibration) -> OutputErrorSummary:
     if calibration.choice is not None:
         made["candidate"] = calibration.choice.chosen
         made["choice"] = choice_summary(calibration.choice)
+    if (shot := found.shot) is not None:
+        made["search"]["shooting"] = {
+            "segments": shot.segments,
+            "joined": shot.closed,
+            "gap": shot.gap,
+            "growth": shot.growth,
+            "iterations": shot.iterations,
+            "simulations": shot.simulations,
+        }
     if calibration.picked is not None:
         made["windows"] = _windows(calibration.picked, study.run.step)
     return made
@@ -202,6 +228,15 @@ def windows_words(windows: WindowsSummary) -> str:
     return (
         f"windows of {windows['length']:.4g} s are chosen by the recordings, whose strongest oscillation lasts "
         f"{windows['period']:.3g} s: {taken} of {taken + still + less} taken{', ' if left else ''}{', '.join(left)}"
+    )
+
+
+def shooting_words(shot: ShootingSummary) -> str:
+    """What became of segments, in a line."""
+    joined = "have joined" if shot["joined"] else "have NOT joined"
+    return (
+        f"the search began with windows in {shot['segments']} segments, which {joined}: the largest gap is "
+        f"{shot['gap']:.1g} of a state's size, and whole windows make {shot['growth']:.2g} times as much of a deviation"
     )
 
 

@@ -24,6 +24,7 @@ from identification.output_error.blocks import (
     LossBlock,
     OptionsBlock,
     ParameterBlock,
+    ShootingBlock,
     SignalBlock,
     UncertaintyBlock,
     ValidationBlock,
@@ -67,6 +68,7 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
         tolerance: relative tolerance that co-simulation FMUs are told.
         tell_stop: whether FMUs are told when a window ends; some then refuse to go beyond by a rounding error.
         weight: whether outputs are scaled by their spread in each window, over all windows, or not at all.
+        shooting: multiple shooting, for windows over which free runs leave the recordings.
         uncertainty: how the 95 % intervals come about: `local`, `profile`, or `{by: bootstrap, seed: 1}`.
         compare: name -> parameters that are judged beside the estimate on the same windows.
         truth: values behind synthetic traces, shown beside the estimates.
@@ -92,6 +94,7 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
     weight: OutputWeight = OutputErrorStudy.weight
     loss: LossBlock = LossBlock()
     options: OptionsBlock = OptionsBlock()
+    shooting: ShootingBlock | None = None
     uncertainty: Annotated[
         UncertaintyBlock, BeforeValidator(_by, json_schema_input_type=IntervalBy | UncertaintyBlock)
     ] = UncertaintyBlock(by="local")
@@ -304,6 +307,7 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
             weight=self.weight,
             loss=Loss(self.loss.kind, self.loss.scale),
             options=SearchOptions(**dict(self.options), intervals=self.uncertainty.options()),
+            shooting=self.shooting.spec() if self.shooting else None,
             by={name: how for name, block in self.parameters.items() if (how := block.grouping()) is not None},
         )
 

@@ -228,6 +228,26 @@ class AutoWindows:
 
 
 @dataclass(frozen=True)
+class Shooting:
+    """Into how many segments each window is cut: so many, or as many as are at most so long [s]."""
+
+    segments: int | None = None
+    length: Fraction | None = None
+
+    @property
+    def key(self) -> str:
+        """The key that says so."""
+        return "shooting.length" if self.segments is None else "shooting.segments"
+
+    def count(self, window: Fraction) -> int:
+        """Segments of a window of that length [s]."""
+        if self.segments is not None:
+            return self.segments
+        assert self.length is not None
+        return int(-(-window // self.length))
+
+
+@dataclass(frozen=True)
 class OutputErrorStudy:
     """Parameters of a system to be fitted to traces by the error of free runs.
 
@@ -242,6 +262,7 @@ class OutputErrorStudy:
         given: component.variable or delay -> where a list or parameter set has it, and in which unit.
         by: parameter -> how it is told apart by recordings, where it has not one value for all.
         grouped: the same once the recordings are known; `parameters` has one for each group then.
+        shooting: how the windows are cut where the search begins with segments of them.
     """
 
     title: str
@@ -262,6 +283,7 @@ class OutputErrorStudy:
     given: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     by: Mapping[str, Grouping] = field(default_factory=dict)
     grouped: tuple[Grouped, ...] = ()
+    shooting: Shooting | None = None
 
     @property
     def said_windows(self) -> WindowSpec:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from identification.estimation.parameters import Parameter
 from identification.output_error.calibration import Calibration
-from identification.output_error.search.estimator import SILENT
+from identification.output_error.search.estimator import APART, DEPARTED, SILENT
 from identification.results import VerdictSummary, verdict
 
 _WIDE = 10.0  # largest over smallest value allowed, from which a logarithmic scale serves better
@@ -43,6 +43,11 @@ def _remedies(calibration: Calibration) -> Iterator[str]:
     seen = found.identifiability
     if found.message.startswith(SILENT):
         yield "`fixed: true`, a recording that excites what depends on it, or wider `min` and `max`"
+        return
+    if found.message == APART:
+        yield "more and shorter segments (`shooting`)"
+    if found.message == DEPARTED:
+        yield "shorter `windows`"
         return
     if "evaluations" in found.message or "iterations" in found.message:
         yield f"`options.max_evaluations` above {study.options.max_evaluations}"

@@ -10,8 +10,15 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from fmus.errors import ScenarioError, TraceError, WiringError
-from identification.output_error.search.problem import Window
-from identification.output_error.study import FreeRunSpec, Placing, StartSpec, TraceSignal, WindowSpec
+from identification.output_error.search.problem import Window, spread_weights
+from identification.output_error.study import (
+    FreeRunSpec,
+    OutputErrorStudy,
+    Placing,
+    StartSpec,
+    TraceSignal,
+    WindowSpec,
+)
 from identification.output_error.times.delays import (
     Command,
     Delay,
@@ -145,6 +152,17 @@ def cut_windows(
     if marked and not cut:
         raise nothing_left(marked[0].place, f"no window of {stated(windows.length)} is", marked[0].marks)
     return cut
+
+
+def read_starts(
+    run: FreeRunSpec, recorded: StudyTrace, instants: Iterable[float], ports: Mapping[str, Port]
+) -> Iterator[dict[str, float]]:
+    """component.variable -> start value read off a recording at each of these instants [s]."""
+    trace = recorded.trace
+    own, _ = run.sampled(trace.interval).in_units_of(ports, trace)
+    for instant in instants:
+        read = {name: _reading(own, trace, instant, spec) for name, spec in own.initial.items()}
+        yield {name: reading.value(reading.delay.start) for name, reading in read.items()}
 
 
 def length_warnings(step: Fraction, windows: WindowSpec, traces: Sequence[Trace], place: str) -> list[str]:
@@ -323,3 +341,36 @@ def start_curve(trace: Trace, start: float, spec: StartSpec) -> Polynomial:
         )
     polynomial = Polynomial.fit(near.time, near[spec.signal], spec.degree)
     return spec.conversion.factor * polynomial.deriv(spec.derivative) + spec.conversion.offset
+
+
+def evenly_weighed(windows: Sequence[FreeRunWindow]) -> list[FreeRunWindow]:
+    """Windows to be judged: weights by the spread of each output, 1 for one that rests in all of them."""
+    spread = np.concatenate([window.measured for window in windows]).std(axis=0)
+    return [replace(window, weight=1 / np.where(spread > 0, spread, 1.0)) for window in windows]
+
+
+def weighed(study: OutputErrorStudy, windows: Sequence[FreeRunWindow]) -> list[FreeRunWindow]:
+    """Windows to be fitted, with the study's weights.
+
+    Raises:
+        TraceError: an output rests in a window that is to be scaled by its spread there.
+        IdentificationError: an output rests in all windows.
+    """
+    if study.weight == "window":
+        return [replace(window, weight=_window_weight(study, window)) for window in windows]
+    if study.weight == "output":
+        weight = spread_weights([window.measured for window in windows])
+        return [replace(window, weight=weight) for window in windows]
+    return list(windows)
+
+
+def _window_weight(study: OutputErrorStudy, window: FreeRunWindow) -> FloatArray:
+    """(m,) weights by the spread within a window; an output that rests there has none."""
+    for name, measured in zip(study.outputs, window.measured.T, strict=True):
+        if np.all(measured == measured[0]):
+            raise TraceError(
+                window.name,
+                f"{name} does not move there, so `weight: window` means nothing",
+                "skip the window, or weight: output",
+            )
+    return spread_weights([window.measured])

@@ -17,6 +17,7 @@ from identification.estimation.validation import fit
 from identification.output_error.search.free_run import Tally
 from identification.output_error.search.intervals import LOCAL, Intervals
 from identification.output_error.search.problem import Problem
+from identification.output_error.search.shot import Shot
 from identification.output_error.search.steps import FlatStretch
 from identification.signals.resolution import ROUNDED
 from orchestrator.trace import FloatArray, ReadOnlyArrays
@@ -106,6 +107,7 @@ class Estimate(ReadOnlyArrays):
         told: which samples inform which parameter; None where the search was stopped.
         intervals: how `ci95` came about, where not by `covariance` alone.
         local95: name -> interval by `covariance` of every estimated or tied one [its unit].
+        shot: what segments of the windows came to before the search, where they were run.
     """
 
     values: Mapping[str, float]
@@ -134,6 +136,7 @@ class Estimate(ReadOnlyArrays):
     told: Information | None = None
     intervals: Intervals = LOCAL
     local95: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    shot: Shot | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,6 +163,7 @@ class Reached:
         wide: column -> width of its differences, of the parameters that act in steps.
         flats: column -> over which z the cost does not tell such a parameter's values apart.
         noise: standard deviation of the residuals, by which what is known before is weighed.
+        shot: what segments of the windows came to before, where they were run.
     """
 
     tally: Tally = field(default_factory=Tally)
@@ -168,6 +172,7 @@ class Reached:
     wide: Mapping[int, float] = field(default_factory=dict)
     flats: Mapping[int, FlatStretch] = field(default_factory=dict)
     noise: float = 1.0
+    shot: Shot | None = None
 
 
 def assembled(
@@ -214,6 +219,7 @@ def assembled(
         told=told,
         intervals=intervals,
         local95=_with_tied_ends(problem.parameters, local),
+        shot=reached.shot,
     )
 
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from fmus.errors import FmuError, IdentificationError
-from identification.estimation.arrow_least_squares import Iterate, Loss, Minimum, Point, evaluated
+from identification.estimation.arrow_least_squares import LEAST_SQUARES, Iterate, Loss, Minimum, Point, evaluated
 from identification.estimation.identifiability import Identifiability
 from identification.estimation.parameters import InitialState, Parameter, ParameterSet, Tie
 from identification.estimation.stopped import reason, stopped
@@ -31,7 +31,8 @@ from identification.output_error.search.estimate import (
 )
 from identification.output_error.search.options import IntervalOptions, SearchOptions, SearchState, Watch
 from identification.output_error.search.problem import Problem, Window, spread_weights
-from identification.output_error.search.refits import Spoken, spoken
+from identification.output_error.search.refits import GROWN, Spoken, spoken
+from identification.output_error.search.shot import Shot
 from identification.output_error.search.steps import best_nearby, centred, flat, widened
 from identification.output_error.search.work import PERFECT, Work, search, spread
 from orchestrator.trace import FloatArray
@@ -62,17 +63,25 @@ __all__ = [
 _ROUNDS = 3  # of looking beside the steps of parameters that act in steps, and searching on from there
 _FIRST_NOISE = 1e-3  # of the outputs' spread, until something is known of it
 _WEIGHINGS, _SETTLED = 6, 0.1  # how often the noise is estimated anew, and from which fall on it is not
+JOINED = "segments have joined, and free runs over whole windows are theirs"
+APART = "stopped: segments have not joined"
+DEPARTED = "segments have joined, but free runs over whole windows leave them, as rounding grows too much"
+_DEPARTED = 1e-2  # of the outputs' spread
 SILENT = "nothing to find: the outputs do not depend on"
 
 
 @single_threaded
 def estimate(
-    problem: Problem, factory: Factory, options: SearchOptions | None = None, watch: Watch | None = None
+    problem: Problem,
+    factory: Factory,
+    options: SearchOptions | None = None,
+    watch: Watch | None = None,
+    shot: Shot | None = None,
 ) -> Estimate:
     """The parameters and initial states whose free runs match the windows best.
 
-    The result does not depend on the number of processes. A simulation that fails is counted and its point
-    rejected.
+    The search begins at what segments of the windows came to (`shot`), where there are some. The result does not depend
+    on the number of processes. A simulation that fails is counted and its point rejected.
 
     Raises:
         IdentificationError: nothing is free, or outputs do not fit the windows.
@@ -85,14 +94,18 @@ def estimate(
         raise IdentificationError("parameters", "nothing is free", "free a parameter, or use predict")
     if options.intervals.by == "bootstrap":
         require_windows(len(problem.windows), len(problem.parameters.free))
-    reached = Reached()
+    reached = Reached(shot=shot)
     try:
         with open_pool(factory, options.processes, options.isolation) as pool:
             work = Work(problem, options, pool, reached, watch)
             reached.noise = _FIRST_NOISE * spread(problem)
             begin, reached.starts = _begin(work)
-            reached.wide = _acting_in_steps(work, begin)
-            found, said = _fitted(work, begin)
+            if shot is not None and shot.growth >= GROWN:
+                found, reached.noise = _shot(problem, begin, shot), shot.noise
+                said = spoken(work, found)
+            else:
+                reached.wide = _acting_in_steps(work, begin)
+                found, said = _fitted(work, begin)
     except (KeyboardInterrupt, FmuError) as error:
         if reached.found is None:
             raise
@@ -207,12 +220,15 @@ def _begin(work: Work) -> tuple[Iterate, tuple[StartReport, ...]]:
     windows = work.problem.with_all_groups(_spread(len(all_windows), work.options.start_windows))
     ends: list[Iterate | None] = []
     reports = []
-    if work.options.starts > 1 or len(windows) < len(all_windows):
+    shot = work.reached.shot
+    if shot is None and (work.options.starts > 1 or len(windows) < len(all_windows)):
         for number, parameters in enumerate(_start_vectors(work.problem, work.options)):
             end, report = _followed(work, windows, parameters, f"start {number + 1}")
             ends.append(end)
             reports.append(report)
     points = [work.problem.start(all_windows)]
+    if shot is not None:
+        points = [work.problem.point(shot.values, shot.starts)]
     best = min((end for end in ends if end is not None), key=lambda end: end.cost, default=None)
     if best is not None:
         points.append(_widened(work.problem, windows, best.point))
@@ -222,6 +238,16 @@ def _begin(work: Work) -> tuple[Iterate, tuple[StartReport, ...]]:
         reason = work.tally.reasons[0] if work.tally.reasons else "no reason given"
         raise FmuError("start", f"cannot be simulated: {reason}", "change the start values")
     return begin, tuple(reports)
+
+
+def _shot(problem: Problem, there: Iterate, shot: Shot) -> Minimum:
+    """Where segments have joined, of windows too long to be searched by free runs."""
+    if not shot.closed:
+        return Minimum(there, shot.iterations, False, APART)
+    left = LEAST_SQUARES.cost(problem.measured_only(there.residuals, range(len(problem.windows))))
+    more = math.sqrt(2 * left / problem.samples) - math.sqrt(2 * shot.cost / problem.samples)
+    departs = more > _DEPARTED * spread(problem)
+    return Minimum(there, shot.iterations, not departs, DEPARTED if departs else JOINED)
 
 
 def _spread(count: int, wanted: int) -> tuple[int, ...]:

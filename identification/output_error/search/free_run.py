@@ -20,6 +20,7 @@ from identification.output_error.search.problem import Problem
 from orchestrator.trace import FloatArray
 
 _REASONS_KEPT = 5
+_CURVED = 1e-2  # of the outputs' spread
 
 
 @dataclass
@@ -163,13 +164,22 @@ class FreeRun:
         self.tally.exact += 1
         return columns
 
+    @property
+    def _curved(self) -> float:
+        """How far residuals may move in a difference that shows a slope."""
+        moving = [w.weight * w.measured.std(axis=0) for w in (self.problem.windows[row] for row in self.windows)]
+        return _CURVED * float(np.max(moving, initial=0.0)) or 1.0
+
     def _witnessed(
         self, point: Point, residuals: list[FloatArray], columns: Columns
     ) -> dict[int, list[FloatArray | None]]:
-        """Differences of these columns in the first few windows."""
+        """Differences of these columns in the first few windows, over steps that do not leave what slopes tell of."""
         few = replace(self, windows=self.windows[:WITNESSES], tangents=False)
         point, residuals = Point(point.parameters, point.states[:WITNESSES]), residuals[:WITNESSES]
         steps, _ = few._steps(point, central=False)
+        for c, column in columns.items():
+            largest = max(float(np.abs(own).max()) for own in column[: len(residuals)])
+            steps[c] /= max(1.0, float(np.abs(steps[c]).max()) * largest / self._curved)
         moved = few._shifted(point, steps, residuals)
         return {
             c: [

@@ -163,6 +163,11 @@ class Problem:
         """The declared start of these windows, in z."""
         return Point(np.zeros(len(self.parameters.free)), np.zeros((len(windows), len(self.estimated))))
 
+    def point(self, values: Mapping[str, float], starts: Mapping[str, Sequence[float] | FloatArray]) -> Point:
+        """Parameters by name, and start values (W,) of estimated initial states, of all windows in z."""
+        states = [(np.asarray(starts[state.name]) - state.start) / state.size for state in self.estimated]
+        return Point(self.parameters.z(values), np.array(states).reshape(len(states), len(self.windows)).T)
+
     def box(self, windows: Sequence[int]) -> Box:
         """The bounds of these windows, in z, and how far a step may go."""
         lower, upper = self.parameters.z_bounds

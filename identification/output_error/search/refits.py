@@ -10,12 +10,14 @@ import numpy as np
 from identification.estimation.arrow_least_squares import Iterate, Minimum, WindowBlock
 from identification.estimation.identifiability import Identifiability, identifiability
 from identification.estimation.information import Information, information
-from identification.estimation.uncertainty import Covariance, covariance
+from identification.estimation.uncertainty import Covariance, covariance, growth
 from identification.output_error.search.bootstrap import bootstrapped
 from identification.output_error.search.intervals import LOCAL, Intervals
 from identification.output_error.search.profile import profiled
 from identification.output_error.search.profile_curve import CostProfile
 from identification.output_error.search.work import PERFECT, Work, is_perfect
+
+GROWN = 1e6  # what a free run makes of a deviation of its start from where on too few digits are left
 
 
 @dataclass(frozen=True)
@@ -40,13 +42,14 @@ def spoken(work: Work, found: Minimum) -> Spoken:
     """All that is asked for, by the derivatives at the estimate and further fits."""
     work.tell("uncertainty")(found.iterations, found.at)
     problem, run = work.problem, work.over(work.all_windows)
-    residuals = problem.measured_only(found.at.residuals, work.all_windows)
-    blocks = run.linearised(found.at.point, residuals, central=True)
+    blocks, remarks = _linearised(work, found.at)
     before = run.before(found.at.point) if problem.parameters.is_known_of else None
     uncertainty = covariance(blocks, problem.loss, len(problem.outputs), problem.rounding, before, work.reached.noise)
     seen = _seen(work, found.at, blocks)
     told = information(blocks, uncertainty.curvature, len(problem.outputs))
     by = work.options.intervals.by
+    if remarks:
+        return Spoken(blocks, uncertainty, seen, told, Intervals(remarks=remarks))
     if by == "local" or not work.problem.parameters.free:
         return Spoken(blocks, uncertainty, seen, told, LOCAL)
     if is_perfect(work, found):
@@ -58,6 +61,27 @@ def spoken(work: Work, found: Minimum) -> Spoken:
     columns = [column for column in range(len(work.problem.parameters.free)) if column not in silent]
     found_curves = profiled(work, found.at, uncertainty, columns)
     return Spoken(blocks, uncertainty, seen, told, _by_profiles(found_curves.curves), found_curves.better)
+
+
+def _linearised(work: Work, at: Iterate) -> tuple[Sequence[WindowBlock], tuple[str, ...]]:
+    """The windows linearised, and what is to be said of that.
+
+    Where free runs make so much of their start values that rounding is all that is left of other columns beside theirs,
+    it is by their joined segments.
+    """
+    shot, how, kind = work.reached.shot, work.options.intervals.by, work.problem.loss.kind
+    if shot is not None and shot.growth >= GROWN:
+        said = [f"intervals are local, by segments, and not by {how}"] if how != "local" else []
+        said += ["segments are joined by least squares, without the study's loss"] if kind != "linear" else []
+        return shot.blocks, tuple(f"{one}: {_grown(shot.growth)}" for one in said)
+    residuals = work.problem.measured_only(at.residuals, work.all_windows)
+    blocks = work.over(work.all_windows).linearised(at.point, residuals, central=True)
+    most = max(growth(block.states) for block in blocks)
+    return blocks, (f"intervals are rounding: {_grown(most)}; use `shooting`",) if most >= GROWN else ()
+
+
+def _grown(times: float) -> str:
+    return f"free runs make {times:.1g} times as much of a deviation at their start"
 
 
 def _seen(work: Work, at: Iterate, blocks: Sequence[WindowBlock]) -> Identifiability:

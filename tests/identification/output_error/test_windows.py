@@ -15,10 +15,9 @@ from hypothesis import strategies as st
 
 from fmus.errors import TraceError, WiringError
 from fmus.units import Conversion
-from identification.output_error.calibration import evenly_weighed
 from identification.output_error.study import StartSpec
 from identification.output_error.times.delays import KnownDelay
-from identification.output_error.windows import FreeRunWindow, cut_windows, start_curve
+from identification.output_error.windows import FreeRunWindow, cut_windows, evenly_weighed, start_curve
 from identification.recordings.campaign import StudyTrace
 from orchestrator.crossing import noted
 from orchestrator.fmi.interface import Port
