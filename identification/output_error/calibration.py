@@ -22,7 +22,7 @@ from identification.output_error.search.options import SearchOptions, Watch
 from identification.output_error.search.problem import Problem
 from identification.output_error.shooting.shooting import shoot
 from identification.output_error.shooting.shots import Shots, cut
-from identification.output_error.shooting.states import State, states
+from identification.output_error.shooting.states import SettableState, states
 from identification.output_error.simulator import SystemFactory
 from identification.output_error.start_values import UnreadStart, start_warnings, unread_starts
 from identification.output_error.study import OutputErrorStudy, WindowSpec
@@ -339,7 +339,7 @@ def ports_of(study: OutputErrorStudy, system: System) -> dict[str, Port]:
 
 def _checked(
     study: OutputErrorStudy, assembled: Assembled
-) -> tuple[dict[str, str], dict[str, Port], tuple[Crossing, ...], list[UnreadStart], list[State]]:
+) -> tuple[dict[str, str], dict[str, Port], tuple[Crossing, ...], list[UnreadStart], list[SettableState]]:
     """Units of the parameters, what signals go to, the connections, start values that nobody gives, and the states that
     can be set, once all of the study is seen to exist."""
     delays, parameters = study.delays, study.parameters

@@ -166,7 +166,7 @@ class JoinedRuns:
 
 
 @dataclass(frozen=True, eq=False)
-class Joined:
+class JoinedSegments:
     """Where the search has come to.
 
     Attributes:
@@ -201,7 +201,7 @@ def join(
     box: Box,
     limits: SearchLimits,
     report: Callable[[int, Iterate], None],
-) -> Joined:
+) -> JoinedSegments:
     """The minimum of the segments' outputs under the constraint that they join.
 
     Args:
@@ -224,7 +224,7 @@ def join(
         taken += found.iterations
         gaps = system.gaps(found.at.point)
         cost = found.at.cost - LEAST_SQUARES.cost([system.weighed(gaps)])
-        joined = Joined(replace(found, iterations=taken), float(np.abs(gaps).max(initial=0.0)), cost, system)
+        joined = JoinedSegments(replace(found, iterations=taken), float(np.abs(gaps).max(initial=0.0)), cost, system)
         if joined.gap <= _NEAR or not found.iterations:
             break
         multipliers = multipliers + weight * gaps
@@ -234,7 +234,7 @@ def join(
     return _closer(replace(system, weight=_HEAVIEST), joined, box)
 
 
-def _closer(system: JoinedRuns, joined: Joined, box: Box) -> Joined:
+def _closer(system: JoinedRuns, joined: JoinedSegments, box: Box) -> JoinedSegments:
     """The same with gaps of rounding: by whole Gauss-Newton steps, whose gain in cost is too small to be searched for.
 
     A plant that is unstable makes as many times more of a gap over the rest of a window.
@@ -252,7 +252,7 @@ def _closer(system: JoinedRuns, joined: Joined, box: Box) -> Joined:
         if gap >= joined.gap:
             break
         cost = there.cost - LEAST_SQUARES.cost([system.weighed(gaps)])
-        joined = Joined(replace(joined.found, at=there), gap, cost, system)
+        joined = JoinedSegments(replace(joined.found, at=there), gap, cost, system)
         system = replace(system, multipliers=system.multipliers + system.weight * gaps)
     return joined
 

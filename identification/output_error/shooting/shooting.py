@@ -29,7 +29,7 @@ from identification.output_error.search.problem import Problem
 from identification.output_error.search.shot import Shot
 from identification.output_error.search.work import spread
 from identification.output_error.shooting.guesses import guessed, require_whole
-from identification.output_error.shooting.joined import Joined, join
+from identification.output_error.shooting.joined import JoinedSegments, join
 from identification.output_error.shooting.segments import seen
 from identification.output_error.shooting.shots import Shots
 from orchestrator.trace import FloatArray
@@ -74,7 +74,7 @@ def shoot(shots: Shots, problem: Problem, factory: Factory, options: SearchOptio
         return _shot(shots, segmented, joined, guesses.shape)
 
 
-def _shot(shots: Shots, segmented: Problem, joined: Joined, shape: tuple[int, ...]) -> Shot:
+def _shot(shots: Shots, segmented: Problem, joined: JoinedSegments, shape: tuple[int, ...]) -> Shot:
     point = joined.found.at.point
     blocks, grown = joined.system.condensed(point, ~_held(shots))
     scaled = point.states.reshape(shape)

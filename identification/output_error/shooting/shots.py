@@ -10,7 +10,7 @@ import numpy as np
 
 from fmus.errors import IdentificationError
 from identification.output_error.shooting.segments import Segment, instants, part, segments
-from identification.output_error.shooting.states import State
+from identification.output_error.shooting.states import SettableState
 from identification.output_error.study import OutputErrorStudy
 from identification.output_error.windows import FreeRunWindow, read_starts
 from identification.recordings.campaign import StudyTrace
@@ -33,7 +33,7 @@ class Shots(ReadOnlyArrays):
     """
 
     key: str
-    states: tuple[State, ...]
+    states: tuple[SettableState, ...]
     count: int
     windows: tuple[Segment, ...]
     recorded: tuple[str, ...]
@@ -45,7 +45,7 @@ def cut(
     study: OutputErrorStudy,
     windows: Sequence[FreeRunWindow],
     traces: Iterable[StudyTrace],
-    states: Sequence[State],
+    states: Sequence[SettableState],
     ports: Mapping[str, Port],
 ) -> Shots | None:
     """The study's windows in segments; None where it asks for none.
@@ -78,7 +78,9 @@ def cut(
     return Shots(key, tuple(states), count, (*parts, *pairs), recorded, guesses, fixed)
 
 
-def _check(study: OutputErrorStudy, count: int, windows: Sequence[FreeRunWindow], states: Sequence[State]) -> None:
+def _check(
+    study: OutputErrorStudy, count: int, windows: Sequence[FreeRunWindow], states: Sequence[SettableState]
+) -> None:
     """See that the study's windows can be cut and joined."""
     assert study.shooting is not None
     key, known = study.shooting.key, [state.start for state in states]

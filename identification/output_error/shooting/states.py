@@ -13,7 +13,7 @@ _START = re.compile(r"(.+)_start")  # how the parameter of a state's start value
 
 
 @dataclass(frozen=True)
-class State:
+class SettableState:
     """A state of a component.
 
     Attributes:
@@ -27,7 +27,7 @@ class State:
     value: float
 
 
-def states(system: System, given: Mapping[str, Value]) -> list[State]:
+def states(system: System, given: Mapping[str, Value]) -> list[SettableState]:
     """Those that can be set and seen: `X` by `X_start`, or by a start value of its own.
 
     Args:
@@ -38,7 +38,7 @@ def states(system: System, given: Mapping[str, Value]) -> list[State]:
         for component, part in system.parts.items()
         for port, shown in _pairs(part.interface.ports)
     ]
-    return [State(start, shown, float(given.get(start, value or 0.0))) for start, shown, value in found]
+    return [SettableState(start, shown, float(given.get(start, value or 0.0))) for start, shown, value in found]
 
 
 def _pairs(ports: Mapping[str, Port]) -> Iterator[tuple[Port, str]]:
