@@ -17,6 +17,8 @@ with atheris.instrument_imports(include=["fmus", "orchestrator", "identification
     from fmus.errors import ServotwinError
     from tests.fuzzing.targets import TARGETS
 
+SLOW = 20  # of the processor [s]
+
 
 class Fuzzing:
     """Uses inputs and counts what came of them."""
@@ -38,8 +40,11 @@ class Fuzzing:
                 self._fault(content, "an error of several lines", str(error))
         except Exception as error:
             self._fault(content, _signature(error), traceback.format_exc())
+        taken = process_time() - begun
+        if taken > SLOW:
+            self._fault(content, f"takes over {SLOW} s", f"{taken:.1f} s of the processor")
         self.counts["inputs"] += 1
-        self.counts["slowest"] = max(self.counts["slowest"], process_time() - begun)
+        self.counts["slowest"] = max(self.counts["slowest"], taken)
         if perf_counter() - self._told > 1.0 or self.counts["inputs"] == 1:
             self._tell()
 

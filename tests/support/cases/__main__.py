@@ -10,16 +10,16 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from tests.support.cases import can, first_use, fits, fmi
-from tests.support.cases.case import Case, Verdict, verdict
+from tests.support.cases import can, first_use, fits, fmi, live
+from tests.support.cases.case import Case, verdict
 
-CASES: dict[str, Case] = {**fmi.CASES, **can.CASES, **first_use.CASES, **fits.CASES}
+CASES: dict[str, Case] = {**fmi.CASES, **can.CASES, **first_use.CASES, **fits.CASES, **live.CASES}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """1 where a case comes out other than it should."""
     parser = argparse.ArgumentParser(prog="python -m tests.support.cases", description=__doc__)
-    parser.add_argument("folder", type=Path, help="with the folders fmi, can, first_use and fit")
+    parser.add_argument("folder", type=Path, help="with the folders fmi, can, first_use, fit and live")
     parser.add_argument("names", nargs="*", metavar="NAME", help="cases, or folders of them; all by default")
     parsed = parser.parse_args(arguments)
     wrong = 0
@@ -31,7 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for name, case in CASES.items():
             if parsed.names and not any(name == wanted or name.startswith(f"{wanted}/") for wanted in parsed.names):
                 continue
-            found = verdict(copy / case.folder, case) if (copy / case.folder).is_dir() else Verdict("not there")
+            found = verdict(copy / case.folder, case)
             wrong += found.wrong
             print(f"{name:45}{found.line}", flush=True)
     print(f"{wrong} wrong")

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-_LONGEST = 300  # for a command [s]
+import pytest
+
+_LONGEST = 600  # for a command [s]
 _NEVER = r"Traceback \(most recent call last\)"
 
 
@@ -29,17 +31,19 @@ class Step:
 
 @dataclass(frozen=True)
 class Case:
-    """What is done in a folder."""
+    """What is done in a folder, once it is prepared."""
 
     folder: str
     steps: Sequence[Step]
+    prepare: Callable[[Path], None] | None = None
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """How a case came out: `problem` is empty where it did as it should."""
+    """How a case came out: `problem` is empty where it did as it should, `skipped` says why it was not tried."""
 
     problem: str = ""
+    skipped: str = ""
 
     @property
     def wrong(self) -> bool:
@@ -47,11 +51,18 @@ class Verdict:
 
     @property
     def line(self) -> str:
-        return f"WRONG: {self.problem}" if self.wrong else "as it should"
+        return f"WRONG: {self.problem}" if self.wrong else self.skipped or "as it should"
 
 
 def verdict(folder: Path, case: Case) -> Verdict:
     """What comes of the case in this folder: the first thing that is wrong."""
+    if not folder.is_dir():
+        return Verdict("not there")
+    try:
+        if case.prepare is not None:
+            case.prepare(folder)
+    except pytest.skip.Exception as missing:
+        return Verdict(skipped=f"not tried: {missing}")
     for step in case.steps:
         problem = _problem(folder, step)
         if problem:
