@@ -194,7 +194,7 @@ def documents_of(crossings: Iterable[Crossing]) -> list[CrossingDocument]:
 def _unconverted(source: NamedUnit, target: NamedUnit) -> Basis:
     """Why a value stays as it is: equal units, none to convert from or to, or one that is not known."""
     equal = source.unit == target.unit if source.unit and target.unit else source.name == target.name
-    if equal or not source.name or source.unit == ONE:
+    if equal or not source.name or (source.unit == ONE and not target.name):
         return Basis.SAME
     return Basis.ASSUMED if target.name else Basis.NO_UNIT
 

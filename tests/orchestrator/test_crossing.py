@@ -112,6 +112,7 @@ def test_a_unit_that_is_not_known_is_taken_for_the_other_and_said() -> None:
     assumed = crossing("a.x -> b.u", named("A_rms"), named("A"))
     assert (assumed.basis, assumed.conversion, assumed.doubtful) == (Basis.ASSUMED, Conversion(), True)
     assert str(assumed) == "a.x -> b.u: A_rms is taken for A as it is, by factor 1"
+    assert all(crossing("p", named(one), named(other)).doubtful for one, other in [("1", "lx"), ("lx", "1")])
     for one, other in [("", "A"), ("1", ""), ("A_rms", "A_rms"), ("N.m", "J"), ("Nm", "N·m")]:
         assert not noted([crossing("p", named(one), named(other))]), (one, other)
 
