@@ -8,10 +8,13 @@ import secrets
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from fmus import owned
 from fmus.errors import InputError
+
+RawMap = dict[str, Any]
+"""A map of a file as people, or other tools, have written it or will read it: no schema has looked at it."""
 
 
 def atomic_write(path: str | Path, content: bytes | Callable[[BinaryIO], object], *, for_good: bool = True) -> Path:

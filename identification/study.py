@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 from fmus.errors import ScenarioError
 from identification.method import Method
@@ -74,7 +74,7 @@ def _added() -> dict[str, Method[Any, Any]]:
     return plugins("servotwin.methods", _is_method)
 
 
-def _is_method(loaded: object) -> bool:
+def _is_method(loaded: object) -> TypeGuard[Method[Any, Any]]:
     return isinstance(loaded, Method)
 
 

@@ -20,6 +20,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
 from fmus.errors import FmuFileError, ScenarioError, ServotwinError, TraceError, WiringError
+from fmus.files import RawMap
 from orchestrator.documents.docstrings import attributes, summary
 from orchestrator.documents.parsing import one_line, parse
 from orchestrator.documents.parts import INCLUDE, PART, document_of, place_of
@@ -119,7 +120,7 @@ def load_joined(path: Path, schema: type[B]) -> tuple[B, tuple[Path, ...]]:
     return _checked(path, document, schema), parts
 
 
-def joined(path: Path, schema: type[Block]) -> tuple[dict[str, Any], list[tuple[Any, Any]]]:
+def joined(path: Path, schema: type[Block]) -> tuple[RawMap, list[tuple[Any, Any]]]:
     """The document of a file, joined with the parts that it includes, in plain maps and lists; and where it names
     files, pairs of a map or list in it and a key of that.
 
@@ -127,11 +128,11 @@ def joined(path: Path, schema: type[Block]) -> tuple[dict[str, Any], list[tuple[
         ScenarioError: as `load_joined`.
     """
     document, _ = document_of(path, partial(_named_files, schema))
-    made: dict[str, Any] = plain(document)
+    made: RawMap = plain(document)
     return made, list(_named_files(schema, made))
 
 
-def text_of(document: dict[str, Any]) -> bytes:
+def text_of(document: RawMap) -> bytes:
     """A document as YAML."""
     yaml, made = YAML(), io.BytesIO()
     yaml.width = 1 << 20  # no line of text is broken
@@ -240,7 +241,7 @@ def _keys_in_file(document: Any, location: Sequence[Any], kind: str) -> list[Any
     return [*keys, location[-1]] if kind == "missing" else keys
 
 
-def _fields(schema: type[Block], document: Any, keys: Sequence[Any]) -> dict[str, Any]:
+def _fields(schema: type[Block], document: Any, keys: Sequence[Any]) -> dict[str, type[Any] | None]:
     """Keys and types of the block that a path of keys leads to; none where the path leaves plain blocks."""
     kinds, node = [schema], document
     for key in keys:
@@ -277,7 +278,7 @@ def _inner(kind: Any, key: Any) -> list[Any]:
     return list(get_args(kind)[-1:]) if get_origin(kind) else []
 
 
-def _keys(block: Any) -> dict[str, Any]:
+def _keys(block: Any) -> dict[str, type[Any] | None]:
     """Its keys and their types."""
     fields = block.model_fields.items() if _is_block(block) else ()
     return {field.alias or name: field.annotation for name, field in fields}

@@ -91,6 +91,18 @@ def test_a_class_has_a_name_of_its_own() -> None:
     assert [name for name, count in counts.items() if count > 1] == []
 
 
+def test_no_function_gives_a_map_of_anything() -> None:
+    """A document has a TypedDict beside what writes it; what is not ours to know is a `RawMap`."""
+    bare = re.compile(r"\b(dict|Mapping)\[str, Any]")
+    functions = (
+        (str(file.relative_to(ROOT)), node)
+        for file in SOURCES
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.FunctionDef) and node.returns is not None
+    )
+    assert [(file, node.name) for file, node in functions if bare.search(ast.unparse(node.returns))] == []
+
+
 @pytest.mark.parametrize("name", library.names())
 def test_a_model_imports_only_the_language_and_the_standard_library(name: str) -> None:
     file = library.source_file(library.find(name))

@@ -9,7 +9,7 @@ import math
 from typing import Any
 
 from . import ops
-from .model import State, input_, output, parameter
+from .model import Named, State, input_, output, parameter
 
 GAINS = ("V/V", "A/V")
 WINDUP = ("none", "clamping")
@@ -76,7 +76,7 @@ def limited(voltage: Any, p: Any) -> Any:
     return ops.clip(voltage, -p.voltage_limit, p.voltage_limit)
 
 
-def command(asked: Any, bypass: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+def command(asked: Any, bypass: Any, x: Any, u: Any, p: Any) -> Named:
     """New values of STATES, where a law asks for a voltage [V] and `bypass` is the command without it."""
     wanted = ops.where(running(x, u), asked, bypass)
     return {
@@ -135,7 +135,7 @@ def smooth_speed(x: Any, u: Any, p: Any) -> Any:
     return u.speed + kept * (x.smooth_speed - u.speed)
 
 
-def compensated(effort: Any, error: Any, speed: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+def compensated(effort: Any, error: Any, speed: Any, x: Any, u: Any, p: Any) -> Named:
     """New values of STATES, OF_FRICTION and OFFSET, where to an effort [V] comes a compensation of its sign (Eq. 4-6).
 
     The compensation rests while both error and speed lie within their bands (Eq. 4-8), and then for as long as the

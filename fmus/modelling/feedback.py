@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from . import control, ops
-from .model import State, Variable, array
+from .model import Named, State, Variable, array
 
 
 def parameters(order: int, sensors: int) -> tuple[Variable, ...]:
@@ -32,7 +32,7 @@ def states(order: int) -> tuple[State, ...]:
     )
 
 
-def update(measured: Sequence[Any], x: Any, u: Any, p: Any) -> dict[str, Any]:
+def update(measured: Sequence[Any], x: Any, u: Any, p: Any) -> Named:
     """New values of the states."""
     observed = [getattr(x, f"x_{i}") for i in range(1, len(p.A) + 1)]
     [gains] = p.K

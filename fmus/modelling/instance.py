@@ -9,16 +9,31 @@ inside every Python FMU.
 
 import math
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, TypedDict
 
 from .late import LONGEST, History, Row, acting
-from .model import Delay, Model, Table, assign, namespace, start_values
+from .model import Delay, Model, Named, Table, assign, namespace, start_values
 
 EARLY = 1e-6  # of a sample period: how far rounding may put a step's end before or after a sampling instant
 
 
 class StepError(RuntimeError):
     """The model cannot go on: a requirement does not hold or a state is not finite."""
+
+
+class Snapshot(TypedDict):
+    """Everything of an instance that changes while it runs."""
+
+    x: Named
+    u: Named
+    p: Named
+    time: float
+    start: float
+    samples: int
+    stepped: bool
+    late: list[Any]
+    duration: float
+    touched: bool
 
 
 class Instance:
@@ -117,7 +132,7 @@ class Instance:
         self.time = end
         self._check_finite()
 
-    def snapshot(self) -> dict[str, Any]:
+    def snapshot(self) -> Snapshot:
         """Everything that changes while running, for `restore`."""
         return {
             "x": dict(self.x.__dict__),
@@ -132,11 +147,11 @@ class Instance:
             "p": {v.name: getattr(self.p, v.name) for v in self.model.of("parameter")},
         }
 
-    def restore(self, state: dict[str, Any]) -> None:
+    def restore(self, state: Snapshot) -> None:
         """Go back to a snapshot."""
-        for place in "xup":
-            for name, value in state[place].items():
-                assign(getattr(self, place), name, value)
+        for place, values in ((self.x, state["x"]), (self.u, state["u"]), (self.p, state["p"])):
+            for name, value in values.items():
+                assign(place, name, value)
         self.time, self.start = state["time"], state["start"]
         self.samples, self.stepped = state["samples"], state["stepped"]
         self._results = None

@@ -23,7 +23,9 @@ from keyword import iskeyword
 from types import SimpleNamespace
 from typing import Any
 
-Function = Callable[[Any, Any, Any, Any], Mapping[str, Any]]
+Named = dict[str, Any]
+"""Name -> number, or what the equations are traced with."""
+Function = Callable[[Any, Any, Any, Any], Named]
 Number = float | int | bool
 _ELEMENT = re.compile(r"((?:\w+\.)*\w+)\[([1-9][0-9]*(?:,[1-9][0-9]*)*)\]")
 

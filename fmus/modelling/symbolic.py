@@ -148,7 +148,7 @@ def _unlike(missing: Sequence[str], extra: Sequence[str]) -> tuple[str, str]:
     return " and ".join(problems), likely(extra[0], missing) if missing and extra else "return one value a name"
 
 
-def _named(function: Callable[..., Any], result: Any) -> Mapping[str, Any]:
+def _named(function: Callable[..., Any], result: Any) -> Mapping[str, object]:
     if not isinstance(result, Mapping):
         raise ModelError(at(function), f"returns {type(result).__name__}", 'return a dict, {"name": value, ...}')
     return result

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from fmus.files import RawMap
 from identification.design.design import Design
 from identification.output_error.schema import OutputErrorBlock
 from orchestrator import formats
@@ -40,7 +41,7 @@ def playback(design: Design, whole: Trace) -> Trace:
     return whole.select(list(inputs)).renamed(inputs)
 
 
-def _scenario(design: Design, target: Path) -> dict[str, Any]:
+def _scenario(design: Design, target: Path) -> RawMap:
     """The rig's scenario with the experiments as its cases, and the limits as what must hold."""
     study = design.study
     document, files = joined(study.rig_file, ScenarioBlock)
@@ -72,7 +73,7 @@ def _seeds(design: Design, number: int) -> dict[str, int]:
     return {name: SEED + 100 * number + place for place, name in enumerate(design.channels)}
 
 
-def _calibration(design: Design, target: Path) -> dict[str, Any] | None:
+def _calibration(design: Design, target: Path) -> RawMap | None:
     """The calibration's study for the recordings of the experiments, from what is known; none is held out."""
     study = design.study
     if study.calibration_file is None:

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from fmus.errors import InputError, ScenarioError
+from fmus.files import RawMap
 from fmus.words import nearest
 from orchestrator.crossing import quantity
 from orchestrator.scenario import parameter_list, parameter_sets
 from orchestrator.scenario.parameter_list import ListedParameter
 
 ESTIMATE, SETS = "estimate", "parameter_sets"
-Document = dict[str, Any]
 
 
 def listed(document: Mapping[str, Any], base: Path) -> dict[str, ListedParameter]:
@@ -38,7 +38,7 @@ def listed(document: Mapping[str, Any], base: Path) -> dict[str, ListedParameter
     return found
 
 
-def complete(document: Mapping[str, Any], base: Path) -> Document:
+def complete(document: Mapping[str, Any], base: Path) -> RawMap:
     """The document with what is in its lists and parameter sets, and without their names.
 
     An entry of a list is below the one of its name in `parameters`, key by key; values are over those of components.
@@ -95,10 +95,10 @@ def _files(document: Mapping[str, Any], key: str, base: Path) -> list[Path]:
     return [base / file for file in (given if isinstance(given, list) else [given])]
 
 
-def _entry(row: ListedParameter) -> Document:
+def _entry(row: ListedParameter) -> RawMap:
     ends = {"start": row.value, "min": row.low, "max": row.high}
     return {key: row.written(end) for key, end in ends.items() if end is not None}
 
 
-def _joined(below: Document, own: Mapping[str, Any]) -> Document:
+def _joined(below: RawMap, own: Mapping[str, Any]) -> RawMap:
     return dict(own) if own.get("tied") is not None else {**below, **own}

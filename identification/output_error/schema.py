@@ -12,6 +12,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from pydantic_core import InitErrorDetails
 
 from fmus.errors import IdentificationError, ScenarioError
+from fmus.files import RawMap
 from identification.estimation.arrow_least_squares import Loss
 from identification.estimation.groups import MARK
 from identification.estimation.listed import ESTIMATE, complete, listed
@@ -44,7 +45,7 @@ from orchestrator.fmi.interface import Value
 from orchestrator.yaml_file import Quantity, Seconds
 
 
-def _said(block: OutputErrorBlock) -> dict[str, Any]:
+def _said(block: OutputErrorBlock) -> RawMap:
     """All that a study says."""
     return block.model_dump()
 
@@ -176,7 +177,7 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
         return self
 
     @property
-    def document(self) -> dict[str, Any]:
+    def document(self) -> RawMap:
         """What the file says."""
         return self.model_dump(by_alias=True, exclude_unset=True)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeGuard
 
 import typer
 from typer.core import TyperGroup
@@ -18,7 +18,8 @@ class Commands(TyperGroup):
     """Our commands, and those that other packages add: each a `typer.Typer`, none in place of one of ours."""
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        return super().get_command(ctx, cmd_name) or _added().get(cmd_name)
+        own = super().get_command(ctx, cmd_name)
+        return get_command(_added()[cmd_name]) if own is None and cmd_name in _added() else own
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         if Path(args[0]).is_file():
@@ -58,9 +59,9 @@ def _command_for(file: Path) -> str:
         return "run"
 
 
-def _added() -> dict[str, Any]:
-    return {name: get_command(app) for name, app in plugins("servotwin.commands", _is_app).items()}
+def _added() -> dict[str, typer.Typer]:
+    return plugins("servotwin.commands", _is_app)
 
 
-def _is_app(loaded: object) -> bool:
+def _is_app(loaded: object) -> TypeGuard[typer.Typer]:
     return isinstance(loaded, typer.Typer)

@@ -11,6 +11,7 @@ import typer
 from fmus.errors import InputError
 from orchestrator.cli.tables import SCHEMAS
 from orchestrator.cli.terminal import Answer, Terminal, command
+from orchestrator.documents.reference import Schema
 
 app = typer.Typer()
 
@@ -63,7 +64,7 @@ def schema(
     return Answer(document, [f"written to {out}"])
 
 
-def schema_of(kind: str) -> dict[str, Any]:
+def schema_of(kind: str) -> Schema:
     """The JSON Schema of a kind of YAML file."""
     from pydantic import TypeAdapter
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
+from fmus.files import RawMap
 from orchestrator.documents import parsing
 from orchestrator.ssp import is_ssp
 
@@ -52,7 +53,7 @@ def _of_ssp(path: Path) -> tuple[CommentedMap, Path]:
     return _placed(_over(found.document, scenario)), files[SCENARIO].parent
 
 
-def _over(document: dict[str, Any], scenario: dict[str, Any]) -> dict[str, Any]:
+def _over(document: RawMap, scenario: RawMap) -> RawMap:
     """A system out of an SSP with what a scenario says besides; where both say something, the SSP counts."""
     made = {**document, **scenario}
     own = scenario.get("components", {})
@@ -76,7 +77,7 @@ def _over(document: dict[str, Any], scenario: dict[str, Any]) -> dict[str, Any]:
     return made
 
 
-def _stimuli(document: dict[str, Any], given: dict[str, Any]) -> dict[str, Any]:
+def _stimuli(document: RawMap, given: RawMap) -> RawMap:
     """What drives inputs: constants by the SSP's word, recordings by the scenario's."""
     stimuli = {**document.get("stimuli", {}), **given}
     for name, block in document.get("stimuli", {}).items():

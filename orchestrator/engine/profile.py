@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from time import perf_counter_ns
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NotRequired, TypedDict
 
 from orchestrator.fmi.clocks.ticks import Arrival, Tick
 from orchestrator.fmi.component import Component, Ticking
@@ -28,6 +28,27 @@ class ProfileEvent(NamedTuple):
     begun: int
     spent: int
     until: float | None = None
+
+
+class EventDocument(TypedDict):
+    """An event in the format of Chrome's traces; times in µs."""
+
+    ph: str
+    name: str
+    pid: int
+    cat: NotRequired[str]
+    tid: NotRequired[int]
+    ts: NotRequired[float]
+    dur: NotRequired[float]
+    args: NotRequired[dict[str, str | float]]
+
+
+class ProfileDocument(TypedDict):
+    """Events in the format of Chrome's traces."""
+
+    traceEvents: list[EventDocument]
+    displayTimeUnit: str
+    otherData: dict[str, int]
 
 
 @dataclass
@@ -59,12 +80,12 @@ class RunProfile:
         else:
             self.events.append(ProfileEvent(track, "step", begun, perf_counter_ns() - begun, until))
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> ProfileDocument:
         """The events in the format of Chrome's traces; times in µs from the first one on."""
         first = min((event.begun for event in self.events), default=0)
         tracks = dict.fromkeys([RUN, *(event.track for event in self.events)])
         numbers = {track: number for number, track in enumerate(tracks, 1)}
-        told: list[dict[str, Any]] = [
+        told: list[EventDocument] = [
             {"ph": "M", "name": "thread_name", "pid": 1, "tid": number, "args": {"name": track}}
             for track, number in numbers.items()
         ]
@@ -73,10 +94,17 @@ class RunProfile:
         return {"traceEvents": told, "displayTimeUnit": "ns", "otherData": {"steps left out": self.left_out}}
 
 
-def _told(event: ProfileEvent, number: int, first: int) -> dict[str, Any]:
-    times = {"ts": (event.begun - first) / 1000, "dur": event.spent / 1000}
-    until = {} if event.until is None else {"args": {"until [s]": event.until}}
-    return {"ph": "X", "name": event.name, "cat": "step" if until else "run", "pid": 1, "tid": number, **times, **until}
+def _told(event: ProfileEvent, number: int, first: int) -> EventDocument:
+    told: EventDocument = {
+        "ph": "X",
+        "name": event.name,
+        "cat": "run" if event.until is None else "step",
+        "pid": 1,
+        "tid": number,
+        "ts": (event.begun - first) / 1000,
+        "dur": event.spent / 1000,
+    }
+    return told if event.until is None else told | {"args": {"until [s]": event.until}}
 
 
 class Watched:

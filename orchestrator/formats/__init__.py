@@ -10,7 +10,7 @@ from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import BinaryIO, Protocol
+from typing import BinaryIO, Protocol, TypeGuard
 
 from fmus.errors import TraceError
 from fmus.files import atomic_write
@@ -124,7 +124,7 @@ def _format(path: Path, suffix: str, modules: Mapping[str, str]) -> Format:
     if suffix in modules:
         form: Format = import_module(f"{__name__}.{modules[suffix]}")
         return form
-    added: dict[str, Format] = {f".{name}": form for name, form in plugins("servotwin.formats", _is_format).items()}
+    added = {f".{name}": form for name, form in plugins("servotwin.formats", _is_format).items()}
     if suffix not in added:
         known = ", ".join(dict.fromkeys((*modules, *SUFFIXES, *added)))
         what = "is read, not written" if suffix in READ else "is not known"
@@ -132,5 +132,5 @@ def _format(path: Path, suffix: str, modules: Mapping[str, str]) -> Format:
     return added[suffix]
 
 
-def _is_format(loaded: object) -> bool:
+def _is_format(loaded: object) -> TypeGuard[Format]:
     return callable(getattr(loaded, "read", None)) and callable(getattr(loaded, "write", None))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 from fmus.errors import DatabaseError, InputError
 from fmus.modelling.model import Model, Variable
@@ -16,10 +16,28 @@ from orchestrator.can.codec.fields import check_sendable, longest, raw_limits, r
 from orchestrator.can.database.database import Database, load
 from orchestrator.can.database.message import MessageSpec, SignalSpec, checksum_byte
 from orchestrator.can.database.protection import ALGORITHMS
-from orchestrator.crossing import Crossing, crossing, documents_of, named
+from orchestrator.crossing import Crossing, CrossingDocument, crossing, documents_of, named
 
 _FLOATS = (32, 64)
 _MOST = 256  # frames of one FMU
+
+
+class FrameDocument(TypedDict):
+    """A frame and its variables; the period in seconds of what is sent."""
+
+    name: str
+    id: int
+    period: float | None
+    variables: list[str]
+
+
+class NetworkDocument(TypedDict):
+    """What a model has on a bus."""
+
+    terminal: str
+    frames: list[FrameDocument]
+    units: list[CrossingDocument]
+    notes: list[str]
 
 
 @dataclass(frozen=True)
@@ -35,7 +53,7 @@ class ExportedNetwork:
     notes: tuple[str, ...]
     crossings: tuple[Crossing, ...]
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> NetworkDocument:
         """Frames and their variables, for somebody to see."""
         return {
             "terminal": self.network.name,

@@ -24,7 +24,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
-from typing import Any, Literal
+from typing import Literal, NotRequired, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -119,6 +119,64 @@ class Panel:
     range: tuple[float, float] | None = None
 
 
+Ends = tuple[float, float]
+
+
+class CurveDocument(TypedDict):
+    """A curve as chart.js draws it, by the numbers of its columns."""
+
+    label: str
+    x: int
+    y: int
+    rising: bool
+    style: Style
+    colour: int
+    tone: Tone
+
+
+class BandDocument(TypedDict):
+    """A band as chart.js draws it, by the numbers of its columns."""
+
+    label: str
+    x: int
+    lower: int
+    upper: int
+
+
+class MarkDocument(TypedDict):
+    """A line, which has one place and a span, or a point, which has both."""
+
+    label: str
+    wrong: bool
+    x: NotRequired[float]
+    y: NotRequired[float]
+    span: NotRequired[Ends | None]
+
+
+class PanelDocument(TypedDict):
+    """A panel as chart.js draws it."""
+
+    title: str
+    log: bool
+    range: Ends | None
+    curves: list[CurveDocument]
+    bands: list[BandDocument]
+    marks: list[MarkDocument]
+
+
+class ChartDocument(TypedDict):
+    """A chart as chart.js draws it."""
+
+    x: str
+    logX: bool
+    equal: bool
+    height: int
+    range: Ends
+    upright: Ends | None
+    legend: bool
+    panels: list[PanelDocument]
+
+
 @dataclass(frozen=True)
 class Chart:
     """Panels above each other over one horizontal axis.
@@ -178,7 +236,7 @@ class Chart:
                     whole.append(f"{panel.title}, {curve.label}: {text(float(y.min()))} to {text(float(y.max()))}.")
         return escape(" ".join(whole))
 
-    def _document(self, columns: Columns) -> dict[str, Any]:
+    def _document(self, columns: Columns) -> ChartDocument:
         return {
             "x": self.x,
             "logX": self.log_x,
@@ -243,7 +301,7 @@ def _ends(panels: Sequence[Panel], axis: Literal["x", "y"], log: bool) -> tuple[
     return (low, high) if low <= high else (1.0, 10.0)
 
 
-def _panel(panel: Panel, columns: Columns) -> dict[str, Any]:
+def _panel(panel: Panel, columns: Columns) -> PanelDocument:
     return {
         "title": panel.title,
         "log": panel.log,
@@ -254,7 +312,7 @@ def _panel(panel: Panel, columns: Columns) -> dict[str, Any]:
     }
 
 
-def _curve(curve: Curve, columns: Columns) -> dict[str, Any]:
+def _curve(curve: Curve, columns: Columns) -> CurveDocument:
     x, y = _pair(curve.x, curve.y)
     rising = _rises(x)
     if not np.isfinite(x).all():
@@ -270,7 +328,7 @@ def _curve(curve: Curve, columns: Columns) -> dict[str, Any]:
     }
 
 
-def _band(band: Band, columns: Columns) -> dict[str, Any]:
+def _band(band: Band, columns: Columns) -> BandDocument:
     x, lower = _pair(band.x, band.lower)
     _, upper = _pair(band.x, band.upper)
     if not _rises(x):
@@ -278,11 +336,12 @@ def _band(band: Band, columns: Columns) -> dict[str, Any]:
     return {"label": band.label, "x": columns.add(x, True), "lower": columns.add(lower), "upper": columns.add(upper)}
 
 
-def _mark(mark: ChartLine | ChartPoint) -> dict[str, Any]:
-    kind = {"label": mark.label, "wrong": mark.wrong}
+def _mark(mark: ChartLine | ChartPoint) -> MarkDocument:
+    document: MarkDocument = {"label": mark.label, "wrong": mark.wrong}
     if isinstance(mark, ChartPoint):
-        return {**kind, "x": mark.x, "y": mark.y}
-    return {**kind, mark.axis: mark.value, "span": mark.span}
+        return document | {"x": mark.x, "y": mark.y}
+    document[mark.axis] = mark.value
+    return document | {"span": mark.span}
 
 
 def _pair(x: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -296,7 +355,7 @@ def _rises(x: FloatArray) -> bool:
     return bool(np.all(x[1:] > x[:-1]) and np.all(np.isfinite(x[:1])))
 
 
-def _json(document: dict[str, Any]) -> str:
+def _json(document: ChartDocument) -> str:
     """JSON that ends no element of a page."""
     written = json.dumps(document, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
     return written.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")

@@ -11,7 +11,7 @@ import json
 import zlib
 from base64 import b64encode
 from dataclasses import dataclass, field
-from typing import Any
+from typing import NotRequired, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,11 +25,31 @@ MOST = 11_000_000  # samples of a report: where there are more, columns give ext
 EVEN = 1e-6  # of a step, to which instants are even
 
 
+class Level(TypedDict):
+    """Extremes of stretches of so many samples, around a base, in units of a scale."""
+
+    width: int
+    base: float
+    scale: float
+    text: str
+
+
+class Head(TypedDict):
+    """What a chart needs to know of a column: of even instants start and step, of others the bases of their parts."""
+
+    count: int
+    start: NotRequired[float]
+    step: NotRequired[float]
+    bases: NotRequired[list[float]]
+    scale: NotRequired[float]
+    levels: NotRequired[list[Level]]
+
+
 @dataclass(frozen=True)
 class PageColumn:
     """A column as it is in a page: what a chart needs to know of it, and the text of its parts."""
 
-    head: dict[str, Any]
+    head: Head
     parts: tuple[str, ...] = ()
 
     @property
@@ -90,7 +110,7 @@ def column(values: FloatArray, rising: bool = False, thinned: bool = False) -> P
     low, high = (reduce(finite, starts) if len(values) else finite for reduce in (np.fmin.reduceat, np.fmax.reduceat))
     bases = np.nan_to_num(low if rising else low / 2 + high / 2)
     scale = _scale(finite, bases)
-    head: dict[str, Any] = {"count": len(values), "bases": bases.tolist(), "scale": scale}
+    head: Head = {"count": len(values), "bases": bases.tolist(), "scale": scale}
     if len(values) > RAW:
         head["levels"] = _levels(finite, float(np.nan_to_num(np.nanmin(low) / 2 + np.nanmax(high) / 2)))
     if thinned:
@@ -117,10 +137,10 @@ def _scale(finite: FloatArray, bases: FloatArray) -> float:
     return float(2.0 ** np.clip(np.ceil(np.log2(most)), -1000, 1000)) if most else 1.0
 
 
-def _levels(finite: FloatArray, base: float) -> list[dict[str, Any]]:
+def _levels(finite: FloatArray, base: float) -> list[Level]:
     """Lowest and highest of stretches, and of stretches of these, until few enough are left to be drawn."""
     low = high = finite
-    levels, width = [], 1
+    levels, width = list[Level](), 1
     scale = _scale(finite, np.full(-(-len(finite) // PART), base))
     while len(low) > RAW:
         starts, width = np.arange(0, len(low), STRETCH), width * STRETCH

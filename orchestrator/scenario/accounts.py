@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Any, TypedDict
+from typing import NotRequired, TypedDict
 
 from orchestrator.engine import Account, Engine, Result, shares
 from orchestrator.scenario.run import ScenarioResult
@@ -20,10 +20,24 @@ class ShareDocument(TypedDict):
     share: float
 
 
+class EngineDocument(TypedDict):
+    """Which engine stepped, and why that; times in seconds."""
+
+    engine: str
+    reason: str
+    steps: int
+    step: float
+    start: float
+    reached: float
+    seconds: float
+    real_time_factor: float
+    inside: NotRequired[dict[str, float]]
+
+
 class SteppingDocument(TypedDict):
     """How a case was stepped, and whose time it was."""
 
-    stepping: dict[str, Any]
+    stepping: EngineDocument
     statistics: dict[str, ShareDocument]
     loop: dict[str, float]
 
@@ -32,18 +46,18 @@ def document_of(result: Result) -> SteppingDocument:
     """One run as plain values: how it was stepped, and each component's and the loop's own share of the time."""
     account = result.account
     *components, loop = shares([(account, result.statistics)])
+    stepping: EngineDocument = {
+        "engine": str(account.engine),
+        "reason": account.reason,
+        "steps": account.steps,
+        "step": account.step,
+        "start": account.start,
+        "reached": account.reached,
+        "seconds": round(account.seconds, 6),
+        "real_time_factor": float(f"{account.real_time_factor:.4g}"),
+    }
     return {
-        "stepping": {
-            "engine": str(account.engine),
-            "reason": account.reason,
-            "steps": account.steps,
-            "step": account.step,
-            "start": account.start,
-            "reached": account.reached,
-            "seconds": round(account.seconds, 6),
-            "real_time_factor": float(f"{account.real_time_factor:.4g}"),
-            **({} if account.taken is None else {"inside": asdict(account.taken)}),
-        },
+        "stepping": stepping if account.taken is None else stepping | {"inside": asdict(account.taken)},
         "statistics": {
             str(part.name): {"calls": part.calls, "seconds": round(part.seconds, 6), "share": round(part.percent, 2)}
             for part in components

@@ -34,7 +34,7 @@ class RunCaseDocument(CaseDocument):
     trace: NotRequired[str]
     processor: NotRequired[float]
     warnings: NotRequired[dict[str, int]]
-    stepping: NotRequired[dict[str, str | int | float]]
+    stepping: NotRequired[accounts.EngineDocument]
     statistics: NotRequired[dict[str, accounts.ShareDocument]]
     loop: NotRequired[dict[str, float]]
     deadlines: NotRequired[DeadlineFigures]

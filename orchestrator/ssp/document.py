@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from fmus.errors import FmuFileError, WiringError
+from fmus.files import RawMap
 from fmus.units import SAME, Conversion
 from fmus.words import nearest
 from orchestrator.crossing import crossing
@@ -37,7 +38,7 @@ class Imported:
         notes: what is to be known of it, a line each.
     """
 
-    document: dict[str, Any]
+    document: RawMap
     names: Mapping[str, str]
     notes: Sequence[str]
 
@@ -69,11 +70,11 @@ class _Importing:
         assignment.gather((), self.description.system)
         self.values = assignment.values
         self.notes += [*self.description.notes, *assignment.notes]
-        self.parameters: dict[flattening.Path, dict[str, Any]] = {path: {} for path in self.fmus}
-        self.stimuli: dict[str, Any] = {}
+        self.parameters: dict[flattening.Path, RawMap] = {path: {} for path in self.fmus}
+        self.stimuli: RawMap = {}
         connections = [line for node in self.flat.incoming if (line := self._connection(node))]
         self._set_values()
-        document: dict[str, Any] = {"title": self.description.name or self.path.stem}
+        document: RawMap = {"title": self.description.name or self.path.stem}
         document["components"] = {self.names[path]: self._component(path) for path in self.fmus}
         document["connections"] = connections
         document |= {"stimuli": self.stimuli} if self.stimuli else {}
@@ -92,9 +93,9 @@ class _Importing:
                 raise FmuFileError(f"{self.path}: {'.'.join(path)}", error.problem, error.fix) from error
         return fmus
 
-    def _component(self, path: flattening.Path) -> dict[str, Any]:
+    def _component(self, path: flattening.Path) -> RawMap:
         component, fmu = self.flat.components[path], self.fmus[path]
-        made: dict[str, Any] = {"fmu": component.file}
+        made: RawMap = {"fmu": component.file}
         if component.exchange or FmuKind.CO_SIMULATION not in fmu.kinds:
             made["solver"] = {}
         return made | ({"parameters": self.parameters[path]} if self.parameters[path] else {})
@@ -208,7 +209,7 @@ class _Importing:
                 found[self._name(origin)] = None
         return list(found)
 
-    def _run(self) -> dict[str, Any]:
+    def _run(self) -> dict[str, str]:
         """When it runs and how it steps, as far as it says."""
         start, stop = self.description.start, self.description.stop
         if stop is None:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import NotRequired, TypedDict
 
 from fmus.errors import FmuFileError
 from fmus.packaging import archive
@@ -15,6 +16,16 @@ from fmus.packaging.system import manifest
 DEEPEST = 10
 _DESCRIPTION = "modelDescription.xml"
 _PACKED = (".fmu", ".ssp")
+
+
+class InsideDocument(TypedDict):
+    """An archive, an unpacked FMU, or a model or a wire in the FMU of a system."""
+
+    place: str
+    model: str
+    fmi: str
+    holds: list[InsideDocument]
+    note: NotRequired[str]
 
 
 @dataclass(frozen=True)
@@ -34,11 +45,11 @@ class Inside:
     holds: tuple[Inside, ...] = ()
     note: str = ""
 
-    def document(self) -> dict[str, object]:
+    def document(self) -> InsideDocument:
         """The same in plain values."""
         holds = [one.document() for one in self.holds]
-        document: dict[str, object] = {"place": self.place, "model": self.model, "fmi": self.version, "holds": holds}
-        return document | ({"note": self.note} if self.note else {})
+        document: InsideDocument = {"place": self.place, "model": self.model, "fmi": self.version, "holds": holds}
+        return document | {"note": self.note} if self.note else document
 
     def lines(self, level: int = 0) -> Iterator[str]:
         """A line each, what is inside further in."""

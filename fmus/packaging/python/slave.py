@@ -12,7 +12,7 @@ from typing import Any
 from pythonfmu import Fmi2Slave
 from pythonfmu.enums import Fmi2Status
 
-from ...modelling.instance import Instance, StepError
+from ...modelling.instance import Instance, Snapshot, StepError
 from ...modelling.model import Model, Table
 from ..defaults import load
 
@@ -89,10 +89,10 @@ class ModelSlave(Fmi2Slave):
     set_integer = set_real
     set_boolean = set_real
 
-    def _get_fmu_state(self) -> dict[str, Any]:
+    def _get_fmu_state(self) -> Snapshot:
         return self.instance.snapshot()
 
-    def _set_fmu_state(self, state: dict[str, Any]) -> None:
+    def _set_fmu_state(self, state: Snapshot) -> None:
         try:
             self.instance.restore(state)
             self.failed = False

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from fmus.files import RawMap
+
 CANDIDATES = "candidates"
 _ENTRIES = ("components", "inputs", "outputs", "initial", "parameters")
 
-Document = dict[str, Any]
 
-
-def of_candidate(document: Mapping[str, Any], name: str) -> Document:
+def of_candidate(document: Mapping[str, Any], name: str) -> RawMap:
     """The study that a candidate of this one is, without candidates; `document` stays as it is.
 
     Entries of maps are replaced as a whole, those that are null removed; then `set` fixes values, and `free` says
@@ -34,7 +34,7 @@ def of_candidate(document: Mapping[str, Any], name: str) -> Document:
     return own
 
 
-def _joined(key: str, known: Mapping[str, Any], change: Mapping[str, Any]) -> Document:
+def _joined(key: str, known: Mapping[str, Any], change: Mapping[str, Any]) -> RawMap:
     """The entries with those of a change in the place of their own."""
     for name, entry in change.items():
         if entry is None and name not in known:
@@ -42,7 +42,7 @@ def _joined(key: str, known: Mapping[str, Any], change: Mapping[str, Any]) -> Do
     return {name: entry for name, entry in {**known, **change}.items() if entry is not None}
 
 
-def _with_value(own: Document, name: str, value: Any) -> Document:
+def _with_value(own: RawMap, name: str, value: Any) -> RawMap:
     """The study with a value that is not estimated."""
     if name in (own.get("parameters") or {}):
         return {**own, "parameters": {**own["parameters"], name: {"start": value, "fixed": True}}}
@@ -57,12 +57,12 @@ def _with_value(own: Document, name: str, value: Any) -> Document:
     return {**own, "components": {**components, component: {**block, "parameters": values}}}
 
 
-def _freed(parameters: Mapping[str, Any], free: Sequence[str]) -> Document:
+def _freed(parameters: Mapping[str, Any], free: Sequence[str]) -> RawMap:
     """The parameters of which only these are estimated; others stay where they start, tied ones tied."""
     for name in free:
         if name not in parameters:
             raise ValueError(f"free: '{name}' is no parameter; there are {', '.join(parameters)}")
-    made: Document = {}
+    made: RawMap = {}
     for name, entry in parameters.items():
         kept = {key: value for key, value in entry.items() if key != "fixed"}
         held = {key: value for key, value in kept.items() if key != "prior"} | {"fixed": True}

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from fmus.errors import InputError
+from fmus.files import RawMap
 from fmus.packaging import archive
 from fmus.parameters.write_back import description_of, is_ours
 from identification.built_system import component_values
@@ -75,11 +76,11 @@ class _FreeRun:
         [simulated, *_] = self.calibration.train.simulated
         return dict(zip(self.calibration.train.outputs, simulated.T, strict=True))
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> RawMap:
         """The scenario."""
         study = self.calibration.study
         said = f"What the study predicts of {self.window.name}, by the calibrated FMUs."
-        run: dict[str, Any] = {"stop": written(self.window.stop), "step": written(self.window.step)}
+        run: RawMap = {"stop": written(self.window.stop), "step": written(self.window.step)}
         run |= {} if study.run.tolerance is None else {"tolerance": study.run.tolerance}
         run |= {} if study.run.finite else {"nonfinite": "allow"}
         run |= {"tell_stop": True} if study.run.tell_stop else {}
@@ -109,13 +110,13 @@ class _FreeRun:
             for one in self.late.values()
         ]
 
-    def _components(self) -> dict[str, Any]:
+    def _components(self) -> RawMap:
         components = self.calibration.study.system.components
         own = {name: self._component(name, component) for name, component in components.items()}
         return own | {one.component: self._latency(one) for one in self.late.values()}
 
-    def _component(self, name: str, spec: ComponentSpec) -> dict[str, Any]:
-        entry: dict[str, Any] = {"fmu": _fmu(name)}
+    def _component(self, name: str, spec: ComponentSpec) -> RawMap:
+        entry: RawMap = {"fmu": _fmu(name)}
         values = {**self._written(name), **component_values(name, self._of_window())}
         if values:
             entry["parameters"] = {key: _plain(value) for key, value in values.items()}
@@ -142,7 +143,7 @@ class _FreeRun:
         own = {name: self.values[name] for name in sorted(grouped)}
         return {**self.window.constants, **own, **states, **self.window.start_values(self.values)}
 
-    def _latency(self, one: Latency) -> dict[str, Any]:
+    def _latency(self, one: Latency) -> RawMap:
         values = {} if one.own == one.seconds else {"delay": one.own}
         values |= {"before": self._before(one)} if one.command else {}
         return {"fmu": _fmu(one.component)} | ({"parameters": values} if values else {})
@@ -155,7 +156,7 @@ class _FreeRun:
         [mean] = held.means(np.array([begin - one.own, begin]))
         return float(mean - self.commands()[one.end][0])
 
-    def _expected(self) -> list[dict[str, Any]]:
+    def _expected(self) -> list[RawMap]:
         """That the run is the study's, where an output moves."""
         rows = self.time[self.window.rows]
         part = {} if len(rows) == len(self.time) else {"after": float(rows[0]), "before": float(rows[-1])}

@@ -9,11 +9,11 @@ import io
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -58,7 +58,13 @@ def _channel(name: str, unit: str, values: Any, clock: str) -> ArrayChannel:
     return ArrayChannel(name, unit, len(values), lambda: values, clock, problem=problem)
 
 
-def _served(path: Path) -> tuple[dict[str, Any], Any]:
+class _Told(TypedDict):
+    channels: list[tuple[str, str, int]]
+    notes: list[str]
+    start: float
+
+
+def _served(path: Path) -> tuple[_Told, Mapping[str, np.ndarray]]:
     command = [sys.executable, "-c", _BOOT.format(path=sys.path), str(path.resolve())]
     try:
         done = subprocess.run(command, capture_output=True, timeout=PATIENCE, stdin=subprocess.DEVNULL, check=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import Field, model_validator
 
@@ -71,7 +71,7 @@ class MatrixBlock(Block):
         return {axis: [str(level) for level in levels] for axis, levels in self.axes.items()}
 
     def _case(self, one: combinations.Combination, sets: Mapping[str, Values]) -> CaseBlock:
-        values: dict[str, Any] = {}
+        values: Values = {}
         parts = [self._variant(axis, level) for axis, level in one.items()]
         for part in parts:
             given = part.values(sets)

@@ -17,6 +17,7 @@ from orchestrator.assembly.assembly import SystemSpec
 from orchestrator.assembly.schema import RunBlock, SystemBlock
 from orchestrator.assembly.stimulus import Stimulus
 from orchestrator.assembly.whole_arrays import Values, elements, shapes
+from orchestrator.fmi.interface import Value
 from orchestrator.network.schema import BusBlock
 from orchestrator.scenario import parameter_sets
 from orchestrator.scenario.can_block import CanBlock
@@ -197,14 +198,14 @@ class ScenarioBlock(SystemBlock):
             return [None for _ in self.all_cases]
         return [case.system(shared, base, said) for case in self.all_cases]
 
-    def _values(self, number: int, system: SystemSpec, given: Mapping[str, Any]) -> dict[str, Any]:
+    def _values(self, number: int, system: SystemSpec, given: Values) -> dict[str, Value]:
         """component.variable -> value in the case with this number, before what the case sets.
 
         Args:
             given: values of parameter sets.
         """
         own = {name: value for name, value in given.items() if name.partition(".")[0] in system.components}
-        values: dict[str, Any] = system.values() | elements(own)
+        values = system.values() | elements(own)
         if not self.own_noise:
             return values
         seeds = {name: seed for name, seed in values.items() if name.endswith(".seed") and isinstance(seed, int)}

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from fmus.words import nearest
 from orchestrator.assembly.assembly import SystemSpec, link
@@ -44,7 +43,7 @@ class VariantBlock(Block):
         connections = (*common.connections, *map(link, self.connections))
         return replace(common, components={**common.components, **own}, connections=connections)
 
-    def values(self, sets: Mapping[str, Values]) -> dict[str, Any]:
+    def values(self, sets: Mapping[str, Values]) -> Values:
         """component.variable -> value, of the sets that it uses and its own.
 
         Raises:
@@ -52,7 +51,7 @@ class VariantBlock(Block):
         """
         if unknown := next((name for name in self.use if name not in sets), None):
             raise ValueError(f"there is no set '{unknown}'; {nearest(unknown, sets)}")
-        given: dict[str, Any] = {}
+        given: Values = {}
         for name in self.use:
             given |= sets[name]
         return given | self.set

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fmus.errors import ScenarioError
+from fmus.files import RawMap
 from orchestrator.batch.sweep.points.factors import Factor, JointFactors, TruncatedNormal
 from orchestrator.batch.sweep.points.resolving import FactorPlace
 from orchestrator.batch.sweep.points.schema import CalibrationBlock
@@ -48,7 +49,7 @@ def drawn_together(block: CalibrationBlock, place: FactorPlace) -> tuple[list[Fa
     return factors, JointFactors(tuple(chosen), mean, root)
 
 
-def _document(folder: Path) -> dict[str, Any]:
+def _document(folder: Path) -> RawMap:
     file = folder / SUMMARY
     try:
         document = json.loads(file.read_text(encoding="utf-8"))

@@ -17,7 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypedDict, cast
 
 import numpy as np
 import pyarrow as pa
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from pyarrow import compute, parquet
 
 from fmus.errors import InputError
-from fmus.files import atomic_write
+from fmus.files import RawMap, atomic_write
 from orchestrator.batch.sweep.runs.rows import FAILED
 from orchestrator.batch.sweep.runs.setup import ChunkResult, Numbers
 from orchestrator.results import check_target, permission, versions
@@ -241,7 +241,11 @@ def opened(
         os.close(descriptor)
 
 
-def header(path: Path) -> dict[str, Any]:
+SweepHeader = TypedDict("SweepHeader", {"servotwin sweep": int, "identity": RawMap, "part": int})
+"""The first line of a manifest: its format, what its rows depend on, and runs a part."""
+
+
+def header(path: Path) -> SweepHeader:
     """What the manifest of a sweep says the study is.
 
     Raises:
@@ -257,7 +261,7 @@ def header(path: Path) -> dict[str, Any]:
         raise InputError(path, f"has no {MANIFEST}", "give the folder of a sweep") from None
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise InputError(manifest, f"is no manifest of a sweep ({error})", "give another --out, or --force") from None
-    return dict(found)
+    return cast(SweepHeader, found)
 
 
 def _check_same(path: Path, identity: Mapping[str, Any], runs: int) -> None:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from fmus import library
 from fmus.errors import ScenarioError, ServotwinError
-from fmus.files import sha256
+from fmus.files import RawMap, sha256
 from fmus.modelling.model import Model
 from orchestrator.assembly.stimulus import Stimulus
 from orchestrator.batch.sweep.points import resolving
@@ -47,7 +46,7 @@ class PreparedSweep:
     block: SweepBlock
     setup: Setup
     design: PointDesign
-    identity: Mapping[str, Any]
+    identity: RawMap
     notes: Sequence[str]
 
     @property
@@ -198,7 +197,7 @@ def _notes(systems: Sequence[Wired]) -> list[str]:
     )
 
 
-def _identity(block: SweepBlock, file: Path, systems: Sequence[Wired]) -> dict[str, Any]:
+def _identity(block: SweepBlock, file: Path, systems: Sequence[Wired]) -> RawMap:
     """What rows depend on, besides how many points there are; points themselves are compared with the rows."""
     document = block.model_dump(mode="json", exclude_none=True, exclude={"title", "description", "at_least"})
     design, asked = document["design"], block.design

@@ -6,13 +6,14 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NotRequired, TypedDict
+from typing import TYPE_CHECKING, NotRequired, TypedDict
 
 import numpy as np
 import pyarrow as pa
 from pyarrow import compute, dataset, parquet
 
 from fmus.errors import InputError
+from fmus.files import RawMap
 from orchestrator.batch.sweep.runs.folder import RUNS, header
 from orchestrator.batch.sweep.runs.rows import FAILED
 from orchestrator.batch.sweep.runs.setup import Numbers
@@ -63,7 +64,7 @@ class SweepDocument(TypedDict):
     runs: int
     points: int
     cases: list[str]
-    design: dict[str, Any]
+    design: RawMap
     failed: int
     passing: AskedDocument
     by_case: list[AskedDocument]
