@@ -11,8 +11,9 @@
 
   async function inflated(text) {
     const packed = Uint8Array.fromBase64?.(text) ?? Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
-    const unpacking = new Response(packed).body.pipeThrough(new DecompressionStream("deflate"));
-    const sorted = new Uint8Array(await new Response(unpacking).arrayBuffer());
+    const { writable, readable } = new DecompressionStream("deflate"), writer = writable.getWriter();
+    writer.close(writer.write(packed));
+    const sorted = new Uint8Array(await new Response(readable).arrayBuffer());
     const [bytes, count] = [new Uint8Array(sorted.length), sorted.length / 4];
     for (let byte = 0; byte < 4; byte++)
       for (let i = 0; i < count; i++) bytes[4 * i + byte] = sorted[byte * count + i];
@@ -142,8 +143,7 @@
           this.hidden[shown ? "add" : "delete"](label);
           this.draw(button.setAttribute("aria-pressed", String(!shown)));
         };
-      this.whole();
-      this.listen();
+      this.listen(this.whole());
     }
 
     whole() {

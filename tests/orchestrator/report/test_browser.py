@@ -93,6 +93,23 @@ def zoomed_onto(seen: Seen, instant: float) -> float:
     return (view["to"] - view["from"]) / (COUNT / 1000)
 
 
+def test_samples_over_uneven_stamps_are_fetched_beside_these(browser: Browser, tmp_path: Path) -> None:
+    page = Report("Uneven")
+    page.section("Curves").figure(figures.overlay(spiky(even=False)))
+    with opened(browser, written(page, tmp_path)) as seen:
+        seen.view()
+        begun = seen.page.evaluate(
+            """() => {
+                const [own, begun] = [DecompressionStream, []];
+                window.DecompressionStream = function (kind) { begun.push(kind); return new own(kind); };
+                document.querySelector(".chart").chart.zoom(150, 150.1);
+                return begun.length;
+            }"""
+        )
+        assert begun == 2, "stamps and samples, before either is there"
+        assert seen.view()["from"] == 150
+
+
 def test_keys_move_zoom_and_show_all_again(browser: Browser, tmp_path: Path) -> None:
     trace = Trace(np.linspace(0, 10, 101), {"a": np.linspace(0, 1, 101)})
     with opened(browser, one_chart(figures.overlay(trace), tmp_path)) as seen:
