@@ -49,7 +49,7 @@ def read(path: Path, text: str) -> DeviceMessages:
     import_eds: Any = eds.import_eds
     try:
         node = import_eds(io.StringIO(text), None).node_id
-        dictionary = import_eds(io.StringIO(text), node)
+        dictionary = import_eds(io.StringIO(text), node or 0)  # without a number it cannot read `$NODEID+0x1C0`
         found = list(_messages(dictionary, node))
     except Exception as error:  # it meets whatever the file holds
         problem = " ".join(str(error).split())[:200] or type(error).__name__

@@ -90,6 +90,14 @@ def test_frames_of_each_node_are_a_stream_of_their_own_and_one_can_be_chosen(tmp
     assert trace([log], base, source=7).trace["Position_actual_value"].tolist() == [8]
 
 
+def test_an_identifier_is_counted_from_what_the_eds_adds_to_the_node(tmp_path: Path) -> None:
+    base = load_all(file(tmp_path, EDS.replace("$NODEID+0x180", "0x1C0 + $NODEID")))
+    found = trace([frames((0x185, state(9, 9)), (0x1C5, state(1, -7)))], base).trace
+    assert found["Statusword"].tolist() == [1]
+    unused = load(file(tmp_path, EDS.replace("$NODEID+0x180", "$NODEID+0x80000180")))
+    assert [message.name for message in unused.messages] == ["RPDO3"]
+
+
 def test_a_dcf_has_its_node_and_the_values_that_it_is_set_to(tmp_path: Path) -> None:
     text = EDS.replace("DefaultValue=$NODEID+0x180", "DefaultValue=$NODEID+0x180\nParameterValue=$NODEID+0x1C0")
     path = file(tmp_path, text + "[DeviceComissioning]\nNodeID=5\n", "drive.dcf")
