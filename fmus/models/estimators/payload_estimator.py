@@ -1,15 +1,15 @@
-"""The payload at the tip of a flexible arm, from its command, speed and strain while it speeds up.
+"""The payload at the tip of a flexible arm, from its speed and strain while it moves.
 
-With w the hub's speed and d the deflection of the tip, which the strain tells as if the tip alone bent the beam,
+With w the hub's speed and d the deflection of the tip, which the strain tells as if the tip alone bent the beam, the
+beam's force on the payload is
 
-    torque - J w' - beam d'' = payload radius (radius w' + d''),
-    torque = torque_per_volt voltage - coulomb sign(w) - c w
+    - stiffness d - turned_mass radius w' - bent_mass d'' = payload (radius w' + d''),
 
-All of it passes a low-pass of three poles, and the payload is the least-squares ratio of both sides with a memory that
-fades. Only motion that speeds up is looked at, where the direction of friction is beyond doubt. The payload is known
-once so much acceleration of the tip was seen that `torque_error`, over the root of its square's integral and over the
-radius, is an error below `accuracy`; until then it is that at the start. It begins with an arm at rest. Outputs change
-one sample after the inputs, so that a controller can go by the payload without a loop.
+whatever turns the hub and whatever rubs there. All of it passes a low-pass of three poles, and the payload is the
+least-squares ratio of both sides with a memory that fades, over the time in which the arm moves. The payload is known
+once so much acceleration of the tip was seen that `force_error`, over the root of its square's integral, is an error
+below `accuracy`; until then it is that at the start. It begins with an arm at rest and straight. Outputs change one
+sample after the inputs, so that a controller can go by the payload without a loop.
 """
 
 import math
@@ -17,13 +17,7 @@ import math
 from . import Model, State, input_, ops, output, parameter
 
 POLES = (1, 2, 3)
-FILTERED = {"turning": "rad/s2", "bending": "m/s2", "driving": "N.m"}
-
-
-def torque(speed, u, p):
-    """What turns the arm until the next sample [N m]."""
-    friction = p.coulomb_friction * ops.sign(speed) + p.viscous_friction * speed
-    return p.torque_per_volt * u.voltage - friction
+FILTERED = {"turning": "rad/s2", "bending": "m/s2", "bent": "m"}
 
 
 def passed(name, value, x, p):
@@ -40,28 +34,26 @@ def passed(name, value, x, p):
 def update(t, x, u, p):
     speed = u.speed / p.tachometer
     tip = p.deflection_per_volt * u.strain
-    bent = (tip - x.tip_before) / p.sample_time
+    rate = (tip - x.tip_before) / p.sample_time
     gained = {
         "turning": (speed - x.speed_before) / p.sample_time,
-        "bending": (bent - x.bent_before) / p.sample_time,
-        "driving": x.torque_before,
+        "bending": (rate - x.rate_before) / p.sample_time,
+        "bent": tip,
     }
     states = {key: new for name, value in gained.items() for key, new in passed(name, value, x, p).items()}
-    turning, bending, driving = (states[f"{name}_{POLES[-1]}"] for name in FILTERED)
-    tip_acceleration = p.radius * turning + bending
-    rest = driving - p.inertia * turning - p.beam * bending
-    moving = ops.both(ops.absolute(u.speed) > p.speed_band, tip_acceleration * speed > 0)
-    looked_at = ops.where(moving, p.sample_time, 0.0)
+    turning, bending, bent = (states[f"{name}_{POLES[-1]}"] for name in FILTERED)
+    acceleration = p.radius * turning + bending
+    force = -p.stiffness * bent - p.turned_mass * p.radius * turning - p.bent_mass * bending
+    looked_at = ops.where(ops.absolute(u.speed) > p.speed_band, p.sample_time, 0.0)
     kept = ops.exp(-looked_at / p.memory)
-    seen = kept * x.seen + looked_at * tip_acceleration**2
-    product = kept * x.product + looked_at * tip_acceleration * rest
-    known = ops.both(seen > 0, seen * (p.accuracy * p.radius) ** 2 >= p.torque_error**2)
-    payload = product / (p.radius * ops.maximum(seen, 1e-12))
+    seen = kept * x.seen + looked_at * acceleration**2
+    product = kept * x.product + looked_at * acceleration * force
+    known = ops.both(seen > 0, seen * p.accuracy**2 >= p.force_error**2)
+    payload = product / ops.maximum(seen, 1e-12)
     return states | {
         "speed_before": speed,
         "tip_before": tip,
-        "bent_before": bent,
-        "torque_before": torque(speed, u, p),
+        "rate_before": rate,
         "seen": seen,
         "product": product,
         "payload": ops.where(known, ops.clip(payload, 0.0, p.largest_payload), x.payload),
@@ -69,31 +61,29 @@ def update(t, x, u, p):
     }
 
 
-# The rig of the flexible-manipulator thesis: the drive's 0.5 A/V times 0.5876 N m/A; hub, beam and tip fixture; and the
-# middle gauge, 10 kV per strain h/2 w'': a force at the tip bends by 2/3 L^3/(h (L - x)) per strain at x, and the beam
-# so bent has 11/40 of its mass times L as angular momentum per d'.
+# The rig of the flexible-manipulator thesis: hub, beam and tip fixture; and the middle gauge, 10 kV per strain h/2 w'': a
+# force at the tip bends by 2/3 L^3/(h (L - x)) per strain at x, and by L^3/(3 EI) of its own. The beam beyond a gauge in
+# the middle takes as much moment there as 5/24 of its mass at the tip where the arm turns, and as 0.18906 of it where it
+# bends as a force at the tip would have it.
 MODEL = Model(
     name="payload_estimator",
     description="Least-squares estimate of an arm's payload while it moves",
     variables=(
-        input_("voltage", "V", "Command to the drive, within its limit"),
         input_("speed", "V", "Measured speed, in volts of its sensor"),
         input_("strain", "V", "Measured strain, in volts of its gauge"),
         output("payload", "kg", "Payload; that at the start until it is known"),
         output("known", "1", "1 once enough was seen to tell the payload"),
-        parameter("torque_per_volt", "N.m/V", 0.2938, "Torque of the drive per volt", minimum=1e-12),
         parameter("tachometer", "V.s/rad", 0.4, "Volts of the measured speed per rad/s", minimum=1e-12),
-        parameter("inertia", "kg.m2", 0.1607, "Moment of inertia of what turns without a payload", minimum=0),
-        parameter("beam", "kg.m", 0.1336, "Angular momentum without a payload per rate of the tip's deflection"),
         parameter("deflection_per_volt", "m/V", 0.04444, "Deflection of the tip per volt of the measured strain"),
+        parameter("stiffness", "N/m", 23.718, "Force at the tip per deflection", minimum=1e-12),
+        parameter("turned_mass", "kg", 0.1061, "What beam and fixture weigh at the tip where the arm turns", minimum=0),
+        parameter("bent_mass", "kg", 0.0981, "What they weigh there where the beam bends", minimum=0),
         parameter("radius", "m", 1.0, "Distance of the payload from the axis", minimum=1e-6),
-        parameter("coulomb_friction", "N.m", 0.235, "Dry friction", minimum=0),
-        parameter("viscous_friction", "N.m.s/rad", 0.03, "Viscous friction", minimum=0),
-        parameter("cutoff", "Hz", 2.0, "Of the low-pass; below the first flexible mode", minimum=1e-6),
+        parameter("cutoff", "Hz", 1.0, "Of the low-pass; below the first flexible mode", minimum=1e-6),
         parameter("speed_band", "V", 0.05, "Speed above which the arm moves", minimum=0),
         parameter("memory", "s", 30.0, "Of motion, in which what was seen fades by e", minimum=1e-6),
         parameter("accuracy", "kg", 0.02, "Standard deviation at which the payload counts as known", minimum=1e-9),
-        parameter("torque_error", "N.m", 0.004, "What the filtered torque is wrong by over a second", minimum=0),
+        parameter("force_error", "N", 0.002, "What the filtered force is wrong by over a second", minimum=0),
         parameter("payload_start", "kg", 0.2, "Payload at the start", minimum=0),
         parameter("largest_payload", "kg", 0.6, "Largest payload that is believed", minimum=0),
         parameter("sample_time", "s", 1 / 300, "Sample period", minimum=1e-6),
@@ -102,10 +92,9 @@ MODEL = Model(
         *(State(f"{name}_{pole}", 0.0, unit, sampled=True) for name, unit in FILTERED.items() for pole in POLES),
         State("speed_before", 0.0, "rad/s", sampled=True),
         State("tip_before", 0.0, "m", sampled=True),
-        State("bent_before", 0.0, "m/s", sampled=True),
-        State("torque_before", 0.0, "N.m", sampled=True),
+        State("rate_before", 0.0, "m/s", sampled=True),
         State("seen", 0.0, sampled=True, description="Integral of the square of the acceleration of the tip"),
-        State("product", 0.0, sampled=True, description="Integral of that acceleration times the torque"),
+        State("product", 0.0, sampled=True, description="Integral of that acceleration times the force"),
         State("payload", "payload_start", "kg", sampled=True),
         State("known", 0.0, sampled=True),
     ),

@@ -91,7 +91,7 @@ RICH: dict[str, dict[str, float]] = {
     "lqg": {**FEEDBACK, "C[1,1]": 1.0, "C[4,2]": 0.7, "L[1,2]": 0.3, "L[2,4]": -0.1, "ki": 2.0},
     "gain_schedule": {"kp[1]": 0.3, "kd[3]": 2.0, "payload_start": 0.1, "sample_time": 0.02},
     "disturbance_observer": {"bandwidth": 2.0, "compensation_limit": 0.3, "sample_time": 0.02},
-    "payload_estimator": {"cutoff": 1.0, "torque_error": 1e-4, "memory": 0.5, "sample_time": 0.02},
+    "payload_estimator": {"force_error": 1e-4, "memory": 0.5, "sample_time": 0.02},
     "relay_bound": {"bound": 0.6, "sample_time": 0.02},
     "state_space": {
         "A[1,1]": 0.9,
