@@ -61,10 +61,10 @@ def update(t, x, u, p):
     }
 
 
-# The rig of the flexible-manipulator thesis: hub, beam and tip fixture; and the middle gauge, 10 kV per strain h/2 w'': a
-# force at the tip bends by 2/3 L^3/(h (L - x)) per strain at x, and by L^3/(3 EI) of its own. The beam beyond a gauge in
-# the middle takes as much moment there as 5/24 of its mass at the tip where the arm turns, and as 0.18906 of it where it
-# bends as a force at the tip would have it.
+# The rig of the flexible-manipulator thesis: hub, beam and tip fixture; and the middle gauge, 10 kV per strain h/2 w'':
+# a force at the tip bends by 2/3 L^3/(h (L - x)) per strain at x, and by L^3/(3 EI) of its own. The beam beyond a gauge
+# in the middle takes as much moment there as 5/24 of its mass at the tip where the arm turns, and as 0.18906 of it where
+# it bends as a force at the tip would have it.
 MODEL = Model(
     name="payload_estimator",
     description="Least-squares estimate of an arm's payload while it moves",

@@ -29,7 +29,7 @@ def estimated(payload: float, height: float = 3.0, seconds: float = 3.0, **value
         estimator.set("speed", TACHO * speed)
         estimator.set("strain", tip[k] / DEFLECTION)
         estimator.step(k * T, T)
-        rows.append((estimator.get("payload"), estimator.get("known")))
+        rows.append((float(estimator.get("payload")), float(estimator.get("known"))))
     return rows
 
 
