@@ -36,10 +36,10 @@ def update(t, x, u, p):
     tip = p.deflection_per_volt * u.strain
     rate = (tip - x.tip_before) / p.sample_time
     gained = {
-        "turning": (speed - x.speed_before) / p.sample_time,
+        "turning": (speed - x.speed_earlier) / (2 * p.sample_time),
         "bending": (rate - x.rate_before) / p.sample_time,
-        "bent": tip,
-    }
+        "bent": x.tip_before,
+    }  # all as they were one sample ago
     states = {key: new for name, value in gained.items() for key, new in passed(name, value, x, p).items()}
     turning, bending, bent = (states[f"{name}_{POLES[-1]}"] for name in FILTERED)
     acceleration = p.radius * turning + bending
@@ -52,6 +52,7 @@ def update(t, x, u, p):
     payload = product / ops.maximum(seen, 1e-12)
     return states | {
         "speed_before": speed,
+        "speed_earlier": x.speed_before,
         "tip_before": tip,
         "rate_before": rate,
         "seen": seen,
@@ -63,8 +64,8 @@ def update(t, x, u, p):
 
 # The rig of the flexible-manipulator thesis: hub, beam and tip fixture; and the middle gauge, 10 kV per strain h/2 w'':
 # a force at the tip bends by 2/3 L^3/(h (L - x)) per strain at x, and by L^3/(3 EI) of its own. The beam beyond a gauge
-# in the middle takes as much moment there as 5/24 of its mass at the tip where the arm turns, and as 0.18906 of it where
-# it bends as a force at the tip would have it.
+# in the middle takes as much moment there as 5/24 of its mass at the tip where the arm turns, and as 0.18906 of it
+# where it bends as a force at the tip would have it.
 MODEL = Model(
     name="payload_estimator",
     description="Least-squares estimate of an arm's payload while it moves",
@@ -91,6 +92,7 @@ MODEL = Model(
     states=(
         *(State(f"{name}_{pole}", 0.0, unit, sampled=True) for name, unit in FILTERED.items() for pole in POLES),
         State("speed_before", 0.0, "rad/s", sampled=True),
+        State("speed_earlier", 0.0, "rad/s", sampled=True),
         State("tip_before", 0.0, "m", sampled=True),
         State("rate_before", 0.0, "m/s", sampled=True),
         State("seen", 0.0, sampled=True, description="Integral of the square of the acceleration of the tip"),

@@ -22,7 +22,7 @@ def estimated(payload: float, height: float = 3.0, seconds: float = 3.0, **value
     """Payload and whether it is known, sample by sample, of an arm that is turned to and fro by so many rad/s2."""
     time = np.arange(round(seconds / T)) * T
     rhythm = 2 * np.pi * 0.5
-    beam = signal.lti([-(payload + TURNED)], [payload + BENT, 0.3, STIFFNESS])
+    beam = signal.lti([-(payload + TURNED)], [payload + BENT, 0.03, STIFFNESS])
     _, tip, _ = signal.lsim(beam, height * np.sin(rhythm * time), time)
     estimator, rows = Instance(ESTIMATOR, values), []
     for k, speed in enumerate(height / rhythm * (1 - np.cos(rhythm * time))):
