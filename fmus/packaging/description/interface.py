@@ -126,6 +126,12 @@ class ModelInterface:
         return {variable.name: variable for variable in self.variables}
 
 
+def clocked(model: Model) -> bool:
+    """Whether the samples of a model can be taken at the ticks of a clock: not where inputs act late, for then it takes
+    steps to know with which."""
+    return bool(model.sampled) and not model.delays
+
+
 def exchangeable(model: Model) -> bool:
     """Whether a model can be offered for model exchange: it has continuous states, no sampled ones, no arrays, and
     no input that acts late, which takes steps to know."""

@@ -123,6 +123,16 @@ def fmi3(interface: DescribedInterface, token: str, offers: Sequence[Offer], ext
 FMI3_TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean", "Enumeration": "Enumeration"}
 
 
+def clock(interface: DescribedInterface) -> ET.Element:
+    """The clock at which samples are taken, after the time; its interval is asked for, as it is that of a parameter."""
+    name = "sampling"
+    while name in interface.by_name:
+        name += "_"
+    said = {"name": name, "valueReference": str(interface.time_reference + 1), "causality": "input"}
+    said |= {"variability": "discrete", "intervalVariability": "fixed"}
+    return ET.Element("Clock", said | {"description": "Ticks where samples are taken; nobody needs to tick it"})
+
+
 def time_name(interface: DescribedInterface) -> str:
     """Name of the independent variable: "time", unless the model has that name already."""
     return "time" if "time" not in interface.by_name else "independent_time"

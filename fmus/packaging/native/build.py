@@ -123,12 +123,15 @@ def _description(shown: ModelInterface, token: str, fmi: int, code: Code, networ
     exchangeable = interface.exchangeable(model) and network is None
     common = {**flags.common, **dict.fromkeys(flags.derivatives, exchangeable)}
     listed = code.units if fmi == 2 else []
+    clock = fmi == 3 and network is None and interface.clocked(model)
     stepping = {"canHandleVariableCommunicationStepSize": True}
-    stepping |= {} if network is None else {"hasEventMode": True}
+    stepping |= {"hasEventMode": True} if clock or network is not None else {}
     offers = [Offer("ModelExchange", model.name, common | flags.exchange, listed)] if exchangeable else []
     offers.append(Offer("CoSimulation", model.name, common | stepping, listed))
     starts = {v.name: v.start for v in shown.variables if v.start is not None}
     extras = Extras(LOG_CATEGORIES, interface.default_step(model, starts))
+    if clock:
+        extras = replace(extras, variables=[xml.clock(shown)])
     if network is not None:
         first = shown.time_reference + 1
         extras = replace(extras, variables=network_files.variables(network, first), outputs=[first + 1])

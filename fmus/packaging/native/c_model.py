@@ -13,7 +13,7 @@ import sympy
 from fmus.errors import ModelError
 from fmus.modelling.model import Delay, Model, State, element, element_names
 from fmus.modelling.symbolic import Traced, symbols_in, trace
-from fmus.packaging.description.interface import Exposed, ModelInterface, exchangeable, rate_name
+from fmus.packaging.description.interface import Exposed, ModelInterface, clocked, exchangeable, rate_name
 from fmus.packaging.native import c_code
 from fmus.packaging.native.partials import Partials, linearised
 
@@ -70,6 +70,7 @@ def layout(interface: ModelInterface, token: str) -> str:
         "N_UPDATE_PARTIALS": len(linearised(model).update),
         "N_CONSTANTS": len(_constants(trace(model, as_written=True))),
         "FIRST_RATE": interface.first_rate,
+        "CLOCK": interface.time_reference + 1 if clocked(model) else -1,
         "SAMPLE_TIME": places[model.sample_time] if model.sampled and model.sample_time else -1,
     }
     lines = [f"    {name} = {value}," for name, value in sizes.items()]

@@ -15,7 +15,7 @@ _COMMON = tuple(
     for suffix in (".c", ".h")
 )
 _ADAPTERS: dict[int, tuple[str, ...]] = {2: ("fmi2.c",), 3: ("fmi3.c", "fmi3_absent.c", "fmi3_component.h")}
-_CLOCKLESS, _NETWORK = ("fmi3_unclocked.c",), ("fmi3_network.c", "network.c", "network.h")
+_SAMPLES, _NETWORK = ("fmi3_samples.c",), ("fmi3_network.c", "network.c", "network.h")
 _HEADERS = {
     2: ("fmi2FunctionTypes.h", "fmi2Functions.h", "fmi2TypesPlatform.h"),
     3: ("fmi3FunctionTypes.h", "fmi3Functions.h", "fmi3PlatformTypes.h"),
@@ -29,7 +29,7 @@ def fixed(fmi: int, networked: bool = False) -> dict[str, str]:
 
 @cache
 def _fixed(fmi: int, networked: bool) -> dict[str, str]:
-    clocks = () if fmi == 2 else _NETWORK if networked else _CLOCKLESS
+    clocks = () if fmi == 2 else _NETWORK if networked else _SAMPLES
     names = (*_COMMON, "model.h", "rules.c", *_ADAPTERS[fmi], *clocks)
     runtime = {name: (_RUNTIME / name).read_text() for name in names}
     headers = package_folder("fmpy") / "c-code"

@@ -55,6 +55,8 @@ def layout(interface: SystemInterface, token: str) -> str:
         "N_PARTS": len(interface.inside),
         "N_VARIABLES": interface.time_reference + 1,
         "FINITE": int(interface.system.finite),
+        "CLOCK": -1,
+        "SAMPLE_TIME": -1,
     } | dict.fromkeys((f"N_{what}" for what in _OF_MODELS), 0)
     return "\n".join(
         [

@@ -7,9 +7,9 @@
 #include "derivatives.h"
 
 #ifdef NETWORK
-enum { BETWEEN_STEPS = STEP }; /* modes of co-simulation from which event mode is entered */
+enum { CLOCKED = 1 };
 #else
-enum { BETWEEN_STEPS = 0 };
+enum { CLOCKED = CLOCK >= 0 };
 #endif
 
 /* Modes in which a function may be called (FMI 3.0, state machines in 2.3, 3.2 and 4.2). Getting is also allowed before
@@ -20,7 +20,7 @@ enum {
     CAN_SetDebugLogging = ANY,
     CAN_EnterInitializationMode = INSTANTIATED,
     CAN_ExitInitializationMode = INITIALIZATION,
-    CAN_EnterEventMode = EVENT | CONTINUOUS_TIME | BETWEEN_STEPS,
+    CAN_EnterEventMode = EVENT | CONTINUOUS_TIME,
     CAN_Terminate = RUNNING,
     CAN_Reset = ANY,
     CAN_Get = ANY,
@@ -117,12 +117,12 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String instanceName, fmi3String ins
                                          fmi3LogMessageCallback logMessage,
                                          fmi3IntermediateUpdateCallback intermediateUpdate)
 {
-    (void)instanceName, (void)visible, (void)eventModeUsed, (void)earlyReturnAllowed;
+    (void)instanceName, (void)visible, (void)earlyReturnAllowed;
     (void)requiredIntermediateVariables, (void)intermediateUpdate;
     Component *c = instantiate(instantiationToken, resourcePath, loggingOn, instanceEnvironment, logMessage, 0);
-#ifdef NETWORK
     if (c)
-        c->network.events = eventModeUsed;
+        c->events = CLOCKED && eventModeUsed;
+#ifdef NETWORK
     if (c && !eventModeUsed)
         instance_warn(&c->instance, "exchanges nothing with its bus: the importer does not use event mode");
 #endif
@@ -157,6 +157,7 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean tolera
     if (instance_begin(of(instance), startTime))
         return fmi3Error;
     of(instance)->now.mode = INITIALIZATION;
+    ((Component *)instance)->told = 0;
 #ifdef NETWORK
     network_begin(&((Component *)instance)->network);
 #endif
@@ -166,18 +167,14 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean tolera
 fmi3Status fmi3ExitInitializationMode(fmi3Instance instance)
 {
     REQUIRE(instance, CAN_ExitInitializationMode);
-#ifdef NETWORK
-    const int events = ((Component *)instance)->network.events;
-#else
-    const int events = of(instance)->model_exchange;
-#endif
+    const int events = ((Component *)instance)->events || of(instance)->model_exchange;
     of(instance)->now.mode = events ? EVENT : STEP;
     return fmi3OK;
 }
 
 fmi3Status fmi3EnterEventMode(fmi3Instance instance)
 {
-    REQUIRE(instance, CAN_EnterEventMode);
+    REQUIRE(instance, CAN_EnterEventMode | (instance && ((Component *)instance)->events ? STEP : 0));
     of(instance)->now.mode = EVENT;
     return fmi3OK;
 }
@@ -391,6 +388,16 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, fmi3Boolean *discrete
 #ifdef NETWORK
     network_update(&((Component *)instance)->network, of(instance));
 #endif
+    if (!((Component *)instance)->ticking)
+        return fmi3OK;
+    ((Component *)instance)->ticking = 0;
+    return (fmi3Status)instance_sample(of(instance));
+}
+
+fmi3Status fmi3EnterStepMode(fmi3Instance instance)
+{
+    REQUIRE(instance, ((Component *)instance)->events ? EVENT : 0);
+    of(instance)->now.mode = STEP;
     return fmi3OK;
 }
 

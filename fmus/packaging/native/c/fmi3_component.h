@@ -14,6 +14,9 @@ typedef struct {
     Instance instance; /* first, so that a pointer to it is one to the component */
     fmi3LogMessageCallback log;
     fmi3InstanceEnvironment environment;
+    int events;  /* whether the importer has event mode, in co-simulation with clocks; without it a bus exchanges nothing */
+    int ticking; /* whether the clock of samples ticks in this event */
+    int told;    /* whether its interval has been told */
 #ifdef NETWORK
     Network network;
 #endif

@@ -92,10 +92,3 @@ fmi3Status fmi3GetIntervalFraction(fmi3Instance instance, const fmi3ValueReferen
     }
     return fmi3OK;
 }
-
-fmi3Status fmi3EnterStepMode(fmi3Instance instance)
-{
-    REQUIRE_EVENT(instance);
-    of(instance)->now.mode = STEP;
-    return fmi3OK;
-}

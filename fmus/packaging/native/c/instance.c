@@ -199,26 +199,53 @@ Status instance_check_states(Instance *it)
     return STATUS_OK;
 }
 
+/* The sample period [s]. */
+static Status get_period(Instance *it, double *period)
+{
+    *period = it->now.values[N_SAMPLED ? SAMPLE_TIME : 0];
+    if (!(*period > 0))
+        return instance_fail(it, "'%s' is %g s", model_variables[N_SAMPLED ? SAMPLE_TIME : 0].name, *period);
+    return STATUS_OK;
+}
+
+static void sample(Instance *it, double due)
+{
+    if (it->tangents.directions)
+        tangents_update(it, due);
+    model_update(due, it->now.values, it->tables);
+    it->now.samples++;
+}
+
+Status instance_sample(Instance *it)
+{
+    Snapshot *s = &it->now;
+    double period;
+    if ((!s->stepped && prepare(it, s->time)) || get_period(it, &period))
+        return STATUS_ERROR;
+    const double due = s->start + s->samples * period;
+    if (!(fabs(due - s->time) <= EARLY * period))
+        return instance_error(it, "is ticked at %.9g s, and its next sample is due at %.9g s", s->time, due);
+    s->valid = 0;
+    sample(it, due);
+    return instance_check_states(it);
+}
+
 /* Sample and integrate from an instant to another. */
 static Status go_on(Instance *it, double time, double end)
 {
     Snapshot *s = &it->now;
     double now = time;
     if (N_SAMPLED) {
-        const double period = s->values[SAMPLE_TIME];
-        double due;
-        if (!(period > 0))
-            return instance_fail(it, "'%s' is %g s", model_variables[SAMPLE_TIME].name, period);
+        double due, period;
+        if (get_period(it, &period))
+            return STATUS_ERROR;
         while ((due = s->start + s->samples * period) < end - EARLY * period) {
             if (due > now) {
                 if (integrate(it, now, due - now))
                     return STATUS_ERROR;
                 now = due;
             }
-            if (it->tangents.directions)
-                tangents_update(it, due);
-            model_update(due, s->values, it->tables);
-            s->samples++;
+            sample(it, due);
         }
     }
     return integrate(it, now, end - now);

@@ -113,6 +113,9 @@ Status instance_set(Instance *it, unsigned reference, int types, double value);
 /* Advance from `time` by `duration` [s]. */
 Status instance_step(Instance *it, double time, double duration);
 
+/* Take the sample that is due now. */
+Status instance_sample(Instance *it);
+
 /* Model exchange: check the requirements, give or take time and states, evaluate, check that states are finite. */
 Status instance_start_continuous(Instance *it);
 Status instance_set_time(Instance *it, double time);

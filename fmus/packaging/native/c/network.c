@@ -231,9 +231,7 @@ static void receive_all(Network *bus, Instance *it)
 
 void network_begin(Network *bus)
 {
-    const int events = bus->events;
     memset(bus, 0, sizeof *bus);
-    bus->events = events;
 }
 
 Status network_tick(Network *bus, Instance *it, unsigned reference)

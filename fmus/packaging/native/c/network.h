@@ -11,7 +11,6 @@
 enum { LONGEST_RECEIVED = 4096, MOST_FRAMES = 256, LONGEST_OUTBOX = 32768 };
 
 typedef struct {
-    int events; /* whether the importer has event mode; without it nothing is exchanged */
     int tx, rx; /* whether the clocks tick now */
     int told;   /* whether the importer knows when the next frame is due */
     size_t out_size, in_size;

@@ -466,6 +466,11 @@ Status instance_derivative(Instance *it, const unsigned unknowns[], size_t rows,
     return instance_error(it, "provides no derivatives");
 }
 
+Status instance_sample(Instance *it)
+{
+    return exchange(it);
+}
+
 Status instance_start_continuous(Instance *it)
 {
     return exchange(it);

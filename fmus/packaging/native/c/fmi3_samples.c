@@ -1,7 +1,5 @@
-/* Functions of FMI 3.0 for clocks and binary variables, of FMUs without a bus, which have none. */
-#include "fmi3Functions.h"
-
-#include "instance.h"
+/* Functions of FMI 3.0 for clocks and binary variables, of FMUs without a bus: the clock of the samples, if any. */
+#include "fmi3_component.h"
 
 static fmi3Status none(fmi3Instance instance, size_t count, const char *what)
 {
@@ -24,25 +22,59 @@ fmi3Status fmi3SetBinary(fmi3Instance instance, const fmi3ValueReference valueRe
     return none(instance, nValueReferences + nValues, "binary variables");
 }
 
+/* The clock of the samples is an input: who has event mode ticks it. A sample that is due when a step begins, and for
+ * which nobody ticked, is taken in the step. */
+
+static int allowed(fmi3Instance instance, size_t count, const char *function)
+{
+    return instance && (!count || instance_allows(&((Component *)instance)->instance, EVENT, function));
+}
+
+static int is_clock(fmi3ValueReference reference)
+{
+    return CLOCK >= 0 && reference == (fmi3ValueReference)CLOCK;
+}
+
 fmi3Status fmi3GetClock(fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences,
                         fmi3Clock values[])
 {
-    (void)valueReferences, (void)values;
-    return none(instance, nValueReferences, "clocks");
+    if (!allowed(instance, nValueReferences, __func__))
+        return fmi3Error;
+    for (size_t i = 0; i < nValueReferences; i++) {
+        if (!is_clock(valueReferences[i]))
+            return none(instance, 1, "clock at this value reference");
+        values[i] = ((Component *)instance)->ticking;
+    }
+    return fmi3OK;
 }
 
 fmi3Status fmi3SetClock(fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences,
                         const fmi3Clock values[])
 {
-    (void)valueReferences, (void)values;
-    return none(instance, nValueReferences, "clocks");
+    if (!allowed(instance, nValueReferences, __func__))
+        return fmi3Error;
+    for (size_t i = 0; i < nValueReferences; i++) {
+        if (!is_clock(valueReferences[i]))
+            return none(instance, 1, "clock at this value reference");
+        ((Component *)instance)->ticking |= values[i];
+    }
+    return fmi3OK;
 }
 
 fmi3Status fmi3GetIntervalDecimal(fmi3Instance instance, const fmi3ValueReference valueReferences[],
                                   size_t nValueReferences, fmi3Float64 intervals[], fmi3IntervalQualifier qualifiers[])
 {
-    (void)valueReferences, (void)intervals, (void)qualifiers;
-    return none(instance, nValueReferences, "clocks");
+    if (!instance)
+        return fmi3Error;
+    for (size_t i = 0; i < nValueReferences; i++) {
+        Component *c = (Component *)instance;
+        if (!is_clock(valueReferences[i]))
+            return none(instance, 1, "clock at this value reference");
+        intervals[i] = c->instance.now.values[CLOCK >= 0 ? SAMPLE_TIME : 0];
+        qualifiers[i] = c->told ? fmi3IntervalUnchanged : fmi3IntervalChanged;
+        c->told = 1;
+    }
+    return fmi3OK;
 }
 
 fmi3Status fmi3GetIntervalFraction(fmi3Instance instance, const fmi3ValueReference valueReferences[],
@@ -50,10 +82,5 @@ fmi3Status fmi3GetIntervalFraction(fmi3Instance instance, const fmi3ValueReferen
                                    fmi3IntervalQualifier qualifiers[])
 {
     (void)valueReferences, (void)counters, (void)resolutions, (void)qualifiers;
-    return none(instance, nValueReferences, "clocks");
-}
-
-fmi3Status fmi3EnterStepMode(fmi3Instance instance)
-{
-    return none(instance, 1, "event mode in co-simulation");
+    return none(instance, nValueReferences, "interval that is a fraction");
 }
