@@ -316,7 +316,7 @@ def changed(*pairs: tuple[str, str]) -> str:
             r"Mixed: has no period, .*give it a GenMsgCycleTime",
         ),
         (changed(("SG_ b :", "SG_ b M :"), ("SG_ c :", "SG_ c m0 :")), r"Mixed: is multiplexed"),
-        (changed(("SIG_VALTYPE_ 300 e : 2;", ""), ("(0.01,1)", "(0,1)")), r"Mixed\.a: cannot be sent: its scale is 0"),
+        (changed(("SIG_VALTYPE_ 300 e : 2;", ""), ("(0.01,1)", "(0,1)")), r"Mixed\.a: its factor is 0"),
     ],
 )
 def test_a_database_that_does_not_fit_the_model_names_the_place(tmp_path: Path, text: str, why: str) -> None:
