@@ -18,12 +18,13 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from identification.calibrate import calibrate, design, tune, validate
+    from identification.calibrate import calibrate, design, tune
     from identification.linearisation.linearise import linearise
     from identification.output_error.search.estimator import estimate, predict
     from identification.signals.frequency_response import frequency_response
     from identification.study import load_study
     from identification.subspace.subspace import subspace
+    from identification.validation import validate
 
 __all__ = [
     "calibrate",
@@ -48,7 +49,7 @@ _PLACES = {
     "predict": "output_error.search.estimator",
     "subspace": "subspace.subspace",
     "tune": "calibrate",
-    "validate": "calibrate",
+    "validate": "validation",
 }
 
 

@@ -1,4 +1,4 @@
-"""The way in: a study calibrated by its method, a result judged on other traces, and the folders they leave."""
+"""The way in: a study calibrated by its method, and the folders that leaves."""
 
 from __future__ import annotations
 
@@ -9,17 +9,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
-from fmus.errors import IdentificationError, ScenarioError
+from fmus.errors import ScenarioError
 from fmus.parameters import srmd, ssv
 from fmus.parameters.write_back import write_back
 from identification.estimation.listed import complete
 from identification.estimation.stopped import STOPPED
 from identification.messages import Messages
 from identification.method import Calibrated
-from identification.output_error import validate as output_error_validation
 from identification.output_error.choice.change import of_candidate
 from identification.output_error.schema import OutputErrorBlock
-from identification.output_error.validate import Validation
 from identification.results import (
     GROUPS,
     STUDY,
@@ -28,13 +26,8 @@ from identification.results import (
     ClaimSummary,
     ParameterSummary,
     Summary,
-    ValidationSummary,
-    result_file,
 )
 from identification.study import Study, load_study
-from identification.subspace import validate as subspace_validation
-from identification.subspace.schema import SubspaceBlock
-from identification.subspace.validate import LinearValidation
 from orchestrator.assembly.schema import SystemBlock
 from orchestrator.display.table import Cell, table
 from orchestrator.documents.parts import INCLUDE
@@ -43,7 +36,6 @@ from orchestrator.fmi.said import LOG_FILE, kept
 from orchestrator.formats import Layout
 from orchestrator.processes.interrupts import whole
 from orchestrator.progress import Progress, silent
-from orchestrator.report import Report
 from orchestrator.results import (
     CaseDocument,
     CheckDocument,
@@ -323,63 +315,6 @@ def _keep(study: Study, folder: Path, candidate: str) -> None:
     for database in study.block.databases(study.base):
         if database.is_file():
             shutil.copyfile(database, folder / database.name)
-
-
-def validate(
-    folder: str | Path, data: str | Path, progress: Progress = silent, isolation: Isolation | None = None
-) -> Validation | LinearValidation:
-    """Free runs of the calibrated FMUs in a folder that `CalibratedStudy.write` made, on recordings.
-
-    Recordings that the fit used count apart from the others; FIT is `1 - |y - ŷ| / |y - mean y|`.
-
-    Args:
-        data: folder or file of recordings.
-        isolation: how long a simulation may take, in processes of their own.
-
-    Raises:
-        InputError: the folder holds no result of FMUs or of a linear model, or the recordings do not fit its study.
-        FmuError: the FMUs fail.
-    """
-    study = load_study(result_file(Path(folder), STUDY))
-    if isinstance(study.block, SubspaceBlock) and study.block.traces.files is not None:
-        with naming(study.file):
-            return subspace_validation.validate(study.block, Path(folder), Path(data), isolation)
-    if not isinstance(study.block, OutputErrorBlock) or study.block.traces.files is None:
-        raise IdentificationError(study.file, "is no study of FMUs or of a linear model on recordings", "calibrate one")
-    result, block = Path(folder), study.block
-    calibrated = output_error_validation.calibrated_system(block, result)
-    asked = block.study(calibrated, block.source(result))
-    return output_error_validation.validate(asked, result, Path(data), progress, isolation)
-
-
-def validate_result(
-    folder: Path, data: Path, target: Path, progress: Progress, isolation: Isolation | None = None
-) -> ValidationSummary:
-    """Validate and write the folder of that; the summary comes back.
-
-    Raises:
-        InputError, FmuError: as in `validate`, or the target holds something else.
-    """
-    result_file(folder, STUDY)
-    check_target(target, [folder, data])
-    with aside(target) as near:
-        with kept(near / LOG_FILE):
-            validation = validate(folder, data, progress, isolation)
-        messages = Messages.of(near / LOG_FILE)
-        summary, page = _documents(validation)
-        summary["warnings"] += messages.warnings
-        summary["messages"] = messages.summary
-        with result_folder(target) as fresh:
-            messages.write(page, fresh)
-            page.write(fresh / "report.html")
-            write_json(fresh / SUMMARY, summary)
-    return summary
-
-
-def _documents(validation: Validation | LinearValidation) -> tuple[ValidationSummary, Report]:
-    if isinstance(validation, LinearValidation):
-        return validation.summary, validation.report()
-    return output_error_validation.summary(validation), output_error_validation.report(validation)
 
 
 def judge_claims(study_file: Path, target: Path) -> FileDocument:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from fmus.errors import FmuError
-from orchestrator.cli.scenarios import Isolate
+from orchestrator.cli.options import Isolate
 from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def validate(
     isolate: Isolate,
 ) -> Answer:
     """Judge a calibrated result on other traces; exit code 1 when it misses the study's target."""
-    from identification.calibrate import validate_result
+    from identification.validation import validate_result
 
     target = out or folder / "validation"
     with terminal.bar("validating") as move:
@@ -222,7 +222,7 @@ def _table(document: Summary) -> Listing:
 
 
 def _parameters(document: Summary) -> Listing:
-    from identification.results import parameter_rows
+    from identification.result_sections import parameter_rows
 
     headers, rows = parameter_rows(document["parameters"])
     return Listing(headers, [list(map(_cell, headers, row)) for row in rows], document["title"], figures=True)

@@ -8,7 +8,7 @@ from identification.design.design import Design
 from identification.design.search import TriedExperiment
 from identification.design.summary import SHOWN, DesignSummary, summary
 from identification.design.written import CALIBRATION, EXPERIMENTS
-from identification.results import provenance
+from identification.result_sections import provenance
 from orchestrator.display.table import Cell
 from orchestrator.display.titles import with_unit
 from orchestrator.report import Report, Section

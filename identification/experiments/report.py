@@ -10,7 +10,8 @@ from identification.experiments.set_result import SetResult, mean
 from identification.experiments.summary import warnings_of
 from identification.experiments.tables import tables
 from identification.recordings.units import unit_documents
-from identification.results import data_summary, finite, provenance
+from identification.result_sections import provenance
+from identification.results import data_summary, finite
 from orchestrator.display.table import Cell
 from orchestrator.report import Report, Section
 from orchestrator.report import figures as plots

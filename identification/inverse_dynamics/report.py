@@ -5,7 +5,8 @@ from __future__ import annotations
 from identification.inverse_dynamics.calibration import InverseCalibration
 from identification.inverse_dynamics.results import inverse_verdict, summary
 from identification.recordings.units import unit_documents
-from identification.results import data_summary, draw_parameters, provenance, verdict_callout
+from identification.result_sections import draw_parameters, provenance, verdict_callout
+from identification.results import data_summary
 from orchestrator.display.table import Cell
 from orchestrator.report import Report, Section, figures
 from orchestrator.trace import Trace

@@ -10,7 +10,8 @@ from identification.motion.results import summary
 from identification.motion.tube import Tube
 from identification.output_error.calibration import Judged
 from identification.recordings.units import unit_documents
-from identification.results import data_summary, draw_parameters, provenance, verdict_callout
+from identification.result_sections import draw_parameters, provenance, verdict_callout
+from identification.results import data_summary
 from orchestrator.display.table import Cell
 from orchestrator.report import Report, Section, figures
 from orchestrator.report.chart import HEIGHT, Chart, Curve, Panel

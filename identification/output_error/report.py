@@ -14,7 +14,8 @@ from identification.output_error.choice.report import draw_candidates
 from identification.output_error.results import WindowsSummary, shooting_words, summary, windows_words
 from identification.output_error.uncertainty_report import uncertainty
 from identification.output_error.windows import FreeRunWindow
-from identification.results import data_summary, draw_parameters, provenance, verdict_callout
+from identification.result_sections import draw_parameters, provenance, verdict_callout
+from identification.results import data_summary
 from identification.signals.frequency_response import fit_sine
 from identification.signals.processing import dominant_frequency
 from orchestrator.crossing import documents_of

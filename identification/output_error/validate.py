@@ -20,6 +20,7 @@ from identification.output_error.report import fits, overlays
 from identification.output_error.results import OutputErrorSummary, WindowsSummary
 from identification.output_error.study import OutputErrorStudy
 from identification.recordings.campaign import StudyTrace, load_campaign, recording_warnings
+from identification.result_sections import verdict_callout
 from identification.results import (
     STUDY,
     SUMMARY,
@@ -29,7 +30,6 @@ from identification.results import (
     data_summary,
     read_summary,
     verdict,
-    verdict_callout,
 )
 from identification.signals.excitation import Length
 from orchestrator.assembly.assembly import OpenSystem, SystemSpec, assemble

@@ -16,7 +16,8 @@ from identification.resonance import steps
 from identification.resonance.added_mass import UNITS
 from identification.resonance.steps import LoadResult, ResonanceStudy
 from identification.resonance.study import CampaignStudy
-from identification.results import ParameterSummary, Summary, data_summary, parameter_summary, provenance
+from identification.result_sections import provenance
+from identification.results import ParameterSummary, Summary, data_summary, parameter_summary
 from orchestrator.assembly.assembly import OpenSystem
 from orchestrator.crossing import named
 from orchestrator.fmi.isolation import Isolation

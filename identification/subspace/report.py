@@ -13,7 +13,8 @@ from identification.linear.model import LinearModel
 from identification.linear.modes import modes, ranked
 from identification.linear.reduction import one_by_one
 from identification.recordings.units import unit_documents
-from identification.results import data_summary, provenance, verdict_callout
+from identification.result_sections import provenance, verdict_callout
+from identification.results import data_summary
 from identification.subspace.calibration import SubspaceCalibration
 from identification.subspace.orders import borne
 from identification.subspace.range_space import RangeSpace

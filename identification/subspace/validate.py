@@ -16,7 +16,8 @@ from identification.linear.model import LinearModel
 from identification.linear.records import InputOutputData
 from identification.recordings.campaign import StudyTrace, load_campaign, recording_warnings
 from identification.recordings.units import in_common_units, unit_documents
-from identification.results import ValidationSummary, data_summary, read_summary, verdict, verdict_callout
+from identification.result_sections import verdict_callout
+from identification.results import ValidationSummary, data_summary, read_summary, verdict
 from identification.subspace.calibration import pieces, records
 from identification.subspace.free_runs import free_runs, samples_for
 from identification.subspace.schema import SubspaceBlock

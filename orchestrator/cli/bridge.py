@@ -12,7 +12,8 @@ import typer
 
 from fmus.errors import InputError
 from orchestrator.cli.can import Adapter, Channels, Interfaces
-from orchestrator.cli.scenarios import Fmus, LiveOptions, Overrides, Running, files, overrides, run_and_write
+from orchestrator.cli.options import Fmus, LiveOptions, Overrides, files, overrides
+from orchestrator.cli.scenarios import Running, run_and_write
 from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 from orchestrator.processes.interrupts import whole
 

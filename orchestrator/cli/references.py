@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fmus.errors import InputError
-from orchestrator.cli.scenarios import Isolate
+from orchestrator.cli.options import Isolate
 from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 
 if TYPE_CHECKING:

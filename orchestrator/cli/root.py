@@ -37,7 +37,7 @@ def root(
 ) -> None:
     """Calibrated digital twins of servo-driven mechanisms as FMUs."""
     if version:
-        from orchestrator.cli.installation import details
+        from orchestrator.installation import details
         from orchestrator.results import version_of
 
         for line in details() if verbose else [f"servotwin {version_of('servotwin')}"]:

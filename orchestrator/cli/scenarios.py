@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,123 +10,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from fmus.errors import InputError
+from orchestrator.cli.options import Fmus, Isolate, LiveOptions, Overrides, files, overrides
 from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 from orchestrator.cli.traces import described
 from orchestrator.processes.interrupts import whole
 
 if TYPE_CHECKING:
     from fmus.modelling.model import Model
-    from orchestrator.bridge.preparation import BridgeJob
     from orchestrator.engine import RunProfile
-    from orchestrator.fmi.interface import Value
     from orchestrator.fmi.isolation import Isolation
-    from orchestrator.live.panel import LivePanel
-    from orchestrator.live.steering import Steering
     from orchestrator.network.export import ExportedNetwork
     from orchestrator.progress import Progress
     from orchestrator.scenario.run import Execute, ScenarioResult
     from orchestrator.scenario.scenario import Scenario
 
 app = typer.Typer()
-
-Overrides = Annotated[
-    list[str] | None, typer.Option("--set", metavar="COMP.PARAM=VALUE", help="Over the file's values.")
-]
-Fmus = Annotated[
-    list[str] | None,
-    typer.Option("--fmu", metavar="COMP=FILE", help="An FMU in place of a component, values and all."),
-]
-
-
-@dataclass(frozen=True)
-class Isolate:
-    """How FMUs are kept apart from this process; what a command isolates is one simulation, or an FMU in it."""
-
-    isolate: Annotated[bool, typer.Option("--isolate", help="Run FMUs in processes that may crash and hang.")] = False
-    patience: Annotated[
-        float | None,
-        typer.Option(metavar="SECONDS", help="With --isolate: how long an answer may take; 60 by default."),
-    ] = None
-
-    def isolation(self) -> Isolation | None:
-        """None when they are not."""
-        from orchestrator.fmi.isolation import Isolation
-
-        if self.isolate:
-            return Isolation() if self.patience is None else Isolation(self.patience)
-        if self.patience is not None:
-            raise InputError("--patience", "is for isolated FMUs", "give --isolate, too")
-        return None
-
-
-@dataclass(frozen=True)
-class LiveOptions:
-    """What is shown and can be changed of a run in real time."""
-
-    live: Annotated[
-        bool, typer.Option("--live", help="In real time, with its signals on the terminal and keys that change values.")
-    ] = False
-    tune: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--tune", metavar="COMP.VARIABLE", help="With --live: what may be changed, by default all that can be."
-        ),
-    ] = None
-    changes: Annotated[
-        Path | None,
-        typer.Option("--changes", metavar="FILE", help="With --live: lines COMP.VARIABLE=VALUE, whenever they change."),
-    ] = None
-
-    def steering(self, panel: LivePanel) -> Steering:
-        """As the panel shows it."""
-        from orchestrator.live.steering import Steering
-
-        return Steering(None if self.tune is None else tuple(self.tune), self.changes, panel.begin, panel.move)
-
-    @contextmanager
-    def progress(self, terminal: Terminal, label: str) -> Iterator[tuple[Progress, Execute | None]]:
-        """What is told how a run goes, and what runs it in real time where that is wanted."""
-        if not self.live:
-            with terminal.bar(label) as move:
-                yield move, None
-            return
-        from orchestrator.live.paced import Paced
-        from orchestrator.progress import silent
-
-        with terminal.panel(label) as panel:
-            yield silent, Paced(self.steering(panel)).execute
-
-    @contextmanager
-    def coupling(self, terminal: Terminal, job: BridgeJob) -> Iterator[tuple[BridgeJob, Progress]]:
-        """A job that can be steered where that is wanted, and what is told how it goes."""
-        if not self.live:
-            with terminal.live(job.scenario.stem) as move:
-                yield job, move
-            return
-        with terminal.panel(job.scenario.stem) as panel:
-            yield replace(job, steering=self.steering(panel)), panel.move
-
-    @contextmanager
-    def steered(self, terminal: Terminal, label: str) -> Iterator[Steering]:
-        """What may be changed of a run in real time, which is shown as it goes."""
-        from orchestrator.live.steering import Steering
-
-        if not self.live:
-            with terminal.live(label) as move:
-                yield Steering(progress=move)
-            return
-        with terminal.panel(label) as panel:
-            yield self.steering(panel)
-
-    def check(self) -> None:
-        """See that the options go together.
-
-        Raises:
-            InputError: they do not.
-        """
-        for name, given in (("--tune", self.tune), ("--changes", self.changes)):
-            if given is not None and not self.live:
-                raise InputError(name, "is for runs in real time", "give --live, too")
 
 
 @command(app)
@@ -387,21 +284,3 @@ def info(
 
     document = about(file)
     return Answer(document, list(described(document)))
-
-
-def files(texts: list[str] | None) -> dict[str, Path]:
-    """What the options --fmu say: component -> file."""
-    named = {}
-    for text in texts or []:
-        component, separator, file = text.partition("=")
-        if not (component and separator and file):
-            raise InputError(f"--fmu {text}", "is not COMP=FILE", "write --fmu controller=out/fmus/controller.fmu")
-        named[component] = Path(file)
-    return named
-
-
-def overrides(texts: list[str] | None) -> dict[str, Value | list[Any]]:
-    """What the options --set say."""
-    from orchestrator.scenario.run import parse_override
-
-    return dict(map(parse_override, texts or []))

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fmus.errors import InputError, InternalError
-from orchestrator.cli.scenarios import Isolate
+from orchestrator.cli.options import Isolate
 from orchestrator.cli.selection import FileSelection
 from orchestrator.cli.tables import JUDGES
 from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command

@@ -19,8 +19,8 @@ from orchestrator.engine.iterated import IteratedLoop
 from orchestrator.engine.loop import Loop, LoopNode, Stepper
 from orchestrator.engine.recording import Recorder
 from orchestrator.fmi.clocked_slave import ClockedSlave
-from orchestrator.fmi.instance import stepping
 from orchestrator.fmi.slave import Slave
+from orchestrator.fmi.status import stepping
 
 try:
     from orchestrator.engine import _compiled

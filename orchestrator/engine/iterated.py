@@ -26,7 +26,7 @@ from typing import Any
 
 from fmus.errors import FmuError, WiringError
 from orchestrator.engine.loop import Loop, LoopNode
-from orchestrator.fmi.instance import stepping
+from orchestrator.fmi.status import stepping
 from orchestrator.rational import TickTimes, written
 from orchestrator.system import System
 from orchestrator.trace import FloatArray

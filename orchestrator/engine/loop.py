@@ -21,8 +21,8 @@ from orchestrator.engine.plan import CycleSettings
 from orchestrator.engine.recording import Recorder
 from orchestrator.fmi.clocks.ticks import Arrival, Tick
 from orchestrator.fmi.component import Component, Ticking
-from orchestrator.fmi.instance import stepping
 from orchestrator.fmi.interface import Value
+from orchestrator.fmi.status import stepping
 from orchestrator.rational import TickTimes
 from orchestrator.trace import FloatArray
 

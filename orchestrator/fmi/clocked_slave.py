@@ -19,9 +19,9 @@ from orchestrator.fmi.clocks.schedule import ClockSchedule
 from orchestrator.fmi.clocks.ticks import NOTHING, Arrival, Tick
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.functions.co_simulation import EarlyStop, EventFmi3, Fmi2
-from orchestrator.fmi.instance import stepping
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.slave import Slave
+from orchestrator.fmi.status import stepping
 from orchestrator.fmi.ticking.calls import ClockCalls
 from orchestrator.fmi.ticking.inputs import InputPart, parts
 from orchestrator.fmi.ticking.mail import Mail, Post, Variables

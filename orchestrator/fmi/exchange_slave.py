@@ -22,8 +22,9 @@ from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.functions.base import DISCARD, FAILED
 from orchestrator.fmi.functions.co_simulation import EarlyStop
 from orchestrator.fmi.functions.model_exchange import Exchange2, Exchange3, ModelExchange
-from orchestrator.fmi.instance import FmuInstance, stepping
+from orchestrator.fmi.instance import FmuInstance
 from orchestrator.fmi.interface import Value
+from orchestrator.fmi.status import stepping
 from orchestrator.fmi.ticking.inputs import InputPart, parts
 from orchestrator.fmi.ticking.ticker import Ticker
 from orchestrator.solvers.base import Solver, SolverSettings, Stateless

@@ -5,10 +5,8 @@ from __future__ import annotations
 import ctypes
 import logging
 import math
-import os
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from functools import cached_property
 from pathlib import Path
@@ -22,14 +20,13 @@ from orchestrator.fmi.functions.base import DISCARD, FAILED, FATAL, FmiFunctions
 from orchestrator.fmi.functions.values import VariableGroup
 from orchestrator.fmi.interface import Port, Value
 from orchestrator.fmi.said import LOG, REPEATS
+from orchestrator.fmi.status import returned
 from orchestrator.processes import last_words
 from orchestrator.processes.interrupts import broken_off
 
-STATUS = ("OK", "warning", "discard", "error", "fatal error", "pending")
 # Errors are raised with what the FMU said, so their messages need no louder place in the log.
 _LEVELS = (logging.DEBUG, logging.WARNING, logging.INFO, logging.INFO, logging.INFO, logging.DEBUG)
 _MOST_EXACT = 256  # variables that are read back after a reset
-_TROUBLE = frozenset(f"logStatus{kind}" for kind in ("Warning", "Discard", "Error", "Fatal"))
 
 
 A = TypeVar("A", bound=FmiFunctions)
@@ -262,14 +259,14 @@ class FmuInstance(Generic[A]):
                 fmu.require_binary()
                 if former is not None:
                     unpacked.give_back(former)
-            with _same_folder():
+            with unpacked.same_folder():
                 functions: Any = self.versions[fmu.interface.fmi_version.startswith("3")]
                 self._fmi: A = functions(fmu, self.name, self._log, self._debug_log)
         except Exception as error:
             raise self._failure("instantiate", str(error)) from error
         self._alive = True
         self._resets, self._terminates = self._resets and self._fmi.has("Reset"), self._fmi.has("Terminate")
-        self._log_errors()
+        self._fmi.log_trouble()
         self._groups: dict[tuple[str, ...], VariableGroup] = {}
         self._watched = None
         self._given_group = self._group()
@@ -286,7 +283,7 @@ class FmuInstance(Generic[A]):
         except Exception as error:
             raise self._failure("instantiate anew", str(error)) from error
         self._alive = True
-        self._log_errors()
+        self._fmi.log_trouble()
         self._configure()
 
     def _enter(self, start: float, stop: float | None, tolerance: float | None) -> None:
@@ -304,7 +301,7 @@ class FmuInstance(Generic[A]):
     def _starts(self, names: Iterable[str]) -> dict[str, float]:
         """Declared start values of those that have one that is a number."""
         ports = (self._port(name) for name in names)
-        starts = {port.name: _number(port) for port in ports if port.numeric and not port.array}
+        starts = {port.name: port.start_number for port in ports if port.numeric and not port.array}
         return {name: start for name, start in starts.items() if start is not None}
 
     def _not_reset(self) -> dict[str, float]:
@@ -331,14 +328,6 @@ class FmuInstance(Generic[A]):
         if self._resets:
             LOG.warning("%s: its reset %s; every run gets a fresh instance", self.name, why)
         self._resets = False
-
-    def _log_errors(self) -> None:
-        """Ask for messages about trouble, where the FMU keeps them apart from the rest."""
-        offered = [category.name for category in self._fmu.description.logCategories]
-        wanted = offered if self._debug_log else [name for name in offered if name in _TROUBLE]
-        if wanted and self._fmi.has("SetDebugLogging"):
-            names = (ctypes.c_char_p * len(wanted))(*(name.encode() for name in wanted))
-            self._fmi.call("SetDebugLogging", True, ctypes.c_size_t(len(wanted)), names)
 
     def _port(self, name: str) -> Port:
         try:
@@ -404,32 +393,3 @@ class FmuInstance(Generic[A]):
     def _failure(self, action: str, problem: str, fix: str = "") -> FmuError:
         said = f" ({'; '.join(list(self._messages)[-3:])})" if self._messages else ""
         return FmuError(self.name, f"{action}: {problem}{said}", fix)
-
-
-def returned(status: int) -> str:
-    """That a function returned this status."""
-    return f"returned {STATUS[status] if 0 < status < len(STATUS) else status}"
-
-
-def stepping(time: float, duration: float) -> str:
-    """What an FMU is doing that steps from a time by a duration [s], for messages."""
-    return f"step from t = {time:g} s by {duration:g} s"
-
-
-@contextmanager
-def _same_folder() -> Iterator[None]:
-    """Undo the change of the working directory that FMPy leaves behind when a library does not load."""
-    here = os.getcwd()  # noqa: PTH109 - the path as it is, not resolved
-    try:
-        yield
-    finally:
-        os.chdir(here)
-
-
-def _number(port: Port) -> float | None:
-    """Its declared start value as a number, None where it is none."""
-    text = (port.start or "").strip()
-    try:
-        return float({"true": "1", "false": "0"}.get(text, text))
-    except ValueError:
-        return None

@@ -97,6 +97,15 @@ class Port:
         return NamedUnit(name or "", known or units.parse(name or ""), known is not None)
 
     @property
+    def start_number(self) -> float | None:
+        """Its declared start value as a number, None where it is none."""
+        text = (self.start or "").strip()
+        try:
+            return float({"true": "1", "false": "0"}.get(text, text))
+        except ValueError:
+            return None
+
+    @property
     def numeric(self) -> bool:
         """Whether its values are numbers (or true and false), so that they can be connected and recorded."""
         return self.type not in ("String", *_ALONE)

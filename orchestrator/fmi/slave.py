@@ -11,9 +11,10 @@ from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.functions.base import DISCARD
 from orchestrator.fmi.functions.co_simulation import CoSimulation, Fmi2, Fmi3
 from orchestrator.fmi.functions.values import VariableGroup
-from orchestrator.fmi.instance import FmuInstance, returned, stepping
+from orchestrator.fmi.instance import FmuInstance
 from orchestrator.fmi.interface import Port, tangent
 from orchestrator.fmi.interface import along as names_along
+from orchestrator.fmi.status import returned, stepping
 
 
 class Slave(FmuInstance[CoSimulation]):

@@ -6,10 +6,13 @@ go with it.
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
 import threading
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from zipfile import ZipFile, ZipInfo
 
@@ -87,3 +90,13 @@ def _extract(zipped: ZipFile, info: ZipInfo, folder: Path) -> None:
     executable = info.external_attr >> 16 & 0o111
     if executable and there.is_file():
         there.chmod(there.stat().st_mode | executable)
+
+
+@contextmanager
+def same_folder() -> Iterator[None]:
+    """Undo the change of the working directory that FMPy leaves behind when a library does not load."""
+    here = os.getcwd()  # noqa: PTH109 - the path as it is, not resolved
+    try:
+        yield
+    finally:
+        os.chdir(here)

@@ -22,7 +22,8 @@ from orchestrator.formats.layout import Layout
 from orchestrator.formats.recording import Recording
 from orchestrator.marks import Mark
 from orchestrator.progress import Progress, silent
-from orchestrator.trace import Trace, ordered
+from orchestrator.stamps import ordered
+from orchestrator.trace import Trace
 
 MOST = 1000  # marks that are told
 

@@ -19,7 +19,8 @@ from orchestrator.can.database.sources import DatabaseFiles
 from orchestrator.formats.headings import SECONDS, names_time, split, time_unit
 from orchestrator.formats.recording import Recording
 from orchestrator.formats.stamps import Stamps
-from orchestrator.trace import FloatArray, ordered
+from orchestrator.stamps import ordered
+from orchestrator.trace import FloatArray
 
 Separator = Literal[",", ";", "|", "tab", "blank"]
 Decimal = Literal[".", ","]

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from orchestrator.marks import Mark
-from orchestrator.trace import StampReport, Trace
+from orchestrator.stamps import StampReport
+from orchestrator.trace import Trace
 
 if TYPE_CHECKING:
     from orchestrator.formats.layout import Layout

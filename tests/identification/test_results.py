@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from identification.results import ParameterSummary, parameter_rows
+from identification.result_sections import parameter_rows
+from identification.results import ParameterSummary
 
 
 def test_a_large_array_has_one_row_and_a_small_one_all_of_its_own() -> None:

@@ -12,7 +12,8 @@ import pytest
 from typer.testing import Result
 
 from fmus.packaging import archive
-from identification.calibrate import calibrate_study, validate_result
+from identification.calibrate import calibrate_study
+from identification.validation import validate_result
 from orchestrator.results import RECORD
 from tests.support.commands import servotwin
 from tests.support.identification.small_study import write_study

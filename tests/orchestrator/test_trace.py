@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from fmus.errors import InputError, TraceError
-from orchestrator.trace import FloatArray, Trace, ordered, usable
+from orchestrator.stamps import ordered
+from orchestrator.trace import FloatArray, Trace, usable
 
 STAMPS = st.lists(st.sampled_from([k * 0.25 for k in range(12)]), min_size=2, max_size=30).filter(
     lambda stamps: len(set(stamps)) > 1

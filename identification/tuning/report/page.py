@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from identification.results import parameter_rows, provenance, verdict_callout
+from identification.result_sections import parameter_rows, provenance, verdict_callout
 from identification.tuning.report import frequency, poles, responses, trade_off
 from identification.tuning.report.shown import shown, stable
 from identification.tuning.summary import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from identification.method import Method
-from identification.results import parameter_rows, provenance, verdict_callout
+from identification.result_sections import parameter_rows, provenance, verdict_callout
 from identification.tuning.simulated.schema import SimulatedBlock
 from identification.tuning.simulated.tuning import SimulatedTuning, tune
 from identification.tuning.summary import TuningSummary, basic_summary, calibrated, goal_summaries, verdict

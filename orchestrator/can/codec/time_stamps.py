@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from orchestrator.can.frames import Frames
 from orchestrator.can.statistics import FrameStatistics
-from orchestrator.trace import LATEST, BoolArray, FloatArray
+from orchestrator.stamps import LATEST
+from orchestrator.trace import BoolArray, FloatArray
 
 JUMP = 1.0  # [s]: what frames may be out of order by, and more is a jump
 CONTINUED = 1e-6  # [s] from the last stamp before a setback to the first after it

@@ -8,7 +8,7 @@ import math
 import can
 
 from orchestrator.can.frames import CLASSIC, LONGEST
-from orchestrator.trace import LATEST
+from orchestrator.stamps import LATEST
 
 BATCH = 1 << 14  # messages that are put into columns at once
 

@@ -22,6 +22,7 @@ from orchestrator.fmi.interface import TANGENT, Port
 DISCARD = FAILED = 2  # status discard, and worse
 _VENDOR = "servotwin"  # what names of functions begin with that FMI does not have, before its version
 FATAL = 4  # no function of the FMU may be called again
+_TROUBLE = frozenset(f"logStatus{kind}" for kind in ("Warning", "Discard", "Error", "Fatal"))
 Logger = Callable[[int, str], None]
 
 
@@ -110,6 +111,14 @@ class FmiFunctions(ABC):
 
     def run(self) -> int:
         return self.call("ExitInitializationMode")
+
+    def log_trouble(self) -> None:
+        """Ask for messages about trouble, where the FMU keeps them apart from the rest."""
+        offered = [category.name for category in self.description.logCategories]
+        wanted = offered if self._debug_log else [name for name in offered if name in _TROUBLE]
+        if wanted and self.has("SetDebugLogging"):
+            names = (ctypes.c_char_p * len(wanted))(*(name.encode() for name in wanted))
+            self.call("SetDebugLogging", True, ctypes.c_size_t(len(wanted)), names)
 
     def call(self, name: str, *arguments: Any) -> int:
         """A function that takes the instance first, by the end of its name."""

@@ -15,7 +15,7 @@ from ruamel.yaml import YAML
 from scipy.signal import cont2discrete
 
 from fmus.errors import IdentificationError, ScenarioError
-from identification.calibrate import calibrate_study, validate_result
+from identification.calibrate import calibrate_study
 from identification.experiments.claims import Inequality, figures, judge
 from identification.experiments.experiments import Experiments, run
 from identification.experiments.physical_modes import PhysicalMode, physical_modes
@@ -24,6 +24,7 @@ from identification.experiments.set_result import distances, mean
 from identification.experiments.tables import runs, tables
 from identification.linear.model import LinearModel
 from identification.linear.modes import Mode, from_modes
+from identification.validation import validate_result
 from orchestrator.progress import silent
 from orchestrator.yaml_file import load
 from tests.support.commands import servotwin

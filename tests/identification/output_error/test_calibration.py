@@ -14,7 +14,7 @@ from fmpy.ssp.ssd import read_ssv
 from fmus.packaging import archive, defaults, targets
 from fmus.parameters.ssv import read_values
 from fmus.parameters.write_back import PROVENANCE
-from identification.calibrate import validate_result
+from identification.validation import validate_result
 from orchestrator import formats
 from orchestrator.processes.pool import at_most
 from orchestrator.progress import silent

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from fmus.errors import InputError
-from identification.calibrate import calibrate_study, validate_result
+from identification.calibrate import calibrate_study
+from identification.validation import validate_result
 from orchestrator.can import logs
 from orchestrator.can.codec.encoding import Encoder
 from orchestrator.can.database.database import load

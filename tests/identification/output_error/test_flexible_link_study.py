@@ -14,8 +14,9 @@ from ruamel.yaml import YAML
 
 from fmus.modelling.instance import Instance
 from fmus.models.plants import flexible_link
-from identification.calibrate import calibrate_study, validate_result
+from identification.calibrate import calibrate_study
 from identification.output_error import calibration
+from identification.validation import validate_result
 from orchestrator.trace import FloatArray
 from tests.support.commands import servotwin
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from identification.calibrate import validate_result
+from identification.validation import validate_result
 from orchestrator import formats
 from orchestrator.progress import silent
 from orchestrator.trace import Trace

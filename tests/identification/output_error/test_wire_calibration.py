@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 
 from fmus.errors import DatabaseError, TraceError
-from identification.calibrate import calibrate_study, layout_of, validate_result
+from identification.calibrate import calibrate_study, layout_of
 from identification.output_error.schema import OutputErrorBlock
 from identification.output_error.windows import cut_windows
 from identification.recordings.campaign import load_campaign, recording_warnings
+from identification.validation import validate_result
 from orchestrator.can import logs
 from orchestrator.can.codec.encoding import Encoder
 from orchestrator.can.database.database import load

@@ -29,7 +29,8 @@ from identification.resonance.steps import (
 )
 from identification.subspace.range_space import SubspaceSettings
 from identification.subspace.subspace import subspace
-from orchestrator.trace import Trace, ordered
+from orchestrator.stamps import ordered
+from orchestrator.trace import Trace
 from tests.support.identification.pendulum_resonance import TABLE_5_BOUNDS, bounds_around, resonance_frequency
 
 P1, P2, P3, P4 = 0.00325, 0.001, 0.04905, 10.0

@@ -12,10 +12,11 @@ import pytest
 
 from fmus.errors import IdentificationError, ScenarioError, TraceError
 from identification import tune
-from identification.calibrate import calibrate_study, validate_result
+from identification.calibrate import calibrate_study
 from identification.linear.modes import modes
 from identification.study import load_study
 from identification.tuning.sources.calibrated_model import CalibratedPlant
+from identification.validation import validate_result
 from orchestrator import formats
 from orchestrator.info import about
 from orchestrator.progress import silent

@@ -10,7 +10,7 @@ from fmus import library
 from fmus.errors import InputError, ScenarioError
 from fmus.packaging import targets
 from fmus.parameters.write_back import write_back
-from orchestrator.cli.scenarios import files
+from orchestrator.cli.options import files
 from orchestrator.scenario.run import run_scenario
 from orchestrator.scenario.schema import load_scenario
 

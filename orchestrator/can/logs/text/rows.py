@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from orchestrator.can.frames import CLASSIC, LENGTHS, LONGEST, Flag, Frames
-from orchestrator.trace import LATEST, BoolArray, Bytes, FloatArray
+from orchestrator.stamps import LATEST
+from orchestrator.trace import BoolArray, Bytes, FloatArray
 
 Numbers = NDArray[np.signedinteger[Any]]
 

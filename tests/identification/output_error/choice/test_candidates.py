@@ -13,13 +13,14 @@ import pytest
 
 from fmus.errors import FmuError, ScenarioError, WiringError
 from fmus.parameters.ssv import read_values
-from identification.calibrate import calibrate_study, validate_result
+from identification.calibrate import calibrate_study
 from identification.estimation.stopped import EstimationInterrupted
 from identification.output_error.calibration import PreparedStudy
 from identification.output_error.choice.change import of_candidate
 from identification.output_error.windows import cut_windows
 from identification.recordings.campaign import load_campaign
 from identification.study import load_study
+from identification.validation import validate_result
 from orchestrator import formats
 from orchestrator.progress import silent
 from tests.support.identification.small_study import COUNT, STEP, TRUTH, plain_study, record, study, write_study

@@ -13,7 +13,7 @@ from fmpy.ssp.ssd import read_ssd
 from fmus.errors import WiringError
 from fmus.packaging import archive, defaults, targets
 from fmus.parameters.ssv import parameter_set, read_values
-from identification.calibrate import validate_result
+from identification.validation import validate_result
 from orchestrator import formats
 from orchestrator.progress import silent
 from orchestrator.scenario.run import run_scenario

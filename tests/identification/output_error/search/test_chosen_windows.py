@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from fmus.errors import IdentificationError, TraceError
-from identification.calibrate import calibrate_study, validate_result
+from identification.calibrate import calibrate_study
+from identification.validation import validate_result
 from orchestrator import formats
 from orchestrator.progress import silent
 from orchestrator.trace import Trace

@@ -14,13 +14,14 @@ from scipy import stats
 from fmus.errors import ScenarioError
 from fmus.packaging import archive, defaults
 from fmus.parameters.ssv import read_values
-from identification.calibrate import calibrate, calibrate_study, validate_result
+from identification.calibrate import calibrate, calibrate_study
 from identification.estimation.arrow_least_squares import Point
 from identification.estimation.groups import Grouping, parted
 from identification.estimation.parameters import InitialState, Parameter, ParameterSet, Tie
 from identification.output_error.search.estimator import Problem, SearchOptions, Window, estimate
 from identification.output_error.search.free_run import known_before
 from identification.study import load_study
+from identification.validation import validate_result
 from orchestrator import formats
 from orchestrator.progress import silent
 from orchestrator.trace import FloatArray, Trace

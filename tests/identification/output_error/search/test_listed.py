@@ -10,8 +10,9 @@ import pytest
 
 from fmus.errors import InputError, ScenarioError
 from fmus.parameters.ssv import parameter_set
-from identification.calibrate import calibrate_study, validate_result
+from identification.calibrate import calibrate_study
 from identification.study import load_study
+from identification.validation import validate_result
 from orchestrator.progress import silent
 from tests.support.identification.small_study import study, write_study
 

@@ -1,0 +1,86 @@
+"""Recordings whose stamps repeat or run backwards as traces, and what that took."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fmus.errors import TraceError
+from orchestrator.trace import FloatArray, Trace
+
+LATEST = 1e15  # [s]; stamps beyond it are no times, whatever the file says
+
+
+@dataclass(frozen=True)
+class StampReport:
+    """What `ordered` found in the stamps of one recording and did about it."""
+
+    samples: int
+    repeated: int
+    backward: int
+    mean_step: float
+    largest_gap: float
+
+    @property
+    def clean(self) -> bool:
+        return not (self.repeated or self.backward)
+
+    def __str__(self) -> str:
+        parts = [f"{self.samples} samples, mean step {self.mean_step:.3g} s, largest gap {self.largest_gap:.3g} s"]
+        if self.repeated:
+            parts.append(f"{self.repeated} repeated stamps (the last sample of each kept)")
+        if self.backward:
+            parts.append(f"{self.backward} stamps out of order (sorted)")
+        return ", ".join(parts)
+
+
+def ordered(
+    time: ArrayLike,
+    signals: Mapping[str, ArrayLike],
+    units: Mapping[str, str] | None = None,
+    name: str = "trace",
+) -> tuple[Trace, StampReport]:
+    """A trace from raw columns, stamps sorted, of equal stamps the last sample kept; and what was found.
+
+    Args:
+        time: (K,) stamps [s], in any order.
+        signals: name -> (K,) samples.
+
+    Raises:
+        TraceError: fewer than two distinct stamps, a stamp that is not finite, a column of another length.
+    """
+    stamps, columns = _columns(time, signals, name)
+    backward = int(np.count_nonzero(stamps[1:] < stamps[:-1]))
+    order = np.argsort(stamps, kind="stable")
+    ascending = stamps[order]
+    keep = order[np.append(ascending[1:] > ascending[:-1], True)]
+    if len(keep) < 2:
+        raise TraceError(name, "has fewer than two distinct time stamps", "check the time column")
+    steps = np.diff(stamps[keep])
+    trace = Trace(stamps[keep], {key: values[keep] for key, values in columns.items()}, dict(units or {}), name)
+    report = StampReport(len(stamps), len(stamps) - len(keep), backward, float(steps.mean()), float(steps.max()))
+    return trace, report
+
+
+def _columns(time: ArrayLike, signals: Mapping[str, ArrayLike], name: str) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """Stamps and samples as arrays (K,) with K > 0, stamps finite and small enough to be subtracted."""
+    stamps = np.asarray(time, dtype=float)
+    if stamps.ndim != 1:
+        raise TraceError(name, f"time has shape {stamps.shape}, not (K,)", "give one stamp a sample")
+    if len(stamps) == 0:
+        raise TraceError(name, "holds no samples", "record or export it again")
+    bad = np.flatnonzero(~(np.abs(stamps) < LATEST))
+    if len(bad):
+        raise TraceError(
+            name,
+            f"time stamp {bad[0] + 1} is {stamps[bad[0]]:g} ({len(bad)} like it)",
+            "drop those rows, or check the time column",
+        )
+    columns = {key: np.asarray(values, dtype=float) for key, values in signals.items()}
+    for key, values in columns.items():
+        if values.shape != stamps.shape:
+            raise TraceError(f"{name}.{key}", f"has shape {values.shape}, time has {stamps.shape}")
+    return stamps, columns
