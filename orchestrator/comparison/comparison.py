@@ -107,7 +107,9 @@ def compare_sides(one: Side, other: Side, tolerance: Tolerance) -> Comparison:
     for name, a, b in _cases(one, other, notes):
         signals = [signal for signal in a.names if signal in b.names]
         if not signals:
-            raise TraceError(a.name, f"has no signal of {other.name} (case {name})", f"it holds {', '.join(a.names)}")
+            held = f"it holds {', '.join(a.names)}; there are {', '.join(b.names)}"
+            fix = f"name what is the same with --pair {a.names[0]}={b.names[0]}"
+            raise TraceError(one.name, f"has no signal of {other.name} (case {name}): {held}", fix)
         notes += _alone(name, one.name, a, b) + _alone(name, other.name, b, a) + _durations(name, one, other, a, b)
         ours, theirs = _alike(a.select(signals), b.select(signals))
         converted, crossed = _converted(ours, theirs)
@@ -116,6 +118,8 @@ def compare_sides(one: Side, other: Side, tolerance: Tolerance) -> Comparison:
             raise InputError(f"--within {text}", "is text, of which nothing is tolerated", "leave it out")
         tolerances = {own: 0.0 if own in ours.texts else tolerance.of(own, ours, converted) for own in signals}
         pairs.append(CasePair(name, ours, converted, partings(ours, converted, tolerances)))
+        if not any(np.ptp(trace[signal]) for trace in (ours, converted) for signal in signals if len(trace)):
+            notes.append(f"case {name}: nothing moves on either side, which tells little of them")
     unknown = [name for name in tolerance.within if not any(name in pair.one.names for pair in pairs)]
     if unknown:
         known = ", ".join(dict.fromkeys(name for pair in pairs for name in pair.one.names))

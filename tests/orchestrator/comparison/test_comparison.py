@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from fmus import build
+from fmus.errors import TraceError
 from fmus.packaging import archive, targets
 from orchestrator import formats
 from orchestrator.comparison.comparison import Tolerance, compare_sides
@@ -62,6 +63,20 @@ def test_the_signal_that_parts_first_is_named_with_its_time_and_by_what() -> Non
     case, first = found.first
     assert (case, first.signal) == ("a", "y") and first.first == pytest.approx(0.31) and first.by == 0.01
     assert found.largest[1].signal == "x"
+
+
+def test_two_sides_on_which_nothing_moves_agree_with_a_word_about_it() -> None:
+    still = trace(x=np.full(101, 2.0))
+    for other, told in ((still, True), (trace(x=np.linspace(2.0, 2.0 + 1e-12, 101)), False)):
+        found = compare_sides(*sides(still, other), Tolerance())
+        assert found.agree and told == any("nothing moves on either side" in note for note in found.notes)
+
+
+def test_sides_without_a_common_signal_are_told_what_there_is_and_how_to_pair_it() -> None:
+    with pytest.raises(
+        TraceError, match=r"^one: has no signal of other \(case a\): it holds x; there are phi; .*x=phi$"
+    ):
+        compare_sides(*sides(trace(x=TIME), trace(phi=TIME)), Tolerance())
 
 
 def test_the_tolerance_is_the_larger_of_absolute_and_relative_or_the_signals_own_in_any_unit() -> None:
